@@ -1,0 +1,3 @@
+within DockingHIL;
+package Examples "Complete systems of the components"
+end Examples;

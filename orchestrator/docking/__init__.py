@@ -1,0 +1,1 @@
+"""The docking experiments: measures per contact, theory of the ideal contact, figures."""

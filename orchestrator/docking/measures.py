@@ -1,0 +1,103 @@
+"""The `docking` measure: per contact, the rebound, the peak force and the restitution; the final estimates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from .contacts import find_contacts
+from .theory import contact_frequency, ideal_peak_force, ideal_restitution
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..results import Results
+
+__all__ = ["DockingMeasure", "DockingOptions"]
+
+
+class DockingOptions(BaseModel):
+    """Which instances play which part; `controller` is absent in an uncompensated loop."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    satellite: str
+    robot: str
+    contact: str
+    controller: str | None = None
+
+    def signals(self) -> tuple[str, ...]:
+        """Names of the recorded signals that the measure reads."""
+        names = [f"{self.satellite}.velocity", f"{self.satellite}.position", f"{self.robot}.position"]
+        names += [f"{self.contact}.force"]
+        if self.controller is not None:
+            names += [f"{self.controller}.stiffness_estimate", f"{self.controller}.damping_estimate"]
+        return tuple(names)
+
+
+class DockingMeasure:
+    """Measures of a one-dimensional docking run; see `measure` for the keys."""
+
+    options = DockingOptions
+
+    def measure(self, results: Results, options: DockingOptions) -> dict[str, Any]:
+        """Measure every completed contact.
+
+        Returns: a dict with
+            contacts: list, one entry per contact: `side`, `start_time` [s], `end_time` [s],
+                `rebound_velocity_ratio` (free velocity after the contact over the approach speed, signed),
+                `ideal_velocity_ratio` (the same of the contact without delay), `peak_force` [N],
+                `peak_force_ratio` (over the ideal first peak), `cor` (Eq. 32, as a ratio);
+            ideal: `cor`, `first_peak_force` [N], `contact_frequency` [Hz] (Eq. 31) of the contact without delay;
+            stiffness_estimate [N/m], damping_estimate [N.s/m]: the controller's at the end, None without one.
+        """
+        velocity = results[f"{options.satellite}.velocity"]
+        force = results[f"{options.contact}.force"]
+        approach_speed = abs(float(velocity[0]))
+        stiffness = results.parameters[f"{options.contact}.stiffness"]
+        damping = results.parameters[f"{options.contact}.damping"]
+        mass = results.parameters[f"{options.satellite}.mass"]
+        restitution = ideal_restitution(stiffness, damping, mass)
+        first_peak = ideal_peak_force(stiffness, damping, mass, approach_speed)
+        direction = float(np.sign(velocity[0]))
+        contacts = []
+        for index, contact in enumerate(find_contacts(results.time, velocity, force), start=1):
+            contacts.append(
+                {
+                    "side": contact.side,
+                    "start_time": contact.start_time,
+                    "end_time": contact.end_time,
+                    "rebound_velocity_ratio": contact.velocity_after / approach_speed,
+                    "ideal_velocity_ratio": direction * (-restitution) ** index,
+                    "peak_force": contact.peak_force,
+                    "peak_force_ratio": contact.peak_force / first_peak,
+                    "cor": contact.restitution,
+                }
+            )
+        estimates: dict[str, float | None] = {"stiffness_estimate": None, "damping_estimate": None}
+        if options.controller is not None:
+            estimates = {name: float(results[f"{options.controller}.{name}"][-1]) for name in estimates}
+        return {
+            "contacts": contacts,
+            "ideal": {
+                "cor": restitution,
+                "first_peak_force": first_peak,
+                "contact_frequency": contact_frequency(stiffness, mass),
+            },
+            **estimates,
+        }
+
+    def figures(self, results: Results, options: DockingOptions) -> dict[str, Figure]:
+        """Figures by name: `contacts` (velocity and force, free flight cut out), `rebounds` and,
+        with a controller, `estimates`."""
+        from . import figures
+
+        drawn = {
+            "contacts": figures.contacts(results, options),
+            "rebounds": figures.rebounds(self.measure(results, options)),
+        }
+        if options.controller is not None:
+            drawn["estimates"] = figures.estimates(results, options)
+        return drawn
