@@ -1,0 +1,38 @@
+"""What comes with the package: FMUs and systems, found by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["find_fmu", "find_system", "fmu_names", "system_names"]
+
+_PACKAGE = Path(__file__).resolve().parent
+_SYSTEMS = _PACKAGE / "config" / "systems"
+
+
+def _fmu_folder() -> Path:
+    # A wheel carries the FMUs inside the package; a checkout has them beside it.
+    installed = _PACKAGE / "_bundled" / "fmus"
+    return installed if installed.is_dir() else _PACKAGE.parent / "fmus"
+
+
+def fmu_names() -> tuple[str, ...]:
+    """Names of the bundled FMUs, in alphabetical order."""
+    return tuple(sorted(path.stem for path in _fmu_folder().glob("*/*.fmu") if path.stem == path.parent.name))
+
+
+def find_fmu(name: str) -> Path | None:
+    """Path of a bundled FMU; None if there is none of that name."""
+    path = _fmu_folder() / name / f"{name}.fmu"
+    return path if path.is_file() else None
+
+
+def system_names() -> tuple[str, ...]:
+    """Names of the bundled systems, in alphabetical order."""
+    return tuple(sorted(path.stem for path in _SYSTEMS.glob("*.yaml")))
+
+
+def find_system(name: str) -> Path | None:
+    """Path of a bundled system's config; None if there is none of that name."""
+    path = _SYSTEMS / f"{name}.yaml"
+    return path if path.is_file() else None

@@ -1,0 +1,289 @@
+"""Config files -> validated models, with `extends` and overrides; every problem is told with its place."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from .. import bundled
+from ..errors import ConfigError, Problem, listed, nearest
+from .models import RunModel, SystemModel
+from .text import Path, Place, Places, dump, parse, path_text
+
+__all__ = ["Config", "json_schema", "load_config", "validation_problems"]
+
+
+@dataclass(frozen=True)
+class Config:
+    """A validated config.
+
+    Attributes:
+        model: the values.
+        places: where each was written.
+        folder: what relative paths in it start from.
+        name: the file's stem, for figures and folders.
+    """
+
+    model: SystemModel
+    places: Places = field(compare=False)
+    folder: pathlib.Path = field(default_factory=pathlib.Path.cwd, compare=False)
+    name: str = field(default="config", compare=False)
+
+    def text(self) -> str:
+        """The config as YAML."""
+        return dump(self.model.to_data())
+
+
+def load_config(source: str | pathlib.Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Config:
+    """Read and check a config.
+
+    Args:
+        source: name of a bundled system, path of a YAML file, plain values, or a config to be changed.
+        overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.satellite=a".
+    Raises: ConfigError with all problems.
+    """
+    if isinstance(source, Config):
+        data, places = source.model.to_data(), source.places
+        folder, name = source.folder, source.name
+    elif isinstance(source, Mapping):
+        data, places = _copied(source), Places("config")
+        folder, name = pathlib.Path.cwd(), "config"
+    else:
+        path = _find(source)
+        data, places = _read(path, ())
+        folder, name = path.parent, path.stem
+    problems: list[Problem] = []
+    places = Places(places.source, dict(places.known))
+    for text in overrides:
+        problems += _override(data, places, text)
+    if problems:
+        raise ConfigError(problems)
+    try:
+        model = SystemModel.model_validate(data)
+    except ValidationError as error:
+        raise ConfigError(validation_problems(error, places, (), SystemModel)) from None
+    return Config(model, places, folder, name)
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of config files."""
+    schema = SystemModel.model_json_schema(by_alias=True)
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["properties"]["extends"] = {
+        "type": "string",
+        "description": "Bundled system or file that this config changes: mappings are merged, null removes an "
+        "entry, anything else replaces it.",
+    }
+    # A config that extends another may leave out whatever that one gives.
+    required = schema.pop("required")
+    schema["anyOf"] = [{"required": ["extends"]}, {"required": required}]
+    return schema
+
+
+def _find(source: str | pathlib.Path) -> pathlib.Path:
+    path = pathlib.Path(source)
+    if path.is_file():
+        return path
+    found = bundled.find_system(str(source))
+    if found is not None:
+        return found
+    names = bundled.system_names()
+    raise ConfigError(
+        [
+            Problem(
+                "",
+                f"no config {str(source)!r}",
+                f"neither a file nor a bundled system; bundled: {listed(names)}",
+                nearest(str(source), names),
+            )
+        ]
+    )
+
+
+def _read(path: pathlib.Path, above: tuple[pathlib.Path, ...]) -> tuple[dict[str, Any], Places]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError([Problem(str(path), f"cannot be read ({error})")]) from error
+    data, places = parse(text, path.name)
+    if not isinstance(data, dict):
+        raise ConfigError([Problem(path.name, "not a config", "a config is a mapping with run and instances")])
+    if "extends" not in data:
+        return data, places
+    base = data.pop("extends")
+    place = places.text(("extends",))
+    if not isinstance(base, str):
+        raise ConfigError([Problem(place, f"{base!r} is no name", "a bundled system or a path")])
+    base_path = path.parent / base
+    found = base_path if base_path.is_file() else bundled.find_system(base)
+    if found is None:
+        names = bundled.system_names()
+        raise ConfigError(
+            [Problem(place, f"no config {base!r}", f"no file {base_path}; bundled: {listed(names)}", nearest(base, names))]
+        )
+    if found.resolve() in (earlier.resolve() for earlier in (*above, path)):
+        raise ConfigError([Problem(place, f"{base!r} extends itself")])
+    base_data, base_places = _read(found, (*above, path))
+    _rebase(base_data, found.parent, path.parent)
+    known = dict(base_places.known)
+    merged = _merge(base_data, data, (), known, places)
+    return merged, Places(path.name, known)
+
+
+def _rebase(data: dict[str, Any], old: pathlib.Path, new: pathlib.Path) -> None:
+    """Relative FMU paths of a config that is extended keep pointing to the same files."""
+    if old.resolve() == new.resolve():
+        return
+    instances = data.get("instances")
+    for instance in instances.values() if isinstance(instances, dict) else ():
+        fmu = instance.get("fmu") if isinstance(instance, dict) else None
+        if isinstance(fmu, str) and (old / fmu).is_file():
+            instance["fmu"] = str((old / fmu).resolve())
+
+
+def _merge(base: Any, change: Any, path: Path, known: dict[Path, Place], places: Places) -> Any:
+    """Mappings are merged, null removes an entry, anything else replaces it."""
+    if not (isinstance(base, dict) and isinstance(change, dict)):
+        for key in [key for key in known if key[: len(path)] == path]:
+            del known[key]
+        known.update({key: place for key, place in places.known.items() if key[: len(path)] == path})
+        return change
+    merged = dict(base)
+    for key, value in change.items():
+        if value is None:
+            merged.pop(key, None)
+        elif key in base:
+            merged[key] = _merge(base[key], value, (*path, key), known, places)
+        else:
+            merged[key] = _merge(None, value, (*path, key), known, places)
+    return merged
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _copied(item) for key, item in value.items()}
+    return [_copied(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _override(data: dict[str, Any], places: Places, text: str) -> list[Problem]:
+    """Apply one override; problems found."""
+    place = f"--set {text}"
+    name, equals, value_text = (part.strip() for part in text.partition("="))
+    if not equals or not name:
+        return [Problem(place, "not an override", 'written as path=value, for example robot.tau_m="6 ms"')]
+    try:
+        value, _ = parse(value_text, place)
+    except ConfigError as error:
+        return list(error.problems)
+    path = _override_path(data, name)
+    if path is None:
+        instances, measures = _section(data, "instances"), _section(data, "measures")
+        known = [f"run.{key}" for key in RunModel.model_fields]
+        known += [f"{one}.{key}" for one, its in instances.items() for key in _section(its, "start")]
+        known += [f"measures.{one}.{key}" for one, its in measures.items() for key in its or ()]
+        allowed = f"instances: {listed(instances)}; sections: run, measures, title"
+        return [Problem(place, f"no {name!r} to set", allowed, nearest(name, known))]
+    _put(data, path, value)
+    places.known[path] = Place(place)
+    return []
+
+
+def _override_path(data: dict[str, Any], name: str) -> Path | None:
+    """Where an override goes: robot.tau_m is short for instances.robot.start.tau_m."""
+    head, _, rest = name.partition(".")
+    instances = _section(data, "instances")
+    if head == "instances":
+        head, _, rest = rest.partition(".")
+        key, _, variable = rest.partition(".")
+        if key in ("start", "feedthrough") and variable and head in instances:
+            return ("instances", head, key, variable)
+    if head in instances and rest:
+        return ("instances", head, "fmu") if rest == "fmu" else ("instances", head, "start", rest)
+    if head == "run" and rest in RunModel.model_fields:
+        return ("run", rest)
+    if head == "measures":
+        measure, _, option = rest.partition(".")
+        return ("measures", measure, *option.split(".")) if measure in _section(data, head) and option else None
+    return ("title",) if name == "title" else None
+
+
+def _section(data: Any, key: str) -> dict[str, Any]:
+    found = data.get(key) if isinstance(data, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def _put(data: dict[str, Any], path: Path, value: Any) -> None:
+    for part in path[:-1]:
+        if not isinstance(data.get(part), dict):
+            data[part] = {}
+        data = data[part]
+    data[path[-1]] = value
+
+
+def validation_problems(
+    error: ValidationError, places: Places, prefix: Path, model: type[BaseModel]
+) -> list[Problem]:
+    """pydantic's errors as problems with places; one for each value, also where several forms are allowed.
+
+    Args:
+        error: what pydantic raised for `model`.
+        places: where the values were written.
+        prefix: path of the validated value in the config.
+    """
+    problems: dict[Path, Problem] = {}
+    for item in error.errors(include_url=False):
+        path = prefix + _plain_path(item["loc"])
+        place = places.text(path)
+        kind = item["type"]
+        if kind == "missing" and path[:1] != ("connections",):
+            problem = Problem(places.text(path[:-1]), f"{path_text(path[-1:])} is missing", "it has no default")
+        elif kind == "extra_forbidden" and path[:1] != ("connections",):
+            names = _keys(model, item["loc"][:-1])
+            what = f"unknown key {path[-1]!r}"
+            problem = Problem(places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names))
+        elif path[:1] == ("connections",) and len(path) > 1:
+            path, got = path[:2], item["input"] if len(item["loc"]) < 4 else None
+            what = f"cannot read connection {got!r}" if got is not None else "cannot read the connection"
+            problem = Problem(places.text(path), what, "written as a.output -> b.input or {from: a.output, to: b.input}")
+        elif path[:1] == ("instances",) and kind == "string_pattern_mismatch":
+            what = f"{item['input']!r} cannot name an instance"
+            problem = Problem(place, what, "letters, digits, _ and -, beginning with a letter or _")
+        elif path[2:3] == ("start",) and len(path) == 4:
+            what = f"{item['input']!r} is no start value"
+            problem = Problem(place, what, "a number, a quantity such as 6 ms, true, false or text")
+        else:
+            message = item["msg"].removeprefix("Value error, ")
+            if kind != "value_error":
+                message = f"{message[0].lower()}{message[1:]}, got {item['input']!r}"
+            problem = Problem(place, message)
+        problems.setdefault(path, problem)
+    return list(problems.values())
+
+
+def _plain_path(location: tuple[str | int, ...]) -> Path:
+    """pydantic's location without the names of union members and of key checks."""
+    if location[:1] == ("connections",):
+        inner = tuple(part for part in location[2:] if part in ("from", "to"))
+        return (*location[:2], *inner)
+    if location[:2] == ("run", "record"):
+        return tuple(part for part in location[:3] if isinstance(part, int) or part in ("run", "record"))
+    if location[:1] == ("instances",) and len(location) > 3 and location[2] == "start":
+        return location[:4]
+    return tuple(part for part in location if part != "[key]")
+
+
+def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
+    """Keys allowed at a location."""
+    current: Any = model
+    for part in location:
+        fields = getattr(current, "model_fields", None)
+        if fields is not None:
+            current = fields[part].annotation if part in fields else None
+        else:
+            current = next((one for one in get_args(current) if hasattr(one, "model_fields")), None)
+    fields = getattr(current, "model_fields", {})
+    return [found.alias or name for name, found in fields.items()]

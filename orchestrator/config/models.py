@@ -1,0 +1,119 @@
+"""The config's shape, checked by pydantic; what needs the FMUs to judge is checked in `orchestrator.system`."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator
+
+from ..units import ONE, UnitError, parse_quantity, parse_unit
+
+__all__ = [
+    "ConnectionModel",
+    "InstanceModel",
+    "RunModel",
+    "Scalar",
+    "SystemModel",
+    "endpoints",
+]
+
+Scalar = bool | int | float | str
+
+_SECOND = parse_unit("s")
+
+Time = Annotated[str, Field(description="A time with its unit.", examples=["0.1 ms", "4 s"])]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _time(text: str) -> Fraction:
+    return parse_quantity(text).exactly(_SECOND)
+
+
+class RunModel(_Model):
+    """How to run: no master and no step size is right for every system, so none is the default."""
+
+    master: str = Field(description="Name of the master algorithm.", examples=["gauss-seidel", "jacobi"])
+    step_size: Time = Field(description="Communication step size with its unit.")
+    stop_time: Time = Field(description="Stop time with its unit; a whole number of steps after the start.")
+    start_time: Time = Field("0 s", description="Start time with its unit.")
+    record: Literal["all"] | list[str] = Field(
+        "all", description="Signals to record, as instance.variable; all outputs by default."
+    )
+    record_every: int = Field(1, ge=1, strict=True, description="Record every n-th communication point.")
+
+    @field_validator("step_size", "stop_time", "start_time", mode="before")
+    @classmethod
+    def _is_time(cls, value: Any) -> str:
+        try:
+            quantity = parse_quantity(str(value))
+            if quantity.unit == ONE:
+                raise UnitError(f"{value!r} has no unit; write it as in '{value} s' or '{value} ms'")
+            quantity.exactly(_SECOND)
+        except UnitError as error:
+            raise ValueError(str(error)) from None
+        return str(value)
+
+    def times(self) -> tuple[Fraction, Fraction, Fraction]:
+        """Start time, stop time and step size [s], exact as written."""
+        return _time(self.start_time), _time(self.stop_time), _time(self.step_size)
+
+
+class InstanceModel(_Model):
+    """One running FMU."""
+
+    fmu: str = Field(description="Name of a bundled FMU, or path of a .fmu file relative to the config.")
+    start: dict[str, Scalar] = Field(
+        default_factory=dict,
+        description="Start values of parameters, of inputs that stay constant, and of initial states; with units.",
+        examples=[{"omega_n": "75 Hz", "xi_n": 0.8, "tau_m": "2 ms"}],
+    )
+    feedthrough: dict[str, list[str]] = Field(
+        default_factory=dict,
+        description="Per output, the inputs on which it depends within one instant, where the FMU does not say "
+        "so or says it wrongly.",
+        examples=[{"force": []}],
+    )
+
+
+class ConnectionModel(_Model):
+    """One connection, in long form."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+    source: str = Field(alias="from", description="instance.output")
+    target: str = Field(alias="to", description="instance.input")
+
+
+Arrow = Annotated[
+    str, StringConstraints(pattern=r"^[^>]+->[^>]+$"), Field(description="instance.output -> instance.input")
+]
+
+
+class SystemModel(_Model):
+    """A system of connected FMUs, how to run it and what to measure."""
+
+    title: str = Field("", description="What the system is, for figures and reports.")
+    run: RunModel
+    instances: dict[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")], InstanceModel] = (
+        Field(min_length=1, description="Running FMUs by name; Gauss-Seidel masters keep to this order.")
+    )
+    connections: list[Arrow | ConnectionModel] = Field(default_factory=list)
+    measures: dict[str, dict[str, Any]] = Field(
+        default_factory=dict, description="Post-processing by name, each with its options."
+    )
+
+    def to_data(self) -> dict[str, Any]:
+        """Plain values, as they stand in a file: what was not given is not filled in."""
+        return self.model_dump(mode="python", by_alias=True, exclude_unset=True)
+
+
+def endpoints(connection: str | ConnectionModel) -> tuple[str, str]:
+    """Source and target of a connection, each as instance.variable."""
+    if isinstance(connection, ConnectionModel):
+        return connection.source.strip(), connection.target.strip()
+    source, target = connection.split("->")
+    return source.strip(), target.strip()

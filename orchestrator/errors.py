@@ -1,0 +1,127 @@
+"""Errors, named for who can act on them: the config's author, the FMU's author, the run's author."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+__all__ = [
+    "BuildError",
+    "ConfigError",
+    "FmuError",
+    "OrchestratorError",
+    "Problem",
+    "StepError",
+    "listed",
+    "nearest",
+]
+
+
+class OrchestratorError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong, told so that it can be put right.
+
+    Attributes:
+        place: where, as `file:line: path` (parts that are unknown are left out).
+        what: what is wrong, with what was got.
+        allowed: what would be accepted, or the reason; empty where `what` says it all.
+        remedy: what to do, as a full sentence; empty where `allowed` says it.
+    """
+
+    place: str
+    what: str
+    allowed: str = ""
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        head = f"{self.place}: {self.what}" if self.place else self.what
+        if not self.allowed and not self.remedy:
+            return head
+        tail = self.allowed
+        if self.remedy:
+            tail = f"{tail.rstrip('.')}. {self.remedy}" if tail else self.remedy
+        return f"{head}\n" + "\n".join(f"  {line}" for line in tail.splitlines())
+
+
+class ConfigError(OrchestratorError):
+    """A config or a system of connected FMUs that cannot be run; holds all problems found.
+
+    Attributes:
+        problems: every problem, in the order of the config.
+    """
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class FmuError(OrchestratorError):
+    """An FMU that cannot be read, loaded or set up."""
+
+
+class StepError(OrchestratorError):
+    """A run that failed at a communication point.
+
+    Attributes:
+        instance: name of the instance that failed.
+        time: communication point [s]; None before the first.
+        status: what the FMU returned or what was found, for example "error", "discard", "not finite".
+        log: the FMU's log lines, oldest first.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        *,
+        instance: str,
+        time: float | None,
+        status: str,
+        log: Sequence[str] = (),
+        remedy: str = "",
+    ) -> None:
+        self.instance = instance
+        self.time = time
+        self.status = status
+        self.log = tuple(log)
+        place = instance if time is None else f"{instance} at time {time!r} s"
+        lines = [f"{place}: {what}"]
+        if remedy:
+            lines.append(f"  {remedy}")
+        if self.log:
+            lines.append("  log of the FMU:")
+            lines += [f"    {line}" for line in self.log]
+        super().__init__("\n".join(lines))
+
+
+class BuildError(OrchestratorError):
+    """A model that the translator refuses, or an FMU that could not be built."""
+
+
+def nearest(name: str, names: Iterable[str], prefix: str = "") -> str:
+    """The sentence "Did you mean a or b?" for a mistyped name; empty if nothing is near.
+
+    Args:
+        name: what was given.
+        names: what exists.
+        prefix: put before each suggestion, for example "robot.".
+    """
+    names = list(names)
+    found = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
+    if not found:
+        folded = {other.casefold(): other for other in names}
+        found = [folded[name.casefold()]] if name.casefold() in folded else []
+    return f"Did you mean {' or '.join(prefix + match for match in found)}?" if found else ""
+
+
+def listed(names: Iterable[str], limit: int = 20) -> str:
+    """Names with commas between; "none" if there are none; the count beyond `limit`."""
+    names = list(names)
+    if not names:
+        return "none"
+    more = f" and {len(names) - limit} more" if len(names) > limit else ""
+    return ", ".join(names[:limit]) + more

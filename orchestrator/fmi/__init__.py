@@ -1,0 +1,25 @@
+"""FMUs: their descriptions, and instances that run."""
+
+from .compiled import CompiledFmu, load_fmu
+from .description import Capabilities, ModelDescription, read_description
+from .instance import Array, Fmu, FmuInstance, Point, StepStatus
+from .variable import Causality, Initial, Kind, Value, Variability, Variable
+
+__all__ = [
+    "Array",
+    "Capabilities",
+    "Causality",
+    "CompiledFmu",
+    "Fmu",
+    "FmuInstance",
+    "Initial",
+    "Kind",
+    "ModelDescription",
+    "Point",
+    "StepStatus",
+    "Value",
+    "Variability",
+    "Variable",
+    "load_fmu",
+    "read_description",
+]

@@ -1,0 +1,109 @@
+"""Unpacking an FMU without trusting it."""
+
+from __future__ import annotations
+
+import shutil
+import stat
+import tempfile
+import zipfile
+from pathlib import Path, PurePosixPath
+
+from ..errors import FmuError, listed
+
+__all__ = ["Unpacked", "binary_folder"]
+
+# Far above any FMU met in practice, and below what fills a disk unnoticed.
+LARGEST_UNPACKED = 8 * 2**30
+
+
+def binary_folder(fmi_version: str) -> str:
+    """Name of this platform's folder under binaries/, for example "linux64" or "x86_64-linux"."""
+    import fmpy
+
+    return fmpy.platform if fmi_version.startswith("2") else fmpy.platform_tuple
+
+
+class Unpacked:
+    """An FMU in a temporary folder, which is removed with the last user.
+
+    Instances of one FMU share the folder and the library in it.
+    """
+
+    def __init__(self, path: Path, fmi_version: str, model_identifier: str) -> None:
+        self._path = path
+        self._platform = binary_folder(fmi_version)
+        self._identifier = model_identifier
+        self._users = 0
+        self._folder: Path | None = None
+
+    def acquire(self) -> Path:
+        """The folder, unpacked at the first call. Raises: FmuError."""
+        if self._folder is None:
+            folder = Path(tempfile.mkdtemp(prefix="fmu-"))
+            try:
+                self._unpack(folder)
+            except BaseException:
+                shutil.rmtree(folder, ignore_errors=True)
+                raise
+            self._folder = folder
+        self._users += 1
+        return self._folder
+
+    def release(self) -> None:
+        """Give the folder up; the last one removes it."""
+        self._users -= 1
+        if self._users == 0 and self._folder is not None:
+            # On Windows a library that is still loaded cannot be deleted: the system's clean-up gets it.
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
+
+    def _unpack(self, folder: Path) -> None:
+        try:
+            with zipfile.ZipFile(self._path) as archive:
+                members = archive.infolist()
+                self._check_safe(members)
+                self._check_platform([member.filename for member in members])
+                for member in members:
+                    if self._needed(member.filename):
+                        archive.extract(member, folder)
+        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError) as error:
+            raise FmuError(f"{self._path}: cannot be unpacked ({error})") from error
+
+    def _check_safe(self, members: list[zipfile.ZipInfo]) -> None:
+        for member in members:
+            name = PurePosixPath(member.filename.replace("\\", "/"))
+            if name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
+                raise FmuError(f"{self._path}: refused, its entry {member.filename!r} would be written elsewhere")
+            if stat.S_ISLNK(member.external_attr >> 16):
+                raise FmuError(f"{self._path}: refused, its entry {member.filename!r} is a symbolic link")
+        size = sum(member.file_size for member in members)
+        if size > LARGEST_UNPACKED:
+            raise FmuError(
+                f"{self._path}: refused, unpacked it is {size} bytes; at most {LARGEST_UNPACKED} are accepted"
+            )
+
+    def _check_platform(self, names: list[str]) -> None:
+        platforms: dict[str, list[str]] = {}
+        for name in names:
+            parts = PurePosixPath(name).parts
+            if len(parts) == 3 and parts[0] == "binaries":
+                platforms.setdefault(parts[1], []).append(parts[2])
+        stems = {PurePosixPath(file).stem for file in platforms.get(self._platform, ())}
+        if self._identifier in stems:
+            return
+        if self._platform in platforms:
+            raise FmuError(
+                f"{self._path}: binaries/{self._platform} holds no library {self._identifier}; "
+                f"it holds {listed(sorted(platforms[self._platform]))}"
+            )
+        raise FmuError(
+            f"{self._path}: no binary for this platform, {self._platform}; "
+            f"it has binaries for: {listed(sorted(platforms))}\n"
+            f"  Export it for {self._platform}, or run it on a platform that it has."
+        )
+
+    def _needed(self, name: str) -> bool:
+        parts = PurePosixPath(name).parts
+        if parts[0] in ("sources", "documentation"):
+            return False
+        return parts[0] != "binaries" or (len(parts) > 1 and parts[1] == self._platform)

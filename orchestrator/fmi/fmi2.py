@@ -1,0 +1,118 @@
+"""Instances of FMI 2.0 co-simulation FMUs."""
+
+from __future__ import annotations
+
+from ctypes import byref, c_char_p, c_double, c_int, c_size_t, c_void_p, create_string_buffer
+from typing import Any
+
+from ..errors import FmuError, StepError
+from .compiled import STATUS, CompiledInstance, _Block
+from .instance import Point, StepStatus
+from .library import callbacks_for
+from .variable import Variable
+
+__all__ = ["Fmi2Instance"]
+
+_TYPES = {
+    "Real": (c_double, "Real"),
+    "Integer": (c_int, "Integer"),
+    "Enumeration": (c_int, "Integer"),
+    "Boolean": (c_int, "Boolean"),
+    "String": (c_char_p, "String"),
+}
+_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+_DISCARD, _PENDING = 2, 5
+
+
+class Fmi2Instance(CompiledInstance):
+    """A running FMI 2.0 FMU."""
+
+    def _instantiate(self) -> None:
+        self._callbacks = callbacks_for(self._log)
+        try:
+            self._slave.instantiate(callbacks=self._callbacks, loggingOn=True)
+        except Exception as error:
+            raise self._instantiation_failed() from error
+        self._component = self._slave.component
+        self._do_step = self._function("fmi2DoStep")
+
+    def _accessor(self, variable: Variable, verb: str) -> tuple[Any, Any]:
+        ctype, name = _TYPES[variable.type]
+        return ctype, self._function(f"fmi2{verb}{name}")
+
+    def _arguments(self, block: _Block) -> tuple[Any, ...]:
+        return self._component, block.references, len(block.references), block.pointer
+
+    def _enter(self, start_time: float, stop_time: float | None) -> None:
+        self._call("fmi2SetupExperiment", 0, 0.0, start_time, int(stop_time is not None), stop_time or 0.0)
+        self._call("fmi2EnterInitializationMode")
+
+    def do_step(self, point: Point) -> StepStatus:
+        """See FmuInstance.do_step."""
+        self._time = point.time
+        status = self._do_step(self._component, point.time, point.step_size, int(self._saved_states == 0))
+        if status <= 1:
+            return StepStatus.WARNING if status else StepStatus.OK
+        if status == _DISCARD:
+            return StepStatus.TERMINATED if self._asks_to_terminate() else StepStatus.DISCARD
+        if status == _PENDING:
+            raise StepError(
+                "fmi2DoStep returned pending: it steps asynchronously, which is not supported",
+                instance=self.name,
+                time=point.time,
+                status=STATUS[status],
+                log=self.log_lines(),
+            )
+        self._fail("fmi2DoStep", status)
+        raise AssertionError("unreachable")
+
+    def _asks_to_terminate(self) -> bool:
+        function = self._slave._functions.get("fmi2GetBooleanStatus")
+        value = c_int(0)
+        return function is not None and function(self._component, _TERMINATED, byref(value)) <= 1 and bool(value)
+
+    def last_successful_time(self) -> float | None:
+        """See FmuInstance.last_successful_time."""
+        function = self._slave._functions.get("fmi2GetRealStatus")
+        value = c_double(0.0)
+        if function is None or function(self._component, _LAST_SUCCESSFUL_TIME, byref(value)) > 1:
+            return None
+        return value.value
+
+    def save_state(self) -> c_void_p:
+        """See FmuInstance.save_state."""
+        self._need("save_state", "canGetAndSetFMUstate")
+        state = c_void_p()
+        self._call("fmi2GetFMUstate", byref(state))
+        self._saved_states += 1
+        return state
+
+    def restore_state(self, state: c_void_p) -> None:
+        """See FmuInstance.restore_state."""
+        self._call("fmi2SetFMUstate", state)
+
+    def free_state(self, state: c_void_p) -> None:
+        """See FmuInstance.free_state."""
+        self._call("fmi2FreeFMUstate", byref(state))
+        self._saved_states -= 1
+
+    def serialise_state(self, state: c_void_p) -> bytes:
+        """See FmuInstance.serialise_state."""
+        self._need("serialise_state", "canSerializeFMUstate")
+        size = c_size_t()
+        self._call("fmi2SerializedFMUstateSize", state, byref(size))
+        buffer = create_string_buffer(size.value)
+        self._call("fmi2SerializeFMUstate", state, buffer, size)
+        return buffer.raw
+
+    def deserialise_state(self, data: bytes) -> c_void_p:
+        """See FmuInstance.deserialise_state."""
+        self._need("serialise_state", "canSerializeFMUstate")
+        state = c_void_p()
+        self._call("fmi2DeSerializeFMUstate", create_string_buffer(data, len(data)), len(data), byref(state))
+        self._saved_states += 1
+        return state
+
+    def _need(self, capability: str, flag: str) -> None:
+        if not getattr(self.description.capabilities, capability):
+            raise FmuError(f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}")

@@ -1,0 +1,164 @@
+"""The shared library of an FMU, loaded through fmpy; log lines of its instances."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import os
+import re
+import typing
+from collections import deque
+from ctypes import byref, c_char_p, c_int, memmove, sizeof
+from pathlib import Path
+from types import UnionType
+from typing import Any
+
+from fmpy import fmi2, fmi3
+
+from ..errors import FmuError
+
+__all__ = ["LogBook", "load_library"]
+
+_LOG_LENGTH = 50
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+
+
+class LogBook:
+    """The latest log lines of one instance."""
+
+    _open: typing.ClassVar[dict[int, LogBook]] = {}
+    _numbers = itertools.count(1)
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.number = next(self._numbers)
+        self._lines: deque[str] = deque(maxlen=_LOG_LENGTH)
+        self._open[self.number] = self
+
+    def lines(self) -> tuple[str, ...]:
+        """The lines, oldest first, each with its status in brackets."""
+        return tuple(self._lines)
+
+    def close(self) -> None:
+        """Take no more lines from FMI 2 callbacks."""
+        self._open.pop(self.number, None)
+
+    def add(self, status: int, message: bytes | None) -> None:
+        """Keep a message; it may hold several lines."""
+        text = (message or b"").decode("utf-8", errors="replace")
+        label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+        self._lines.extend(f"[{label}] {line.rstrip()}" for line in text.splitlines() if line.strip())
+
+    @classmethod
+    def dispatch(cls, environment: int | None, name: bytes | None, status: int, message: bytes | None) -> None:
+        """Give an FMI 2 log message to the instance it belongs to."""
+        book = cls._open.get(environment or 0)
+        if book is None:  # some FMUs hand back no environment: go by the instance's name
+            wanted = (name or b"").decode("utf-8", errors="replace")
+            book = next((other for other in cls._open.values() if other.name == wanted), None)
+        if book is not None:
+            book.add(status, message)
+
+
+def _log_fmi2(environment: Any, name: Any, status: int, category: Any, message: Any) -> None:
+    LogBook.dispatch(environment, name, status, message)
+
+
+def _callbacks() -> fmi2.fmi2CallbackFunctions:
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(_log_fmi2)
+    callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+    callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+    try:
+        # FMI 2 log messages are printf formats with arguments; ctypes cannot receive those, fmpy's proxy can.
+        from fmpy.logging import addLoggerProxy
+
+        addLoggerProxy(byref(callbacks))
+    except (ImportError, OSError, AttributeError):
+        pass  # messages then arrive as bare formats
+    return callbacks
+
+
+_CALLBACKS = _callbacks()
+
+
+def callbacks_for(book: LogBook) -> fmi2.fmi2CallbackFunctions:
+    """FMI 2 callbacks that log into `book`; they must outlive the instance."""
+    callbacks = fmi2.fmi2CallbackFunctions()
+    memmove(byref(callbacks), byref(_CALLBACKS), sizeof(callbacks))
+    callbacks.componentEnvironment = book.number
+    return callbacks
+
+
+class _TolerantLoading:
+    """Loads the FMI functions that the library has, instead of failing on the first one missing."""
+
+    _signatures: typing.ClassVar[dict[type, list[tuple[str, list[str], list[Any], Any]]]] = {}
+
+    def _loadFunctions(self) -> None:  # fmpy's name
+        for name, argument_names, argument_types, result in self._signature():
+            try:
+                function = getattr(self.dll, name)
+            except AttributeError:
+                continue
+            function.argnames, function.argtypes, function.restype = argument_names, argument_types, result
+            self._functions[name] = function
+
+    @classmethod
+    def _signature(cls) -> list[tuple[str, list[str], list[Any], Any]]:
+        if cls not in _TolerantLoading._signatures:
+            # fmpy keeps the C prototypes in the annotations of its wrappers.
+            found = []
+            for name, wrapper in inspect.getmembers(cls, inspect.isfunction):
+                if re.match(r"fmi\dS?[A-Z]", name):
+                    parameters = list(inspect.signature(wrapper).parameters.values())[1:]
+                    types = [_first(parameter.annotation) for parameter in parameters]
+                    result = {bytes: c_char_p, int: c_int}.get(
+                        returned := inspect.signature(wrapper).return_annotation, returned
+                    )
+                    found.append((name, [parameter.name for parameter in parameters], types, result))
+            _TolerantLoading._signatures[cls] = found
+        return _TolerantLoading._signatures[cls]
+
+
+def _first(annotation: Any) -> Any:
+    return typing.get_args(annotation)[0] if isinstance(annotation, UnionType) else annotation
+
+
+class _Fmi2Library(_TolerantLoading, fmi2.FMU2Slave):
+    pass
+
+
+class _Fmi3Library(_TolerantLoading, fmi3.FMU3Slave):
+    pass
+
+
+def load_library(path: Path, folder: Path, fmi_version: str, token: str, identifier: str, name: str) -> Any:
+    """fmpy's object for one instance of an unpacked FMU.
+
+    Raises: FmuError, naming the missing library where a dependency is not installed.
+    """
+    kind = _Fmi2Library if fmi_version.startswith("2") else _Fmi3Library
+    # fmpy changes the working directory while it loads, and does not come back from a failure.
+    directory = os.getcwd()
+    try:
+        return kind(guid=token, modelIdentifier=identifier, unzipDirectory=str(folder), instanceName=name)
+    except Exception as error:
+        raise FmuError(_loading_message(path, identifier, str(error.__cause__ or error))) from error
+    finally:
+        os.chdir(directory)
+
+
+def _loading_message(path: Path, identifier: str, reason: str) -> str:
+    # glibc, then macOS.
+    missing = re.search(r"([^\s:]+): cannot open shared object file", reason) or re.search(
+        r"Library not loaded: (\S+)", reason
+    )
+    if missing and Path(missing[1]).stem != identifier:
+        library = missing[1]
+        return f"{path}: needs the library {library}, which is not installed\n  Install it, or put it beside the FMU's."
+    version = re.search(r"version `(\w+_[\d.]+)' not found", reason)
+    if version:
+        return f"{path}: was built for a newer system, it needs {version[1]}\n  Run it on a newer system."
+    reason = re.sub(r"^Failed to load shared library \S+\. ", "", reason)
+    return f"{path}: its library cannot be loaded ({reason})"

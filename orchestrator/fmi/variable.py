@@ -1,0 +1,113 @@
+"""Variables of an FMU: what the model description says of each, in enums and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from ..units import Unit
+
+__all__ = ["Causality", "Initial", "Kind", "Value", "Variability", "Variable"]
+
+Value = float | int | bool | str
+
+
+class Causality(StrEnum):
+    """FMI causality of a variable."""
+
+    PARAMETER = "parameter"
+    CALCULATED_PARAMETER = "calculatedParameter"
+    STRUCTURAL_PARAMETER = "structuralParameter"
+    INPUT = "input"
+    OUTPUT = "output"
+    LOCAL = "local"
+    INDEPENDENT = "independent"
+
+
+class Variability(StrEnum):
+    """FMI variability of a variable."""
+
+    CONSTANT = "constant"
+    FIXED = "fixed"
+    TUNABLE = "tunable"
+    DISCRETE = "discrete"
+    CONTINUOUS = "continuous"
+
+
+class Initial(StrEnum):
+    """How a variable gets its value at initialisation."""
+
+    EXACT = "exact"
+    APPROX = "approx"
+    CALCULATED = "calculated"
+
+
+class Kind(StrEnum):
+    """What values a variable takes, whatever their width: only like kinds are connected."""
+
+    REAL = "Real"
+    INTEGER = "Integer"
+    BOOLEAN = "Boolean"
+    ENUMERATION = "Enumeration"
+    STRING = "String"
+    BINARY = "Binary"
+    CLOCK = "Clock"
+
+    @property
+    def numeric(self) -> bool:
+        """Whether values are kept as float64 signals."""
+        return self in (Kind.REAL, Kind.INTEGER, Kind.BOOLEAN, Kind.ENUMERATION)
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A scalar or array variable of an FMU.
+
+    Attributes:
+        name, description: as in the model description.
+        reference: the value reference.
+        type: the FMI type, for example "Real", "Float64", "UInt8", "Enumeration".
+        kind: the family of that type.
+        causality, variability, initial: FMI attributes, defaults filled in.
+        unit: None where the FMU declares none or one that cannot be read.
+        unit_name: the unit's name as declared, empty if none.
+        display_units: units that the FMU offers for display, by name, scaled to base units.
+        start, minimum, maximum: None where not declared.
+        items: names of an enumeration and their values.
+        shape: dimensions of an array, () for a scalar.
+    """
+
+    name: str
+    reference: int
+    type: str
+    kind: Kind
+    causality: Causality
+    variability: Variability
+    initial: Initial | None = None
+    unit: Unit | None = None
+    unit_name: str = ""
+    display_units: Mapping[str, Unit] = field(default_factory=dict)
+    start: Value | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    items: Mapping[str, int] = field(default_factory=dict)
+    shape: tuple[int, ...] = ()
+    description: str = ""
+
+    @property
+    def settable(self) -> bool:
+        """Whether a value may be given before initialisation (FMI 2.0.4, 4.2.4; FMI 3.0, 2.3.2)."""
+        if self.variability is Variability.CONSTANT or self.kind in (Kind.CLOCK, Kind.BINARY):
+            return False
+        if self.causality in (Causality.INPUT, Causality.PARAMETER):
+            return True
+        if self.causality in (Causality.INDEPENDENT, Causality.STRUCTURAL_PARAMETER):
+            return False
+        return self.initial in (Initial.EXACT, Initial.APPROX)
+
+    def __str__(self) -> str:
+        """Name and unit, or kind where it is no real number: "force [N]"."""
+        if self.kind is not Kind.REAL:
+            return f"{self.name} ({self.kind})"
+        return f"{self.name} [{self.unit_name}]" if self.unit_name else f"{self.name} (no unit)"

@@ -1,0 +1,1 @@
+"""Modelica and Python models to FMUs."""

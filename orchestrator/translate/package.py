@@ -1,0 +1,270 @@
+"""Compile the C sources of an FMU for every platform and write the FMU archive, reproducibly."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+from xml.sax.saxutils import quoteattr
+
+from orchestrator.errors import BuildError
+
+FmiVersion = Literal["2.0", "3.0"]
+
+
+@dataclass(frozen=True)
+class Platform:
+    """How one platform is compiled for and where FMI keeps its binary."""
+
+    target: str  # triple of `zig cc`
+    folder_fmi2: str
+    folder_fmi3: str
+    suffix: str
+    flags: tuple[str, ...]
+
+
+_ELF_FLAGS = ("-fPIC", "-Wl,--build-id=none", "-Wl,-z,defs", "-lm")
+# Apple silicon refuses to load unsigned code: the linker's ad-hoc signature stays. It is made of page
+# hashes and the library's name alone, so it is the same in every build.
+_MAC_FLAGS = ("-fPIC", "-Wl,-install_name,@rpath/{name}.dylib")
+
+PLATFORMS: Mapping[str, Platform] = {
+    # 2.17 is the oldest glibc of the manylinux2014 generation.
+    "x86_64-linux": Platform("x86_64-linux-gnu.2.17", "linux64", "x86_64-linux", ".so", _ELF_FLAGS),
+    "x86_64-windows": Platform("x86_64-windows-gnu", "win64", "x86_64-windows", ".dll", ()),
+    "x86_64-darwin": Platform("x86_64-macos", "darwin64", "x86_64-darwin", ".dylib", _MAC_FLAGS),
+    # FMI 2.0 knows one folder for both kinds of Mac; a universal binary serves them.
+    "aarch64-darwin": Platform("aarch64-macos", "darwin64", "aarch64-darwin", ".dylib", _MAC_FLAGS),
+}
+
+_FLAGS = (
+    "-std=c99",
+    "-O2",
+    "-g0",
+    "-s",
+    "-shared",
+    "-fvisibility=hidden",
+    # Strict floating point, and no fused multiply-add where the source has none: with it the two kinds
+    # of Mac would differ in the last bits.
+    "-ffp-contract=off",
+    "-fno-fast-math",
+    # `zig cc` instruments C with traps for undefined behaviour unless told not to.
+    "-fno-sanitize=all",
+    # Without the C library's assert: it would embed file names.
+    "-DNDEBUG",
+    "-Wall",
+    "-Wextra",
+)
+
+# The earliest date a zip archive can hold.
+_ZIP_DATE = (1980, 1, 1, 0, 0, 0)
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
+_HEADERS = {
+    "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+    "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
+}
+_INTERFACE = {"2.0": "fmi2.c", "3.0": "fmi3.c"}
+
+
+def runtime_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
+    """Return the C files of the runtime and the FMI headers, by file name.
+
+    Args:
+        fmi_version: "2.0" or "3.0"; decides which of the two interface files is part of it.
+    Returns: file name -> content; together with a `model.c` they compile without anything else.
+    Raises: BuildError if fmpy, which carries the headers of the FMI standard, is not installed.
+    """
+    _check_version(fmi_version)
+    other = _INTERFACE["3.0" if fmi_version == "2.0" else "2.0"]
+    runtime = resources.files("orchestrator.translate") / "runtime"
+    sources = {
+        item.name: item.read_bytes()
+        for item in runtime.iterdir()
+        if item.name.endswith((".c", ".h")) and item.name != other
+    }
+    spec = find_spec("fmpy")
+    if spec is None or spec.origin is None:
+        raise BuildError("FMI headers: the package fmpy, which carries them, is not installed; run `pip install fmpy`")
+    folder = Path(spec.origin).parent / "c-code"
+    for name in _HEADERS[fmi_version]:
+        try:
+            sources[name] = (folder / name).read_bytes()
+        except OSError as error:
+            raise BuildError(f"FMI headers: cannot read {name} in the installed fmpy: {error.strerror}") from error
+    # A checkout with CRLF line ends must give the same FMU.
+    return {name: sources[name].replace(b"\r\n", b"\n") for name in sorted(sources)}
+
+
+def build_description(model_identifier: str, sources: Sequence[str]) -> bytes:
+    """Return `sources/buildDescription.xml`, which FMI 3.0 asks for beside C sources.
+
+    Args:
+        model_identifier: name of the binary without its ending.
+        sources: file names in `sources/`; only the C files among them are listed.
+    """
+    _check_identifier(model_identifier)
+    files = "".join(
+        f"      <SourceFile name={quoteattr(name)}/>\n" for name in sorted(sources) if name.endswith(".c")
+    )
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        '<fmiBuildDescription fmiVersion="3.0">\n'
+        f"  <BuildConfiguration modelIdentifier={quoteattr(model_identifier)}>\n"
+        '    <SourceFileSet language="C99">\n'
+        f"{files}"
+        "    </SourceFileSet>\n"
+        "  </BuildConfiguration>\n"
+        "</fmiBuildDescription>\n"
+    ).encode()
+
+
+def binary_member(platform: str, model_identifier: str, fmi_version: FmiVersion) -> str:
+    """Return the path of a platform's binary within the FMU.
+
+    Args:
+        platform: a key of `PLATFORMS`.
+        model_identifier: name of the binary without its ending.
+        fmi_version: "2.0" or "3.0".
+    Raises: BuildError for an unknown platform or version.
+    """
+    _check_version(fmi_version)
+    _check_identifier(model_identifier)
+    known = _platform(platform)
+    folder = known.folder_fmi2 if fmi_version == "2.0" else known.folder_fmi3
+    return f"binaries/{folder}/{model_identifier}{known.suffix}"
+
+
+def compile_library(
+    sources_dir: Path, model_identifier: str, fmi_version: FmiVersion, platforms: Sequence[str]
+) -> dict[str, bytes]:
+    """Compile the C files of a folder to one shared library per platform.
+
+    The result depends on the sources and the compiler's version alone: no path, date or build id gets
+    in, and only FMI functions are exported.
+
+    Args:
+        sources_dir: folder with the runtime, the FMI headers and `model.c`.
+        model_identifier: name of the library without its ending; Mac and Windows libraries hold it.
+        fmi_version: "2.0" or "3.0"; the interface file of the other version is left out.
+        platforms: keys of `PLATFORMS`.
+    Returns: platform -> content of the library. FMI 2.0 has one place for both kinds of Mac: where both
+        are asked for, both get the same universal library.
+    Raises: BuildError if the compiler is missing or refuses a file; the message quotes the compiler.
+    """
+    _check_version(fmi_version)
+    _check_identifier(model_identifier)
+    other = _INTERFACE["3.0" if fmi_version == "2.0" else "2.0"]
+    names = sorted(path.name for path in Path(sources_dir).glob("*.c") if path.name != other)
+    if not names:
+        raise BuildError(f"{sources_dir}: no C files to compile")
+    if find_spec("ziglang") is None:
+        raise BuildError("C compiler: the package ziglang is not installed; run `pip install 'ziglang>=0.17,<0.18'`")
+    libraries = {}
+    for platform in platforms:
+        known = _platform(platform)
+        with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
+            # Compiled from a copy under relative names, so that no path can reach the library.
+            for path in Path(sources_dir).iterdir():
+                if path.suffix in (".c", ".h"):
+                    shutil.copyfile(path, Path(scratch) / path.name)
+            library = Path(scratch) / f"{model_identifier}{known.suffix}"
+            flags = [*_FLAGS, *(flag.format(name=model_identifier) for flag in known.flags)]
+            _run_compiler(["-target", known.target, "-I.", "-o", library.name, *names, *flags], scratch, platform)
+            content = library.read_bytes()
+        libraries[platform] = content
+    if fmi_version == "2.0" and {"x86_64-darwin", "aarch64-darwin"} <= libraries.keys():
+        both = _universal({name: libraries[name] for name in ("x86_64-darwin", "aarch64-darwin")})
+        libraries["x86_64-darwin"] = libraries["aarch64-darwin"] = both
+    return libraries
+
+
+def write_fmu(path: Path, members: Mapping[str, bytes]) -> None:
+    """Write an FMU whose bytes depend on its members alone; a failed write leaves no file behind.
+
+    Members are stored, not deflated: builds of zlib differ in what they make of the same bytes, and a
+    version control system packs stored archives better than deflated ones.
+
+    Args:
+        path: the file to write; replaced at once when complete.
+        members: path within the archive (with "/") -> content.
+    Raises: BuildError if a member's path is absolute or leaves the archive; OSError if writing fails.
+    """
+    path = Path(path)
+    for name in members:
+        if not name or name.startswith("/") or "\\" in name or any(part in ("", ".", "..") for part in name.split("/")):
+            raise BuildError(f"{path.name}: {name!r} is no path within an FMU; give a relative path with '/'")
+    handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
+            for name in sorted(members):
+                info = zipfile.ZipInfo(name, _ZIP_DATE)
+                info.create_system = 3  # Unix, wherever this runs
+                info.external_attr = 0o100644 << 16
+                info.compress_type = zipfile.ZIP_STORED
+                archive.writestr(info, members[name])
+        # mkstemp gives 0600; an FMU is as readable as any other file the user makes.
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _universal(libraries: Mapping[str, bytes]) -> bytes:
+    """Join Mach-O libraries of different processors to one file (layout: Apple's mach-o/fat.h)."""
+    processors = {"x86_64-darwin": (0x01000007, 3), "aarch64-darwin": (0x0100000C, 0)}
+    alignment = 14  # 2**14 bytes: the larger page size of the two
+    header = struct.pack(">II", 0xCAFEBABE, len(libraries))
+    content = b""
+    offset = 1 << alignment
+    for platform, library in libraries.items():
+        content += b"\0" * (offset - (1 << alignment) - len(content)) + library
+        header += struct.pack(">5I", *processors[platform], offset, len(library), alignment)
+        offset += -(-len(library) >> alignment) << alignment
+    return header.ljust(1 << alignment, b"\0") + content
+
+
+def _run_compiler(arguments: Sequence[str], folder: str, platform: str) -> None:
+    environment = {key: value for key, value in os.environ.items() if key != "SOURCE_DATE_EPOCH"}
+    result = subprocess.run(
+        [sys.executable, "-m", "ziglang", "cc", *arguments],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        errors="replace",
+    )
+    if result.returncode != 0:
+        message = (result.stderr or result.stdout).strip()
+        raise BuildError(f"C compiler, {platform}: exit status {result.returncode}\n{message}")
+
+
+def _platform(name: str) -> Platform:
+    if name not in PLATFORMS:
+        raise BuildError(f"unknown platform {name!r}; known: {', '.join(PLATFORMS)}")
+    return PLATFORMS[name]
+
+
+def _check_version(fmi_version: str) -> None:
+    if fmi_version not in _INTERFACE:
+        raise BuildError(f"unknown FMI version {fmi_version!r}; known: {', '.join(_INTERFACE)}")
+
+
+def _check_identifier(name: str) -> None:
+    if not _IDENTIFIER.match(name):
+        raise BuildError(
+            f"model identifier {name!r} is no C identifier; use letters, digits and underscores, no digit first"
+        )

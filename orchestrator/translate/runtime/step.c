@@ -1,0 +1,226 @@
+/* One communication step: inputs taken over, internal steps, events, assertions. */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "runtime.h"
+
+/* Events closer than NEAR communication steps are in close succession; so many of them are chattering. */
+static const double NEAR = 1e-8;
+enum { MAX_NEAR_EVENTS = 100 };
+
+enum { NO_LEVEL = 1000, INPUT_CAUSE = -1 };
+
+static void copy(double *to, const double *from, int n)
+{
+    if (n) memcpy(to, from, (size_t)n * sizeof *to);
+}
+
+static int differ(const double *a, const double *b, int n)
+{
+    return n && memcmp(a, b, (size_t)n * sizeof *a) != 0;
+}
+
+/* Modes and pieces change at the present time, which is an event or a communication point. */
+static int discontinuity(Runtime *rt, int cause_is_input)
+{
+    int switched;
+    rt->crossed_level = NO_LEVEL;
+    if (rt_settle(rt)) return 1;
+    switched = differ(rt->m, rt->m_done, model_info.n_m);
+    if (switched) {
+        rt_log_event(rt, "event at t = %.12g s: relations changed", rt->s.time);
+        copy(rt->m_done, rt->m, model_info.n_m);
+    }
+    if (cause_is_input || switched) delay_open_pieces(rt, INPUT_CAUSE);
+    else if (rt->crossed_level < NO_LEVEL) delay_open_pieces(rt, rt->crossed_level);
+    rt->s.first_stage_valid = 0;
+    rt->s.modes_stale = 0;
+    if (!switched || cause_is_input) return 0;
+
+    rt->s.near_events = rt->s.time - rt->s.last_event < NEAR * rt->step_size ? rt->s.near_events + 1 : 0;
+    rt->s.last_event = rt->s.time;
+    if (rt->s.near_events < MAX_NEAR_EVENTS) return 0;
+    return rt_fail(rt, RT_ERROR, "chattering at t = %.9g s: %d events within less than %.3g s of each other", rt->s.time,
+                   MAX_NEAR_EVENTS, NEAR * rt->step_size);
+}
+
+/* Where an internal step must end at the latest: the target, or the first propagated jump. A delay time
+ * that varies is not predicted; its jumps are located like events. */
+static double landing(const Runtime *rt, double target)
+{
+    double first = target;
+    for (int j = 0; j < model_info.n_d; j++) {
+        const Delay *q = &rt->delays[j];
+        double arrival = q->end + rt->lag[j];
+        if (q->lag_before >= 0 && q->lag_before != rt->lag[j]) continue;
+        if (arrival < first && arrival > rt->t0) first = arrival;
+    }
+    /* What is left before the target must be a step, not a rounding error. */
+    return target - first <= rt_event_tolerance(rt) / 4 ? target : first;
+}
+
+static RtStatus accept(Runtime *rt, double end, int event)
+{
+    RtStatus status;
+    double *swap;
+    copy(rt->x, rt->x_new, model_info.n_x);
+    rt->s.time = end;
+    rt->stepping = 0;
+    if (model_info.n_d && delay_append(rt, rt->t0, end)) return rt->trouble;
+    for (int j = 0; j < model_info.n_d; j++) rt->delays[j].lag_before = rt->lag[j];
+    if (event) {
+        if (rt->s.slopes) {
+            /* The modes belong to the inputs of this instant. */
+            swap = rt->u;
+            copy(rt->u_now, rt_inputs(rt, end), model_info.n_u);
+            rt->u = rt->u_now;
+            event = discontinuity(rt, 0);
+            rt->u = swap;
+        } else {
+            event = discontinuity(rt, 0);
+        }
+        if (event) return rt->trouble;
+    } else {
+        copy(rt->operand, rt->operand_stage, model_info.n_d);
+        copy(rt->lag, rt->lag_stage, model_info.n_d);
+        copy(rt->k1, rt->k[6], model_info.n_x);
+        rt->s.first_stage_valid = 1;
+    }
+    if (!model_info.n_a) {
+        rt->s.last_success = end;
+        return RT_OK;
+    }
+    swap = rt->u;
+    if (rt->s.slopes) {
+        copy(rt->u_now, rt_inputs(rt, end), model_info.n_u);
+        rt->u = rt->u_now;
+    }
+    status = rt_check_assertions(rt);
+    rt->u = swap;
+    if (status < RT_DISCARD) rt->s.last_success = end;
+    return status;
+}
+
+static RtStatus integrate(Runtime *rt, double target)
+{
+    RtStatus worst = RT_OK;
+    int misses = 0;
+    while (rt->s.time < target) {
+        double stop, h, factor, floor;
+        int whole, event, cut = 0;
+        RtStatus status;
+        rt->t0 = rt->s.time;
+        rt->h = target - rt->t0;
+        rt->stepping = 0;
+        if (!rt->s.first_stage_valid) {
+            if (rt_field(rt, rt->t0, rt->x, rt->k1, rt->operand, rt->lag)) return rt->trouble;
+            rt->s.first_stage_valid = 1;
+        }
+        stop = landing(rt, target);
+        h = stop - rt->t0;
+        whole = h <= rt->s.step_memory;
+        if (!whole) h = h < 2 * rt->s.step_memory ? h / 2 : rt->s.step_memory;
+        floor = fmax(16 * DBL_EPSILON * fabs(target), 1e-13 * rt->step_size);
+        for (;;) {
+            double end = whole ? stop : rt->t0 + h;
+            Verdict verdict;
+            if (end > stop) end = stop;
+            verdict = rt_attempt(rt, end, &factor, &event);
+            if (verdict == STEP_ACCEPTED) {
+                /* A step cut short by a stop says only that the remembered size is not too large. */
+                double next = rt->h * factor;
+                if (!cut && (!whole || next > rt->s.step_memory)) rt->s.step_memory = next;
+                misses = event || !cut ? 0 : misses + 1;
+                status = accept(rt, end, event);
+                if (status > worst) worst = status;
+                if (status >= RT_DISCARD) return status;
+                break;
+            }
+            if (verdict == STEP_EVENT) {
+                /* After a miss by rounding errors time still has to pass. */
+                double least = 4 * DBL_EPSILON * fmax(fabs(rt->t0), rt->step_size) * pow(2, misses);
+                h = fmax(factor * rt->h, least);
+                cut = 1;
+            } else {
+                h = factor * rt->h;
+                if (h < floor) {
+                    char reason[sizeof rt->trouble_text];
+                    memcpy(reason, rt->trouble_text, sizeof reason);
+                    if (verdict == STEP_SHORTEN) continue;
+                    rt_fail(rt, rt->trouble, "the internal step size fell below %.3g s at t = %.9g s: %.160s", floor,
+                            rt->t0, reason);
+                    return rt->trouble;
+                }
+                rt->s.step_memory = h;
+                cut = 0;
+            }
+            whole = 0;
+        }
+    }
+    return worst;
+}
+
+static int legal_step(Runtime *rt, double point, double size)
+{
+    double close = 1e-9 * fmax(fabs(rt->s.time), fabs(size));
+    if (!(size > 0) || !isfinite(size) || !isfinite(point))
+        return !rt_fail(rt, RT_ERROR, "communication point %.9g s, step size %.9g s: both must be finite, the step size above 0 s",
+                        point, size);
+    if (fabs(point - rt->s.time) > close)
+        return !rt_fail(rt, RT_ERROR, "communication point %.17g s is not the instance's time %.17g s", point, rt->s.time);
+    if (!(point + size > rt->s.time))
+        return !rt_fail(rt, RT_ERROR, "step size %.9g s is lost in rounding at t = %.9g s", size, rt->s.time);
+    if (rt->s.stop_defined && point + size > rt->s.stop_time + 1e-9 * fmax(fabs(rt->s.stop_time), size))
+        return !rt_fail(rt, RT_ERROR, "step from %.9g s to %.9g s passes the stop time %.9g s", point, point + size,
+                        rt->s.stop_time);
+    return 1;
+}
+
+/* Step from the present time to point + size: the sum is taken anew each time, so the grid does not drift. */
+RtStatus rt_do_step(Runtime *rt, double point, double size)
+{
+    double target = point + size;
+    RtStatus status = RT_OK;
+    int n_u = model_info.n_u, changed;
+    /* Nothing has happened yet: the instance can go on after a refusal. */
+    if (!legal_step(rt, point, size)) return rt_report(rt, "DoStep");
+    rt->step_start = rt->s.time;
+    rt->step_size = target - rt->s.time;
+    rt->s.last_success = rt->s.time;
+    changed = rt->s.slopes || rt->s.slopes_before || differ(rt->u, rt->u_before, n_u);
+    if (changed || rt->s.modes_stale) {
+        copy(rt->m, rt->m_done, model_info.n_m);
+        if (discontinuity(rt, changed)) {
+            rt->s.phase = PHASE_ERROR;
+            return rt_report(rt, "DoStep");
+        }
+    }
+    if (model_info.n_x || model_info.n_d) {
+        if (!(rt->s.step_memory > 0)) rt->s.step_memory = rt->step_size;
+        status = integrate(rt, target);
+    }
+    rt->stepping = 0;
+    rt->s.outputs_stale = rt->s.derivatives_stale = 1;
+    if (rt->s.slopes) {
+        copy(rt->u_now, rt_inputs(rt, status < RT_DISCARD ? target : rt->s.time), n_u);
+        copy(rt->u, rt->u_now, n_u);
+        memset(rt->u1, 0, (size_t)n_u * sizeof(double));
+        memset(rt->u2, 0, (size_t)n_u * sizeof(double));
+    }
+    rt->s.slopes_before = rt->s.slopes;
+    rt->s.slopes = 0;
+    copy(rt->u_before, rt->u, n_u);
+    if (!model_info.n_x && !model_info.n_d) {
+        /* Nothing is remembered but the modes: what happens between the points leaves no trace. */
+        rt->s.time = target;
+        if (model_info.n_m && discontinuity(rt, 1)) status = rt->trouble;
+        if (status < RT_DISCARD) status = rt_check_assertions(rt);
+        if (status < RT_DISCARD) rt->s.last_success = target;
+    }
+    if (status >= RT_DISCARD) {
+        rt->s.phase = status == RT_DISCARD ? PHASE_STEP_DISCARDED : PHASE_ERROR;
+        return rt_report(rt, "DoStep");
+    }
+    return status;
+}

@@ -1,0 +1,176 @@
+"""Modelica source files: the package around a file, a marked copy for the compiler, places in them."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+
+from orchestrator.errors import BuildError, listed, nearest
+
+from .classes import ModelicaClass, find_classes, within_clause
+from .lexer import Token, tokenise
+
+# The compiler checks the arguments of delay() and refuses a delay that is zero or varies. It sees this
+# external function instead, which has as many letters, so that every offset stays what it was.
+DELAY = "dE1ay"
+_DELAY_DECLARATION = (
+    f"function {DELAY} input Real u; input Real T; input Real Tmax = -1; output Real y;"
+    f' external "C" y = {DELAY}(u, T, Tmax); end {DELAY};\n'
+)
+_BEFORE_DECLARED = frozenset({"]", "Real", "Integer", "Boolean", "String", "function"})
+
+
+@dataclass(frozen=True)
+class Location:
+    """A line of a source file, printed as file:line."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+
+@dataclass(frozen=True)
+class SourceTree:
+    """The Modelica files that belong to one model.
+
+    Attributes:
+        root: folder that holds the top-level package or file.
+        main: path of the given file within `root`.
+        texts: path within `root` -> content, sorted.
+        label: what is put before a path to show it to the user.
+    """
+
+    root: Path
+    main: str
+    texts: dict[str, str]
+    label: str
+
+    def shown(self, path: str) -> str:
+        """Path of a file as the user would write it."""
+        return self.label + path
+
+    @cached_property
+    def classes(self) -> dict[str, ModelicaClass]:
+        """Every class by its qualified name; their files are paths within `root`."""
+        return find_classes({path: text for path, text in self.texts.items()})
+
+    def model_name(self, model: str | None) -> str:
+        """Qualified name of the model to build.
+
+        Args:
+            model: qualified name, or a name within the package or class of the file; None: the class
+                that the file defines.
+        Raises: BuildError if there is no such model or the file's class is none.
+        """
+        within = within_clause(tokenise(self.texts[self.main], self.shown(self.main)))
+        own = [item for item in self.classes.values() if item.file == self.main]
+        top = [item for item in own if item.name.rpartition(".")[0] == within]
+        models = [item.name for item in self.classes.values() if item.kind in ("model", "block", "class")]
+        if model is not None:
+            scopes = ["", *(f"{item.name}." for item in top), f"{within}."]
+            for name in (scope + model for scope in scopes):
+                if name in models:
+                    return name
+            raise BuildError(
+                f"{self.shown(self.main)}: no model {model}; models: {listed(models)}. {nearest(model, models)}".rstrip()
+            )
+        if len(top) == 1 and top[0].name in models:
+            return top[0].name
+        what = f"{top[0].kind} {top[0].name}" if len(top) == 1 else f"{len(top)} classes"
+        raise BuildError(
+            f"{self.shown(self.main)}: the file defines {what}, not one model; name the model to build "
+            f"with --model; models: {listed(models)}"
+        )
+
+    def place(self, path: str, offset: int) -> Location:
+        """Line at a byte offset of a file."""
+        text = self.texts[path].encode()
+        return Location(self.shown(path), text.count(b"\n", 0, offset) + 1)
+
+    @contextmanager
+    def marked_copy(self) -> Iterator[Path]:
+        """Write the files to a temporary folder with every delay() renamed; yields the folder.
+
+        Raises: BuildError if a file already uses the name that stands for delay().
+        """
+        folder = Path(tempfile.mkdtemp(prefix="modelica-")).resolve()
+        try:
+            for path, text in self.texts.items():
+                target = folder / path
+                target.parent.mkdir(parents=True, exist_ok=True)
+                # Bytes: text mode would turn line ends on Windows, and with them every offset.
+                target.write_bytes(self._marked(path, text).encode())
+            (folder / f"{DELAY}.mo").write_bytes(_DELAY_DECLARATION.encode())
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def delay_calls(self, path: str) -> list[Token]:
+        """The tokens `delay` of a file that call the operator."""
+        tokens = tokenise(self.texts[path], self.shown(path))
+        calls = []
+        for index, token in enumerate(tokens[:-1]):
+            if token.text == DELAY:
+                raise BuildError(f"{self.shown(path)}:{token.line}: the name {DELAY} is reserved; choose another")
+            if token.text != "delay" or tokens[index + 1].text != "(":
+                continue
+            before = tokens[index - 1] if index else None
+            declared = before is not None and (
+                before.kind == "name" or before.text in _BEFORE_DECLARED or before.text == "."
+            )
+            if not declared:
+                calls.append(token)
+        return calls
+
+    def _marked(self, path: str, text: str) -> str:
+        letters = list(text)
+        for token in self.delay_calls(path):
+            letters[token.start : token.start + len(DELAY)] = DELAY
+        return "".join(letters)
+
+
+def load_sources(model_file: Path) -> SourceTree:
+    """Read a Modelica file with the whole package it belongs to.
+
+    Args:
+        model_file: a .mo file on its own, or a part of a structured package (folders with package.mo).
+    Raises: BuildError if it does not exist, or its `within` clause does not match the folders.
+    """
+    shown = str(model_file)
+    if not model_file.is_file():
+        raise BuildError(f"{shown}: no such file; give the .mo file of a model")
+    path = model_file.resolve()
+    packages = [name for name in within_clause(tokenise(_read(path), shown)).split(".") if name]
+    folder = path.parent
+    if path.name == "package.mo":
+        packages = [*packages, folder.name]
+    for name in reversed(packages):
+        if folder.name != name or not (folder / "package.mo").is_file():
+            raise BuildError(
+                f"{shown}:1: the file says `within {'.'.join(packages)}`, but {folder.name}/ is no package "
+                f"{name} with a package.mo; put the file into its package or drop the clause"
+            )
+        folder = folder.parent
+    if packages:
+        top = folder / packages[0]
+        paths = sorted(item for item in top.rglob("*.mo") if item.is_file())
+    else:
+        paths = [path]
+    texts = {PurePosixPath(item.relative_to(folder)).as_posix(): _read(item) for item in paths}
+    main = PurePosixPath(path.relative_to(folder)).as_posix()
+    label = shown.replace("\\", "/")
+    return SourceTree(folder, main, texts, label[: -len(main)] if label.endswith(main) else f"{folder.as_posix()}/")
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_bytes().decode()
+    except UnicodeDecodeError as error:
+        raise BuildError(f"{path}: byte {error.start} is not UTF-8, the encoding of Modelica files") from error
