@@ -10,6 +10,7 @@ __all__ = [
     "BuildError",
     "ConfigError",
     "FmuError",
+    "Interrupted",
     "OrchestratorError",
     "Problem",
     "StepError",
@@ -44,7 +45,8 @@ class Problem:
             return head
         tail = self.allowed
         if self.remedy:
-            tail = f"{tail.rstrip('.')}. {self.remedy}" if tail else self.remedy
+            joint = "\n" if "\n" in tail else ". "
+            tail = f"{tail.rstrip('.')}{joint}{self.remedy}" if tail else self.remedy
         return f"{head}\n" + "\n".join(f"  {line}" for line in tail.splitlines())
 
 
@@ -88,7 +90,7 @@ class StepError(OrchestratorError):
         self.time = time
         self.status = status
         self.log = tuple(log)
-        place = instance if time is None else f"{instance} at time {time!r} s"
+        place = instance if time is None else f"{instance} at time {time:.12g} s"
         lines = [f"{place}: {what}"]
         if remedy:
             lines.append(f"  {remedy}")
@@ -96,6 +98,10 @@ class StepError(OrchestratorError):
             lines.append("  log of the FMU:")
             lines += [f"    {line}" for line in self.log]
         super().__init__("\n".join(lines))
+
+
+class Interrupted(OrchestratorError):
+    """A run that was stopped from outside before its end."""
 
 
 class BuildError(OrchestratorError):

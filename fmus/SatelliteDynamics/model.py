@@ -1,4 +1,4 @@
-"""Free-floating relative motion of two satellites along the contact normal, Eqs. (6) and (8) in one dimension.
+"""Free-floating relative motion of two satellites along one axis, Eqs. (6) and (8) in one dimension.
 
 Signs and frames as in modelica/DockingHIL/SignConventions.mo: the force acts on the rod, so on the relative
 motion, positive towards the front frame.
@@ -38,7 +38,7 @@ def advance(
 class SatelliteDynamics(Fmi2Slave):
     """m_e x'' = force, integrated exactly for an input held over the communication step."""
 
-    description = "Relative motion of two free-floating satellites along one axis: effective mass m_e, m_e x'' = force"
+    description = "Relative motion of two free-floating satellites along one axis, m_e x'' = force"
     requirements = ()
 
     def __init__(self, **kwargs: object) -> None:
@@ -61,7 +61,7 @@ class SatelliteDynamics(Fmi2Slave):
 
         start = {"causality": Fmi2Causality.output, "initial": Fmi2Initial.exact}
         self.register_variable(
-            Real("force", causality=Fmi2Causality.input, description="Force on the relative motion, held over a step")
+            Real("force", causality=Fmi2Causality.input, description="Force on the relative motion")
         )
         self.register_variable(
             Real(

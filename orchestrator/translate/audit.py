@@ -81,14 +81,19 @@ def audit_flattened(
             continue
         calls = {token.start for token in tree.delay_calls(item.file)}
         text = tree.texts[item.file]
+
+        def offset(token: Token, text: str = text) -> int:
+            return len(text[: token.start].encode())
+
+        shown = tree.shown(item.file)
         for token in item.tokens:
-            offset = len(text[: token.start].encode())
-            place = f"{tree.shown(item.file)}:{token.line}"
-            if token.start in calls and (item.file, offset) not in delays:
-                problems.append(f"{place}: delay() is lost in flattening; put it into an equation of its own")
-            elif token.text == "assert" and token.kind == "name":
-                if not any(file == item.file and start <= offset < end for file, start, end in asserts):
-                    problems.append(f"{place}: assert() is lost in flattening; put it into the equation section")
+            if token.start in calls and (item.file, offset(token)) not in delays:
+                problems.append(f"{shown}:{token.line}: delay() is lost in flattening; put it into an equation of its own")
+        for token, loop, _ in _asserts(item):
+            # An assert in a for-loop is placed at the loop's index.
+            at = offset(loop or token)
+            if not any(file == item.file and start <= at < end for file, start, end in asserts):
+                problems.append(f"{shown}:{token.line}: assert() is lost in flattening; put it into the equation section")
     if problems:
         raise BuildError("\n".join(problems))
 
@@ -153,36 +158,44 @@ def _conditional_components(tree: SourceTree, item: ModelicaClass) -> list[str]:
 
 def _nested_asserts(tree: SourceTree, item: ModelicaClass) -> list[str]:
     """Asserts within if-equations; flattening drops them."""
-    problems = []
+    return [
+        f"{tree.shown(item.file)}:{token.line}: assert() within an if-equation is not supported; put it "
+        "into the equation section and the condition into its first argument"
+        for token, _, conditional in _asserts(item)
+        if conditional
+    ]
+
+
+def _asserts(item: ModelicaClass) -> list[tuple[Token, Token | None, bool]]:
+    """Every assert of the equation sections, the index of the innermost for-loop around it, if any, and
+    whether an if-equation is around it."""
+    found: list[tuple[Token, Token | None, bool]] = []
     tokens = item.tokens
-    depth = 0
+    around: list[Token | None] = []  # index of a for-loop, None for an if-equation
     position = next((i + 1 for i, token in enumerate(tokens) if token.text == "equation"), len(tokens))
     while position < len(tokens):
         token = tokens[position]
         if token.text in ("if", "elseif"):
-            depth += token.text == "if"
+            if token.text == "if":
+                around.append(None)
+            # The condition may hold if-expressions, each with a `then` of its own.
             waiting = 1
             position += 1
             while position < len(tokens) and waiting:
                 waiting += {"if": 1, "elseif": 1, "then": -1}.get(tokens[position].text, 0)
                 position += 1
             continue
-        if token.text == "else":
-            position += 1
-            continue
-        if token.text == "for":
+        if token.text == "for" and position + 1 < len(tokens):
+            around.append(tokens[position + 1])
             while position < len(tokens) and tokens[position].text != "loop":
                 position += 1
-            position += 1
-            continue
-        if token.text == "end" and position + 1 < len(tokens) and tokens[position + 1].text == "if":
-            depth -= 1
-        if token.text == "assert" and depth > 0:
-            problems.append(
-                f"{tree.shown(item.file)}:{token.line}: assert() within an if-equation is not supported; put it "
-                "into the equation section and the condition into its first argument"
-            )
-        while position < len(tokens) and tokens[position].text != ";":
-            position += 1
+        elif token.text not in ("else", "equation"):
+            if token.text == "end" and around:
+                around.pop()
+            elif token.text == "assert":
+                loops = [index for index in around if index is not None]
+                found.append((token, loops[-1] if loops else None, len(loops) < len(around)))
+            while position < len(tokens) and tokens[position].text != ";":
+                position += 1
         position += 1
-    return problems
+    return found

@@ -74,14 +74,14 @@ _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
-_INTERFACE = {"2.0": "fmi2.c", "3.0": "fmi3.c"}
+_INTERFACE = {"2.0": ("fmi2.c",), "3.0": ("fmi3.c", "fmi3_absent.c")}
 
 
 def runtime_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
     """Return the C files of the runtime and the FMI headers, by file name.
 
     Args:
-        fmi_version: "2.0" or "3.0"; decides which of the two interface files is part of it.
+        fmi_version: "2.0" or "3.0"; decides which interface files are part of it.
     Returns: file name -> content; together with a `model.c` they compile without anything else.
     Raises: BuildError if fmpy, which carries the headers of the FMI standard, is not installed.
     """
@@ -91,7 +91,7 @@ def runtime_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
     sources = {
         item.name: item.read_bytes()
         for item in runtime.iterdir()
-        if item.name.endswith((".c", ".h")) and item.name != other
+        if item.name.endswith((".c", ".h")) and item.name not in other
     }
     spec = find_spec("fmpy")
     if spec is None or spec.origin is None:
@@ -156,7 +156,7 @@ def compile_library(
     Args:
         sources_dir: folder with the runtime, the FMI headers and `model.c`.
         model_identifier: name of the library without its ending; Mac and Windows libraries hold it.
-        fmi_version: "2.0" or "3.0"; the interface file of the other version is left out.
+        fmi_version: "2.0" or "3.0"; interface files of the other version are left out.
         platforms: keys of `PLATFORMS`.
     Returns: platform -> content of the library. FMI 2.0 has one place for both kinds of Mac: where both
         are asked for, both get the same universal library.
@@ -165,7 +165,7 @@ def compile_library(
     _check_version(fmi_version)
     _check_identifier(model_identifier)
     other = _INTERFACE["3.0" if fmi_version == "2.0" else "2.0"]
-    names = sorted(path.name for path in Path(sources_dir).glob("*.c") if path.name != other)
+    names = sorted(path.name for path in Path(sources_dir).glob("*.c") if path.name not in other)
     if not names:
         raise BuildError(f"{sources_dir}: no C files to compile")
     if find_spec("ziglang") is None:

@@ -1,7 +1,7 @@
 """Python model -> FMI 2.0 co-simulation FMU: pythonfmu's builder, then completed and made reproducible.
 
-A model is one Python file with one subclass of pythonfmu's Fmi2Slave, its line reading `class Name(Fmi2Slave):`
-(the FMU's loader looks for exactly that). Beyond what pythonfmu reads, an instance of it may carry
+A model is one Python file with one subclass of pythonfmu's Fmi2Slave, declared `class Name(Fmi2Slave):` (the
+FMU's loader looks for exactly that). Beyond what pythonfmu reads, an instance of it may carry
 
 - `type_attributes`: variable -> attributes of its FMI type element (unit, displayUnit, quantity, min, max);
 - `enumerations`: variable -> (type name, value by item name), for a variable registered as an Integer;
@@ -89,8 +89,8 @@ def build_python_fmu(script: Path, output: Path) -> Path:
 
 def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str, bytes], Any]:
     """Let pythonfmu build; return the members of its FMU and an instance of the model."""
-    # The module's name holds the content's hash: Python keeps one module of a name per process, so two FMUs, or
-    # two versions of one, would otherwise run the code of whichever was loaded first.
+    # The module's name holds the content's hash: Python keeps one module of a name per process, so two
+    # FMUs, or two versions of one, would otherwise run the code of whichever was loaded first.
     module = f"{class_name}_{hashlib.sha256(source).hexdigest()[:12]}"
     path, modules = list(sys.path), set(sys.modules)
     with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
@@ -164,7 +164,7 @@ def _describe(
             shown[attributes["displayUnit"]] = parse_unit(attributes["displayUnit"])
     except KeyError:
         raise BuildError(
-            f"{place}: {name}: a Real without a unit; name it in type_attributes, \"1\" if it has no dimension"
+            f'{place}: {name}: a Real without a unit; name it in type_attributes, "1" if it has no dimension'
         ) from None
     except UnitError as error:
         raise BuildError(f"{place}: {name}: {error}") from error
@@ -220,7 +220,10 @@ def _structure(root: Any, model: Any, variables: Mapping[str, Any], place: str) 
         if variable.get("causality") == "calculatedParameter"
         or (name in outputs and variable.get("initial") != "exact")
     ]
-    for tag, names, table in (("Outputs", outputs, "dependencies"), ("InitialUnknowns", initial, "initial_dependencies")):
+    for tag, names, table in (
+        ("Outputs", outputs, "dependencies"),
+        ("InitialUnknowns", initial, "initial_dependencies"),
+    ):
         if not names:
             continue
         known: Mapping[str, Sequence[str]] = getattr(model, table, {})
@@ -229,7 +232,9 @@ def _structure(root: Any, model: Any, variables: Mapping[str, Any], place: str) 
             missing = [other for other in known.get(name, ()) if other not in index]
             if name not in known or missing:
                 wrong = f"names {listed(missing)}, unknown" if missing else "does not tell what it depends on"
-                raise BuildError(f"{place}: {table}: {name}: {wrong}; give it as a tuple of variables, () for none")
+                raise BuildError(
+                    f"{place}: {table}: {name}: {wrong}; give it as a tuple of variables, () for none"
+                )
             depends = " ".join(sorted((index[other] for other in known[name]), key=int))
             etree.SubElement(element, "Unknown", index=index[name], dependencies=depends)
 
@@ -267,7 +272,7 @@ def _licence() -> bytes:
     for file in importlib.metadata.files("pythonfmu") or ():
         if file.name.upper().startswith("LICEN"):
             return file.read_binary().replace(b"\r\n", b"\n")
-    raise BuildError("pythonfmu: its licence, which has to travel with its code, is not among its installed files")
+    raise BuildError("pythonfmu: its licence, which has to travel with its code, is not installed with it")
 
 
 def _content_id(members: Mapping[str, bytes], root: Any) -> str:
@@ -281,7 +286,8 @@ def _content_id(members: Mapping[str, bytes], root: Any) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Rebuild the FMUs of Python models in place: fmus/Name/model.py -> fmus/Name/Name.fmu."""
-    parser = argparse.ArgumentParser(prog="python -m orchestrator.translate.python_fmu", description=main.__doc__)
+    program = "python -m orchestrator.translate.python_fmu"
+    parser = argparse.ArgumentParser(prog=program, description=main.__doc__)
     parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parents[2] / "fmus")
     for script in sorted(parser.parse_args(arguments).folder.glob("*/model.py")):
         print(build_python_fmu(script, script.parent / f"{script.parent.name}.fmu"))

@@ -230,9 +230,9 @@ int delay_start(Runtime *rt)
     for (int j = 0; j < model_info.n_d; j++) {
         Delay *q = &rt->delays[j];
         memset(q, 0, sizeof *q);
-        if (!(maximum[j] >= 0) || isinf(maximum[j]))
-            return rt_fail(rt, RT_ERROR, "delay operator %d: longest delay time is %.9g s; it must be finite, 0 s or more",
-                           j + 1, maximum[j]);
+        if (!(maximum[j] >= 0))
+            return rt_fail(rt, RT_ERROR, "delay operator %d: longest delay time is %.9g s; it must be 0 s or more", j + 1,
+                           maximum[j]);
         q->maximum = maximum[j];
         q->last = rt->operand[j];
         q->scale = fabs(rt->operand[j]);

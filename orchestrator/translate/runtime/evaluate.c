@@ -87,7 +87,9 @@ static RtStatus present(Runtime *rt, ModelPoint *at)
     *at = now;
     if (status != RT_OK) return status;
     rt->stepping = 0;
-    if (model_info.n_d && delay_values(rt, at, rt->d, rt->operand, rt->lag, READ_SELECT)) return rt->trouble;
+    /* To scratch: reading an output must not touch what the next step starts from. */
+    if (model_info.n_d && delay_values(rt, at, rt->d, rt->operand_stage, rt->lag_stage, READ_SELECT))
+        return rt->trouble;
     return RT_OK;
 }
 
@@ -122,7 +124,8 @@ RtStatus rt_check_assertions(Runtime *rt)
     ModelPoint at = {rt->s.time, rt->x, rt->u, rt->p, rt->d, rt->m};
     if (!model_info.n_a) return RT_OK;
     rt->stepping = 0;
-    if (model_info.n_d && delay_values(rt, &at, rt->d, rt->operand, rt->lag, READ_SELECT)) return rt->trouble;
+    if (model_info.n_d && delay_values(rt, &at, rt->d, rt->operand_stage, rt->lag_stage, READ_SELECT))
+        return rt->trouble;
     model_assertions(&at, rt->assertions);
     for (int i = 0; i < model_info.n_a; i++) {
         if (rt->assertions[i] != 0) continue;

@@ -52,8 +52,8 @@ void model_derivatives(const ModelPoint *at, double *xdot);
 void model_algebraics(const ModelPoint *at, double *w);
 /* Operand and delay time [s] of each delay operator; entry j reads d[k] only for k < j. */
 void model_delays(const ModelPoint *at, double *operand, double *delay_time);
-/* Longest delay time [s] of each operator: its delayMax, or the delay time itself where a parameter.
- * The runtime keeps that much history; a longer delay time is an error. */
+/* Longest delay time [s] of each operator: its delay time where that depends on parameters alone, else
+ * its limit (delayMax), else INFINITY. So much history is kept; a longer delay time is an error. */
 void model_delay_maxima(const double *p, double *maximum);
 /* Relation i is the sign of r[i]; it may read d and the modes of other relations. */
 void model_relations(const ModelPoint *at, double *r);

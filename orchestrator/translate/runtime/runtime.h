@@ -79,7 +79,7 @@ typedef struct Runtime {
     double *scratch;             /* one block behind the following arrays */
     double *k[7];                /* stages; k[0] is k1 */
     double *dense[5];            /* coefficients of the dense output */
-    double *x_new, *x_stage, *u_stage, *d_stage, *operand_stage, *lag_stage;
+    double *x_new, *x_stage, *u_stage, *u_now, *d_stage, *operand_stage, *lag_stage;
     double *samples;             /* [n_d][5] operand at 0, 1/4, 1/2, 3/4, 1 of the internal step */
     double *guess;               /* [n_d][5] the operand's polynomial over the internal step */
     double *relations, *truth;   /* [n_m] */
@@ -169,7 +169,8 @@ RtStatus rt_adjoint(Runtime *, const unsigned *unknowns, size_t n_unknowns, cons
 RtStatus rt_save(Runtime *, void **state);
 RtStatus rt_restore(Runtime *, const void *state);
 size_t rt_state_size(const void *state);
-void rt_state_write(const void *state, unsigned char *bytes);
+void rt_state_free(void **state);
+RtStatus rt_state_write(Runtime *, const void *state, unsigned char *bytes, size_t size);
 RtStatus rt_state_read(Runtime *, const unsigned char *bytes, size_t size, void **state);
 
 /* log.c */

@@ -36,7 +36,7 @@ static int discontinuity(Runtime *rt, int cause_is_input)
     else if (rt->crossed_level < NO_LEVEL) delay_open_pieces(rt, rt->crossed_level);
     rt->s.first_stage_valid = 0;
     rt->s.modes_stale = 0;
-    if (!switched || cause_is_input) return 0;
+    if (cause_is_input) return 0;
 
     rt->s.near_events = rt->s.time - rt->s.last_event < NEAR * rt->step_size ? rt->s.near_events + 1 : 0;
     rt->s.last_event = rt->s.time;
@@ -62,42 +62,27 @@ static double landing(const Runtime *rt, double target)
 
 static RtStatus accept(Runtime *rt, double end, int event)
 {
-    RtStatus status;
-    double *swap;
+    RtStatus status = RT_OK;
+    double *held = rt->u;
     copy(rt->x, rt->x_new, model_info.n_x);
     rt->s.time = end;
     rt->stepping = 0;
     if (model_info.n_d && delay_append(rt, rt->t0, end)) return rt->trouble;
     for (int j = 0; j < model_info.n_d; j++) rt->delays[j].lag_before = rt->lag[j];
-    if (event) {
-        if (rt->s.slopes) {
-            /* The modes belong to the inputs of this instant. */
-            swap = rt->u;
-            copy(rt->u_now, rt_inputs(rt, end), model_info.n_u);
-            rt->u = rt->u_now;
-            event = discontinuity(rt, 0);
-            rt->u = swap;
-        } else {
-            event = discontinuity(rt, 0);
-        }
-        if (event) return rt->trouble;
-    } else {
+    if (!event) {
         copy(rt->operand, rt->operand_stage, model_info.n_d);
         copy(rt->lag, rt->lag_stage, model_info.n_d);
         copy(rt->k1, rt->k[6], model_info.n_x);
         rt->s.first_stage_valid = 1;
     }
-    if (!model_info.n_a) {
-        rt->s.last_success = end;
-        return RT_OK;
-    }
-    swap = rt->u;
+    /* Modes and assertions belong to the inputs of this instant. */
     if (rt->s.slopes) {
         copy(rt->u_now, rt_inputs(rt, end), model_info.n_u);
         rt->u = rt->u_now;
     }
-    status = rt_check_assertions(rt);
-    rt->u = swap;
+    if (event && discontinuity(rt, 0)) status = rt->trouble;
+    if (status == RT_OK) status = rt_check_assertions(rt);
+    rt->u = held;
     if (status < RT_DISCARD) rt->s.last_success = end;
     return status;
 }
@@ -144,10 +129,10 @@ static RtStatus integrate(Runtime *rt, double target)
                 cut = 1;
             } else {
                 h = factor * rt->h;
+                if (h < floor && verdict == STEP_SHORTEN) h = floor;
                 if (h < floor) {
                     char reason[sizeof rt->trouble_text];
                     memcpy(reason, rt->trouble_text, sizeof reason);
-                    if (verdict == STEP_SHORTEN) continue;
                     rt_fail(rt, rt->trouble, "the internal step size fell below %.3g s at t = %.9g s: %.160s", floor,
                             rt->t0, reason);
                     return rt->trouble;

@@ -1,0 +1,261 @@
+"""What a system is checked for, one judgement each, with its message."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from .config import Places, Scalar
+from .errors import Problem, listed, nearest
+from .fmi import Causality, Kind, ModelDescription, Value, Variable
+from .units import ONE, UnitError, convert, quantity_in
+
+if TYPE_CHECKING:
+    from .system import Part, Port
+
+__all__ = ["connection", "dependencies", "loop_problem", "recordable", "shared_process", "start_value"]
+
+
+def connection(
+    source: Port, source_description: ModelDescription, target: Port, target_description: ModelDescription, place: str
+) -> tuple[float, float, str] | list[Problem]:
+    """Judge a connection.
+
+    Returns: gain, offset and a note (empty if there is nothing to note), or the problems.
+    """
+    problems = []
+    for port, description, causality in (
+        (source, source_description, Causality.OUTPUT),
+        (target, target_description, Causality.INPUT),
+    ):
+        problem = _end(port, description, causality, place)
+        if problem is not None:
+            problems.append(problem)
+    if problems:
+        return problems
+    one = source_description.variables[source.variable]
+    other = target_description.variables[target.variable]
+    what = f"cannot connect {source.instance}.{one} to {target.instance}.{other}"
+    inputs = f"{target.instance}'s inputs: {listed(map(str, target_description.inputs))}"
+    if one.kind is not other.kind:
+        fitting = [v.name for v in target_description.inputs if v.kind is one.kind]
+        return [Problem(place, what, f"types differ; {inputs}", _suggest(fitting, target.instance))]
+    if one.kind is Kind.ENUMERATION and one.items and other.items and one.items != other.items:
+        allowed = f"items differ: {listed(one.items)} against {listed(other.items)}"
+        return [Problem(place, what, allowed)]
+    if one.unit is None or other.unit is None:
+        if one.unit_name == other.unit_name:
+            return 1.0, 0.0, ""
+        if one.unit_name and other.unit_name:
+            return [Problem(place, what, f"units differ, and not both are known; {inputs}")]
+        return 1.0, 0.0, f"{source.instance}.{one} -> {target.instance}.{other}: units not checked"
+    if not one.unit.same_dimension(other.unit):
+        fitting = [
+            v.name for v in target_description.inputs if v.unit is not None and v.unit.same_dimension(one.unit)
+        ]
+        return [Problem(place, what, f"units differ; {inputs}", _suggest(fitting, target.instance))]
+    gain, offset = convert(one.unit, other.unit)
+    note = ""
+    if (gain, offset) != (1.0, 0.0):
+        shift = f" + {offset!r}" if offset else ""
+        note = f"{source.instance}.{one} -> {target.instance}.{other}: converted, {gain!r} * value{shift}"
+    return gain, offset, note
+
+
+def _suggest(names: Sequence[str], instance: str) -> str:
+    if not names:
+        return ""
+    return f"Did you mean {' or '.join(f'{instance}.{name}' for name in names[:3])}?"
+
+
+def _end(port: Port, description: ModelDescription, causality: Causality, place: str) -> Problem | None:
+    """Judge one end of a connection."""
+    own = description.outputs if causality is Causality.OUTPUT else description.inputs
+    offered = f"{port.instance}'s {causality}s: {listed(map(str, own))}"
+    variable = description.variables.get(port.variable)
+    if variable is None:
+        what = f"{port.instance} has no variable {port.variable!r}"
+        return Problem(place, what, offered, nearest(port.variable, [v.name for v in own], f"{port.instance}."))
+    if variable.causality is not causality:
+        end = "source" if causality is Causality.OUTPUT else "target"
+        what = f"{port} cannot be the {end} of a connection: its causality is {variable.causality}"
+        return Problem(place, what, offered)
+    if variable.shape:
+        return Problem(place, f"{port} is an array of shape {variable.shape}", "only scalars can be connected")
+    if not (variable.kind.numeric or variable.kind is Kind.STRING):
+        return Problem(place, f"{port} is of type {variable.type}", "it cannot be connected")
+    return None
+
+
+def start_value(
+    instance: str, description: ModelDescription, name: str, value: Scalar, place: str
+) -> Value | Problem:
+    """A start value as the FMU takes it, or what is wrong with it."""
+    variable = description.variables.get(name)
+    if variable is None:
+        names = [v.name for v in description.variables.values() if v.settable]
+        what = f"{instance} has no variable {name!r}"
+        return Problem(place, what, f"variables that can be set: {listed(names)}", nearest(name, names, f"{instance}."))
+    if not variable.settable or variable.shape:
+        why = f"causality {variable.causality}, variability {variable.variability}"
+        if variable.initial:
+            why += f", initial {variable.initial}"
+        if variable.shape:
+            why = f"an array of shape {variable.shape}"
+        return Problem(place, f"{instance}.{name} cannot be set: it is {why}")
+    converted = _converted(instance, variable, value, place)
+    if isinstance(converted, Problem):
+        return converted
+    return _in_range(instance, variable, converted, value, place) or converted
+
+
+def _converted(instance: str, variable: Variable, value: Scalar, place: str) -> Value | Problem:
+    label = f"{instance}.{variable.name}"
+    if variable.kind is Kind.REAL:
+        return _real(f"{instance}.{variable}", variable, value, place)
+    if variable.kind is Kind.ENUMERATION:
+        if isinstance(value, str) and value in variable.items:
+            return variable.items[value]
+        if type(value) is int and (value in variable.items.values() or not variable.items):
+            return value
+        allowed = f"allowed: {listed(variable.items)}"
+        suggestion = nearest(value, variable.items) if isinstance(value, str) else ""
+        return Problem(place, f"{label} has no item {value!r}", allowed, suggestion)
+    wanted, word = {
+        Kind.INTEGER: (int, "a whole number"),
+        Kind.BOOLEAN: (bool, "true or false"),
+        Kind.STRING: (str, "text"),
+    }[variable.kind]
+    if type(value) is wanted:
+        return value
+    remedy = f"Put it in quotes: '{value}'." if wanted is str else ""
+    return Problem(place, f"{label} must be {word}, got {value!r}", remedy=remedy)
+
+
+def _real(label: str, variable: Variable, value: Scalar, place: str) -> float | Problem:
+    if isinstance(value, bool):
+        return Problem(place, f"{label} must be a number, got {str(value).lower()}")
+    if isinstance(value, int | float):
+        if not variable.unit_name or variable.unit == ONE:
+            return float(value)
+        allowed = f"a unit must be given, for zero too; its unit is {variable.unit_name}"
+        return Problem(place, f"{label}: {value!r} has no unit", allowed, f"Write {value!r} {variable.unit_name}.")
+    if variable.unit is None:
+        return _unknown_unit(label, variable, value, place)
+    try:
+        return quantity_in(value, variable.unit, variable.display_units)
+    except UnitError as error:
+        allowed = f"its unit is {variable.unit_name}"
+        if variable.display_units:
+            allowed += f", it also takes {listed(variable.display_units)}"
+        return Problem(place, f"{label}: cannot take {value!r}, {error}", allowed)
+
+
+def _unknown_unit(label: str, variable: Variable, text: str, place: str) -> float | Problem:
+    """A quantity for a variable whose unit is not declared, or not known here: only the same words will do."""
+    number, _, unit = text.strip().partition(" ")
+    try:
+        if variable.unit_name and unit.strip() == variable.unit_name:
+            return float(number)
+    except ValueError:
+        pass
+    if variable.unit_name:
+        allowed = f"its unit, {variable.unit_name}, is not known here: give the number in that unit"
+        return Problem(place, f"{label}: cannot take {text!r}", allowed, f"Write it as <number> {variable.unit_name}.")
+    return Problem(place, f"{label}: cannot take {text!r}", "the FMU declares no unit for it", "Give a bare number.")
+
+
+def _in_range(instance: str, variable: Variable, value: Value, given: Scalar, place: str) -> Problem | None:
+    if not isinstance(value, int | float) or variable.kind not in (Kind.REAL, Kind.INTEGER):
+        return None
+    low, high = variable.minimum, variable.maximum
+    if (low is None or value >= low) and (high is None or value <= high):
+        return None
+    unit = f" {variable.unit_name}" if variable.unit_name not in ("", "1") else ""
+    bounds = [f"at least {low!r}{unit}"] if low is not None else []
+    bounds += [f"at most {high!r}{unit}"] if high is not None else []
+    return Problem(place, f"{instance}.{variable.name} = {given} is out of range", f"allowed: {' and '.join(bounds)}")
+
+
+def dependencies(
+    instance: str,
+    description: ModelDescription,
+    stated: Mapping[str, Sequence[str]],
+    places: Places,
+    problems: list[Problem],
+) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
+    """Direct feedthrough at a communication point and at initialisation: the FMU's, unless the config states it."""
+    feedthrough = dict(description.feedthrough)
+    initial = dict(description.initial_feedthrough) or dict(feedthrough)
+    outputs, inputs = [v.name for v in description.outputs], [v.name for v in description.inputs]
+    for output, sources in stated.items():
+        place = places.text(("instances", instance, "feedthrough", output))
+        wrong = [(output, outputs, "output")] if output not in outputs else []
+        wrong += [(name, inputs, "input") for name in sources if name not in inputs]
+        for name, names, kind in wrong:
+            what = f"{instance} has no {kind} {name!r}"
+            problems.append(Problem(place, what, f"{kind}s: {listed(names)}", nearest(name, names)))
+        if not wrong:
+            feedthrough[output] = initial[output] = tuple(sources)
+    return feedthrough, initial
+
+
+def recordable(
+    instance: str, name: str, descriptions: Mapping[str, ModelDescription], place: str
+) -> Problem | None:
+    """Judge a signal that is to be recorded."""
+    if instance not in descriptions:
+        what = f"no instance {instance!r} to record {instance}.{name} of"
+        return Problem(place, what, f"instances: {listed(descriptions)}", nearest(instance, descriptions))
+    variables = descriptions[instance].variables
+    variable = variables.get(name)
+    names = [
+        v.name for v in variables.values() if v.causality is not Causality.INPUT and v.kind.numeric and not v.shape
+    ]
+    if variable is None:
+        what = f"{instance} has no variable {name!r} to record"
+        return Problem(place, what, f"it has {listed(names)}", nearest(name, names, f"{instance}."))
+    if name not in names:
+        why = "an input: record its source" if variable.causality is Causality.INPUT else "no numeric scalar"
+        return Problem(place, f"{instance}.{name} cannot be recorded", f"it is {why}")
+    return None
+
+
+def shared_process(parts: Iterable[Part], places: Places) -> list[Problem]:
+    """FMUs that may stand in a process once only, and stand there twice."""
+    problems = []
+    counts: Counter[int] = Counter()
+    for part in parts:
+        counts[id(part.fmu)] += 1
+        if part.fmu.description.capabilities.once_per_process and counts[id(part.fmu)] == 2:
+            what = f"second instance of {part.fmu.description.name}"
+            allowed = "the FMU declares canBeInstantiatedOnlyOncePerProcess"
+            problems.append(Problem(places.text(("instances", part.name)), what, allowed))
+    return problems
+
+
+def loop_problem(loop: Sequence[Port], assumed: set[Port], place: str, initial: bool) -> Problem:
+    """An algebraic loop, told hop by hop.
+
+    Args:
+        loop: inputs and outputs in turn, beginning with an input.
+        assumed: outputs whose dependencies the FMU does not declare.
+    """
+    hops, doubtful = [], None
+    for index, port in enumerate(loop):
+        after = loop[(index + 1) % len(loop)]
+        if index % 2:
+            hops.append(f"{port} is connected to {after}")
+            continue
+        doubt = ""
+        if after in assumed:
+            doubt, doubtful = " (assumed: the FMU does not say what it depends on)", doubtful or after
+        hops.append(f"{port} is direct-feedthrough to {after}{doubt}")
+    shown = doubtful or loop[1]
+    remedy = (
+        "It cannot be solved. Take a connection out of the loop, or put an instance without direct feedthrough "
+        f"into it.\nIf {shown} does not depend on the inputs of the same instant, say so: "
+        f"instances.{shown.instance}.feedthrough: {{{shown.variable}: []}}"
+    )
+    return Problem(place, f"algebraic loop{' at initialisation' if initial else ''}", "\n".join(hops), remedy)

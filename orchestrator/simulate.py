@@ -1,0 +1,115 @@
+"""The communication grid and the one loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+
+from .config import RunModel
+from .errors import ConfigError, Problem
+from .fmi import Point
+from .instances import instantiate
+from .master import MasterAlgorithm
+from .signals import Layout, Signals
+from .system import System
+
+__all__ = ["Grid", "Observer", "simulate"]
+
+Observer = Callable[[Point, Signals], None]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Equidistant communication points: time = start + index * step size, each rounded once.
+
+    Attributes:
+        start, step_size: exact [s].
+        steps: number of steps; there is one point more.
+    """
+
+    start: Fraction
+    step_size: Fraction
+    steps: int
+
+    @staticmethod
+    def of(run: RunModel, place: str = "run") -> Grid:
+        """The grid of a config.
+
+        Raises: ConfigError if the step size is not positive, or the run is not a whole number of steps:
+            a shorter last step would act as another delay than the others.
+        """
+        start, stop, step = run.times()
+        if step <= 0:
+            raise ConfigError([Problem(place, f"step_size {run.step_size} is not positive")])
+        if stop <= start:
+            raise ConfigError([Problem(place, f"stop_time {run.stop_time} is not after start_time {run.start_time}")])
+        count = (stop - start) / step
+        if count.denominator != 1:
+            below = count.numerator // count.denominator
+            near = [f"{float(start + n * step)!r} s" for n in (below, below + 1) if n > 0]
+            raise ConfigError(
+                [
+                    Problem(
+                        place,
+                        f"stop_time {run.stop_time} is {float(count):.6g} steps of {run.step_size} after the start",
+                        "a whole number of steps is needed",
+                        f"Nearest stop times: {', '.join(near)}.",
+                    )
+                ]
+            )
+        return Grid(start, step, int(count))
+
+    def halved(self) -> Grid:
+        """The same stretch of time with half the step size."""
+        return Grid(self.start, self.step_size / 2, self.steps * 2)
+
+    @property
+    def stop(self) -> Fraction:
+        """The last instant [s]."""
+        return self.start + self.steps * self.step_size
+
+    def __len__(self) -> int:
+        return self.steps + 1
+
+    def __iter__(self) -> Iterator[Point]:
+        # Quotients of whole numbers are rounded once: no sum of steps runs away, and instants that two grids
+        # share are equal to the bit.
+        denominator = self.start.denominator * self.step_size.denominator
+        begin = self.start.numerator * self.step_size.denominator
+        stride = self.step_size.numerator * self.start.denominator
+        step = float(self.step_size)
+        for index in range(self.steps):
+            yield Point(index, (begin + index * stride) / denominator, step)
+        yield Point(self.steps, (begin + self.steps * stride) / denominator, step, True)
+
+
+def simulate(
+    system: System,
+    master: MasterAlgorithm,
+    grid: Grid,
+    observers: Iterable[Observer] = (),
+    timing: dict[str, float] | None = None,
+) -> None:
+    """Run a system.
+
+    Observers see every communication point, before the step that begins there: values belong to that instant.
+
+    Args:
+        observers: called with the point and the signals; signals are new at every point and may be kept.
+        timing: filled with the wall time spent in each instance's steps [s], also when the run fails.
+    Raises: StepError if an FMU fails; FmuError if one cannot be loaded.
+    """
+    observers = tuple(observers)
+    with instantiate(system, Layout.of(system)) as instances:
+        try:
+            signals = instances.initialise(float(grid.start), float(grid.stop))
+            for point in grid:
+                for observe in observers:
+                    observe(point, signals)
+                if not point.last:
+                    signals, info = master.step(system, instances, point, signals)
+                    info.raise_on_failure(point)
+        finally:
+            if timing is not None:
+                timing.update(instances.elapsed())

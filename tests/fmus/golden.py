@@ -1,0 +1,118 @@
+"""Golden signals of the Python FMUs: fmus/<Name>/reference.csv, one row per communication point.
+
+Run as a script to write them anew; a change then has to be explained by the physics that moved it.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+FMUS = Path(__file__).parents[2] / "fmus"
+# The step of both references [s].
+STEP = 5e-4
+INPUTS = {
+    "SatelliteDynamics": ("force",),
+    "ComplianceController": ("measured_force", "position", "velocity", "desired_position", "desired_velocity"),
+}
+# Signal -> (absolute tolerance, unit). They cover the libraries' last bits, no more: force is compared to a
+# millionth of the 140 N that a contact reaches.
+OUTPUTS = {
+    "SatelliteDynamics": {
+        "position": (1e-15, "m"),
+        "velocity": (1e-15, "m/s"),
+        "kinetic_energy": (1e-15, "J"),
+    },
+    "ComplianceController": {
+        "force": (1e-4, "N"),
+        "stiffness_estimate": (1e-1, "N/m"),
+        "damping_estimate": (1e-3, "N.s/m"),
+        "contact_state": (0, "1"),
+        "energy_error": (1e-8, "J"),
+    },
+}
+START = {
+    "SatelliteDynamics": {"velocity": 0.02},
+    "ComplianceController": {"tau_s": 1e-3},
+}
+UNITS = {"force": "N", "measured_force": "N", "velocity": "m/s", "desired_velocity": "m/s"}
+
+
+def read(name: str) -> list[dict[str, float]]:
+    """Rows of a reference, by signal name without unit; "time" is the communication point [s]."""
+    with (FMUS / name / "reference.csv").open(newline="") as stream:
+        rows = csv.reader(stream)
+        signals = [column.split(" [")[0] for column in next(rows)]
+        return [dict(zip(signals, map(float, row), strict=True)) for row in rows]
+
+
+def write(name: str, rows: list[dict[str, Any]]) -> None:
+    """Write a reference; inputs hold at their communication point, outputs are those read there."""
+    units = {"time": "s", **{signal: UNITS.get(signal, "m") for signal in INPUTS[name]}}
+    units |= {signal: unit for signal, (_, unit) in OUTPUTS[name].items()}
+    with (FMUS / name / "reference.csv").open("w", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(f"{signal} [{unit}]" for signal, unit in units.items())
+        writer.writerows([repr(row[signal]) for signal in units] for row in rows)
+
+
+def replay(name: str, model: Any, inputs: list[dict[str, float]]) -> list[dict[str, Any]]:
+    """Outputs of an in-process model driven by recorded inputs.
+
+    The inputs of row i + 1 are set before the step that ends there, as a Gauss-Seidel master does.
+    """
+    variables = {variable.name: variable for variable in model.vars.values()}
+    for signal, value in START[name].items():
+        variables[signal].setter(value)
+    model.setup_experiment(0.0, None, None)
+    model.enter_initialization_mode()
+    model.exit_initialization_mode()
+    rows = []
+    for index, row in enumerate(inputs):
+        for signal in INPUTS[name]:
+            variables[signal].setter(row[signal])
+        if index:
+            assert model.do_step(inputs[index - 1]["time"], STEP)
+        outputs = {signal: variables[signal].getter() for signal in OUTPUTS[name]}
+        rows.append({**row, **outputs})
+    return rows
+
+
+def _satellite_inputs() -> list[dict[str, float]]:
+    # A push, a coast and a weaker push back.
+    return [{"time": i * STEP, "force": -40.0 if i < 100 else 0.0 if i < 150 else 7.3} for i in range(201)]
+
+
+def _controller_inputs(model: Any) -> list[dict[str, float]]:
+    """Both contacts of one round trip, sensor delay 1 ms, as the closed loop of the bench produces them."""
+    from docking_bench import DockingBench
+
+    parameters = model.Parameters(**START["ComplianceController"])
+    law = model.ComplianceLaw(parameters, model.State())
+    samples: list[tuple[float, ...]] = []
+    bench = {"speed": 0.05, "front": 1e-3, "rear": -1e-3, "tau_s": 1e-3, "damping": 200.0, "resolution": 0.5}
+
+    def controller(*inputs: float) -> float:
+        samples.append(inputs)
+        return law.sample(model.Inputs(*inputs))
+
+    DockingBench(**bench).run(controller, STEP, contacts=2)
+    samples.insert(0, (0.0,) * 5)
+    signals = INPUTS["ComplianceController"]
+    return [{"time": i * STEP, **dict(zip(signals, row, strict=True))} for i, row in enumerate(samples)]
+
+
+def main() -> None:
+    """Write both references."""
+    from conftest import load_model
+
+    satellite, controller = (load_model(name) for name in INPUTS)
+    model = satellite.SatelliteDynamics(instance_name="golden")
+    write("SatelliteDynamics", replay("SatelliteDynamics", model, _satellite_inputs()))
+    model = controller.ComplianceController(instance_name="golden")
+    write("ComplianceController", replay("ComplianceController", model, _controller_inputs(controller)))
+
+
+if __name__ == "__main__":
+    main()
