@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from .config import Places, Scalar
 from .errors import Problem, listed, nearest
-from .fmi import Causality, Kind, ModelDescription, Value, Variable
+from .fmi import Causality, Fmu, Kind, ModelDescription, Value, Variable
+from .system import Port
 from .units import ONE, UnitError, convert, quantity_in
-
-if TYPE_CHECKING:
-    from .system import Part, Port
 
 __all__ = ["connection", "dependencies", "loop_problem", "recordable", "shared_process", "start_value"]
 
 
 def connection(
-    source: Port, source_description: ModelDescription, target: Port, target_description: ModelDescription, place: str
+    source: Port,
+    source_description: ModelDescription,
+    target: Port,
+    target_description: ModelDescription,
+    place: str,
 ) -> tuple[float, float, str] | list[Problem]:
     """Judge a connection.
 
@@ -52,7 +53,9 @@ def connection(
         return 1.0, 0.0, f"{source.instance}.{one} -> {target.instance}.{other}: units not checked"
     if not one.unit.same_dimension(other.unit):
         fitting = [
-            v.name for v in target_description.inputs if v.unit is not None and v.unit.same_dimension(one.unit)
+            v.name
+            for v in target_description.inputs
+            if v.unit is not None and v.unit.same_dimension(one.unit)
         ]
         return [Problem(place, what, f"units differ; {inputs}", _suggest(fitting, target.instance))]
     gain, offset = convert(one.unit, other.unit)
@@ -76,13 +79,17 @@ def _end(port: Port, description: ModelDescription, causality: Causality, place:
     variable = description.variables.get(port.variable)
     if variable is None:
         what = f"{port.instance} has no variable {port.variable!r}"
-        return Problem(place, what, offered, nearest(port.variable, [v.name for v in own], f"{port.instance}."))
+        return Problem(
+            place, what, offered, nearest(port.variable, [v.name for v in own], f"{port.instance}.")
+        )
     if variable.causality is not causality:
         end = "source" if causality is Causality.OUTPUT else "target"
         what = f"{port} cannot be the {end} of a connection: its causality is {variable.causality}"
         return Problem(place, what, offered)
     if variable.shape:
-        return Problem(place, f"{port} is an array of shape {variable.shape}", "only scalars can be connected")
+        return Problem(
+            place, f"{port} is an array of shape {variable.shape}", "only scalars can be connected"
+        )
     if not (variable.kind.numeric or variable.kind is Kind.STRING):
         return Problem(place, f"{port} is of type {variable.type}", "it cannot be connected")
     return None
@@ -94,9 +101,11 @@ def start_value(
     """A start value as the FMU takes it, or what is wrong with it."""
     variable = description.variables.get(name)
     if variable is None:
-        names = [v.name for v in description.variables.values() if v.settable]
+        names = [v.name for v in sorted(description.variables.values(), key=_local) if v.settable]
         what = f"{instance} has no variable {name!r}"
-        return Problem(place, what, f"variables that can be set: {listed(names)}", nearest(name, names, f"{instance}."))
+        return Problem(
+            place, what, f"variables that can be set: {listed(names)}", nearest(name, names, f"{instance}.")
+        )
     if not variable.settable or variable.shape:
         why = f"causality {variable.causality}, variability {variable.variability}"
         if variable.initial:
@@ -108,6 +117,10 @@ def start_value(
     if isinstance(converted, Problem):
         return converted
     return _in_range(instance, variable, converted, value, place) or converted
+
+
+def _local(variable: Variable) -> bool:
+    return variable.causality is Causality.LOCAL
 
 
 def _converted(instance: str, variable: Variable, value: Scalar, place: str) -> Value | Problem:
@@ -140,7 +153,9 @@ def _real(label: str, variable: Variable, value: Scalar, place: str) -> float | 
         if not variable.unit_name or variable.unit == ONE:
             return float(value)
         allowed = f"a unit must be given, for zero too; its unit is {variable.unit_name}"
-        return Problem(place, f"{label}: {value!r} has no unit", allowed, f"Write {value!r} {variable.unit_name}.")
+        return Problem(
+            place, f"{label}: {value!r} has no unit", allowed, f"Write {value!r} {variable.unit_name}."
+        )
     if variable.unit is None:
         return _unknown_unit(label, variable, value, place)
     try:
@@ -153,7 +168,7 @@ def _real(label: str, variable: Variable, value: Scalar, place: str) -> float | 
 
 
 def _unknown_unit(label: str, variable: Variable, text: str, place: str) -> float | Problem:
-    """A quantity for a variable whose unit is not declared, or not known here: only the same words will do."""
+    """A quantity for a variable whose unit is not declared, or unknown here: only the same word will do."""
     number, _, unit = text.strip().partition(" ")
     try:
         if variable.unit_name and unit.strip() == variable.unit_name:
@@ -162,8 +177,12 @@ def _unknown_unit(label: str, variable: Variable, text: str, place: str) -> floa
         pass
     if variable.unit_name:
         allowed = f"its unit, {variable.unit_name}, is not known here: give the number in that unit"
-        return Problem(place, f"{label}: cannot take {text!r}", allowed, f"Write it as <number> {variable.unit_name}.")
-    return Problem(place, f"{label}: cannot take {text!r}", "the FMU declares no unit for it", "Give a bare number.")
+        return Problem(
+            place, f"{label}: cannot take {text!r}", allowed, f"Write it as <number> {variable.unit_name}."
+        )
+    return Problem(
+        place, f"{label}: cannot take {text!r}", "the FMU declares no unit for it", "Give a bare number."
+    )
 
 
 def _in_range(instance: str, variable: Variable, value: Value, given: Scalar, place: str) -> Problem | None:
@@ -175,7 +194,9 @@ def _in_range(instance: str, variable: Variable, value: Value, given: Scalar, pl
     unit = f" {variable.unit_name}" if variable.unit_name not in ("", "1") else ""
     bounds = [f"at least {low!r}{unit}"] if low is not None else []
     bounds += [f"at most {high!r}{unit}"] if high is not None else []
-    return Problem(place, f"{instance}.{variable.name} = {given} is out of range", f"allowed: {' and '.join(bounds)}")
+    return Problem(
+        place, f"{instance}.{variable.name} = {given} is out of range", f"allowed: {' and '.join(bounds)}"
+    )
 
 
 def dependencies(
@@ -185,7 +206,7 @@ def dependencies(
     places: Places,
     problems: list[Problem],
 ) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
-    """Direct feedthrough at a communication point and at initialisation: the FMU's, unless the config states it."""
+    """Direct feedthrough at communication points and at initialisation: the FMU's, unless the config has it."""
     feedthrough = dict(description.feedthrough)
     initial = dict(description.initial_feedthrough) or dict(feedthrough)
     outputs, inputs = [v.name for v in description.outputs], [v.name for v in description.inputs]
@@ -211,7 +232,9 @@ def recordable(
     variables = descriptions[instance].variables
     variable = variables.get(name)
     names = [
-        v.name for v in variables.values() if v.causality is not Causality.INPUT and v.kind.numeric and not v.shape
+        v.name
+        for v in variables.values()
+        if v.causality is not Causality.INPUT and v.kind.numeric and not v.shape
     ]
     if variable is None:
         what = f"{instance} has no variable {name!r} to record"
@@ -222,16 +245,16 @@ def recordable(
     return None
 
 
-def shared_process(parts: Iterable[Part], places: Places) -> list[Problem]:
-    """FMUs that may stand in a process once only, and stand there twice."""
+def shared_process(fmus: Iterable[tuple[str, Fmu]], places: Places) -> list[Problem]:
+    """FMUs that may stand in a process once only, and stand there twice; given by instance name."""
     problems = []
     counts: Counter[int] = Counter()
-    for part in parts:
-        counts[id(part.fmu)] += 1
-        if part.fmu.description.capabilities.once_per_process and counts[id(part.fmu)] == 2:
-            what = f"second instance of {part.fmu.description.name}"
+    for name, fmu in fmus:
+        counts[id(fmu)] += 1
+        if fmu.description.capabilities.once_per_process and counts[id(fmu)] == 2:
+            what = f"second instance of {fmu.description.name}"
             allowed = "the FMU declares canBeInstantiatedOnlyOncePerProcess"
-            problems.append(Problem(places.text(("instances", part.name)), what, allowed))
+            problems.append(Problem(places.text(("instances", name)), what, allowed))
     return problems
 
 
@@ -254,8 +277,8 @@ def loop_problem(loop: Sequence[Port], assumed: set[Port], place: str, initial: 
         hops.append(f"{port} is direct-feedthrough to {after}{doubt}")
     shown = doubtful or loop[1]
     remedy = (
-        "It cannot be solved. Take a connection out of the loop, or put an instance without direct feedthrough "
-        f"into it.\nIf {shown} does not depend on the inputs of the same instant, say so: "
+        "It cannot be solved. Take a connection out of the loop, or put an instance without direct "
+        f"feedthrough into it.\nIf {shown} does not depend on the inputs of the same instant, say so: "
         f"instances.{shown.instance}.feedthrough: {{{shown.variable}: []}}"
     )
     return Problem(place, f"algebraic loop{' at initialisation' if initial else ''}", "\n".join(hops), remedy)

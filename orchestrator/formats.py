@@ -93,7 +93,8 @@ def csv_rows(time: Array, columns: Sequence[Array]) -> str:
     """Lines of numbers; floats as the shortest decimals that read back the same."""
     texts = [map(repr, time.tolist())]
     texts += [
-        map(str, column.astype(int).tolist() if column.dtype == bool else column.tolist()) for column in columns
+        map(str, column.astype(int).tolist() if column.dtype == bool else column.tolist())
+        for column in columns
     ]
     lines = "\n".join(map(",".join, zip(*texts, strict=True)))
     return f"{lines}\n" if lines else ""
@@ -150,7 +151,9 @@ def write_parquet(
         for name, array in arrays.items()
     ]
     metadata = {
-        "orchestrator": json.dumps(strict({"parameters": parameters, "provenance": provenance}), allow_nan=False)
+        "orchestrator": json.dumps(
+            strict({"parameters": parameters, "provenance": provenance}), allow_nan=False
+        )
     }
     table = pa.table(list(arrays.values()), schema=pa.schema(fields, metadata=metadata))
     parquet.write_table(table, path)
@@ -186,7 +189,7 @@ def write_mat(
     parameters: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> None:
-    """Write a MATLAB 5 file: `time`, a struct per instance, `units` of the same shape, `names` as in the config."""
+    """Write a MATLAB 5 file: `time`, a struct per instance, `units` alike, `names` as in the config."""
     from scipy.io import savemat
 
     content: dict[str, Any] = {_TIME: time}

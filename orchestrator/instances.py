@@ -19,8 +19,8 @@ __all__ = ["Instances", "instantiate"]
 class Instances:
     """The instances of a system and the memory that their ports are bound to.
 
-    A master loads the signals of an instant, transfers inputs and advances instances in the order it wants, and
-    takes the new signals. Between those calls the vector holds what each instance gave last.
+    A master loads the signals of an instant, transfers inputs and advances instances in the order it wants,
+    and takes the new signals. Between those calls the vector holds what each instance gave last.
 
     Attributes:
         system, layout: what runs, and where its signals stand.
@@ -145,7 +145,8 @@ class Instances:
     def elapsed(self) -> dict[str, float]:
         """Wall time spent in each instance's steps so far [s]."""
         return {
-            one.name: elapsed * 1e-9 for one, elapsed in zip(self.system.instances, self._elapsed, strict=True)
+            one.name: elapsed * 1e-9
+            for one, elapsed in zip(self.system.instances, self._elapsed, strict=True)
         }
 
     # Failures.
@@ -219,5 +220,3 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
                     one.terminate()
             with suppress(OrchestratorError):
                 one.free()
-
-

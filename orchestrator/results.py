@@ -65,7 +65,7 @@ class Results:
         formats.write(path, self.time, self.signals, self.units, self.parameters, self.provenance)
 
     def to_csv(self, path: Path | str) -> None:
-        """Write CSV; the header holds names and units. Numbers are exact: the shortest that read back the same."""
+        """Write CSV: names and units in the header, numbers as the shortest that read back the same."""
         formats.write_csv(Path(path), self.time, self.signals, self.units)
 
     def to_parquet(self, path: Path | str) -> None:
@@ -82,7 +82,7 @@ class Results:
 class Recorder:
     """An observer that keeps signals, and streams them to a CSV file if one is given.
 
-    The file can be read at any moment up to the last flush: every 1024 rows or every second, whichever is first.
+    The file can be read at any moment up to the last flush: every 1024 rows or every second, if sooner.
     """
 
     def __init__(self, system: System, *, every: int = 1, path: Path | None = None) -> None:
@@ -134,7 +134,9 @@ class Recorder:
         """Bring the file up to date."""
         if self._file is not None:
             rows = slice(self._written, self._used)
-            columns = [_typed(column, kind) for column, kind in zip(self._block[rows].T, self._kinds, strict=True)]
+            columns = [
+                _typed(column, kind) for column, kind in zip(self._block[rows].T, self._kinds, strict=True)
+            ]
             self._file.write(formats.csv_rows(self._time[rows], columns))
             self._file.flush()
             self._flushed = monotonic()
@@ -167,11 +169,13 @@ def _typed(column: Array, kind: Kind) -> NDArray[Any]:
 
 
 def parameters_of(system: System) -> dict[str, Value]:
-    """Parameters as the FMUs declare them and start values as the config gives them, by instance.variable."""
+    """Parameters as the FMUs declare them, start values as the config gives them, by instance.variable."""
     values: dict[str, Value] = {}
     for instance in system.instances:
         given = {one.name: one.start for one in instance.fmu.description.parameters if one.start is not None}
-        values.update({f"{instance.name}.{name}": value for name, value in {**given, **instance.start}.items()})
+        values.update(
+            {f"{instance.name}.{name}": value for name, value in {**given, **instance.start}.items()}
+        )
     return values
 
 
@@ -180,7 +184,7 @@ def read_results(path: Path | str) -> Results:
 
     Args:
         path: a folder that `orchestrator run --out` wrote, or a file: csv, parquet or mat. A CSV file may be
-            one that is still being written, or whose run was killed: a last line that is not whole is left out.
+            one that is still being written, or whose run was killed: a last line that is cut off is dropped.
     Raises: OrchestratorError if it cannot be read.
     """
     path = Path(path)

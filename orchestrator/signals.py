@@ -26,7 +26,7 @@ class Signals(NamedTuple):
     """
 
     values: Array
-    texts: Mapping[Port, str] = {}  # noqa: RUF012 (never changed in place)
+    texts: Mapping[Port, str] = {}
 
 
 @dataclass(frozen=True)

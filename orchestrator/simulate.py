@@ -43,7 +43,9 @@ class Grid:
         if step <= 0:
             raise ConfigError([Problem(place, f"step_size {run.step_size} is not positive")])
         if stop <= start:
-            raise ConfigError([Problem(place, f"stop_time {run.stop_time} is not after start_time {run.start_time}")])
+            raise ConfigError(
+                [Problem(place, f"stop_time {run.stop_time} is not after start_time {run.start_time}")]
+            )
         count = (stop - start) / step
         if count.denominator != 1:
             below = count.numerator // count.denominator
@@ -52,8 +54,8 @@ class Grid:
                 [
                     Problem(
                         place,
-                        f"stop_time {run.stop_time} is {float(count):.6g} steps of {run.step_size} after the start",
-                        "a whole number of steps is needed",
+                        f"stop_time {run.stop_time} is {float(count):.6g} steps of {run.step_size} away",
+                        "a whole number of steps after start_time is needed",
                         f"Nearest stop times: {', '.join(near)}.",
                     )
                 ]

@@ -2,8 +2,8 @@
 
 A unit is what FMI's BaseUnit makes it (FMI 2.0.4, 2.2.2): integer exponents of kg, m, s, A, K, mol, cd and
 rad, a factor and an offset, with value_in_base_units = factor * value + offset. Factors are rational
-numbers, so that no rounding happens before the one at the end. The radian is a dimension of its own here, as in
-FMI: that keeps 75 Hz [s-1] from passing as 75 rad/s.
+numbers, so that no rounding happens before the one at the end. The radian is a dimension of its own here,
+as in FMI: that keeps 75 Hz [s-1] from passing as 75 rad/s.
 """
 
 from __future__ import annotations
@@ -68,9 +68,7 @@ class Quantity:
     def exactly(self, unit: Unit) -> Fraction:
         """The value in `unit`, not rounded. Raises: UnitError if the dimensions differ."""
         if not self.unit.same_dimension(unit):
-            raise UnitError(
-                f"{self.unit} [{self.unit.base()}] cannot be converted to {unit} [{unit.base()}]"
-            )
+            raise UnitError(f"{self.unit} [{self.unit.base()}] cannot be converted to {unit} [{unit.base()}]")
         return (self.value * self.unit.factor + self.unit.offset - unit.offset) / unit.factor
 
     def to(self, unit: Unit) -> float:
@@ -96,7 +94,9 @@ def _to_float(value: Fraction) -> float:
         raise UnitError(f"{value.numerator // value.denominator:.3e} is beyond double precision") from None
 
 
-def _unit(name: str, factor: Fraction | str | int = 1, offset: Fraction | str | int = 0, **powers: int) -> Unit:
+def _unit(
+    name: str, factor: Fraction | str | int = 1, offset: Fraction | str | int = 0, **powers: int
+) -> Unit:
     exponents = tuple(powers.get(base, 0) for base in BASE_NAMES)
     return Unit(name, exponents, Fraction(factor), Fraction(offset))
 
@@ -248,8 +248,8 @@ def parse_quantity(text: str) -> Quantity:
 def quantity_in(text: str, unit: Unit, display_units: Mapping[str, Unit] | None = None) -> float:
     """The value of a written quantity in an FMU's unit.
 
-    A unit that the FMU declares as a display unit of this very unit is read with the FMU's factor, which is how
-    "75 Hz" can be 471.2 rad/s: nowhere else are the two taken for each other.
+    A unit that the FMU declares as a display unit of this very unit is read with the FMU's factor, which is
+    how "75 Hz" can be 471.2 rad/s: nowhere else are the two taken for each other.
 
     Args:
         text: for example "176 N/mm".

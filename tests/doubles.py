@@ -81,9 +81,7 @@ class FakeFmu:
         every = tuple(one.name for one in variables.values() if one.causality is Causality.INPUT)
         outputs = [one.name for one in variables.values() if one.causality is Causality.OUTPUT]
         declared = self.feedthrough
-        through = {
-            name: every if declared is None else tuple(declared.get(name, ())) for name in outputs
-        }
+        through = {name: every if declared is None else tuple(declared.get(name, ())) for name in outputs}
         self.description = ModelDescription(
             name=self.name,
             fmi_version="3.0",
@@ -190,9 +188,7 @@ def mass(value: float = 1.0, **changes: Any) -> FakeFmu:
         variable(name, Causality.OUTPUT, unit, initial=Initial.EXACT)
         for name, unit in (("position", "m"), ("velocity", "m/s"))
     ]
-    return FakeFmu(
-        **{"name": "Mass", "inputs": {"force": "N"}, "extra": states, "step": step, **changes}
-    )
+    return FakeFmu(**{"name": "Mass", "inputs": {"force": "N"}, "extra": states, "step": step, **changes})
 
 
 def spring(stiffness: float = 1.0) -> FakeFmu:

@@ -38,12 +38,14 @@ class Config:
         return dump(self.model.to_data())
 
 
-def load_config(source: str | pathlib.Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Config:
+def load_config(
+    source: str | pathlib.Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()
+) -> Config:
     """Read and check a config.
 
     Args:
         source: name of a bundled system, path of a YAML file, plain values, or a config to be changed.
-        overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.satellite=a".
+        overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
     Raises: ConfigError with all problems.
     """
     if isinstance(source, Config):
@@ -75,8 +77,8 @@ def json_schema() -> dict[str, Any]:
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["properties"]["extends"] = {
         "type": "string",
-        "description": "Bundled system or file that this config changes: mappings are merged, null removes an "
-        "entry, anything else replaces it.",
+        "description": "Bundled system or file that this config changes: mappings are merged, null removes "
+        "an entry, anything else replaces it.",
     }
     # A config that extends another may leave out whatever that one gives.
     required = schema.pop("required")
@@ -111,7 +113,9 @@ def _read(path: pathlib.Path, above: tuple[pathlib.Path, ...]) -> tuple[dict[str
         raise ConfigError([Problem(str(path), f"cannot be read ({error})")]) from error
     data, places = parse(text, path.name)
     if not isinstance(data, dict):
-        raise ConfigError([Problem(path.name, "not a config", "a config is a mapping with run and instances")])
+        raise ConfigError(
+            [Problem(path.name, "not a config", "a config is a mapping with run and instances")]
+        )
     if "extends" not in data:
         return data, places
     base = data.pop("extends")
@@ -123,7 +127,14 @@ def _read(path: pathlib.Path, above: tuple[pathlib.Path, ...]) -> tuple[dict[str
     if found is None:
         names = bundled.system_names()
         raise ConfigError(
-            [Problem(place, f"no config {base!r}", f"no file {base_path}; bundled: {listed(names)}", nearest(base, names))]
+            [
+                Problem(
+                    place,
+                    f"no config {base!r}",
+                    f"no file {base_path}; bundled: {listed(names)}",
+                    nearest(base, names),
+                )
+            ]
         )
     if found.resolve() in (earlier.resolve() for earlier in (*above, path)):
         raise ConfigError([Problem(place, f"{base!r} extends itself")])
@@ -207,7 +218,9 @@ def _override_path(data: dict[str, Any], name: str) -> Path | None:
         return ("run", rest)
     if head == "measures":
         measure, _, option = rest.partition(".")
-        return ("measures", measure, *option.split(".")) if measure in _section(data, head) and option else None
+        return (
+            ("measures", measure, *option.split(".")) if measure in _section(data, head) and option else None
+        )
     return ("title",) if name == "title" else None
 
 
@@ -240,15 +253,21 @@ def validation_problems(
         place = places.text(path)
         kind = item["type"]
         if kind == "missing" and path[:1] != ("connections",):
-            problem = Problem(places.text(path[:-1]), f"{path_text(path[-1:])} is missing", "it has no default")
+            problem = Problem(
+                places.text(path[:-1]), f"{path_text(path[-1:])} is missing", "it has no default"
+            )
         elif kind == "extra_forbidden" and path[:1] != ("connections",):
             names = _keys(model, item["loc"][:-1])
             what = f"unknown key {path[-1]!r}"
-            problem = Problem(places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names))
+            problem = Problem(
+                places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names)
+            )
         elif path[:1] == ("connections",) and len(path) > 1:
             path, got = path[:2], item["input"] if len(item["loc"]) < 4 else None
             what = f"cannot read connection {got!r}" if got is not None else "cannot read the connection"
-            problem = Problem(places.text(path), what, "written as a.output -> b.input or {from: a.output, to: b.input}")
+            problem = Problem(
+                places.text(path), what, "written as a.output -> b.input or {from: a.output, to: b.input}"
+            )
         elif path[:1] == ("instances",) and kind == "string_pattern_mismatch":
             what = f"{item['input']!r} cannot name an instance"
             problem = Problem(place, what, "letters, digits, _ and -, beginning with a letter or _")

@@ -1,4 +1,4 @@
-"""The config's shape, checked by pydantic; what needs the FMUs to judge is checked in `orchestrator.system`."""
+"""The config's shape, checked by pydantic; what only FMUs can tell is checked in `orchestrator.system`."""
 
 from __future__ import annotations
 
@@ -68,13 +68,13 @@ class InstanceModel(_Model):
     fmu: str = Field(description="Name of a bundled FMU, or path of a .fmu file relative to the config.")
     start: dict[str, Scalar] = Field(
         default_factory=dict,
-        description="Start values of parameters, of inputs that stay constant, and of initial states; with units.",
+        description="Start values, with units, of parameters, of inputs that stay constant and of states.",
         examples=[{"omega_n": "75 Hz", "xi_n": 0.8, "tau_m": "2 ms"}],
     )
     feedthrough: dict[str, list[str]] = Field(
         default_factory=dict,
-        description="Per output, the inputs on which it depends within one instant, where the FMU does not say "
-        "so or says it wrongly.",
+        description="Per output, the inputs on which it depends within one instant, where the FMU does not "
+        "say so or says it wrongly.",
         examples=[{"force": []}],
     )
 
@@ -98,9 +98,9 @@ class SystemModel(_Model):
 
     title: str = Field("", description="What the system is, for figures and reports.")
     run: RunModel
-    instances: dict[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")], InstanceModel] = (
-        Field(min_length=1, description="Running FMUs by name; Gauss-Seidel masters keep to this order.")
-    )
+    instances: dict[
+        Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")], InstanceModel
+    ] = Field(min_length=1, description="Running FMUs by name; Gauss-Seidel masters keep to this order.")
     connections: list[Arrow | ConnectionModel] = Field(default_factory=list)
     measures: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="Post-processing by name, each with its options."

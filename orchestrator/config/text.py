@@ -58,8 +58,6 @@ class Places:
         return ": ".join(part for part in (str(self.of(path)), path_text(path)) if part)
 
 
-
-
 _CORE = {
     "tag:yaml.org,2002:null": (re.compile(r"null|Null|NULL|~|"), ["n", "N", "~", ""]),
     "tag:yaml.org,2002:bool": (re.compile(r"true|True|TRUE|false|False|FALSE"), list("tTfF")),

@@ -73,7 +73,9 @@ class Unpacked:
         for member in members:
             name = PurePosixPath(member.filename.replace("\\", "/"))
             if name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
-                raise FmuError(f"{self._path}: refused, its entry {member.filename!r} would be written elsewhere")
+                raise FmuError(
+                    f"{self._path}: refused, its entry {member.filename!r} would be written elsewhere"
+                )
             if stat.S_ISLNK(member.external_attr >> 16):
                 raise FmuError(f"{self._path}: refused, its entry {member.filename!r} is a symbolic link")
         size = sum(member.file_size for member in members)

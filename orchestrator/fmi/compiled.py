@@ -1,7 +1,7 @@
 """FMUs from files, of FMI 2.0 and 3.0, for co-simulation.
 
-Within a step every instance gets one call that sets its inputs, one that steps, and one that reads its outputs:
-FMI 2 forbids co-simulation slaves further rounds of set and get at a communication point (FMI 2.0.4, 4.2.4).
+Within a step every instance gets one call that sets its inputs, one that steps, and one that reads its
+outputs: FMI 2 denies slaves further rounds of set and get at a communication point (FMI 2.0.4, 4.2.4).
 """
 
 from __future__ import annotations
@@ -73,7 +73,13 @@ class _Block:
     """Ports of one FMI type: one call moves all of them between the FMU and memory."""
 
     def __init__(
-        self, fmi_type: str, ctype: Any, function: Any, references: list[int], positions: list[int], memory: Array
+        self,
+        fmi_type: str,
+        ctype: Any,
+        function: Any,
+        references: list[int],
+        positions: list[int],
+        memory: Array,
     ) -> None:
         count = len(references)
         self.function = function
@@ -187,7 +193,9 @@ class CompiledInstance(ABC):
 
     def _blocks(self, names: Sequence[str], memory: Array, verb: str) -> list[tuple[_Block, tuple[Any, ...]]]:
         if memory.dtype != np.float64 or not memory.flags.c_contiguous or memory.shape != (len(names),):
-            raise ValueError(f"{self.name}: memory for {len(names)} ports must be contiguous float64 of that length")
+            raise ValueError(
+                f"{self.name}: memory for {len(names)} ports must be contiguous float64 of that length"
+            )
         groups: dict[str, list[int]] = {}
         variables = [self.description.variables[name] for name in names]
         for position, variable in enumerate(variables):

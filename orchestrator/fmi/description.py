@@ -49,7 +49,7 @@ class ModelDescription:
         variables: by name, in the file's order.
         feedthrough: per output, the inputs on which it depends at a communication point.
         initial_feedthrough: the same during initialisation.
-        assumed: outputs for which the FMU does not declare dependencies: they count as depending on every input.
+        assumed: outputs whose dependencies the FMU does not declare: they count as depending on every input.
         capabilities: see Capabilities.
     """
 
@@ -98,7 +98,9 @@ def read_description(path: Path) -> ModelDescription:
         # The whole FMU is passed on, since FMI 3 spreads the description over several files.
         raw = read_model_description(str(path), validate=True)
     except Exception as error:
-        raise FmuError(f"{path}: its modelDescription.xml is not valid FMI {version}\n{_indented(error)}") from error
+        raise FmuError(
+            f"{path}: its modelDescription.xml is not valid FMI {version}\n{_indented(error)}"
+        ) from error
     if raw.coSimulation is None:
         raise FmuError(
             f"{path}: the FMU offers no co-simulation interface; it offers {_interfaces(raw)}\n"
@@ -114,7 +116,7 @@ def _read_xml(path: Path) -> bytes:
             if "modelDescription.xml" not in names:
                 content = ", ".join(names[:10]) or "nothing"
                 raise FmuError(
-                    f"{path}: not an FMU, it holds no modelDescription.xml at its top level\n  it holds {content}"
+                    f"{path}: not an FMU, it has no modelDescription.xml at the top\n  it holds {content}"
                 )
             if archive.getinfo("modelDescription.xml").file_size > _LARGEST_XML:
                 raise FmuError(f"{path}: modelDescription.xml is larger than {_LARGEST_XML} bytes")
@@ -128,11 +130,13 @@ def _read_xml(path: Path) -> bytes:
 
 
 def _inspect(path: Path, xml: bytes) -> tuple[str, bool]:
-    """FMI version, and whether FMI 3's plural providesDirectionalDerivatives is set, which fmpy does not read."""
+    """FMI version, and FMI 3's providesDirectionalDerivatives, whose plural fmpy does not read."""
     from lxml import etree
 
     if re.search(rb"<!(DOCTYPE|ENTITY)", xml):
-        raise FmuError(f"{path}: modelDescription.xml declares a document type, which FMI has no use for; refused")
+        raise FmuError(
+            f"{path}: modelDescription.xml declares a document type, which FMI has no use for; refused"
+        )
     try:
         parser = etree.XMLParser(resolve_entities=False, no_network=True)
         root = etree.parse(io.BytesIO(xml), parser).getroot()

@@ -69,7 +69,9 @@ class Fmi2Instance(CompiledInstance):
     def _asks_to_terminate(self) -> bool:
         function = self._slave._functions.get("fmi2GetBooleanStatus")
         value = c_int(0)
-        return function is not None and function(self._component, _TERMINATED, byref(value)) <= 1 and bool(value)
+        return (
+            function is not None and function(self._component, _TERMINATED, byref(value)) <= 1 and bool(value)
+        )
 
     def last_successful_time(self) -> float | None:
         """See FmuInstance.last_successful_time."""
@@ -115,4 +117,6 @@ class Fmi2Instance(CompiledInstance):
 
     def _need(self, capability: str, flag: str) -> None:
         if not getattr(self.description.capabilities, capability):
-            raise FmuError(f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}")
+            raise FmuError(
+                f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}"
+            )

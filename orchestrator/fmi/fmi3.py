@@ -41,7 +41,12 @@ class Fmi3Instance(CompiledInstance):
         self._do_step = self._function("fmi3DoStep")
         self._event, self._terminate, self._early = c_bool(), c_bool(), c_bool()
         self._reached = c_double()
-        self._returned = (byref(self._event), byref(self._terminate), byref(self._early), byref(self._reached))
+        self._returned = (
+            byref(self._event),
+            byref(self._terminate),
+            byref(self._early),
+            byref(self._reached),
+        )
 
     def _accessor(self, variable: Variable, verb: str) -> tuple[Any, Any]:
         ctype, name = _TYPES[variable.type]
@@ -110,4 +115,6 @@ class Fmi3Instance(CompiledInstance):
 
     def _need(self, capability: str, flag: str) -> None:
         if not getattr(self.description.capabilities, capability):
-            raise FmuError(f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}")
+            raise FmuError(
+                f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}"
+            )

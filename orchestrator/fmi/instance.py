@@ -47,10 +47,10 @@ class FmuInstance(Protocol):
     """A running FMU. Compiled and Python FMUs look alike; so do test doubles.
 
     The order of calls: `bind`, `enter_initialisation`, any of `set_values` and `get_values`,
-    `exit_initialisation`, then per step `write_inputs`, `do_step`, `read_outputs`; `terminate` after a run that
-    went well; `free` always. Each may raise StepError, after which only `free` may be called.
+    `exit_initialisation`, then per step `write_inputs`, `do_step`, `read_outputs`; `terminate` after a run
+    that went well; `free` always. Each may raise StepError, after which only `free` may be called.
 
-    `bind` ties numeric ports to memory that the caller owns, so that a step moves numbers and looks up nothing.
+    `bind` ties numeric ports to memory that the caller owns: a step moves numbers and looks up nothing.
     """
 
     name: str

@@ -50,7 +50,9 @@ class LogBook:
         self._lines.extend(f"[{label}] {line.rstrip()}" for line in text.splitlines() if line.strip())
 
     @classmethod
-    def dispatch(cls, environment: int | None, name: bytes | None, status: int, message: bytes | None) -> None:
+    def dispatch(
+        cls, environment: int | None, name: bytes | None, status: int, message: bytes | None
+    ) -> None:
         """Give an FMI 2 log message to the instance it belongs to."""
         book = cls._open.get(environment or 0)
         if book is None:  # some FMUs hand back no environment: go by the instance's name
@@ -156,7 +158,7 @@ def _loading_message(path: Path, identifier: str, reason: str) -> str:
     )
     if missing and Path(missing[1]).stem != identifier:
         library = missing[1]
-        return f"{path}: needs the library {library}, which is not installed\n  Install it, or put it beside the FMU's."
+        return f"{path}: needs the library {library}, which is not installed\n  Install it."
     version = re.search(r"version `(\w+_[\d.]+)' not found", reason)
     if version:
         return f"{path}: was built for a newer system, it needs {version[1]}\n  Run it on a newer system."

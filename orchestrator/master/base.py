@@ -57,8 +57,8 @@ DONE = StepInfo()
 class MasterAlgorithm(Protocol):
     """Advances a system by one communication step.
 
-    A step is a function of the signals that it is given, of the instances' states and of the point; the caller
-    owns the loop, so that single steps can be taken by hand.
+    A step is a function of the signals that it is given, of the instances' states and of the point; the
+    caller owns the loop, so that single steps can be taken by hand.
 
     Attributes:
         order: of convergence for smooth systems whose signals are held over a step.

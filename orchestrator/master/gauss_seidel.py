@@ -14,11 +14,11 @@ __all__ = ["GaussSeidel"]
 
 
 class GaussSeidel:
-    """Inputs from instances that have stepped hold the value from the end of the step, others that from its begin.
+    """Inputs hold the source's value from the end of the step if it has stepped already, else from the begin.
 
-    Instances step in the order of direct feedthrough (System.order), so that a signal passes through any number
-    of instances without delay; where feedthrough leaves it open, the config's order decides, and with it
-    which connections carry the old value.
+    Instances step in the order of direct feedthrough (System.order), so that a signal passes through any
+    number of instances without delay; where feedthrough leaves it open, the config's order decides, and with
+    it which connections carry the old value.
     """
 
     order: ClassVar[int] = 1

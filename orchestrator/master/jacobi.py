@@ -16,8 +16,8 @@ __all__ = ["Jacobi"]
 class Jacobi:
     """Every input holds its source's value from the beginning of the step.
 
-    A signal that passes through n instances of direct feedthrough is n steps late: the step size acts as delay.
-    The result does not depend on the instances' order.
+    A signal that passes through n instances of direct feedthrough is n steps late: the step size acts as
+    delay. The result does not depend on the instances' order.
     """
 
     order: ClassVar[int] = 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 
 import casadi as ca
@@ -71,7 +71,7 @@ def solve(model: SymbolicModel) -> SolvedModel:
     operands = insert([delay.operand for delay in model.delays])
     times = insert([delay.time for delay in model.delays])
     delays = [
-        DelayOperator(delay.node, delay.symbol, operand, time)
+        replace(delay, operand=operand, time=time)
         for delay, operand, time in zip(model.delays, operands, times, strict=True)
     ]
     expressions = insert([relation.expression for relation in model.relations])
@@ -81,7 +81,7 @@ def solve(model: SymbolicModel) -> SolvedModel:
         algebraics={name: solution[name] for name in model.algebraics},
         delays=_ordered(delays),
         relations=[
-            Relation(relation.symbol, expression, relation.strict, relation.location)
+            replace(relation, expression=expression)
             for relation, expression in zip(model.relations, expressions, strict=True)
         ],
         assertions=insert(model.assertions),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
 import casadi as ca
 
-from .flat import TIME, Literal, Role, Type, Variable
+from .flat import TIME, Assertion, Literal, Role, Type, Variable
 from .interpreter import derivative_key, evaluate
 from .program import Program
 
@@ -63,7 +65,7 @@ def variable_table(program: Program) -> tuple[TableEntry, ...]:
             constant = variable.role is Role.CONSTANT
             computed = name in program.dependent
             start = None if computed else float(evaluate(variable.binding or Literal(0.0), symbols.constants))
-            settable = not (constant or computed or variable.final)
+            settable = not (constant or computed or variable.final or variable.protected)
             entries.append(
                 TableEntry(
                     name, "PARAMETER", program.parameters.index(name), variable.type, settable, start, 1.0, variable, constant
@@ -89,8 +91,9 @@ def generate_c(program: Program, identifier: str) -> str:
         identifier: model identifier, a C identifier.
     """
     functions = [
-        program.dependent_parameters,
-        program.dependent_starts,
+        *([program.dependent_parameters] if program.dependent else []),
+        *([program.dependent_starts] if program.started else []),
+        *([program.delay_maxima] if program.bounded else []),
         program.derivatives,
         program.algebraic,
         program.delays,
@@ -105,7 +108,7 @@ def generate_c(program: Program, identifier: str) -> str:
     table = variable_table(program)
     flat = program.model.symbols.flat
     strict = [str(int(relation.strict)) for relation in program.model.relations] or ["0"]
-    messages = [_string(f"{assertion.message} ({assertion.location})") for assertion in flat.assertions] or ['""']
+    messages = [_string(_message(assertion)) for assertion in flat.assertions] or ['""']
     errors = [str(int(assertion.error)) for assertion in flat.assertions] or ["0"]
     info = ", ".join(
         str(count)
@@ -136,7 +139,7 @@ const int model_relation_strict[] = {{{", ".join(strict)}}};
 const char *const model_assertion_messages[] = {{{", ".join(messages)}}};
 const int model_assertion_is_error[] = {{{", ".join(errors)}}};
 
-{_dependents(program)}
+{_parameter_functions(program)}
 
 #define POINT(at) &(at)->time, (at)->x, (at)->u, (at)->p, (at)->d, (at)->m
 
@@ -166,39 +169,49 @@ def _wrapper(function: ca.Function, name: str, parameters: str, results: list[st
 """
 
 
-def _dependents(program: Program) -> str:
-    parts = []
-    for function, signature, target, places in (
+def _parameter_functions(program: Program) -> str:
+    """The three functions that read parameters alone and fill part of an array."""
+    unbounded = [number for number in range(len(program.model.delays)) if number not in program.bounded]
+    return "\n".join(
         (
-            program.dependent_parameters,
-            "void model_dependent_parameters(double *p)",
-            "p",
-            [program.parameters.index(name) for name in program.dependent],
-        ),
-        (
-            program.dependent_starts,
-            "void model_dependent_starts(const double *p, double *x)",
-            "x",
-            [program.states.index(name) for name in program.started],
-        ),
-    ):
-        if not places:
-            unused = "\n".join(f"    (void){name};" for name in ("p", "x") if f"*{name}" in signature)
-            parts.append(f"{signature} {{\n{unused}\n}}\n")
-            continue
-        copies = "\n".join(f"    {target}[{place}] = values[{i}];" for i, place in enumerate(places))
-        parts.append(
-            f"""{signature} {{
-    double values[{len(places)}];
-    const double *arguments[{function.sz_arg()}] = {{p}};
-    double *results[{function.sz_res()}] = {{values}};
-    {_work(function)}
-    {function.name()}(arguments, results, 0, work, 0);
-{copies}
-}}
-"""
+            _filler(
+                program.dependent_parameters,
+                "model_dependent_parameters(double *p)",
+                "p",
+                [program.parameters.index(name) for name in program.dependent],
+            ),
+            _filler(
+                program.dependent_starts,
+                "model_dependent_starts(const double *p, double *x)",
+                "x",
+                [program.states.index(name) for name in program.started],
+            ),
+            _filler(
+                program.delay_maxima,
+                "model_delay_maxima(const double *p, double *maximum)",
+                "maximum",
+                list(program.bounded),
+                [f"maximum[{number}] = INFINITY;" for number in unbounded],
+            ),
         )
-    return "\n".join(parts)
+    )
+
+
+def _filler(function: ca.Function, signature: str, target: str, places: list[int], more: Sequence[str] = ()) -> str:
+    lines = list(more)
+    if places:
+        lines += [
+            f"double values[{len(places)}];",
+            f"const double *arguments[{function.sz_arg()}] = {{p}};",
+            f"double *results[{function.sz_res()}] = {{values}};",
+            _work(function),
+            f"{function.name()}(arguments, results, 0, work, 0);",
+            *(f"{target}[{place}] = values[{i}];" for i, place in enumerate(places)),
+        ]
+    else:
+        lines += [f"(void){name};" for name in dict.fromkeys(("p", target)) if f"*{name}" in signature]
+    body = "\n".join(f"    {line}" for line in lines)
+    return f"void {signature} {{\n{body}\n}}\n"
 
 
 def _work(function: ca.Function) -> str:
@@ -212,6 +225,11 @@ def _entry(entry: TableEntry) -> str:
         f"{{{_string(entry.name)}, KIND_{entry.kind}, {entry.index}, {type_name}, {int(entry.settable)}, "
         f"{start!r}, {entry.nominal!r}}}"
     )
+
+
+def _message(assertion: Assertion) -> str:
+    # Without folders: the text has to be the same wherever the sources lie.
+    return f"{assertion.message} ({PurePosixPath(assertion.location.file).name}:{assertion.location.line})"
 
 
 def _string(text: str) -> str:
@@ -228,17 +246,17 @@ def _escape(byte: int) -> str:
 
 
 def _trimmed(text: str, names: list[str]) -> str:
-    """CasADi's C without the functions that describe each function to a caller at run time."""
-    start = text.index("#include <math.h>")
-    kept = text[start:]
-    kept = re.sub(r"/\* Configuration this file.*?(?=static const casadi_int|/\* \w+:)", "", kept, flags=re.DOTALL)
+    """CasADi's C without what only tells a caller at run time how to call it, and with local names."""
+    text = text[text.index("#include <math.h>") :]
+    text = re.sub(r"/\* Configuration this file.*?(?=static const casadi_int|/\* \w+:)", "", text, flags=re.DOTALL)
     for name in names:
-        # Up to the next function's comment or the end of the text.
-        kept = re.sub(
-            rf"^int {name}_checkout\(void\).*?(?=^/\* \w+:|\Z)", "", kept, flags=re.DOTALL | re.MULTILINE
-        )
-        kept = re.sub(rf"^int {name}\(", f"static int {name}(", kept, flags=re.MULTILINE)
-    kept = re.sub(r"^(casadi_(?:real|int) casadi_\w+\()", r"static \1", kept, flags=re.MULTILINE)
-    kept = kept.replace("CASADI_PREFIX(", "equations_PREFIX(")
-    kept = kept.replace("/* Add prefix", "#define equations_PREFIX(ID) equations_ ## ID\n\n/* Add prefix")
-    return kept.strip()
+        # From the first of a function's helpers up to the next function's comment or the end.
+        text = re.sub(rf"^int {name}_checkout\(void\).*?(?=^/\* \w+:|\Z)", "", text, flags=re.DOTALL | re.MULTILINE)
+        text = re.sub(rf"^int {name}\(", f"static int {name}(", text, flags=re.MULTILINE)
+    # Patterns of sparsity; dense functions do not use them.
+    text = re.sub(r"^static const casadi_int casadi_s\d+\[.*?;\n", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^#define casadi_s\d+ .*\n", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^(casadi_(?:real|int) casadi_\w+\()", r"static \1", text, flags=re.MULTILINE)
+    return text.replace(
+        "/* Add prefix", "#define CASADI_PREFIX(ID) equations_ ## ID\n\n/* Add prefix"
+    ).strip()

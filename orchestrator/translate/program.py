@@ -20,6 +20,7 @@ class Program:
             among the parameters, so that they can be read; the equations hold their values.
         dependent_parameters: p -> every dependent parameter, in the order of `dependent`.
         dependent_starts: p -> every start value that depends on parameters, in the order of `started`.
+        delay_maxima: p -> the longest delay time of every delay in `bounded` (numbers of delays).
         derivatives, algebraic, delays, relations, assertions: as in model.h; delays gives operands, times.
         tangent: (t, x, u, p, d, m, and the variations of t, x, u, p, d) -> variations of x', w, operands.
     """
@@ -31,8 +32,10 @@ class Program:
     algebraics: tuple[str, ...]
     dependent: tuple[str, ...]
     started: tuple[str, ...]
+    bounded: tuple[int, ...]
     dependent_parameters: ca.Function
     dependent_starts: ca.Function
+    delay_maxima: ca.Function
     derivatives: ca.Function
     algebraic: ca.Function
     delays: ca.Function
@@ -89,8 +92,12 @@ def build_program(model: SolvedModel) -> Program:
         algebraics=tuple(symbols.algebraics),
         dependent=tuple(dependent),
         started=tuple(started),
+        bounded=tuple(number for number, delay in enumerate(model.delays) if delay.maximum is not None),
         dependent_parameters=_function("dependent_parameters", [p], [list(dependent.values())]),
         dependent_starts=_function("dependent_starts", [p], [list(started.values())]),
+        delay_maxima=_function(
+            "delay_maxima", [p], [[delay.maximum for delay in model.delays if delay.maximum is not None]]
+        ),
         derivatives=_function("derivatives", arguments, [derivatives]),
         algebraic=_function("algebraics", arguments, [algebraics]),
         delays=_function("delays", arguments, [operands, [delay.time for delay in model.delays]]),

@@ -50,6 +50,44 @@ _CLASS = re.compile(r"^class (\w+)\(\s*Fmi2Slave\s*\)\s*:", re.MULTILINE)
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _INDENT = "  "
 
+# Appended to the model's source. When a method raises, the loader of pythonfmu 0.7.0 gives up its references to
+# the class, the instance and the instance's log at once, and again when the instance is freed: without one more
+# reference each, freeing an instance that has refused something ends the whole process.
+_GUARD = """
+
+# --- appended when the FMU was built: keeps pythonfmu's loader from releasing an instance twice
+
+
+def _guard(method):
+    import ctypes
+    import functools
+
+    @functools.wraps(method)
+    def guarded(self, *arguments):
+        try:
+            return method(self, *arguments)
+        except BaseException:
+            for item in (type(self), self, self._get_log_queue()):
+                ctypes.pythonapi.Py_IncRef(ctypes.py_object(item))
+            raise
+
+    return guarded
+
+
+for _name in {methods}:
+    setattr({name}, _name, _guard(getattr({name}, _name)))
+"""
+_GUARDED = (
+    "setup_experiment",
+    "enter_initialization_mode",
+    "exit_initialization_mode",
+    "do_step",
+    "terminate",
+    *(f"{way}_{kind}" for way in ("get", "set") for kind in ("integer", "real", "boolean", "string")),
+    "_get_fmu_state",
+    "_set_fmu_state",
+)
+
 
 def build_python_fmu(script: Path, output: Path) -> Path:
     """Build the FMU of a Python model; its bytes depend on the script and on pythonfmu's version alone.
@@ -89,6 +127,7 @@ def build_python_fmu(script: Path, output: Path) -> Path:
 
 def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str, bytes], Any]:
     """Let pythonfmu build; return the members of its FMU and an instance of the model."""
+    source += _GUARD.format(name=class_name, methods=_GUARDED).encode()
     # The module's name holds the content's hash: Python keeps one module of a name per process, so two
     # FMUs, or two versions of one, would otherwise run the code of whichever was loaded first.
     module = f"{class_name}_{hashlib.sha256(source).hexdigest()[:12]}"

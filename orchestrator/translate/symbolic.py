@@ -48,12 +48,13 @@ class Relation:
 
 @dataclass
 class DelayOperator:
-    """`symbol` is what `operand` was `time` seconds ago."""
+    """`symbol` is what `operand` was `time` seconds ago; `maximum` bounds `time` by parameters alone, if known."""
 
     node: Delay
     symbol: ca.SX
     operand: ca.SX
     time: ca.SX
+    maximum: ca.SX | None
 
 
 @dataclass
@@ -192,12 +193,8 @@ class _Builder:
             raise BuildError(f"{variable.location}: {variable.name} = {render(binding)} has no finite value") from error
 
     def _only_parameters(self, node: Node, what: str, where: Location) -> None:
-        for part in walk(node):
-            if isinstance(part, Delay | Derivative) or (
-                isinstance(part, Reference)
-                and (part.name == TIME or self._variables[part.name].role not in (Role.CONSTANT, Role.PARAMETER))
-            ):
-                raise BuildError(f"{where}: {what} is {render(node)}; it can depend on parameters only")
+        if not self._parametric(node):
+            raise BuildError(f"{where}: {what} is {render(node)}; it can depend on parameters only")
 
     def _symbol(self, name: str) -> ca.SX:
         model = self.model
@@ -275,8 +272,27 @@ class _Builder:
             time = self._convert(node.time, events, node.location)
             symbol = ca.SX.sym(f"delay_{len(self.model.delays)}")
             self._delays[key] = symbol
-            self.model.delays.append(DelayOperator(node, symbol, operand, time))
+            self.model.delays.append(DelayOperator(node, symbol, operand, time, self._maximum(node)))
         return self._delays[key]
+
+    def _maximum(self, node: Delay) -> ca.SX | None:
+        if self._parametric(node.time):
+            return self._convert(node.time, False, node.location)
+        if node.limit is None:
+            return None
+        self._only_parameters(node.limit, "the limit of a delay", node.location)
+        return self._convert(node.limit, False, node.location)
+
+    def _parametric(self, node: Node) -> bool:
+        """Whether an expression depends on parameters and constants alone."""
+        return not any(
+            isinstance(part, Delay | Derivative)
+            or (isinstance(part, Reference) and not self._is_parameter(part.name))
+            for part in walk(node)
+        )
+
+    def _is_parameter(self, name: str) -> bool:
+        return name != TIME and self._variables[name].role in (Role.CONSTANT, Role.PARAMETER)
 
     def _varies(self, node: Node) -> bool:
         """Whether an expression can change between events."""
@@ -290,8 +306,7 @@ class _Builder:
     def _constant_between_events(self, name: str) -> bool:
         if name == TIME:
             return False
-        variable = self._variables[name]
-        return variable.role in (Role.CONSTANT, Role.PARAMETER) or variable.type is not Type.REAL
+        return self._is_parameter(name) or self._variables[name].type is not Type.REAL
 
     def _discrete(self, node: Node) -> bool:
         """Whether an expression is made of Integers, Booleans and parameters."""

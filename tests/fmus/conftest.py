@@ -46,8 +46,8 @@ def satellite_model() -> ModuleType:
 class Instance:
     """One instance of an FMU, by variable names; `log` holds (status, message)."""
 
-    def __init__(self, description: Any, folder: str, name: str) -> None:
-        self.log: list[tuple[int, str]] = []
+    def __init__(self, description: Any, folder: str, name: str, log: list | None = None) -> None:
+        self.log: list[tuple[int, str]] = [] if log is None else log
         self.variables = {variable.name: variable for variable in description.modelVariables}
         callbacks = fmi2CallbackFunctions()
         callbacks.logger = fmi2CallbackLoggerTYPE(

@@ -14,7 +14,13 @@ FMUS = Path(__file__).parents[2] / "fmus"
 STEP = 5e-4
 INPUTS = {
     "SatelliteDynamics": ("force",),
-    "ComplianceController": ("measured_force", "position", "velocity", "desired_position", "desired_velocity"),
+    "ComplianceController": (
+        "measured_force",
+        "position",
+        "velocity",
+        "desired_position",
+        "desired_velocity",
+    ),
 }
 # Signal -> (absolute tolerance, unit). They cover the libraries' last bits, no more: force is compared to a
 # millionth of the 140 N that a contact reaches.

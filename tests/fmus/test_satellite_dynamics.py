@@ -22,7 +22,9 @@ def test_default_mass_is_the_effective_mass_of_300_and_4000_kg(instantiate):
     velocity=st.floats(-1.0, 1.0),
     steps=st.lists(st.floats(1e-6, 0.1), min_size=1, max_size=30),
 )
-def test_constant_force_is_integrated_exactly_whatever_the_steps(satellite_model, force, mass, velocity, steps):
+def test_constant_force_is_integrated_exactly_whatever_the_steps(
+    satellite_model, force, mass, velocity, steps
+):
     x, v = 0.0, velocity
     for step in steps:
         x, v = satellite_model.advance(x, v, force, mass, step)
@@ -76,7 +78,10 @@ def test_fmu_agrees_with_the_model_in_process_bit_for_bit(instantiate, satellite
             "SatelliteDynamics_0: mass is inf kg; a finite mass above 0 kg is needed, "
             "for example 279.06976744186045 kg",
         ),
-        ({"velocity": math.nan}, "SatelliteDynamics_0: start value of velocity is nan m/s; a finite number is needed"),
+        (
+            {"velocity": math.nan},
+            "SatelliteDynamics_0: start value of velocity is nan m/s; a finite number is needed",
+        ),
     ],
 )
 def test_refuses_start_values(instantiate, start, message):

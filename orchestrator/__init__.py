@@ -1,0 +1,42 @@
+"""Co-simulation of FMUs: configs, master algorithms, results.
+
+    from orchestrator.run import run
+    result = run("docking-1d", overrides=["robot.tau_m=6 ms"])
+
+Names are imported when they are first used, so that `import orchestrator` costs next to nothing.
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+# The functions `run` and `simulate` share their names with their modules, which Python binds here:
+# they are imported from there.
+_HOME = {
+    "ConfigError": "errors",
+    "FmuError": "errors",
+    "Grid": "simulate",
+    "OrchestratorError": "errors",
+    "Part": "assembly",
+    "Recorder": "results",
+    "Results": "results",
+    "StepError": "errors",
+    "System": "system",
+    "assemble": "assembly",
+    "create_master": "master",
+    "instantiate": "instances",
+    "load_config": "config",
+    "load_fmu": "fmi",
+    "load_system": "assembly",
+    "prepare": "run",
+    "read_results": "results",
+}
+
+__all__ = [*_HOME, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f".{_HOME[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

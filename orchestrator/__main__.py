@@ -1,0 +1,178 @@
+"""The command `orchestrator`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.util import find_spec
+
+from .errors import ConfigError, Interrupted, OrchestratorError
+
+__all__ = ["entry_point", "main"]
+
+_EXIT_CODES = """exit codes:
+  0    done
+  1    the run failed; what it recorded until then is kept
+  2    the config or the command is wrong; nothing ran
+  130  interrupted; what was recorded until then is kept
+"""
+
+
+def entry_point() -> None:
+    """What the console command calls."""
+    sys.exit(main())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command. Returns: the exit code."""
+    parser = _parser(sys.argv[1:] if arguments is None else list(arguments))
+    args = parser.parse_args(arguments)
+    try:
+        return args.command_function(args)
+    except BrokenPipeError:
+        return 0  # the reader of a pipe has seen enough
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+    except OrchestratorError as error:
+        if getattr(args, "debug", False):
+            traceback.print_exc()
+        else:
+            print(f"orchestrator: {error}", file=sys.stderr)
+        if isinstance(error, Interrupted):
+            return 130
+        return 2 if isinstance(error, ConfigError) else 1
+
+
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="orchestrator",
+        description="Co-simulation of connected FMUs.",
+        epilog=_EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    run = commands.add_parser("run", help="run a system")
+    _add_config(run)
+    run.add_argument("--out", metavar="DIR", help="write results, summary and figures to this folder")
+    run.add_argument(
+        "--format", default="csv", metavar="LIST", help="formats of the results: csv (always), parquet, mat"
+    )
+    run.add_argument(
+        "--no-halving", action="store_true", help="do not run again with half the step size for `numerics`"
+    )
+    run.add_argument("--no-figures", action="store_true", help="draw nothing")
+    run.add_argument("--quiet", action="store_true", help="print errors only")
+    run.set_defaults(command_function=_run)
+
+    check = commands.add_parser("check", help="check a config and its FMUs without running them")
+    _add_config(check)
+    check.set_defaults(command_function=_check)
+
+    schema = commands.add_parser("schema", help="print the JSON Schema of configs")
+    schema.set_defaults(command_function=_schema)
+
+    listing = commands.add_parser("list", help="list bundled systems and FMUs, masters and measures")
+    listing.set_defaults(command_function=_list)
+
+    build = commands.add_parser("build", help="make an FMU from a Modelica or Python model")
+    # The translator is imported only where it is asked for.
+    if arguments[:1] == ["build"] and find_spec("orchestrator.translate.cli") is not None:
+        from .translate import cli
+
+        cli.add_arguments(build)
+    build.set_defaults(command_function=_build)
+
+    for command in commands.choices.values():
+        command.add_argument("--debug", action="store_true", help="show tracebacks of errors")
+    return parser
+
+
+def _add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", metavar="NAME|CONFIG", help="a bundled system, or a YAML file")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
+        dest="overrides",
+        help='change a value, for example robot.tau_m="6 ms" or run.step_size="50 us"; may be given again',
+    )
+
+
+def _run(args: argparse.Namespace) -> int:
+    from .run import run
+    from .table import summary_text
+
+    result = run(
+        args.config,
+        out=args.out,
+        overrides=args.overrides,
+        halving=not args.no_halving,
+        formats=[one.strip() for one in args.format.split(",") if one.strip()],
+        figures=not args.no_figures,
+        progress=not args.quiet,
+    )
+    failed = (result.summary.get("numerics") or {}).get("error")
+    if not args.quiet:
+        print(summary_text(result.summary))
+        if result.folder is not None:
+            print(f"Written to {result.folder}: {', '.join(result.files)}")
+    elif failed:
+        print(f"orchestrator: the run with half the step size failed: {failed['message']}", file=sys.stderr)
+    return 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    from .run import prepare
+
+    prepared = prepare(args.config, args.overrides)
+    system, run = prepared.system, prepared.config.model.run
+    print(f"{prepared.config.name}: {len(system.instances)} instances, {len(system.connections)} connections")
+    for index in system.order:
+        instance = system.instances[index]
+        description = instance.fmu.description
+        print(f"  {instance.name}: {description.name}, FMI {description.fmi_version}")
+    print(f"order of direct feedthrough: {', '.join(system.instances[index].name for index in system.order)}")
+    print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master}")
+    for note in system.notes:
+        print(f"note: {note}")
+    return 0
+
+
+def _schema(args: argparse.Namespace) -> int:
+    from .config import json_schema
+
+    print(json.dumps(json_schema(), indent=2))
+    return 0
+
+
+def _list(args: argparse.Namespace) -> int:
+    from . import bundled
+    from .master import master_names
+    from .measures import measure_names
+
+    for title, names in (
+        ("systems", bundled.system_names()),
+        ("FMUs", bundled.fmu_names()),
+        ("masters", master_names()),
+        ("measures", measure_names()),
+    ):
+        print(f"{title}:")
+        for name in names:
+            print(f"  {name}")
+    return 0
+
+
+def _build(args: argparse.Namespace) -> int:
+    from .translate import cli
+
+    return cli.main(args) or 0
+
+
+if __name__ == "__main__":
+    entry_point()

@@ -1,0 +1,73 @@
+"""Figures of any system's results, drawn without pyplot: no window system, no global state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .results import Results
+
+__all__ = ["COLORS", "draw_signals", "save"]
+
+# Okabe and Ito's palette: told apart with any colour vision, and dark enough on white.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_DASHES = ("-", "--", ":", "-.")
+_MOST_LINES = len(COLORS) * 2
+_MOST_AXES = 12
+_MOST_POINTS = 20_000
+
+
+def draw_signals(results: Results, title: str = "", names: Sequence[str] | None = None) -> Figure:
+    """All real signals over time, one pair of axes for each unit.
+
+    Args:
+        results: of a run.
+        title: stands above.
+        names: signals to draw; all floating-point ones by default.
+    """
+    names = [n for n, s in results.signals.items() if s.dtype.kind == "f"] if names is None else list(names)
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(results.units.get(name, ""), []).append(name)
+    shown = list(groups.items())[:_MOST_AXES]
+    figure = Figure(figsize=(9.0, 1.2 + 2.2 * max(len(shown), 1)), layout="constrained")
+    all_axes = figure.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (unit, members) in zip(all_axes, shown, strict=False):
+        for index, name in enumerate(members[:_MOST_LINES]):
+            time, values = _thinned(results.time, results[name])
+            dash = _DASHES[index // len(COLORS)]
+            axes.plot(time, values, dash, color=COLORS[index % len(COLORS)], linewidth=1.2, label=name)
+        left_out = len(members) - _MOST_LINES
+        label = f"{len(members)} signals, {left_out} not drawn" if left_out > 0 else None
+        axes.set_ylabel(f"[{unit}]" if unit else "no unit")
+        axes.grid(alpha=0.3)
+        axes.legend(
+            loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small", title=label
+        )
+    all_axes[-1].set_xlabel("time [s]")
+    left_out = len(groups) - len(shown)
+    figure.suptitle(title + (f" ({left_out} further units not drawn)" if left_out > 0 else ""))
+    return figure
+
+
+def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest value of each short stretch: no peak is lost, and long runs draw fast."""
+    width = len(time) // _MOST_POINTS
+    if width < 2:
+        return time, values
+    whole = len(time) // width * width
+    blocks = values[:whole].reshape(-1, width)
+    starts = np.arange(0, whole, width)
+    pairs = np.sort(
+        np.stack([starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1)], axis=1), axis=1
+    )
+    rows = np.unique(np.concatenate([[0], pairs.ravel(), [len(time) - 1]]))
+    return time[rows], values[rows]
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG."""
+    figure.savefig(path, dpi=150)

@@ -1,0 +1,54 @@
+"""A progress bar for runs that last."""
+
+from __future__ import annotations
+
+import sys
+from time import monotonic
+from typing import Any, TextIO
+
+from .fmi import Point
+from .signals import Signals
+
+__all__ = ["Progress"]
+
+_EVERY = 64
+_SECONDS_UNTIL_SHOWN = 2.0
+
+
+class Progress:
+    """An observer that shows a bar on a terminal, from two seconds after its making on."""
+
+    def __init__(self, points: int, label: str = "", file: TextIO | None = None) -> None:
+        """
+        Args:
+            points: number of communication points of the whole run.
+            label: stands before the bar.
+            file: where to; the standard error by default.
+        """
+        self._points = points
+        self._label = label
+        self._file = file or sys.stderr
+        self._shown = self._file.isatty()
+        self._begin = monotonic()
+        self._bar: Any = None
+        self._done = 0
+
+    def __call__(self, point: Point, signals: Signals) -> None:
+        """Note a point."""
+        if not self._shown or point.index % _EVERY:
+            return
+        if self._bar is None:
+            if monotonic() - self._begin < _SECONDS_UNTIL_SHOWN:
+                return
+            # Imported late: most runs are over before a bar is wanted.
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=self._points, desc=self._label, unit="step", file=self._file, leave=False)
+        self._bar.update(point.index - self._done)
+        self._done = point.index
+
+    def close(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

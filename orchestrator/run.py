@@ -1,0 +1,337 @@
+"""Config in, results out: the run, the same run with half the step size, and what is written of them."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from .assembly import load_system
+from .config import Config, load_config
+from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
+from .formats import FORMATS, strict
+from .master import MasterAlgorithm, create_master
+from .measures import ChosenMeasure, changes, choose_measures, signal_changes
+from .progress import Progress
+from .results import Recorder, Results, parameters_of
+from .simulate import Grid, Observer, simulate
+from .system import System
+
+__all__ = ["Prepared", "RunResult", "prepare", "run"]
+
+_PACKAGES = ("orchestrator", "fmpy", "numpy", "pydantic", "PyYAML")
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A config that is known to run: everything that can be checked beforehand is."""
+
+    config: Config
+    system: System
+    master: MasterAlgorithm
+    grid: Grid
+    measures: tuple[ChosenMeasure, ...]
+
+
+@dataclass
+class RunResult:
+    """What a run gave.
+
+    Attributes:
+        results: the recorded signals.
+        summary: as in summary.json.
+        prepared: what ran.
+        folder: where files were written; None if they were not.
+        files: names of the files written.
+    """
+
+    results: Results
+    summary: dict[str, Any]
+    prepared: Prepared
+    folder: Path | None = None
+    files: list[str] = field(default_factory=list)
+
+
+def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Prepared:
+    """Read a config and check it, its FMUs, connections, master, times and measures.
+
+    Args:
+        config, overrides: see `load_config`.
+    Raises: ConfigError with all problems.
+    """
+    loaded = load_config(config, overrides)
+    problems: list[Problem] = []
+    master = grid = system = None
+    measures: tuple[ChosenMeasure, ...] = ()
+    model, places = loaded.model, loaded.places
+    try:
+        master = create_master(model.run.master, places.text(("run", "master")))
+    except ConfigError as error:
+        problems += error.problems
+    try:
+        grid = Grid.of(model.run, places.text(("run",)))
+    except ConfigError as error:
+        problems += error.problems
+    try:
+        measures = choose_measures(loaded)
+    except ConfigError as error:
+        problems += error.problems
+    needed = {name: ("measures", one.name) for one in measures for name in one.signals()}
+    try:
+        system = load_system(loaded, needed)
+    except ConfigError as error:
+        problems += error.problems
+    if problems or master is None or grid is None or system is None:
+        raise ConfigError(problems)
+    return Prepared(loaded, system, master, grid, measures)
+
+
+def run(
+    config: str | Path | Mapping[str, Any] | Config | Prepared,
+    *,
+    out: Path | str | None = None,
+    overrides: Iterable[str] = (),
+    halving: bool = True,
+    formats: Sequence[str] = ("csv",),
+    figures: bool = True,
+    progress: bool = False,
+) -> RunResult:
+    """Run a system, and once more with half the step size, which tells how far the numbers can be trusted.
+
+    Args:
+        config: bundled name, path, plain values, or what `prepare` returned.
+        out: folder to write to; nothing is written without it.
+        overrides: for example ("robot.tau_m=6 ms",).
+        halving: whether to make the second run, the source of `numerics`.
+        formats: of the results: "csv" (always written), "parquet", "mat".
+        figures: whether to draw, if `out` is given.
+        progress: whether to show a bar on a terminal.
+    Returns: results and summary.
+    Raises: ConfigError before anything runs; StepError, FmuError or Interrupted if the run fails: what was
+        recorded until then, and a summary that holds the error, are then in `out`, and in the exception's
+        attribute `result`.
+    """
+    unknown = [one for one in formats if one not in FORMATS]
+    if unknown:
+        raise ConfigError([Problem("", f"no format {listed(unknown)}", f"formats: {listed(FORMATS)}")])
+    prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
+    folder = _folder(out)
+    if folder is not None:
+        (folder / "config.yaml").write_text(prepared.config.text(), encoding="utf-8")
+    try:
+        results, statistics = _run_once(prepared, prepared.grid, folder, progress)
+    except _Stopped as stopped:
+        _finish_failed(prepared, stopped, folder)
+        raise stopped.error from stopped.error.__cause__
+    summary: dict[str, Any] = {
+        "title": prepared.config.model.title,
+        "config": prepared.config.model.to_data(),
+    }
+    summary["run"] = statistics
+    made = RunResult(results, summary, prepared, folder)
+    failed: OrchestratorError | None = None
+    try:
+        measured = _measure(prepared.measures, results)
+        _merge(summary, measured)
+        if halving:
+            summary["numerics"] = _numerics(prepared, results, measured, progress)
+    except OrchestratorError as error:
+        failed = error
+        summary["error"] = _told(error)
+    summary["parameters"] = dict(results.parameters)
+    summary["provenance"] = dict(results.provenance)
+    made.summary = summary = strict(summary)
+    if folder is not None:
+        _write(made, formats, figures and failed is None)
+    if failed is not None:
+        failed.result = made  # type: ignore[attr-defined]
+        raise failed
+    return made
+
+
+class _Stopped(Exception):
+    """A run that did not reach its end, with what it recorded."""
+
+    def __init__(self, error: OrchestratorError, results: Results, statistics: dict[str, Any]) -> None:
+        super().__init__(str(error))
+        self.error, self.results, self.statistics = error, results, statistics
+
+
+def _run_once(
+    prepared: Prepared, grid: Grid, folder: Path | None, progress: bool, label: str = ""
+) -> tuple[Results, dict[str, Any]]:
+    model = prepared.config.model
+    path = None if folder is None else folder / "results.csv"
+    recorder = Recorder(prepared.system, every=model.run.record_every, path=path)
+    observers: list[Observer] = [recorder]
+    bar = Progress(len(grid), label or model.title or prepared.config.name) if progress else None
+    if bar is not None:
+        observers.append(bar)
+    timing: dict[str, float] = {}
+    begin = perf_counter()
+    error: OrchestratorError | None = None
+    try:
+        simulate(prepared.system, prepared.master, grid, observers, timing)
+    except OrchestratorError as raised:
+        error = raised
+    except KeyboardInterrupt:
+        error = Interrupted("interrupted; what was recorded until then is kept")
+    finally:
+        wall = perf_counter() - begin
+        if bar is not None:
+            bar.close()
+        recorder.close()
+    results = recorder.results(parameters_of(prepared.system), _provenance(prepared))
+    simulated = float(results.time[-1] - results.time[0]) if len(results) else 0.0
+    statistics = {
+        "master": model.run.master,
+        "step_size": float(grid.step_size),
+        "steps": grid.steps,
+        "start_time": float(grid.start),
+        "stop_time": float(grid.stop),
+        "simulated_time": simulated,
+        "wall_time": wall,
+        "real_time_factor": simulated / wall,
+        "instance_time": timing,
+    }
+    if error is not None:
+        raise _Stopped(error, results, statistics)
+    return results, statistics
+
+
+def _measure(measures: Iterable[ChosenMeasure], results: Results) -> dict[str, Any]:
+    measured: dict[str, Any] = {}
+    for one in measures:
+        try:
+            _merge(measured, strict(one.measure.measure(results, one.options)))
+        except Exception as error:  # whatever a measure trips over, the results are to be kept
+            raise OrchestratorError(
+                f"measure {one.name} failed: {type(error).__name__}: {error.args[0] if error.args else error}"
+            ) from error
+    return measured
+
+
+def _merge(summary: dict[str, Any], more: Mapping[str, Any]) -> None:
+    taken = [key for key in more if key in summary]
+    if taken:
+        raise OrchestratorError(f"two parts of the summary are called {listed(taken)}")
+    summary.update(more)
+
+
+def _numerics(
+    prepared: Prepared, results: Results, measured: Mapping[str, Any], progress: bool
+) -> dict[str, Any]:
+    """What half the step size changes."""
+    grid = prepared.grid.halved()
+    numerics: dict[str, Any] = {"step_size": float(grid.step_size)}
+    try:
+        halved, _ = _run_once(prepared, grid, None, progress, "half the step size")
+        numerics.update(changes(measured, _measure(prepared.measures, halved)))
+        numerics["signals"] = signal_changes(results, halved)
+    except _Stopped as stopped:
+        if isinstance(stopped.error, Interrupted):
+            raise stopped.error from None
+        numerics["error"] = _told(stopped.error)
+    return numerics
+
+
+def _told(error: OrchestratorError) -> dict[str, Any]:
+    told: dict[str, Any] = {"kind": type(error).__name__, "message": str(error)}
+    if isinstance(error, StepError):
+        told |= {
+            "instance": error.instance,
+            "time": error.time,
+            "status": error.status,
+            "log": list(error.log),
+        }
+    return told
+
+
+def _provenance(prepared: Prepared) -> dict[str, Any]:
+    checksums: dict[int, str] = {}
+    fmus = {}
+    for instance in prepared.system.instances:
+        fmu = instance.fmu
+        if id(fmu) not in checksums:
+            checksums[id(fmu)] = fmu.checksum()
+        fmus[instance.name] = {
+            "model": fmu.description.name,
+            "file": fmu.path.name if fmu.path is not None else None,
+            "fmi_version": fmu.description.fmi_version,
+            "checksum": checksums[id(fmu)],
+        }
+    return {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "packages": {name: _version(name) for name in _PACKAGES},
+        "fmus": fmus,
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+# What is written.
+
+
+def _folder(out: Path | str | None) -> Path | None:
+    if out is None:
+        return None
+    folder = Path(out)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError([Problem("", f"cannot make the folder {folder} ({error})")]) from error
+    return folder
+
+
+def _finish_failed(prepared: Prepared, stopped: _Stopped, folder: Path | None) -> None:
+    """Keep what a failed run recorded: on disk, and with the exception."""
+    summary = {
+        "title": prepared.config.model.title,
+        "config": prepared.config.model.to_data(),
+        "run": stopped.statistics,
+        "error": _told(stopped.error),
+        "parameters": dict(stopped.results.parameters),
+        "provenance": dict(stopped.results.provenance),
+    }
+    result = RunResult(stopped.results, strict(summary), prepared, folder)
+    stopped.error.result = result  # type: ignore[attr-defined]
+    if folder is not None:
+        _write(result, ("csv",), False)
+
+
+def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
+    """Write everything but results.csv, which was streamed."""
+    folder = result.folder
+    assert folder is not None
+    result.files = ["config.yaml", "results.csv", "summary.json"]
+    text = json.dumps(result.summary, indent=2, allow_nan=False, ensure_ascii=False)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    for suffix in dict.fromkeys(formats):
+        if suffix != "csv":
+            result.results.write(folder / f"results.{suffix}")
+            result.files.append(f"results.{suffix}")
+    if not figures:
+        return
+    # matplotlib takes longer to import than a short run takes.
+    from . import plotting
+
+    prepared = result.prepared
+    drawn = {"signals": plotting.draw_signals(result.results, prepared.config.model.title)}
+    for one in prepared.measures:
+        drawn |= one.measure.figures(result.results, one.options)
+    for name, figure in drawn.items():
+        plotting.save(figure, folder / f"{name}.png")
+        result.files.append(f"{name}.png")

@@ -1,0 +1,189 @@
+"""Build an FMU from a Modelica file: read, solve, check, generate, describe, compile, pack."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast
+
+from orchestrator.errors import BuildError
+
+from .package import (
+    PLATFORMS,
+    FmiVersion,
+    binary_member,
+    build_description,
+    compile_library,
+    runtime_sources,
+    write_fmu,
+)
+from .sources import load_sources
+
+Compiler = Literal["rumoca", "omc"]
+ALL: tuple[str, ...] = tuple(PLATFORMS)
+"""Every platform that binaries can be made for."""
+
+_CHECK = "checked at {points} random points, largest relative residual {residual:.1e}"
+
+
+@dataclass(frozen=True)
+class BuildReport:
+    """What was built.
+
+    Attributes:
+        path: the FMU.
+        model: qualified name of the model.
+        fmi_version: "2.0" or "3.0".
+        platforms: for which it holds binaries.
+        counts: number of states, inputs, outputs, parameters, delays, relations by those names.
+        notes: what the author of the model should know, one sentence each.
+    """
+
+    path: Path
+    model: str
+    fmi_version: str
+    platforms: tuple[str, ...]
+    counts: dict[str, int]
+    notes: tuple[str, ...] = ()
+
+
+def build(
+    model_file: Path,
+    output: Path,
+    *,
+    model: str | None = None,
+    fmi_version: str = "2.0",
+    platforms: Sequence[str] = ALL,
+    compiler: Compiler = "rumoca",
+) -> BuildReport:
+    """Build an FMU for co-simulation from a Modelica file.
+
+    The same sources give the same bytes, wherever and whenever they are built with the same compiler.
+
+    Args:
+        model_file: a .mo file: a model on its own or a part of a structured package, which is then loaded.
+        output: the .fmu to write; replaced only when complete.
+        model: name of the model; needed if the file defines none or several.
+        fmi_version: "2.0" or "3.0".
+        platforms: keys of `package.PLATFORMS` to compile for; may be empty for an FMU of sources only.
+        compiler: "rumoca" for the built-in route, "omc" for an installed OpenModelica.
+    Returns: what was built.
+    Raises: BuildError for a model or option that is not supported, naming file and line.
+    """
+    model_file, output = Path(model_file), Path(output)
+    if fmi_version not in ("2.0", "3.0"):
+        raise BuildError(f"FMI version {fmi_version!r} is not supported; choose 2.0 or 3.0")
+    unknown = [name for name in platforms if name not in PLATFORMS]
+    if unknown:
+        raise BuildError(f"unknown platform {', '.join(unknown)}; known: {', '.join(PLATFORMS)}")
+    if not output.parent.is_dir():
+        raise BuildError(f"{output}: the folder {output.parent} does not exist; create it first")
+    if compiler == "omc":
+        from .omc import build_with_omc
+
+        return build_with_omc(model_file, output, model=model, fmi_version=fmi_version)
+    if compiler != "rumoca":
+        raise BuildError(f"unknown compiler {compiler!r}; choose rumoca or omc")
+    members, report = translate(model_file, model=model, fmi_version=fmi_version)
+    identifier = model_identifier(report.model)
+    version = cast(FmiVersion, fmi_version)
+    with tempfile.TemporaryDirectory(prefix="fmu-sources-") as folder:
+        for name, content in members.items():
+            if name.startswith("sources/"):
+                (Path(folder) / name.removeprefix("sources/")).write_bytes(content)
+        libraries = compile_library(Path(folder), identifier, version, list(platforms)) if platforms else {}
+    for platform, content in libraries.items():
+        members[binary_member(platform, identifier, version)] = content
+    write_fmu(output, members)
+    return BuildReport(output, report.model, fmi_version, tuple(platforms), report.counts, report.notes)
+
+
+@dataclass(frozen=True)
+class TranslationReport:
+    """What was translated; see BuildReport."""
+
+    model: str
+    counts: dict[str, int]
+    notes: tuple[str, ...]
+
+
+def translate(
+    model_file: Path, *, model: str | None = None, fmi_version: str = "2.0"
+) -> tuple[dict[str, bytes], TranslationReport]:
+    """Make everything of an FMU but its binaries.
+
+    Args:
+        model_file, model, fmi_version: as for `build`.
+    Returns: path within the FMU -> content, and a report.
+    Raises: BuildError for what is not supported, naming file and line.
+    """
+    try:
+        import casadi  # noqa: F401
+    except ImportError:
+        raise BuildError("CasADi is not installed; run `pip install 'orchestrator[build]'`") from None
+    from .causalise import solve
+    from .description import describe
+    from .documents import documentation_page
+    from .generate import TOKEN_MARK, generate_c, variable_table
+    from .program import build_program
+    from .reader import read_model
+    from .selfcheck import check
+    from .symbolic import symbolic_model
+
+    tree = load_sources(model_file)
+    name = tree.model_name(model)
+    flat = read_model(tree, name)
+    program = build_program(solve(symbolic_model(flat)))
+    checked = check(program)
+    identifier = model_identifier(name)
+    code = generate_c(program, identifier)
+    table = variable_table(program)
+    sources = dict(runtime_sources(cast(FmiVersion, fmi_version)))
+    files = [file for file in (*sources, "model.c") if file.endswith(".c")]
+
+    def description(token: str) -> tuple[bytes, tuple[str, ...]]:
+        written = describe(
+            program, table, fmi_version=fmi_version, identifier=identifier, token=token, source_files=files
+        )
+        return written.xml, written.notes
+
+    token = _token([code.encode(), description(TOKEN_MARK)[0], *(sources[key] for key in sorted(sources))])
+    xml, notes = description(token)
+    sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
+    if fmi_version == "3.0":
+        sources["buildDescription.xml"] = build_description(identifier, list(sources))
+    members = {f"sources/{file}": content for file, content in sources.items()}
+    members["modelDescription.xml"] = xml
+    members["documentation/index.html"] = documentation_page(program, table).encode()
+    counts = {
+        "states": len(program.states),
+        "inputs": len(program.inputs),
+        "outputs": sum(1 for variable in flat.variables if variable.role == "output"),
+        "parameters": sum(1 for entry in table if entry.kind == "PARAMETER" and entry.settable),
+        "delays": len(program.model.delays),
+        "relations": len(program.model.relations),
+    }
+    guesses = [v.name for v in flat.variables if v.name in program.states and not v.fixed]
+    if guesses:
+        notes = (*notes, f"started at their start values, though not fixed: {', '.join(guesses)}")
+    checked_text = _CHECK.format(points=checked.points, residual=checked.largest_residual)
+    return members, TranslationReport(name, counts, (checked_text, *notes))
+
+
+def model_identifier(model: str) -> str:
+    """Model identifier of a qualified model name: the last part, as a C identifier."""
+    return re.sub(r"\W", "_", model.rpartition(".")[2], flags=re.ASCII)
+
+
+def _token(parts: Sequence[bytes]) -> str:
+    """A GUID made of the contents: unlike sources get unlike tokens, like sources the same."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    text = digest.hexdigest()
+    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"

@@ -1,0 +1,59 @@
+"""FMUs that are built for the tests."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+SOURCES = Path(__file__).parent / "fmu_sources"
+
+
+@pytest.fixture(scope="session")
+def python_fmu(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Build tests/fmu_sources/<name>.py, once per session; gives the path of the FMU."""
+    from pythonfmu import FmuBuilder
+
+    folder = tmp_path_factory.mktemp("python_fmus")
+    built: dict[str, Path] = {}
+
+    def build(name: str) -> Path:
+        if name not in built:
+            options = {"canGetAndSetFMUstate": True, "canSerializeFMUstate": True}
+            built[name] = Path(FmuBuilder.build_FMU(SOURCES / f"{name}.py", dest=folder, **options))
+        return built[name]
+
+    return build
+
+
+@pytest.fixture(scope="session")
+def c_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMI 3.0 FMU of tests/fmu_sources/types3.c, for this platform only."""
+    import fmpy
+
+    folder = tmp_path_factory.mktemp("c_fmu")
+    library = folder / f"Types3{fmpy.sharedLibraryExtension}"
+    source = SOURCES / "types3.c"
+    command = [sys.executable, "-m", "ziglang", "cc", "-shared", "-fPIC", "-O1", "-fno-sanitize=all"]
+    subprocess.run([*command, "-o", str(library), str(source)], check=True, capture_output=True)
+    path = folder / "Types3.fmu"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.write(SOURCES / "types3.xml", "modelDescription.xml")
+        archive.write(library, f"binaries/{fmpy.platform_tuple}/{library.name}")
+    return path
+
+
+def repack(
+    source: Path, target: Path, change: Callable[[str, bytes], tuple[str, bytes] | None]
+) -> Path:
+    """Copy an archive; `change` gives each entry's new name and content, or None to drop it."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for entry in old.infolist():
+            changed = change(entry.filename, old.read(entry))
+            if changed is not None:
+                new.writestr(*changed)
+    return target
