@@ -132,6 +132,11 @@ def assemble(
         wired[made.target] = (index, made.source)
         checked.append(made)
     instances = [_settle(part, wired, fed, places, found, notes) for part in parts]
+    for part in parts:
+        if part.fmu.description.deviations:
+            first, *more = part.fmu.description.deviations
+            further = f" and {len(more)} more" if more else ""
+            notes.append(f"{places.text(('instances', part.name))}: breaks a rule of FMI: {first}{further}")
     found += checks.shared_process(((part.name, part.fmu) for part in parts), places)
     wanted: dict[str, tuple[str | int, ...]] = {}
     for index, text in enumerate(record or ()):

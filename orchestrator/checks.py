@@ -206,7 +206,7 @@ def dependencies(
     places: Places,
     problems: list[Problem],
 ) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
-    """Direct feedthrough at communication points and at initialisation: the FMU's, unless the config has it."""
+    """Direct feedthrough when stepping and at initialisation: the FMU's, unless the config has it."""
     feedthrough = dict(description.feedthrough)
     initial = dict(description.initial_feedthrough) or dict(feedthrough)
     outputs, inputs = [v.name for v in description.outputs], [v.name for v in description.inputs]

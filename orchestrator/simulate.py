@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 from .config import RunModel
 from .errors import ConfigError, Problem
@@ -86,6 +90,35 @@ class Grid:
         yield Point(self.steps, (begin + self.steps * stride) / denominator, step, True)
 
 
+class _Stop:
+    """Whether the user asked for an end."""
+
+    requested = False
+
+    def __call__(self, number: int, frame: Any) -> None:
+        if self.requested:
+            raise KeyboardInterrupt  # asked twice: an FMU may hang
+        self.requested = True
+
+
+@contextmanager
+def _held_interrupts() -> Iterator[_Stop]:
+    """Interrupts are noted, for the loop to act on between steps.
+
+    Raised within a step they would surface in a Python FMU, which makes an error of its own of them.
+    """
+    stop = _Stop()
+    own = threading.current_thread() is threading.main_thread()
+    if not own or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield stop
+        return
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def simulate(
     system: System,
     master: MasterAlgorithm,
@@ -100,15 +133,18 @@ def simulate(
     Args:
         observers: called with the point and the signals; signals are new at every point and may be kept.
         timing: filled with the wall time spent in each instance's steps [s], also when the run fails.
-    Raises: StepError if an FMU fails; FmuError if one cannot be loaded.
+    Raises: StepError if an FMU fails; FmuError if one cannot be loaded; KeyboardInterrupt, between two steps,
+        if the user asks for it.
     """
     observers = tuple(observers)
-    with instantiate(system, Layout.of(system)) as instances:
+    with _held_interrupts() as stop, instantiate(system, Layout.of(system)) as instances:
         try:
             signals = instances.initialise(float(grid.start), float(grid.stop))
             for point in grid:
                 for observe in observers:
                     observe(point, signals)
+                if stop.requested:
+                    raise KeyboardInterrupt
                 if not point.last:
                     signals, info = master.step(system, instances, point, signals)
                     info.raise_on_failure(point)

@@ -47,9 +47,7 @@ def c_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def repack(
-    source: Path, target: Path, change: Callable[[str, bytes], tuple[str, bytes] | None]
-) -> Path:
+def repack(source: Path, target: Path, change: Callable[[str, bytes], tuple[str, bytes] | None]) -> Path:
     """Copy an archive; `change` gives each entry's new name and content, or None to drop it."""
     with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
         for entry in old.infolist():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
 import zipfile
@@ -66,7 +67,11 @@ def test_fmi2_moves_every_type(python_fmu):
     instance.write_inputs()
     assert instance.do_step(Point(0, 0.0, 0.125)) is StepStatus.OK
     instance.read_outputs()
-    assert dict(zip(outputs, y.tolist(), strict=True)) == {"real_out": 0.25, "count_out": 8.0, "flag_out": 0.0}
+    assert dict(zip(outputs, y.tolist(), strict=True)) == {
+        "real_out": 0.25,
+        "count_out": 8.0,
+        "flag_out": 0.0,
+    }
     assert instance.get_values(["word_out"]) == {"word_out": "hello!"}
     instance.free()
 
@@ -204,10 +209,10 @@ def described(tmp_path: Path, xml: str) -> Path:
 
 
 def test_description_that_is_no_xml(tmp_path):
+    # What stands in parentheses is the XML library's own wording.
     message = refusal(described(tmp_path, "<fmiModelDescription"))
-    assert message == (
-        "X.fmu: modelDescription.xml is not well-formed XML "
-        "(Couldn't find end of Start Tag fmiModelDescription line 1, line 1, column 21)"
+    assert re.fullmatch(
+        r"X\.fmu: modelDescription\.xml is not well-formed XML \(.*line 1, column \d+\)", message
     )
 
 
@@ -225,13 +230,12 @@ def test_unknown_fmi_version(tmp_path):
 
 def test_description_against_the_schema(tmp_path):
     message = refusal(described(tmp_path, '<fmiModelDescription fmiVersion="2.0" guid="1"/>'))
-    assert message.splitlines() == [
-        "X.fmu: its modelDescription.xml is not valid FMI 2.0",
+    first, second, *_ = message.splitlines()
+    assert first == "X.fmu: its modelDescription.xml is not valid FMI 2.0"
+    assert second == (
         "  ERROR (line 1, column 0): Element 'fmiModelDescription': "
-        "The attribute 'modelName' is required but missing.",
-        "  ERROR (line 1, column 0): Element 'fmiModelDescription': Missing child element(s). "
-        "Expected is one of ( ModelExchange, CoSimulation ).",
-    ]
+        "The attribute 'modelName' is required but missing."
+    )
 
 
 def test_no_co_simulation_interface(c_fmu, tmp_path):
@@ -277,12 +281,12 @@ def test_missing_library_is_named(python_fmu, tmp_path):
         return name, data.replace(b"libstdc++.so.6", b"libabsent.so.6") if name.endswith(".so") else data
 
     path = repack(python_fmu("types2"), tmp_path / "X.fmu", broken)
-    assert refusal(path) == (
-        "X.fmu: needs the library libabsent.so.6, which is not installed\n  Install it."
-    )
+    assert refusal(path) == ("X.fmu: needs the library libabsent.so.6, which is not installed\n  Install it.")
 
 
-@pytest.mark.parametrize("name", ["../outside.txt", "/outside.txt", "resources/../../outside.txt", "C:/outside"])
+@pytest.mark.parametrize(
+    "name", ["../outside.txt", "/outside.txt", "resources/../../outside.txt", "C:/outside"]
+)
 def test_entries_that_leave_the_folder_are_refused(name, c_fmu, tmp_path):
     path = repack(c_fmu, tmp_path / "X.fmu", lambda name, data: (name, data))
     with zipfile.ZipFile(path, "a") as archive:
@@ -302,12 +306,12 @@ def test_symbolic_links_are_refused(c_fmu, tmp_path):
 
 def test_instantiation_that_fails_shows_the_log(c_fmu, tmp_path):
     path = repack(
-        c_fmu, tmp_path / "X.fmu", lambda name, data: (name, data.replace(b'Token="{types-3}"', b'Token="{other}"'))
+        c_fmu,
+        tmp_path / "X.fmu",
+        lambda name, data: (name, data.replace(b'Token="{types-3}"', b'Token="{other}"')),
     )
     assert refusal(path) == (
-        "X.fmu: instance one could not be made\n"
-        "  log of the FMU:\n"
-        "    [error] wrong instantiation token"
+        "X.fmu: instance one could not be made\n  log of the FMU:\n    [error] wrong instantiation token"
     )
 
 
@@ -316,3 +320,26 @@ def test_a_python_fmu_without_its_module(python_fmu):
     message = refusal(path)
     assert message.splitlines()[0] == "X.fmu: instance one could not be made"
     assert "No module named 'a_module_that_nobody_has'" in message
+
+
+def test_after_a_fatal_error_no_instance_of_the_fmu_is_called_again(python_fmu):
+    fmu = load_fmu(python_fmu("misbehaving"))
+    bad, other = fmu.instantiate("bad"), fmu.instantiate("other")
+    for one, way in ((bad, "error"), (other, "none")):
+        one.enter_initialisation(0.0, {"way": way, "at": 0.0})
+        one.exit_initialisation()
+    with pytest.raises(StepError, match="fmi2DoStep returned fatal"):
+        bad.do_step(Point(0, 0.0, 0.1))
+    called = []
+    for one in (bad, other):
+        for name in ("fmi2Terminate", "fmi2FreeInstance"):
+            one._slave._functions[name] = lambda *arguments: called.append(arguments) or 0
+        one.terminate()
+        one.free()
+    assert called == []
+    again = fmu.instantiate("again")
+    again.enter_initialisation(0.0, {})
+    again.exit_initialisation()
+    assert again.do_step(Point(0, 0.0, 0.1)) is StepStatus.OK
+    again.terminate()
+    again.free()

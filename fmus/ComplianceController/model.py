@@ -61,7 +61,10 @@ class Parameters:
     initial_stiffness: float = quantity(1e5, "N/m", "Stiffness assumed before the first contact", min="0")
     initial_damping: float = quantity(0.0, "N.s/m", "Damping assumed before the first contact", min="0")
     stiffness_sigma: float = quantity(1e5, "N/m", "Standard deviation of the initial stiffness", min="0")
-    damping_sigma: float = quantity(200.0, "N.s/m", "Standard deviation of the initial damping", min="0")
+    stiffness_spread: float = quantity(
+        0.01, "1", "Relative change of stiffness expected per contact", min="0"
+    )
+    damping_sigma: float = quantity(1000.0, "N.s/m", "Standard deviation of the initial damping", min="0")
     force_sigma: float = quantity(1.0, "N", "Standard deviation of force increments, initial guess", min="0")
     forgetting_factor: float = quantity(0.98, "1", "Sage-Husa forgetting factor b", min="0", max="1")
     restoration_time: float = quantity(5e-3, "s", "Time constant of restoring missed work", min="0")
@@ -300,6 +303,9 @@ class ComplianceLaw:
         frame = -int(math.copysign(1.0, u.measured_force))
         if abs(u.measured_force) > p.contact_threshold and frame != s.contact_state:
             s.contact_state = frame
+            if s.updates:
+                # Another frame or another spot may be stiffer; a filter grown certain would not notice.
+                s.p_kk += (p.stiffness_spread * s.stiffness) ** 2
             s.contact_samples = s.block_samples = s.blocks = 0
             s.block_force = s.block_position = s.block_velocity = 0.0
             s.onset_position, s.onset_velocity = u.desired_position, u.desired_velocity

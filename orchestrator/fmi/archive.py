@@ -27,7 +27,13 @@ class Unpacked:
     """An FMU in a temporary folder, which is removed with the last user.
 
     Instances of one FMU share the folder and the library in it.
+
+    Attributes:
+        corrupt: whether an instance has returned "fatal": then none of this FMU may be called any more, not
+            even to be freed (FMI 2.0.4, 2.1.3).
     """
+
+    corrupt = False
 
     def __init__(self, path: Path, fmi_version: str, model_identifier: str) -> None:
         self._path = path
@@ -56,6 +62,7 @@ class Unpacked:
             # On Windows a library that is still loaded cannot be deleted: the system's clean-up gets it.
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
+            self.corrupt = False  # what is loaded next comes from another folder, hence is another library
 
     def _unpack(self, folder: Path) -> None:
         try:

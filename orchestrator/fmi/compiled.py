@@ -117,7 +117,7 @@ class CompiledInstance(ABC):
         self.description = description
         self._unpacked = unpacked
         self._time: float | None = None
-        self._dead = self._freed = False
+        self._freed = False
         self._saved_states = 0
         self._inputs: list[tuple[_Block, tuple[Any, ...]]] = []
         self._outputs: list[tuple[_Block, tuple[Any, ...]]] = []
@@ -170,7 +170,7 @@ class CompiledInstance(ABC):
 
     def _fail(self, function: str, status: int) -> None:
         if status >= FATAL:
-            self._dead = True
+            self._unpacked.corrupt = True
         label = STATUS.get(status, f"illegal status {status}")
         what = f"{function} returned {label}"
         raise StepError(what, instance=self.name, time=self._time, status=label, log=self.log_lines())
@@ -270,6 +270,8 @@ class CompiledInstance(ABC):
 
     def terminate(self) -> None:
         """End a run that went well."""
+        if self._unpacked.corrupt:
+            return
         self._call(f"fmi{self.description.fmi_version[0]}Terminate")
 
     def free(self) -> None:
@@ -278,11 +280,11 @@ class CompiledInstance(ABC):
             return
         self._freed = True
         try:
-            # After "fatal" nothing may be called any more, freeing included (FMI 2.0.4, 2.1.3).
-            if self._component is not None and not self._dead:
-                self._function(f"fmi{self.description.fmi_version[0]}FreeInstance")(self._component)
-            if self._slave is not None and not self._dead:
-                self._slave.freeLibrary()
+            if not self._unpacked.corrupt:
+                if self._component is not None:
+                    self._function(f"fmi{self.description.fmi_version[0]}FreeInstance")(self._component)
+                if self._slave is not None:
+                    self._slave.freeLibrary()
         finally:
             self._component = None
             self._inputs, self._outputs = [], []

@@ -51,6 +51,7 @@ class ModelDescription:
         initial_feedthrough: the same during initialisation.
         assumed: outputs whose dependencies the FMU does not declare: they count as depending on every input.
         capabilities: see Capabilities.
+        deviations: rules of FMI that the description breaks without harm here.
     """
 
     name: str
@@ -63,6 +64,7 @@ class ModelDescription:
     assumed: frozenset[str] = frozenset()
     capabilities: Capabilities = Capabilities()
     description: str = ""
+    deviations: tuple[str, ...] = ()
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
@@ -91,22 +93,35 @@ def read_description(path: Path) -> ModelDescription:
         raise FmuError(f"{path}: no such file")
     xml = _read_xml(path)
     version, directional = _inspect(path, xml)
-    # fmpy costs 0.1 s to import, which a config with a mistake in it should not have to wait for.
-    from fmpy.model_description import read_model_description
-
-    try:
-        # The whole FMU is passed on, since FMI 3 spreads the description over several files.
-        raw = read_model_description(str(path), validate=True)
-    except Exception as error:
-        raise FmuError(
-            f"{path}: its modelDescription.xml is not valid FMI {version}\n{_indented(error)}"
-        ) from error
+    raw, deviations = _parsed(path, version)
     if raw.coSimulation is None:
         raise FmuError(
             f"{path}: the FMU offers no co-simulation interface; it offers {_interfaces(raw)}\n"
             "  Export it again for co-simulation."
         )
-    return _reduce(raw, directional)
+    return _reduce(raw, directional, deviations)
+
+
+def _parsed(path: Path, version: str) -> tuple[Any, tuple[str, ...]]:
+    """fmpy's description, and where it breaks a rule of FMI that is not part of the XML schema.
+
+    Such deviations are common in the field and harmless here; what breaks the schema is refused.
+    """
+    # fmpy costs 0.1 s to import, which a config with a mistake in it should not have to wait for.
+    from fmpy.model_description import ValidationError, read_model_description
+
+    try:
+        # The whole FMU is passed on, since FMI 3 spreads the description over several files.
+        try:
+            return read_model_description(str(path), validate=True), ()
+        except ValidationError as error:
+            if any(re.match(r"(FATAL|ERROR|WARNING) \(line", problem) for problem in error.problems):
+                raise
+            return read_model_description(str(path), validate=False), tuple(error.problems)
+    except Exception as error:
+        raise FmuError(
+            f"{path}: its modelDescription.xml is not valid FMI {version}\n{_indented(error)}"
+        ) from error
 
 
 def _read_xml(path: Path) -> bytes:
@@ -141,7 +156,7 @@ def _inspect(path: Path, xml: bytes) -> tuple[str, bool]:
         parser = etree.XMLParser(resolve_entities=False, no_network=True)
         root = etree.parse(io.BytesIO(xml), parser).getroot()
     except etree.XMLSyntaxError as error:
-        raise FmuError(f"{path}: modelDescription.xml is not well-formed XML ({error})") from error
+        raise FmuError(f"{path}: modelDescription.xml is not well-formed XML ({error.msg})") from error
     version = root.get("fmiVersion")
     if version is None:
         raise FmuError(f"{path}: modelDescription.xml has no attribute fmiVersion")
@@ -172,7 +187,7 @@ def _interfaces(raw: Any) -> str:
     return " and ".join(offered) or "none"
 
 
-def _reduce(raw: Any, directional: bool) -> ModelDescription:
+def _reduce(raw: Any, directional: bool, deviations: tuple[str, ...]) -> ModelDescription:
     units, display_units = _read_units(raw)
     variables: dict[str, Variable] = {}
     for item in raw.modelVariables:
@@ -209,6 +224,7 @@ def _reduce(raw: Any, directional: bool) -> ModelDescription:
             event_mode=bool(interface.hasEventMode),
         ),
         description=raw.description or "",
+        deviations=deviations,
     )
 
 

@@ -88,12 +88,16 @@ def audit_flattened(
         shown = tree.shown(item.file)
         for token in item.tokens:
             if token.start in calls and (item.file, offset(token)) not in delays:
-                problems.append(f"{shown}:{token.line}: delay() is lost in flattening; put it into an equation of its own")
+                problems.append(
+                    f"{shown}:{token.line}: delay() is lost in flattening; put it into an equation of its own"
+                )
         for token, loop, _ in _asserts(item):
             # An assert in a for-loop is placed at the loop's index.
             at = offset(loop or token)
             if not any(file == item.file and start <= at < end for file, start, end in asserts):
-                problems.append(f"{shown}:{token.line}: assert() is lost in flattening; put it into the equation section")
+                problems.append(
+                    f"{shown}:{token.line}: assert() is lost in flattening; put it into the equation section"
+                )
     if problems:
         raise BuildError("\n".join(problems))
 
@@ -105,7 +109,9 @@ def experiment(item: ModelicaClass) -> dict[str, float]:
             if token.text != "experiment" or index + 1 == len(annotation):
                 continue
             values: dict[str, float] = {}
-            for key, equals, value in zip(annotation[index:], annotation[index + 1 :], annotation[index + 2 :], strict=False):
+            for key, equals, value in zip(
+                annotation[index:], annotation[index + 1 :], annotation[index + 2 :], strict=False
+            ):
                 if key.text == ")":
                     break
                 if key.kind == "name" and equals.text == "=" and value.kind == "number":

@@ -14,7 +14,20 @@ from scipy.sparse.csgraph import connected_components, maximum_bipartite_matchin
 from orchestrator.errors import BuildError, listed
 
 from .derivative import forward
-from .flat import KINKED, RELATIONS, Delay, Derivative, Equation, If, Literal, Node, NoEvent, Operation, Reference, Type
+from .flat import (
+    KINKED,
+    RELATIONS,
+    Delay,
+    Derivative,
+    Equation,
+    If,
+    Literal,
+    Node,
+    NoEvent,
+    Operation,
+    Reference,
+    Type,
+)
 from .symbolic import DelayOperator, Relation, SymbolicModel
 
 _LINEAR = 1
@@ -134,7 +147,9 @@ def _match(model: SymbolicModel, names: list[str], incidence: list[list[int]]) -
         return np.zeros(0, dtype=int)
     rows = [row for row, columns in enumerate(incidence) for _ in columns]
     columns = [column for own in incidence for column in own]
-    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(len(incidence), len(names))).tocsr()
+    graph = coo_matrix(
+        (np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(len(incidence), len(names))
+    ).tocsr()
     matched = maximum_bipartite_matching(graph, perm_type="column")
     if (matched >= 0).all():
         return matched
@@ -189,11 +204,19 @@ def _solve_block(
     types = {variable.name: variable.type for variable in model.flat.variables}
     if any(types.get(name, Type.REAL) is not Type.REAL for name in targets):
         raise BuildError(
-            f"{', '.join(str(equation.location) for equation in equations)}: cannot solve for {listed(targets)}; "
+            f"{', '.join(str(equation.location) for equation in equations)}: cannot solve for "
+            f"{listed(targets)}; "
             "write an equation of a Boolean or Integer as `variable = expression`, without loops"
         )
-    matrix = ca.horzcat(*(ca.vertcat(*forward(residuals, {"seed": (symbol, ca.SX(1))})) for symbol in symbols))
+    matrix = ca.horzcat(
+        *(ca.vertcat(*forward(residuals, {"seed": (symbol, ca.SX(1))})) for symbol in symbols)
+    )
     offset = ca.substitute(residuals, symbols, [ca.SX(0)] * len(symbols))
+    if matrix.is_constant() and np.linalg.matrix_rank(np.array(ca.DM(matrix))) < len(targets):
+        raise BuildError(
+            f"{', '.join(str(equation.location) for equation in equations)}: the equations do not determine "
+            f"{listed(targets)}: they say the same or contradict each other"
+        )
     if len(symbols) == 1:
         return [-offset[0] / matrix]
     values = ca.solve(ca.densify(matrix), -ca.vertcat(*offset))

@@ -54,7 +54,9 @@ def find_classes(texts: Mapping[str, str]) -> dict[str, ModelicaClass]:
         for item in _classes_of(file, tokenise(text, file)):
             if item.name in found:
                 other = found[item.name]
-                raise BuildError(f"{file}:{item.line}: class {item.name} is already defined at {other.file}:{other.line}")
+                raise BuildError(
+                    f"{file}:{item.line}: class {item.name} is already defined at {other.file}:{other.line}"
+                )
             found[item.name] = item
     return found
 
@@ -150,7 +152,9 @@ def _classes_of(file: str, tokens: tuple[Token, ...]) -> Iterator[ModelicaClass]
             after = tokens[position + 1] if position + 1 < len(tokens) else None
             if named is not None and named.kind == "name":
                 outer = stack[-1].name if stack else prefix
-                item = ModelicaClass(f"{outer}.{named.text}" if outer else named.text, token.text, file, token.line)
+                item = ModelicaClass(
+                    f"{outer}.{named.text}" if outer else named.text, token.text, file, token.line
+                )
                 if after is not None and after.text == "=":
                     end = position
                     while end < len(tokens) and tokens[end].text != ";":
@@ -167,7 +171,9 @@ def _classes_of(file: str, tokens: tuple[Token, ...]) -> Iterator[ModelicaClass]
             stack[-1].tokens.append(token)
         position += 1
     if stack:
-        raise BuildError(f"{file}:{stack[-1].line}: {stack[-1].kind} {stack[-1].name} is not closed by its `end`")
+        raise BuildError(
+            f"{file}:{stack[-1].line}: {stack[-1].kind} {stack[-1].name} is not closed by its `end`"
+        )
 
 
 def _closing(tokens: tuple[Token, ...], position: int) -> int:

@@ -38,7 +38,9 @@ class UnitTable:
         """
         if not unit:
             if display_unit:
-                raise BuildError(f"{where}: displayUnit {display_unit!r} without a unit; declare the unit, too")
+                raise BuildError(
+                    f"{where}: displayUnit {display_unit!r} without a unit; declare the unit, too"
+                )
             return
         declared = self._units.get(unit)
         if declared is None:
@@ -56,7 +58,9 @@ class UnitTable:
             element = ET.SubElement(root, "Unit", name=name)
             if declared.unit is not None:
                 attributes = {
-                    base: str(power) for base, power in zip(BASE_NAMES, declared.unit.exponents, strict=True) if power
+                    base: str(power)
+                    for base, power in zip(BASE_NAMES, declared.unit.exponents, strict=True)
+                    if power
                 }
                 if declared.unit.factor != 1:
                     attributes["factor"] = repr(float(declared.unit.factor))
@@ -115,4 +119,6 @@ def _conversion(unit: Unit | None, name: str, display_name: str, where: str) -> 
             return float(unit.factor / display.factor) * (1 / cycle if turns > 0 else cycle), 0.0
         return convert(unit, display)
     except UnitError as error:
-        raise BuildError(f"{where}: displayUnit {display_name!r} does not fit unit {name!r}: {error}") from error
+        raise BuildError(
+            f"{where}: displayUnit {display_name!r} does not fit unit {name!r}: {error}"
+        ) from error

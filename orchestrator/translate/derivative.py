@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import cache
 
 import casadi as ca
 
@@ -69,7 +69,7 @@ def _dot(operation: int, arguments: Sequence[ca.SX], slopes: Sequence[ca.SX]) ->
     return total
 
 
-@lru_cache(maxsize=None)
+@cache
 def _partials(operation: int, count: int) -> tuple[tuple[ca.SX, ...], tuple[ca.SX, ...]]:
     symbols = tuple(ca.SX.sym(f"a{i}") for i in range(count))
     result = _apply(operation, symbols)

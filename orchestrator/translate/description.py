@@ -153,7 +153,12 @@ def _head(program: Program, identifier: str, token_name: str, token: str, versio
 
 def _experiment(root: ET.Element, program: Program) -> None:
     values = program.model.symbols.flat.experiment
-    names = {"startTime": "StartTime", "stopTime": "StopTime", "tolerance": "Tolerance", "stepSize": "Interval"}
+    names = {
+        "startTime": "StartTime",
+        "stopTime": "StopTime",
+        "tolerance": "Tolerance",
+        "stepSize": "Interval",
+    }
     attributes = {name: repr(values[key]) for name, key in names.items() if key in values}
     if attributes:
         ET.SubElement(root, "DefaultExperiment", attributes)
@@ -222,7 +227,9 @@ def _fmi2(
         if unknowns:
             group = ET.SubElement(model_structure_element, name)
             for unknown in unknowns:
-                ET.SubElement(group, "Unknown", {"index": str(unknown.reference + 1), **_dependencies(unknown, 1)})
+                ET.SubElement(
+                    group, "Unknown", {"index": str(unknown.reference + 1), **_dependencies(unknown, 1)}
+                )
     return root
 
 
@@ -283,7 +290,9 @@ def _fmi3(
     ):
         for unknown in unknowns:
             ET.SubElement(
-                model_structure_element, name, {"valueReference": str(unknown.reference), **_dependencies(unknown, 0)}
+                model_structure_element,
+                name,
+                {"valueReference": str(unknown.reference), **_dependencies(unknown, 0)},
             )
     return root
 

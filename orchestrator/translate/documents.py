@@ -32,14 +32,17 @@ def documentation_page(program: Program, table: Sequence[TableEntry]) -> str:
             if entry.variable is not None and entry.variable.role in roles and entry.kind != "DERIVATIVE"
         ]
         if entries:
-            rows.append(f"<h2>{heading}</h2>\n<table>\n{_row('th', ('name', 'unit', 'start', 'description'))}")
+            rows.append(
+                f"<h2>{heading}</h2>\n<table>\n{_row('th', ('name', 'unit', 'start', 'description'))}"
+            )
             rows.extend(_row("td", _cells(entry)) for entry in entries)
             rows.append("</table>")
     equations = "\n".join(
         escape(f"{render(equation.left)} = {render(equation.right)};") for equation in flat.equations
     )
     assertions = "\n".join(
-        escape(f"assert({render(assertion.condition)}, {assertion.message!r});") for assertion in flat.assertions
+        escape(f"assert({render(assertion.condition)}, {assertion.message!r});")
+        for assertion in flat.assertions
     )
     text = "\n".join(
         [

@@ -22,8 +22,9 @@ _BINARY = {"Add": "+", "Sub": "-", "Div": "/", "Exp": "^"} | {
 }  # fmt: skip
 _FUNCTIONS = {
     "Abs": 1, "Sign": 1, "Sqrt": 1, "Floor": 1, "Ceil": 1, "Integer": 1, "Mod": 2, "Rem": 2, "Div": 2,
-    "Sin": 1, "Cos": 1, "Tan": 1, "Asin": 1, "Acos": 1, "Atan": 1, "Atan2": 2, "Sinh": 1, "Cosh": 1, "Tanh": 1,
-    "Exp": 1, "Log": 1, "Log10": 1,
+    "Exp": 1, "Sin": 1, "Cos": 1, "Tan": 1, "Asin": 1, "Acos": 1, "Atan": 1, "Atan2": 2,
+    "Sinh": 1, "Cosh": 1, "Tanh": 1,
+    "Log": 1, "Log10": 1,
 }  # fmt: skip
 
 
@@ -82,12 +83,15 @@ class ExpressionReader:
             return _scalar(Reference("time"))
         if name not in self._shapes:
             raise BuildError(
-                f"{where}: {name} is no variable of Real, Integer or Boolean type; enumerations and strings are "
+                f"{where}: {name} is no variable of Real, Integer or Boolean type; enumerations and "
+                "strings are "
                 "not supported, use an Integer parameter"
             )
         return self._element(name, Reference, body["subscripts"], where)
 
-    def _element(self, name: str, make: Callable[[str], Node], subscripts: list[Json], where: Location) -> Nodes:
+    def _element(
+        self, name: str, make: Callable[[str], Node], subscripts: list[Json], where: Location
+    ) -> Nodes:
         shape = self._shapes[name]
         whole = np.empty(shape, dtype=object)
         for index in np.ndindex(shape):
@@ -158,7 +162,9 @@ class ExpressionReader:
             test = self.scalar(condition, where)
             values = self.read(value, where)
             if values.shape != result.shape:
-                raise BuildError(f"{where}: the branches have shapes {list(values.shape)} and {list(result.shape)}")
+                raise BuildError(
+                    f"{where}: the branches have shapes {list(values.shape)} and {list(result.shape)}"
+                )
             result = _map(lambda one, other, test=test: If(test, one, other), values, result)
         return result
 
@@ -184,7 +190,9 @@ class ExpressionReader:
         start, end = int(self._integers(body["start"], where)), int(self._integers(body["end"], where))
         if step == 0:
             raise BuildError(f"{where}: the step of a range is zero")
-        return _as_nodes(np.array([Literal(float(i)) for i in range(start, end + (1 if step > 0 else -1), step)], object))
+        return _as_nodes(
+            np.array([Literal(float(i)) for i in range(start, end + (1 if step > 0 else -1), step)], object)
+        )
 
     def _read_functioncall(self, body: Json, where: Location) -> Nodes:
         _known(body, {"name", "args", "is_constructor", "span"}, "function call", where)
@@ -192,7 +200,8 @@ class ExpressionReader:
         if name == DELAY and len(body["args"]) == 3:
             return self._delay(body, body["args"], where)
         raise BuildError(
-            f"{where}: the function {name} is not supported; only built-in functions are, write its formula instead"
+            f"{where}: the function {name} is not supported; only built-in functions are, write its "
+            "formula instead"
         )
 
     def _delay(self, body: Json, arguments: list[Json], where: Location) -> Nodes:
@@ -227,9 +236,9 @@ class ExpressionReader:
             # The simplified expression only helps a solver to its first solution; none is solved here.
             case "Homotopy", [value, _]:
                 return value
-            case ("Min" | "Max"), [value] if value.size:
+            case (("Min" | "Max"), [value]) if value.size:
                 return _scalar(reduce(lambda one, other: Operation(name.lower(), (one, other)), value.flat))
-            case ("Min" | "Max"), [_, _]:
+            case (("Min" | "Max"), [_, _]):
                 return _elementwise(name.lower(), where, *values)
             case "Sum", [value]:
                 return _scalar(reduce(_plus, value.flat, Literal(0.0)))
@@ -243,12 +252,16 @@ class ExpressionReader:
                 return self._filled(Literal(0.0), arguments, where)
             case "Ones", _:
                 return self._filled(Literal(1.0), arguments, where)
-        raise BuildError(f"{where}: {name[:1].lower()}{name[1:]}() with {len(values)} arguments is not supported")
+        raise BuildError(
+            f"{where}: {name[:1].lower()}{name[1:]}() with {len(values)} arguments is not supported"
+        )
 
     def _derivative(self, arguments: list[Json], where: Location) -> Nodes:
         kind, body = _only_item(arguments[0], where)
         if len(arguments) != 1 or kind != "VarRef" or body["name"]["name"] not in self._shapes:
-            raise BuildError(f"{where}: der() of an expression is not supported; give it a variable of its own")
+            raise BuildError(
+                f"{where}: der() of an expression is not supported; give it a variable of its own"
+            )
         return self._element(body["name"]["name"], Derivative, body["subscripts"], where)
 
     def _size(self, arguments: list[Json], where: Location) -> Nodes:
@@ -301,7 +314,10 @@ def _map(function: Callable[..., Node], *values: Nodes) -> Nodes:
 def _elementwise(name: str, where: Location, *values: Nodes) -> Nodes:
     shapes = {value.shape for value in values if value.shape != ()}
     if len(shapes) > 1:
-        raise BuildError(f"{where}: arrays of unlike shapes {', '.join(str(list(s)) for s in sorted(shapes))} meet in {name}")
+        raise BuildError(
+            f"{where}: arrays of unlike shapes {', '.join(str(list(s)) for s in sorted(shapes))} meet in "
+            f"{name}"
+        )
     shape = shapes.pop() if shapes else ()
     result = np.empty(shape, dtype=object)
     for index in np.ndindex(shape):
@@ -346,4 +362,6 @@ def _only_item(json: Any, where: Location) -> tuple[str, Any]:
 def _known(body: Json, keys: set[str], what: str, where: Location) -> None:
     unknown = sorted(set(body) - keys)
     if unknown:
-        raise BuildError(f"{where}: the compiler describes this {what} by {', '.join(unknown)}, which is not supported")
+        raise BuildError(
+            f"{where}: the compiler describes this {what} by {', '.join(unknown)}, which is not supported"
+        )

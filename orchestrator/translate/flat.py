@@ -75,9 +75,7 @@ ARITHMETIC = frozenset({"+", "-", "*", "/", "^", "negate"})
 # These jump or have a kink where Modelica raises an event (MLS 3.7.2).
 STEPPED = frozenset({"floor", "ceil", "integer", "mod", "rem", "div"})
 KINKED = frozenset({"abs", "sign"})
-SMOOTH = frozenset(
-    "sqrt sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 min max".split()
-)
+SMOOTH = frozenset("sqrt sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 min max".split())
 OPERATIONS = RELATIONS | EQUALITIES | LOGIC | ARITHMETIC | STEPPED | KINKED | SMOOTH
 
 
@@ -198,7 +196,21 @@ def walk(node: Node) -> Iterator[Node]:
         yield from walk(child)
 
 
-_INFIX = {"and": 1, "or": 0, "<": 3, "<=": 3, ">": 3, ">=": 3, "==": 3, "<>": 3, "+": 4, "-": 4, "*": 5, "/": 5, "^": 7}
+_INFIX = {
+    "and": 1,
+    "or": 0,
+    "<": 3,
+    "<=": 3,
+    ">": 3,
+    ">=": 3,
+    "==": 3,
+    "<>": 3,
+    "+": 4,
+    "-": 4,
+    "*": 5,
+    "/": 5,
+    "^": 7,
+}
 
 
 def render(node: Node, level: int = -1) -> str:

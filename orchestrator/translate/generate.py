@@ -1,4 +1,4 @@
-"""Generate model.c: CasADi's C for the equations, and the tables and functions of runtime/model.h around it."""
+"""Generate model.c: CasADi's C for the equations, inside the tables and functions of runtime/model.h."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class TableEntry:
 
 
 def variable_table(program: Program) -> tuple[TableEntry, ...]:
-    """Return the variables in the order of their value references: time, then as declared, then derivatives."""
+    """Return the variables in the order of their value references: time, declared variables, derivatives."""
     symbols = program.model.symbols
     entries = [TableEntry(TIME, "TIME", 0, Type.REAL, False, None)]
     for variable in symbols.flat.variables:
@@ -54,12 +54,23 @@ def variable_table(program: Program) -> tuple[TableEntry, ...]:
         if name in symbols.states:
             start = None if name in program.started else float(symbols.starts[name])
             entries.append(
-                TableEntry(name, "STATE", program.states.index(name), Type.REAL, start is not None, start, nominal, variable)
+                TableEntry(
+                    name,
+                    "STATE",
+                    program.states.index(name),
+                    Type.REAL,
+                    start is not None,
+                    start,
+                    nominal,
+                    variable,
+                )
             )
         elif name in symbols.inputs:
             start = float(evaluate(variable.start or Literal(0.0), symbols.constants))
             entries.append(
-                TableEntry(name, "INPUT", program.inputs.index(name), variable.type, True, start, nominal, variable)
+                TableEntry(
+                    name, "INPUT", program.inputs.index(name), variable.type, True, start, nominal, variable
+                )
             )
         elif variable.role in (Role.PARAMETER, Role.CONSTANT):
             constant = variable.role is Role.CONSTANT
@@ -68,12 +79,29 @@ def variable_table(program: Program) -> tuple[TableEntry, ...]:
             settable = not (constant or computed or variable.final or variable.protected)
             entries.append(
                 TableEntry(
-                    name, "PARAMETER", program.parameters.index(name), variable.type, settable, start, 1.0, variable, constant
+                    name,
+                    "PARAMETER",
+                    program.parameters.index(name),
+                    variable.type,
+                    settable,
+                    start,
+                    1.0,
+                    variable,
+                    constant,
                 )
             )
         else:
             entries.append(
-                TableEntry(name, "ALGEBRAIC", program.algebraics.index(name), variable.type, False, None, 1.0, variable)
+                TableEntry(
+                    name,
+                    "ALGEBRAIC",
+                    program.algebraics.index(name),
+                    variable.type,
+                    False,
+                    None,
+                    1.0,
+                    variable,
+                )
             )
     declared = {variable.name: variable for variable in symbols.flat.variables}
     for index, name in enumerate(program.states):
@@ -197,7 +225,9 @@ def _parameter_functions(program: Program) -> str:
     )
 
 
-def _filler(function: ca.Function, signature: str, target: str, places: list[int], more: Sequence[str] = ()) -> str:
+def _filler(
+    function: ca.Function, signature: str, target: str, places: list[int], more: Sequence[str] = ()
+) -> str:
     lines = list(more)
     if places:
         lines += [
@@ -219,7 +249,9 @@ def _work(function: ca.Function) -> str:
 
 
 def _entry(entry: TableEntry) -> str:
-    type_name = {Type.REAL: "TYPE_REAL", Type.INTEGER: "TYPE_INTEGER", Type.BOOLEAN: "TYPE_BOOLEAN"}[entry.type]
+    type_name = {Type.REAL: "TYPE_REAL", Type.INTEGER: "TYPE_INTEGER", Type.BOOLEAN: "TYPE_BOOLEAN"}[
+        entry.type
+    ]
     start = 0.0 if entry.start is None else entry.start
     return (
         f"{{{_string(entry.name)}, KIND_{entry.kind}, {entry.index}, {type_name}, {int(entry.settable)}, "
@@ -248,10 +280,14 @@ def _escape(byte: int) -> str:
 def _trimmed(text: str, names: list[str]) -> str:
     """CasADi's C without what only tells a caller at run time how to call it, and with local names."""
     text = text[text.index("#include <math.h>") :]
-    text = re.sub(r"/\* Configuration this file.*?(?=static const casadi_int|/\* \w+:)", "", text, flags=re.DOTALL)
+    text = re.sub(
+        r"/\* Configuration this file.*?(?=static const casadi_int|/\* \w+:)", "", text, flags=re.DOTALL
+    )
     for name in names:
         # From the first of a function's helpers up to the next function's comment or the end.
-        text = re.sub(rf"^int {name}_checkout\(void\).*?(?=^/\* \w+:|\Z)", "", text, flags=re.DOTALL | re.MULTILINE)
+        text = re.sub(
+            rf"^int {name}_checkout\(void\).*?(?=^/\* \w+:|\Z)", "", text, flags=re.DOTALL | re.MULTILINE
+        )
         text = re.sub(rf"^int {name}\(", f"static int {name}(", text, flags=re.MULTILINE)
     # Patterns of sparsity; dense functions do not use them.
     text = re.sub(r"^static const casadi_int casadi_s\d+\[.*?;\n", "", text, flags=re.MULTILINE)

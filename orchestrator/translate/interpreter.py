@@ -94,7 +94,9 @@ def evaluate(
                 raise KeyError("delay")
             result = delays[node]
         case Operation(name, arguments):
-            result = _OPERATIONS[name](*(evaluate(argument, values, delays, magnitude) for argument in arguments))
+            result = _OPERATIONS[name](
+                *(evaluate(argument, values, delays, magnitude) for argument in arguments)
+            )
     if not math.isfinite(result):
         raise OverflowError(f"not finite: {node}")
     if magnitude is not None:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from orchestrator.errors import BuildError
 
 KEYWORDS = frozenset(
-    "algorithm and annotation block break class connect connector constant constrainedby der discrete each else "
-    "elseif elsewhen encapsulated end enumeration equation expandable extends external false final flow for "
-    "function if import impure in initial inner input loop model not operator or outer output package parameter "
-    "partial protected public pure record redeclare replaceable return stream then true type when while "
-    "within".split()
+    "algorithm and annotation block break class connect connector constant constrainedby der discrete each "
+    "else elseif elsewhen encapsulated end enumeration equation expandable extends external false final flow "
+    "for function if import impure in initial inner input loop model not operator or outer output package "
+    "parameter partial protected public pure record redeclare replaceable return stream then true type when "
+    "while within".split()
 )
 
 _TOKEN = re.compile(
@@ -63,7 +63,9 @@ def _tokens(text: str, file: str) -> Iterator[Token]:
     while position < len(text):
         match = _TOKEN.match(text, position)
         if match is None:
-            raise BuildError(f"{file}:{line}: cannot read Modelica from {text[position:position + 20]!r} on")
+            raise BuildError(
+                f"{file}:{line}: cannot read Modelica from {text[position : position + 20]!r} on"
+            )
         kind = match.lastgroup
         if kind == "word":
             yield Token("keyword" if match[0] in KEYWORDS else "name", match[0], position, line)

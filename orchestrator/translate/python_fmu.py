@@ -50,9 +50,9 @@ _CLASS = re.compile(r"^class (\w+)\(\s*Fmi2Slave\s*\)\s*:", re.MULTILINE)
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _INDENT = "  "
 
-# Appended to the model's source. When a method raises, the loader of pythonfmu 0.7.0 gives up its references to
-# the class, the instance and the instance's log at once, and again when the instance is freed: without one more
-# reference each, freeing an instance that has refused something ends the whole process.
+# Appended to the model's source. When a method raises, the loader of pythonfmu 0.7.0 gives up its references
+# to the class, the instance and the instance's log at once, and again when the instance is freed: without
+# one more reference each, freeing an instance that has refused something ends the whole process.
 _GUARD = """
 
 # --- appended when the FMU was built: keeps pythonfmu's loader from releasing an instance twice

@@ -75,13 +75,15 @@ def check(program: Program, seed: int = 1) -> CheckReport:
                 largest, worst = residual, (where, text)
     if points < _LEAST:
         raise BuildError(
-            f"{flat.name}: the solution could be checked at {points} of {_ATTEMPTS} random points only: elsewhere a "
+            f"{flat.name}: the solution could be checked at {points} of {_ATTEMPTS} random points only: "
+            "elsewhere a "
             "value is not finite (a division by zero, a singular set of equations); give start values and "
             "parameters at which the equations can be solved"
         )
     if worst is not None and largest > TOLERANCE:
         raise BuildError(
-            f"{worst[0]}: self-check: the solution does not satisfy {worst[1]}: relative residual {largest:.3g}, "
+            f"{worst[0]}: self-check: the solution does not satisfy {worst[1]}: relative residual "
+            f"{largest:.3g}, "
             f"allowed {TOLERANCE:g}; this is an error of the translator"
         )
     return CheckReport(points, largest)
@@ -138,7 +140,9 @@ def _relative(left: Node, right: Node, values: dict[str, Value], delays: dict) -
     return 0.0 if one == other else abs(one - other) / magnitude[0]
 
 
-def _modes(program: Program, time: Value, x: list[float], u: list[float], p: list[float], d: list[float]) -> list[float]:
+def _modes(
+    program: Program, time: Value, x: list[float], u: list[float], p: list[float], d: list[float]
+) -> list[float]:
     relations = program.model.relations
     modes = [0.0] * len(relations)
     for _ in range(_MODE_ROUNDS):
@@ -179,7 +183,7 @@ def _random(variable: Variable, source: random.Random, attempt: int) -> Value:
 
 
 def _draw(source: random.Random, scale: float, attempt: int) -> float:
-    """A number of either sign; its size changes from point to point, so that branches of all sizes are met."""
+    """A number of either sign; its size changes from point to point, so that all branches are met."""
     return source.gauss(0.0, abs(scale) * (1.0, 1e-2, 1e2)[attempt % 3])
 
 

@@ -79,7 +79,8 @@ class SourceTree:
                 if name in models:
                     return name
             raise BuildError(
-                f"{self.shown(self.main)}: no model {model}; models: {listed(models)}. {nearest(model, models)}".rstrip()
+                f"{self.shown(self.main)}: no model {model}; models: {listed(models)}. "
+                f"{nearest(model, models)}".rstrip()
             )
         if len(top) == 1 and top[0].name in models:
             return top[0].name
@@ -118,7 +119,9 @@ class SourceTree:
         calls = []
         for index, token in enumerate(tokens[:-1]):
             if token.text == DELAY:
-                raise BuildError(f"{self.shown(path)}:{token.line}: the name {DELAY} is reserved; choose another")
+                raise BuildError(
+                    f"{self.shown(path)}:{token.line}: the name {DELAY} is reserved; choose another"
+                )
             if token.text != "delay" or tokens[index + 1].text != "(":
                 continue
             before = tokens[index - 1] if index else None
@@ -166,11 +169,15 @@ def load_sources(model_file: Path) -> SourceTree:
     texts = {PurePosixPath(item.relative_to(folder)).as_posix(): _read(item) for item in paths}
     main = PurePosixPath(path.relative_to(folder)).as_posix()
     label = shown.replace("\\", "/")
-    return SourceTree(folder, main, texts, label[: -len(main)] if label.endswith(main) else f"{folder.as_posix()}/")
+    return SourceTree(
+        folder, main, texts, label[: -len(main)] if label.endswith(main) else f"{folder.as_posix()}/"
+    )
 
 
 def _read(path: Path) -> str:
     try:
         return path.read_bytes().decode()
     except UnicodeDecodeError as error:
-        raise BuildError(f"{path}: byte {error.start} is not UTF-8, the encoding of Modelica files") from error
+        raise BuildError(
+            f"{path}: byte {error.start} is not UTF-8, the encoding of Modelica files"
+        ) from error

@@ -85,7 +85,9 @@ class _Structure:
                 outputs.append(self._at_point(number, expressions[entry.name]))
                 if entry.kind == "ALGEBRAIC":
                     initial.append(self._at_start(number, expressions[entry.name]))
-        return Structure(tuple(outputs), tuple(derivatives), tuple(sorted(initial, key=lambda item: item.reference)))
+        return Structure(
+            tuple(outputs), tuple(derivatives), tuple(sorted(initial, key=lambda item: item.reference))
+        )
 
     def _at_point(self, number: int, expression: ca.SX) -> Unknown:
         direct = {self._names[h] for h in self._hashes(expression) if h in self._names}
@@ -170,5 +172,3 @@ def _positive(time: Node, program: Program) -> bool:
             if variable.name == time.name and time.name in program.parameters:
                 return variable.minimum is not None and variable.minimum > 0
     return False
-
-

@@ -1,4 +1,4 @@
-"""Turn a flat model into CasADi expressions: one symbol per name, a mode per relation, a delay per operator."""
+"""Turn a flat model into CasADi expressions: a symbol per name, a mode per relation, a delay per operator."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Relation:
 
 @dataclass
 class DelayOperator:
-    """`symbol` is what `operand` was `time` seconds ago; `maximum` bounds `time` by parameters alone, if known."""
+    """`symbol` is what `operand` was `time` seconds ago; `maximum` bounds `time` by parameters, if known."""
 
     node: Delay
     symbol: ca.SX
@@ -138,7 +138,8 @@ class _Builder:
             if name in differentiated:
                 if variable.role not in (Role.OUTPUT, Role.LOCAL) or variable.type is not Type.REAL:
                     raise BuildError(
-                        f"{differentiated[name]}: der({name}) is the derivative of a {variable.type} {variable.role}; "
+                        f"{differentiated[name]}: der({name}) is the derivative of a {variable.type} "
+                        f"{variable.role}; "
                         "only a Real variable of the model's own can be a state"
                     )
                 model.states[name] = ca.SX.sym(name)
@@ -146,7 +147,9 @@ class _Builder:
             elif variable.role is Role.CONSTANT:
                 model.constants[name] = math.nan
             else:
-                group = {Role.PARAMETER: model.parameters, Role.INPUT: model.inputs}.get(variable.role, model.algebraics)
+                group = {Role.PARAMETER: model.parameters, Role.INPUT: model.inputs}.get(
+                    variable.role, model.algebraics
+                )
                 group[name] = ca.SX.sym(name)
                 if variable.fixed and group is model.algebraics:
                     raise BuildError(
@@ -172,7 +175,8 @@ class _Builder:
         except CycleError as error:
             cycle = error.args[1]
             raise BuildError(
-                f"{bound[cycle[0]].location}: parameters depend on each other: {' <- '.join(cycle)}; give one a number"
+                f"{bound[cycle[0]].location}: parameters depend on each other: {' <- '.join(cycle)}; give "
+                "one a number"
             ) from None
         for name in order:
             variable = bound[name]
@@ -182,7 +186,9 @@ class _Builder:
                 if variable.role is Role.CONSTANT:
                     self.model.constants[name] = value
             elif variable.role is Role.CONSTANT:
-                raise BuildError(f"{variable.location}: the constant {name} depends on a parameter; make it a parameter")
+                raise BuildError(
+                    f"{variable.location}: the constant {name} depends on a parameter; make it a parameter"
+                )
             else:
                 self.model.dependent[name] = self._convert(binding, False, variable.location)
 
@@ -190,7 +196,9 @@ class _Builder:
         try:
             return float(evaluate(binding, self.model.constants))
         except (ArithmeticError, ValueError) as error:
-            raise BuildError(f"{variable.location}: {variable.name} = {render(binding)} has no finite value") from error
+            raise BuildError(
+                f"{variable.location}: {variable.name} = {render(binding)} has no finite value"
+            ) from error
 
     def _only_parameters(self, node: Node, what: str, where: Location) -> None:
         if not self._parametric(node):
@@ -238,7 +246,8 @@ class _Builder:
                     return self._kinked(name, arguments[0], where)
                 if name in EQUALITIES and not all(map(self._discrete, arguments)):
                     raise BuildError(
-                        f"{where}: {render(node)} compares Reals for equality, which Modelica does not allow; use <= or >="
+                        f"{where}: {render(node)} compares Reals for equality, which Modelica does not "
+                        "allow; use <= or >="
                     )
                 return _apply(name, [self._convert(argument, events, where) for argument in arguments])
         raise BuildError(f"{where}: {render(node)} is not supported")

@@ -2,7 +2,8 @@
 
 import math
 
-from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Status, Fmi2Variability, Real, String
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real, String
+from pythonfmu.enums import Fmi2Status
 
 
 class Misbehaving(Fmi2Slave):

@@ -42,9 +42,9 @@ def test_a_step_that_leaves_out_a_sample_is_refused_and_changes_nothing(instanti
     assert instance.log == [
         (
             3,
-            f"ComplianceController_0: the step from {time!r} s to {time + step!r} s passes over the sample at "
-            f"{due} s; steps have to end at every multiple of sample_period, 0.0005 s: take a step size that "
-            "divides it, or set sample_period to the step size",
+            f"ComplianceController_0: the step from {time!r} s to {time + step!r} s passes over the sample "
+            f"at {due} s; steps have to end at every multiple of sample_period, 0.0005 s: take a step size "
+            "that divides it, or set sample_period to the step size",
         )
     ]
     assert instance.get_all() == before

@@ -24,7 +24,7 @@ def run(model, sample_period=5e-4, controller=None, delayed=0, **bench):
     settings = {"sample_period": sample_period, "tau_s": loop.tau_s, **(controller or {})}
     law = model.ComplianceLaw(model.Parameters(**settings), model.State())
     assert law.parameters.problems() == []
-    estimates, forces, others = [], [0.0] * (2 * delayed), [(0.0,) * 4] * delayed
+    estimates, forces, others = [], [0.0] * (3 * delayed), [(0.0,) * 4] * delayed
 
     def control(force, *rest):
         forces.append(force)
@@ -53,7 +53,7 @@ def characteristic_growth(stiffness, tau_m, omega_n, xi_n):
     return math.exp(math.pi * sigma / omega)
 
 
-@pytest.mark.parametrize(("tau_m", "published"), [(2e-3, 1.2356), (6e-3, 1.4400)])
+@pytest.mark.parametrize(("tau_m", "published"), [(2e-3, 1.23555), (6e-3, 1.43979)])
 def test_bench_grows_as_the_characteristic_root_says(tau_m, published):
     """Without a controller, extrapolated to no hold: the bench itself is right."""
     growth = []
@@ -62,8 +62,8 @@ def test_bench_grows_as_the_characteristic_root_says(tau_m, published):
         ratios = np.abs(bench.run(lambda force, *_: force, step, 4))
         growth.append(ratios[-1] / ratios[-2])
     expected = characteristic_growth(bench.stiffness, tau_m, bench.omega_n, bench.xi_n)
-    assert expected == pytest.approx(published, abs=1e-4)
-    assert 2.0 * growth[1] - growth[0] == pytest.approx(expected, rel=5e-5)
+    assert expected == pytest.approx(published, abs=1e-5)
+    assert 2.0 * growth[1] - growth[0] == pytest.approx(expected, rel=2e-4)
 
 
 @pytest.mark.parametrize("mode", ["off", "lead"])
@@ -102,7 +102,7 @@ def test_every_contact_rebounds_as_theory_says(controller_model, sample_period, 
     assert np.abs(ratios - 1.0).max() < 0.006
     assert np.abs(np.diff(ratios)).max() < 0.001
     assert np.abs(estimates[1:, 0] / loop.stiffness - 1.0).max() < 0.004
-    assert np.abs(estimates[1:, 1] - loop.damping).max() < 3.0
+    assert np.abs(estimates[1:, 1] - loop.damping).max() < 4.0
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -113,7 +113,9 @@ def test_sensor_noise_of_one_newton(controller_model, bench, seed):
     """White, 1 N standard deviation: the noise's own impulse moves the ratio by 0.14 % a contact."""
     ratios, estimates, _ = run(controller_model, noise=1.0, seed=seed, **bench)
     assert np.abs(ratios - 1.0).max() < 0.02
-    assert np.abs(estimates[1:, 0] / DockingBench(**bench).stiffness - 1.0).max() < 0.01
+    # The lead multiplies the noise by 2.7.
+    limit = 0.015 if "tau_s" in bench else 0.01
+    assert np.abs(estimates[1:, 0] / DockingBench(**bench).stiffness - 1.0).max() < limit
 
 
 def test_stiffness_is_known_after_the_first_contact(controller_model):
@@ -157,3 +159,28 @@ def test_inputs_of_a_jacobi_master_are_compensated_by_their_age(controller_model
 def test_energy_left_over_at_the_end_of_a_contact_is_small(controller_model):
     _, _, state = run(controller_model)
     assert 0.0 < abs(state.energy_error) < 1e-4 * 0.5 * EFFECTIVE_MASS * 0.02**2
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.01])
+def test_a_frame_that_changes_its_stiffness_is_identified_at_the_next_contact(controller_model, spread):
+    loop = DockingBench()
+    law = controller_model.ComplianceLaw(
+        controller_model.Parameters(stiffness_spread=spread), controller_model.State()
+    )
+    found = []
+
+    def control(*inputs):
+        before = law.state.contact_state
+        output = law.sample(controller_model.Inputs(*inputs))
+        if before and not law.state.contact_state:
+            found.append(law.estimates()[0])
+            loop.stiffness = 140e3 if len(found) >= 10 else 176e3
+        return output
+
+    loop.run(control, 5e-4, 11)
+    assert found[9] == pytest.approx(176e3, rel=1e-3)
+    if spread:
+        assert found[10] == pytest.approx(140e3, rel=1e-3)
+    else:
+        # Without the spread the filter, certain by now, takes the change for noise.
+        assert found[10] > 145e3

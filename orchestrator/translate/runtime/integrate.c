@@ -128,10 +128,11 @@ static int look(Runtime *rt, double theta, double end)
     return disagrees(rt, time, x, rt->lag_stage);
 }
 
-/* Sample the operands and look for the first quarter that ends in disagreement: 1 to 4, or 0. */
-static int sample(Runtime *rt, double end, int *quarter)
+/* Sample the operands and look for the first quarter that ends in disagreement: 1 to 4, or 0; `*at_end`
+ * tells whether the fourth does. */
+static int sample(Runtime *rt, double end, int *quarter, int *at_end)
 {
-    *quarter = 0;
+    *quarter = *at_end = 0;
     for (int q = 1; q <= 4; q++) {
         int found = look(rt, q / 4.0, end);
         if (found < 0) return 1;
@@ -142,6 +143,7 @@ static int sample(Runtime *rt, double end, int *quarter)
             rt->samples[5 * j + q] = rt->operand_stage[j];
         }
         if (found && !*quarter) *quarter = q;
+        if (q == 4) *at_end = found;
     }
     for (int j = 0; j < model_info.n_d; j++) rt->samples[5 * j] = rt->operand[j];
     return 0;
@@ -185,15 +187,13 @@ static double history_factor(const Runtime *rt)
 static double locate(Runtime *rt, int quarter, double end)
 {
     double low = (quarter - 1) / 4.0, high = quarter / 4.0, width = rt_event_tolerance(rt) / rt->h / 2;
-    if (quarter == 4) {
-        double before = 1 - 2 * width;
-        int found = before > low ? look(rt, before, end) : 1;
-        if (found == 0) return 1;
-        high = before > low ? before : high;
+    if (quarter == 4 && 1 - width > low) {
+        /* Mostly the step has been cut to end here. */
+        if (!look(rt, 1 - width, end)) return 1;
+        high = 1 - width;
     }
     while (high - low > width) {
         double middle = low + (high - low) / 2;
-        if (middle <= low || middle >= high) break;
         if (look(rt, middle, end)) high = middle;
         else low = middle;
     }
@@ -201,11 +201,11 @@ static double locate(Runtime *rt, int quarter, double end)
 }
 
 /* Try the internal step from t0 to `end`. `*factor`: what to multiply the step size with, then or next
- * time. Accepted: x_new and k[6] hold the end, operand_stage and lag_stage too unless `*event` is 1: then
- * the discrete state disagrees at the end, and only there. */
+ * time. Accepted: x_new and k[6] hold the end, the discrete state disagrees there if `*event` is 1.
+ * Without an event operand_stage and lag_stage belong to the end, too. */
 Verdict rt_attempt(Runtime *rt, double end, double *factor, int *event)
 {
-    int worst, quarter = 0, sampled = model_info.n_d || model_info.n_m;
+    int worst, quarter = 0, at_end = 0, sampled = model_info.n_d || model_info.n_m;
     double error;
     *event = 0;
     rt->h = end - rt->t0;
@@ -232,7 +232,7 @@ Verdict rt_attempt(Runtime *rt, double end, double *factor, int *event)
         }
         if (!sampled) break;
         make_dense(rt);
-        if (sample(rt, end, &quarter)) return STEP_REJECTED;
+        if (sample(rt, end, &quarter, &at_end)) return STEP_REJECTED;
         moved = model_info.n_d ? update_guess(rt) : 0;
         if (!rt->overlapped || moved <= 1) break;
         if (iteration == MAX_OVERLAP_ITERATIONS || !isfinite(moved)) {
@@ -252,11 +252,13 @@ Verdict rt_attempt(Runtime *rt, double end, double *factor, int *event)
     }
     if (quarter) {
         double place = locate(rt, quarter, end);
-        if (place < 1) {
+        if ((1 - place) * rt->h > rt_event_tolerance(rt)) {
             *factor = place;
             return STEP_EVENT;
         }
-        *event = 1;
+        /* Disagreement that comes and goes within the resolution of time is none. */
+        *event = at_end;
+        if (!at_end && look(rt, 1, end) < 0) return STEP_REJECTED;
     }
     return STEP_ACCEPTED;
 }

@@ -1,0 +1,82 @@
+"""Flatten a Modelica model with rumoca: its flat representation, or its refusal with the lines concerned."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib.metadata import PackageNotFoundError, version
+
+from orchestrator.errors import BuildError
+
+from .expressions import Json
+from .sources import DELAY, SourceTree
+
+# The representation carries no version, so its reader knows one release of the compiler.
+RUMOCA_VERSION = "0.10.2"
+
+_QUOTED = re.compile(r"[`']([A-Za-z_][\w.]*)[`']")
+_OFFSET = re.compile(r"start: BytePos\((\d+)\)")
+_DETAIL = re.compile(r'detail: "([^"]*)"')
+
+
+def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
+    """Run the compiler.
+
+    Args:
+        tree: the source files.
+        model: qualified name.
+    Returns: the flat representation, and the path of each source file by the compiler's number.
+    Raises: BuildError if the compiler is missing, has another version or refuses the model.
+    """
+    try:
+        installed = version("rumoca")
+    except PackageNotFoundError:
+        raise BuildError(
+            f"Modelica compiler: rumoca is not installed; run `pip install rumoca=={RUMOCA_VERSION}`"
+        ) from None
+    if installed != RUMOCA_VERSION:
+        raise BuildError(
+            f"Modelica compiler: rumoca {installed} is installed, its representation is known for "
+            f"{RUMOCA_VERSION} only; run `pip install rumoca=={RUMOCA_VERSION}`"
+        )
+    import rumoca
+
+    with tree.marked_copy() as folder:
+        # A session remembers the classes it has seen: one per model.
+        session = rumoca.Session(roots=[str(folder)])
+        try:
+            compiled = session.load(str(folder / tree.main), model=model)
+            flat = json.loads(compiled.to_json("flat"))
+            files = json.loads(compiled.to_json("dae"))["source_map"]["files"]
+        except rumoca.RumocaError as error:
+            text = str(error).replace(f"{folder}/", tree.label).replace(DELAY, "delay")
+            raise BuildError(_refusal(tree, model, text)) from error
+        except BaseException as error:
+            # A panic of the compiler is no Exception, and its class cannot be imported.
+            if type(error).__name__ != "PanicException":
+                raise
+            raise BuildError(_refusal(tree, model, _panic_text(tree, model, str(error)))) from None
+        prefix = f"{folder.as_posix()}/"
+        return flat, {number: path.replace("\\", "/").removeprefix(prefix) for number, path, _ in files}
+
+
+def _refusal(tree: SourceTree, model: str, text: str) -> str:
+    """The compiler's message, headed by the line of the model, followed by the lines of the names in it."""
+    item = tree.classes[model]
+    lines = [f"{tree.shown(item.file)}:{item.line}: the Modelica compiler refuses {model}"]
+    lines += [f"  {line}" for line in text.splitlines()]
+    for name in dict.fromkeys(_QUOTED.findall(text)):
+        last = name.rpartition(".")[2]
+        found = [token.line for token in item.tokens if token.text == last]
+        if found:
+            lines.append(f"  {tree.shown(item.file)}:{found[0]}: {last}")
+    return "\n".join(lines)
+
+
+def _panic_text(tree: SourceTree, model: str, text: str) -> str:
+    detail, offset = _DETAIL.search(text), _OFFSET.search(text)
+    what = detail[1] if detail else text
+    path = tree.classes[model].file
+    if offset and int(offset[1]) < len(tree.texts[path].encode()):
+        return f"{tree.place(path, int(offset[1]))}: {what}"
+    return what

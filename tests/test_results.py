@@ -1,0 +1,166 @@
+"""Results: exact numbers in every format, streamed so that a killed run can be read."""
+
+from __future__ import annotations
+
+import json
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from doubles import mass, spring
+from hypothesis import given
+from hypothesis import strategies as st
+
+from orchestrator import formats
+from orchestrator.assembly import Part, assemble
+from orchestrator.errors import OrchestratorError
+from orchestrator.master import create_master
+from orchestrator.results import Recorder, Results, parameters_of, read_results
+from orchestrator.simulate import Grid, simulate
+
+SAMPLE = Results(
+    time=np.array([0.0, 0.1, 0.2]),
+    signals={
+        "robot.position": np.array([1 / 3, -0.0, 1e-300]),
+        "robot.x[1,2]": np.array([1.0, 2.0, 3.0]),
+        "a-b.count": np.array([1, 2, 3]),
+        "a_b.count": np.array([4, 5, 6]),
+        "contact.touching": np.array([True, False, True]),
+    },
+    units={
+        "robot.position": "m",
+        "robot.x[1,2]": "N.s/m",
+        "a-b.count": "",
+        "a_b.count": "",
+        "contact.touching": "",
+    },
+    parameters={"robot.mass": 2.5, "robot.mode": "active", "robot.on": True},
+    provenance={"fmus": {"robot": {"checksum": "x"}}},
+)
+
+
+@pytest.mark.parametrize("suffix", formats.FORMATS)
+def test_every_format_reads_back_the_same(suffix, tmp_path):
+    path = tmp_path / f"results.{suffix}"
+    SAMPLE.write(path)
+    again = read_results(path)
+    assert again.time.tobytes() == SAMPLE.time.tobytes()
+    assert list(again.signals) == list(SAMPLE.signals)
+    for name, column in SAMPLE.signals.items():
+        assert again[name].tolist() == column.tolist()
+    assert again.units == SAMPLE.units
+    if suffix != "csv":
+        assert again.parameters == SAMPLE.parameters and again.provenance == SAMPLE.provenance
+
+
+def test_csv_as_text(tmp_path):
+    SAMPLE.to_csv(tmp_path / "x.csv")
+    assert (tmp_path / "x.csv").read_text() == (
+        'time [s],robot.position [m],"robot.x[1,2] [N.s/m]",a-b.count,a_b.count,contact.touching\n'
+        "0.0,0.3333333333333333,1.0,1,4,1\n"
+        "0.1,-0.0,2.0,2,5,0\n"
+        "0.2,1e-300,3.0,3,6,1\n"
+    )
+
+
+def test_mat_holds_a_struct_per_instance(tmp_path):
+    from scipy.io import loadmat
+
+    SAMPLE.to_mat(tmp_path / "x.mat")
+    content = loadmat(tmp_path / "x.mat", simplify_cells=True)
+    assert content["robot"]["position"].tolist() == SAMPLE["robot.position"].tolist()
+    assert content["units"]["robot"]["x_1_2_"] == "N.s/m"
+
+
+@given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=20))
+def test_csv_numbers_are_exact(values):
+    column = np.array(values)
+    text = formats.csv_rows(np.zeros(len(values)), [column])
+    assert [float(line.split(",")[1]) for line in text.splitlines()] == values
+    assert all(
+        math.copysign(1, a) == math.copysign(1, float(b.split(",")[1]))
+        for a, b in zip(values, text.splitlines(), strict=True)
+    )
+
+
+def test_what_is_not_there_is_named_with_what_is():
+    with pytest.raises(KeyError) as caught:
+        SAMPLE["robot.positon"]
+    assert caught.value.args[0] == (
+        "no 'robot.positon'; there are robot.position, robot.x[1,2], a-b.count, a_b.count, contact.touching. "
+        "Did you mean robot.position?"
+    )
+    with pytest.raises(KeyError, match=r"no 'robot\.masss'; there are robot\.mass, robot\.mode, robot\.on"):
+        SAMPLE.parameters["robot.masss"]
+
+
+def test_files_that_hold_no_results(tmp_path):
+    with pytest.raises(
+        OrchestratorError, match=r"^.*x\.csv: no results can be read from it \(.*No such file"
+    ):
+        read_results(tmp_path / "x.csv")
+    (tmp_path / "y.csv").write_text("a,b\n1,2,3\n")
+    with pytest.raises(OrchestratorError, match=r"3 columns under 2 names"):
+        read_results(tmp_path / "y.csv")
+    with pytest.raises(OrchestratorError, match=r"no format '\.txt'; formats: csv, parquet, mat"):
+        read_results(tmp_path / "z.txt")
+
+
+def oscillator():
+    return assemble(
+        [Part("mass", mass(), {"position": "1 m"}), Part("spring", spring())],
+        ["mass.position -> spring.position", "spring.force -> mass.force"],
+    )
+
+
+def test_a_recorder_streams_what_it_keeps(tmp_path):
+    path = tmp_path / "results.csv"
+    recorder = Recorder(oscillator(), path=path)
+    simulate(oscillator(), create_master("jacobi"), Grid(Fraction(0), Fraction(1, 1000), 2500), [recorder])
+    recorder.close()
+    kept, read = recorder.results(), read_results(path)
+    assert len(kept) == 2501
+    assert read.time.tobytes() == kept.time.tobytes()
+    for name in kept.signals:
+        assert read[name].tobytes() == kept[name].tobytes()
+    assert kept.units == {"mass.position": "m", "mass.velocity": "m/s", "spring.force": "N"}
+
+
+def test_what_a_killed_run_left_is_readable(tmp_path):
+    path = tmp_path / "results.csv"
+    recorder = Recorder(oscillator(), path=path)
+    simulate(oscillator(), create_master("jacobi"), Grid(Fraction(0), Fraction(1, 1000), 2500), [recorder])
+    # Not closed: two blocks of 1024 rows are on disk. A line that was cut while it was written is left out.
+    assert len(read_results(path)) == 2048
+    with path.open("ab") as file:
+        file.truncate(path.stat().st_size - 5)
+    assert len(read_results(path)) == 2047
+    recorder.close()
+
+
+def test_an_empty_file_with_a_header_is_an_empty_run(tmp_path):
+    recorder = Recorder(oscillator(), path=tmp_path / "results.csv")
+    recorder.close()
+    assert len(read_results(tmp_path / "results.csv")) == 0
+    assert len(recorder.results()) == 0
+
+
+def test_every_nth_point_is_kept():
+    recorder = Recorder(oscillator(), every=4)
+    simulate(oscillator(), create_master("jacobi"), Grid(Fraction(0), Fraction(1, 10), 10), [recorder])
+    assert recorder.results().time.tolist() == [0.0, 0.4, 0.8]
+
+
+def test_parameters_are_the_configs_over_the_fmus():
+    from doubles import FakeFmu
+
+    fmu = FakeFmu(parameters={"a": "N", "b": "N"}, inputs={"u": "N"})
+    system = assemble([Part("one", fmu, {"a": "2 kN", "u": "3 N"})])
+    assert parameters_of(system) == {"one.a": 2000.0, "one.b": 0.0, "one.u": 3.0}
+
+
+def test_strict_json():
+    value = {"a": np.float64(1.5), "b": [math.nan, math.inf, 1], 3: np.arange(2), "c": (np.True_, None, "x")}
+    assert formats.strict(value) == {"a": 1.5, "b": [None, None, 1], "3": [0, 1], "c": [True, None, "x"]}
+    json.dumps(formats.strict(value), allow_nan=False)

@@ -1,0 +1,291 @@
+"""From config to files, and the command line: what is written, printed and returned."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import repack
+
+from orchestrator.__main__ import main
+from orchestrator.errors import ConfigError, StepError
+from orchestrator.measures import changes, signal_changes
+from orchestrator.results import Results, read_results
+from orchestrator.run import prepare, run
+
+
+@pytest.fixture
+def config(tmp_path, python_fmu) -> Path:
+    """Two integrators in a chain, the first fed by a constant; with the ways to fail of misbehaving.py."""
+    path = tmp_path / "tanks.yaml"
+    fmu = python_fmu("misbehaving")
+    path.write_text(
+        f"""
+title: Two tanks
+run: {{master: jacobi, step_size: 10 ms, stop_time: 0.5 s}}
+instances:
+  one: {{fmu: {fmu}, start: {{rate: 1.0}}, feedthrough: {{level: []}}}}
+  two: {{fmu: {fmu}}}
+connections:
+  - one.level -> two.rate
+"""
+    )
+    return path
+
+
+def command(*arguments, **options) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [sys.executable, "-m", "orchestrator", *map(str, arguments)],
+        capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[1], **options,
+    )  # fmt: skip
+
+
+def loads_strictly(path: Path) -> dict:
+    def refuse(name):
+        raise AssertionError(f"{name} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def test_a_run_writes_everything_that_it_returns(config, tmp_path):
+    out = tmp_path / "out"
+    result = run(config, out=out, overrides=["one.rate=2.0"], formats=("csv", "parquet", "mat"))
+    assert sorted(path.name for path in out.iterdir()) == sorted(result.files)
+    assert set(result.files) == {
+        "config.yaml", "results.csv", "results.parquet", "results.mat", "summary.json", "signals.png",
+    }  # fmt: skip
+    summary = loads_strictly(out / "summary.json")
+    assert summary == json.loads(json.dumps(result.summary))
+    assert {"title", "config", "run", "numerics", "parameters", "provenance"} == set(summary)
+    assert summary["run"]["master"] == "jacobi"
+    assert summary["run"]["steps"] == 50 and summary["run"]["step_size"] == 0.01
+    assert summary["run"]["simulated_time"] == 0.5 and summary["run"]["wall_time"] > 0.0
+    assert set(summary["run"]["instance_time"]) == {"one", "two"}
+    assert summary["parameters"]["one.rate"] == 2.0
+    provenance = summary["provenance"]
+    assert provenance["fmus"]["one"]["checksum"].startswith("sha256:")
+    assert provenance["packages"]["fmpy"] and provenance["python"]
+    for suffix in ("csv", "parquet", "mat"):
+        again = read_results(out / f"results.{suffix}")
+        for name in result.results.signals:
+            assert again[name].tobytes() == result.results[name].tobytes()
+    assert read_results(out).parameters["one.rate"] == 2.0
+
+
+def test_the_written_config_runs_to_the_same_numbers(config, tmp_path):
+    first = run(config, out=tmp_path / "a", overrides=["one.rate=2.0"], halving=False, figures=False)
+    again = run(tmp_path / "a" / "config.yaml", halving=False)
+    assert prepare(tmp_path / "a" / "config.yaml").config.model == first.prepared.config.model
+    for name in first.results.signals:
+        assert again.results[name].tobytes() == first.results[name].tobytes()
+
+
+def test_numerics_are_what_half_the_step_changes(config):
+    result = run(config)
+    halved = run(config, overrides=["run.step_size=5 ms"], halving=False)
+    assert result.summary["numerics"]["step_size"] == 0.005
+    apart = np.abs(halved.results["two.level"][::2] - result.results["two.level"])
+    found = result.summary["numerics"]["signals"]["two.level"]
+    assert found["max_change"] == apart.max() > 0.0
+    assert found["relative"] == pytest.approx(apart.max() / np.ptp(result.results["two.level"]))
+    # Jacobi's explicit Euler: two.level = (t^2 - h t)/2, so half the step changes it by h t/4.
+    assert found["max_change"] == pytest.approx(0.01 * 0.5 / 4)
+    assert "numerics" not in run(config, halving=False).summary
+
+
+def test_numerics_hold_for_thinned_recordings(config):
+    result = run(config, overrides=["run.record_every=5", "run.record=[two.level]"])
+    assert len(result.results) == 11
+    assert list(result.summary["numerics"]["signals"]) == ["two.level"]
+    assert result.summary["numerics"]["signals"]["two.level"]["max_change"] == pytest.approx(0.01 * 0.5 / 4)
+
+
+def test_changes_keep_the_measures_shape():
+    before = {"a": 1.0, "b": [{"x": 1, "side": "front"}, {"x": 2}], "c": None, "d": True, "e": {"f": 3.0}}
+    after = {"a": 1.5, "b": [{"x": 4, "side": "rear"}], "c": 2.0, "d": False, "e": {"f": None}}
+    assert changes(before, after) == {
+        "a": 0.5,
+        "b": [{"x": 3, "side": None}, {"x": None}],
+        "c": None,
+        "d": None,
+        "e": {"f": None},
+    }
+
+
+def test_signal_changes_of_a_constant_have_no_range():
+    one = Results(np.array([0.0, 1.0]), {"a": np.array([2.0, 2.0])})
+    two = Results(np.array([0.0, 0.5, 1.0]), {"a": np.array([2.0, 9.0, 3.0])})
+    assert signal_changes(one, two) == {"a": {"max_change": 1.0, "relative": None}}
+
+
+# Failures.
+
+
+def test_an_fmu_that_fails_within_a_run_leaves_readable_results(config, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(StepError) as caught:
+        run(config, out=out, overrides=["one.way=error", "one.at=0.3"])
+    error = caught.value
+    assert str(error).splitlines()[0] == "one at time 0.3 s: fmi2DoStep returned fatal"
+    assert any("the tank is empty" in line or "nothing left to integrate" in line for line in error.log)
+    results = read_results(out)
+    assert results.time.tolist() == [n / 100 for n in range(31)]
+    assert results["one.level"][-1] == pytest.approx(0.3)
+    summary = loads_strictly(out / "summary.json")
+    assert summary["error"]["message"] == str(error)
+    assert (summary["error"]["instance"], summary["error"]["time"]) == ("one", 0.3)
+    assert error.result.results.time.tolist() == results.time.tolist()
+
+
+def test_a_nan_from_an_fmu_stops_the_run_by_name(config, tmp_path):
+    with pytest.raises(StepError) as caught:
+        run(config, out=tmp_path / "out", overrides=["one.way=nan", "one.at=0.3"])
+    assert str(caught.value) == (
+        "one at time 0.31 s: level (no unit) is nan\n"
+        "  Check the values that it is given, or take a smaller step size."
+    )
+    assert read_results(tmp_path / "out").time[-1] == 0.3
+
+
+def test_an_fmu_that_ends_the_simulation(config):
+    with pytest.raises(StepError, match=r"^one at time 0.3 s: asks to end the simulation$"):
+        run(config, overrides=["one.way=terminate", "one.at=0.3"])
+
+
+def test_a_failing_second_run_is_told_and_keeps_the_first(config, capsys):
+    # Only the run with half the step has an instant after 0.5 s - 10 ms.
+    overrides = ["one.way=nan", "one.at=0.494"]
+    result = run(config, overrides=overrides)
+    assert result.summary["numerics"]["error"]["status"] == "not finite"
+    assert result.summary["numerics"]["step_size"] == 0.005
+    assert len(result.results) == 51
+    assert main(["run", str(config), "--set", overrides[0], "--set", overrides[1]]) == 0
+    assert "The run with half the step size failed" in capsys.readouterr().out
+
+
+def test_an_fmu_of_another_platform_is_refused_before_anything_is_simulated(config, tmp_path, python_fmu):
+    other = repack(
+        python_fmu("misbehaving"),
+        tmp_path / "Other.fmu",
+        lambda name, data: None if name.startswith("binaries/") else (name, data),
+    )
+    with pytest.raises(
+        Exception, match=r"Other\.fmu: no binary for this platform, \w+; it has binaries for: none"
+    ):
+        run(config, overrides=[f"one.fmu={other}"])
+
+
+def test_all_kinds_of_problems_are_told_together(config):
+    with pytest.raises(ConfigError) as caught:
+        prepare(config, ["run.master=jacoby", "run.stop_time=5.005 s", "one.rat=1"])
+    assert [problem.what for problem in caught.value.problems] == [
+        "no master 'jacoby'",
+        "stop_time 5.005 s is 500.5 steps of 10 ms away",
+        "one has no variable 'rat'",
+    ]
+
+
+def test_measures_are_refused_with_the_rest(tmp_path, config):
+    config.write_text(
+        config.read_text() + "measures:\n  docking: {satellite: one, robots: two}\n  dockin: {}\n"
+    )
+    with pytest.raises(ConfigError) as caught:
+        prepare(config)
+    assert str(caught.value).splitlines() == [
+        "tanks.yaml:10: measures.docking: robot is missing",
+        "  it has no default",
+        "tanks.yaml:10: measures.docking: contact is missing",
+        "  it has no default",
+        "tanks.yaml:10: measures.docking.robots: unknown key 'robots'",
+        "  allowed: satellite, robot, contact, controller. Did you mean robot?",
+        "tanks.yaml:11: measures.dockin: no measure 'dockin'",
+        "  measures: docking. Did you mean docking?",
+    ]
+
+
+# The command line.
+
+
+def test_exit_codes_and_messages(config, tmp_path, capsys):
+    assert main(["run", str(config), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main(["run", str(config), "--set", "run.master=x"]) == 2
+    assert capsys.readouterr().err == (
+        "orchestrator: --set run.master=x: run.master: no master 'x'\n  masters: jacobi, gauss-seidel\n"
+    )
+    assert main(["run", str(config), "--set", "one.way=nan", "--set", "one.at=0.1"]) == 1
+    assert capsys.readouterr().err.startswith("orchestrator: one at time 0.11 s: level (no unit) is nan\n")
+    with pytest.raises(SystemExit) as caught:
+        main(["walk"])
+    assert caught.value.code == 2
+
+
+def test_the_command_prints_a_table_and_where_it_wrote(config, tmp_path):
+    done = command("run", config, "--out", tmp_path / "out", "--format", "csv,mat")
+    assert done.returncode == 0 and done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert lines[0] == "Two tanks" and lines[1].startswith("50 steps of 0.01 s, jacobi, in ")
+    assert any("two.level" in line and "0.00125" in line for line in lines)
+    assert lines[-1] == (
+        f"Written to {tmp_path / 'out'}: config.yaml, results.csv, summary.json, results.mat, signals.png"
+    )
+
+
+def test_check_tells_order_conversions_and_notes(config, capsys):
+    assert main(["check", str(config)]) == 0
+    printed = capsys.readouterr().out
+    assert "tanks: 2 instances, 1 connections" in printed
+    assert "order of direct feedthrough: one, two" in printed
+    assert main(["check", str(config), "--set", "two.rate=1.0"]) == 2
+    assert "two.rate has two sources, one.level and a start value" in capsys.readouterr().err
+
+
+def test_schema_and_list(capsys):
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["properties"]["run"]
+    assert main(["list"]) == 0
+    printed = capsys.readouterr().out
+    assert "docking-1d" in printed and "gauss-seidel" in printed
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a POSIX signal")
+def test_an_interrupted_run_keeps_its_results(config, tmp_path):
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "orchestrator", "run", str(config), "--out", str(out),
+         "--set", "run.stop_time=1 h"],
+        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1], env={**os.environ},
+    )  # fmt: skip
+    rows = 0
+    deadline = time.monotonic() + 60.0
+    while rows < 1000 and time.monotonic() < deadline:
+        time.sleep(0.2)
+        file = out / "results.csv"
+        rows = len(read_results(file)) if file.is_file() and file.stat().st_size else 0
+    process.send_signal(signal.SIGINT)
+    _, printed = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "interrupted; what was recorded until then is kept" in printed
+    assert len(read_results(out)) >= rows >= 1000
+    assert loads_strictly(out / "summary.json")["error"]["kind"] == "Interrupted"
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    code = (
+        "import sys, orchestrator, orchestrator.run, orchestrator.__main__;"
+        "print([m for m in ('matplotlib', 'scipy', 'pyarrow', 'tqdm', 'control') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys, orchestrator; print('numpy' in sys.modules)"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.strip() == "False"
