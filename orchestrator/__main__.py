@@ -37,6 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+    except OSError as error:
+        print(f"orchestrator: {error}", file=sys.stderr)
+        return 1
     except OrchestratorError as error:
         if getattr(args, "debug", False):
             traceback.print_exc()

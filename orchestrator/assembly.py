@@ -79,7 +79,9 @@ def _find_fmu(text: str, config: Config, path: tuple[str, ...], problems: list[P
         problems.append(Problem(place, what, allowed, nearest(Path(text).stem, names)))
         return None
     try:
-        return load_fmu(found)
+        fmu = load_fmu(found)
+        fmu.check()
+        return fmu
     except FmuError as error:
         first, _, rest = str(error).partition("\n")
         problems.append(Problem(place, first, "\n".join(line.strip() for line in rest.splitlines())))

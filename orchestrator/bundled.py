@@ -18,13 +18,16 @@ def _fmu_folder() -> Path:
 
 def fmu_names() -> tuple[str, ...]:
     """Names of the bundled FMUs, in alphabetical order."""
-    return tuple(sorted(path.stem for path in _fmu_folder().glob("*/*.fmu") if path.stem == path.parent.name))
+    return tuple(sorted(_fmus()))
 
 
 def find_fmu(name: str) -> Path | None:
     """Path of a bundled FMU; None if there is none of that name."""
-    path = _fmu_folder() / name / f"{name}.fmu"
-    return path if path.is_file() else None
+    return _fmus().get(name)
+
+
+def _fmus() -> dict[str, Path]:
+    return {path.stem: path for path in _fmu_folder().glob("*/*.fmu")}
 
 
 def system_names() -> tuple[str, ...]:

@@ -25,12 +25,14 @@ class Instances:
     Attributes:
         system, layout: what runs, and where its signals stand.
         running: the instances in the config's order.
+        started: how many of them have left initialisation mode.
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
         self.system = system
         self.layout = layout
         self.running: list[FmuInstance] = []
+        self.started = 0
         self._values = np.zeros(layout.size)
         self._finite = np.empty(layout.size, np.bool_)
         self._texts: dict[Port, str] = {}
@@ -133,6 +135,7 @@ class Instances:
                 self.running[position].set_values(inputs)
         for one in self.running:
             one.exit_initialisation()
+            self.started += 1
         for index, one in enumerate(self.running):
             one.read_outputs()
             self._read_texts(index)
@@ -142,6 +145,14 @@ class Instances:
         """End a run that went well."""
         for one in self.running:
             one.terminate()
+
+    def warnings(self) -> dict[str, list[str]]:
+        """What each instance logged beyond mere information; instances that did not are left out."""
+        told = {
+            one.name: [line for line in one.log_lines() if not line.startswith("[ok]")]
+            for one in self.running
+        }
+        return {name: lines for name, lines in told.items() if lines}
 
     def elapsed(self) -> dict[str, float]:
         """Wall time spent in each instance's steps so far [s]."""
@@ -215,8 +226,8 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
         failed = error.instance
         raise
     finally:
-        for one in reversed(instances.running):
-            if not finished and one.name != failed:
+        for index, one in reversed(list(enumerate(instances.running))):
+            if not finished and one.name != failed and index < instances.started:
                 with suppress(OrchestratorError):  # the first error is the one to tell
                     one.terminate()
             with suppress(OrchestratorError):

@@ -39,7 +39,9 @@ def draw_signals(results: Results, title: str = "", names: Sequence[str] | None 
         for index, name in enumerate(members[:_MOST_LINES]):
             time, values = _thinned(results.time, results[name])
             dash = _DASHES[index // len(COLORS)]
-            axes.plot(time, values, dash, color=COLORS[index % len(COLORS)], linewidth=1.2, label=name)
+            # Each line is thinner than the one below it, so that equal signals can both be seen.
+            width = max(0.8, 2.6 - 0.5 * index)
+            axes.plot(time, values, dash, color=COLORS[index % len(COLORS)], linewidth=width, label=name)
         left_out = len(members) - _MOST_LINES
         label = f"{len(members)} signals, {left_out} not drawn" if left_out > 0 else None
         axes.set_ylabel(f"[{unit}]" if unit else "no unit")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from .master import MasterAlgorithm, create_master
 from .measures import ChosenMeasure, changes, choose_measures, signal_changes
 from .progress import Progress
 from .results import Recorder, Results, parameters_of
-from .simulate import Grid, Observer, simulate
+from .simulate import Grid, Observer, Report, simulate
 from .system import System
 
 __all__ = ["Prepared", "RunResult", "prepare", "run"]
@@ -123,7 +124,7 @@ def run(
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     folder = _folder(out)
     if folder is not None:
-        (folder / "config.yaml").write_text(prepared.config.text(), encoding="utf-8")
+        (folder / "config.yaml").write_text(_moved(prepared.config, folder).text(), encoding="utf-8")
     try:
         results, statistics = _run_once(prepared, prepared.grid, folder, progress)
     except _Stopped as stopped:
@@ -173,11 +174,11 @@ def _run_once(
     bar = Progress(len(grid), label or model.title or prepared.config.name) if progress else None
     if bar is not None:
         observers.append(bar)
-    timing: dict[str, float] = {}
+    report = Report()
     begin = perf_counter()
     error: OrchestratorError | None = None
     try:
-        simulate(prepared.system, prepared.master, grid, observers, timing)
+        simulate(prepared.system, prepared.master, grid, observers, report)
     except OrchestratorError as raised:
         error = raised
     except KeyboardInterrupt:
@@ -198,7 +199,8 @@ def _run_once(
         "simulated_time": simulated,
         "wall_time": wall,
         "real_time_factor": simulated / wall,
-        "instance_time": timing,
+        "instance_time": report.instance_time,
+        "log": report.log,
     }
     if error is not None:
         raise _Stopped(error, results, statistics)
@@ -296,6 +298,16 @@ def _folder(out: Path | str | None) -> Path | None:
     return folder
 
 
+def _moved(config: Config, folder: Path) -> Config:
+    """The same config for another folder: relative paths in it lead to the same files."""
+    data = config.model.to_data()
+    for instance in data["instances"].values():
+        path = config.folder / instance["fmu"]
+        if path.is_file() and not Path(instance["fmu"]).is_absolute():
+            instance["fmu"] = Path(os.path.relpath(path, folder)).as_posix()
+    return load_config(data)
+
+
 def _finish_failed(prepared: Prepared, stopped: _Stopped, folder: Path | None) -> None:
     """Keep what a failed run recorded: on disk, and with the exception."""
     summary = {
@@ -331,7 +343,10 @@ def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
     prepared = result.prepared
     drawn = {"signals": plotting.draw_signals(result.results, prepared.config.model.title)}
     for one in prepared.measures:
-        drawn |= one.measure.figures(result.results, one.options)
+        try:
+            drawn |= one.measure.figures(result.results, one.options)
+        except Exception as error:
+            raise OrchestratorError(f"figures of measure {one.name} failed: {error}") from error
     for name, figure in drawn.items():
         plotting.save(figure, folder / f"{name}.png")
         result.files.append(f"{name}.png")

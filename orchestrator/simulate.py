@@ -6,7 +6,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
@@ -18,7 +18,7 @@ from .master import MasterAlgorithm
 from .signals import Layout, Signals
 from .system import System
 
-__all__ = ["Grid", "Observer", "simulate"]
+__all__ = ["Grid", "Observer", "Report", "simulate"]
 
 Observer = Callable[[Point, Signals], None]
 
@@ -90,6 +90,19 @@ class Grid:
         yield Point(self.steps, (begin + self.steps * stride) / denominator, step, True)
 
 
+@dataclass
+class Report:
+    """What is told of a run besides its signals.
+
+    Attributes:
+        instance_time: wall time spent in each instance's steps [s].
+        log: the latest warnings and errors that each instance logged.
+    """
+
+    instance_time: dict[str, float] = field(default_factory=dict)
+    log: dict[str, list[str]] = field(default_factory=dict)
+
+
 class _Stop:
     """Whether the user asked for an end."""
 
@@ -124,7 +137,7 @@ def simulate(
     master: MasterAlgorithm,
     grid: Grid,
     observers: Iterable[Observer] = (),
-    timing: dict[str, float] | None = None,
+    report: Report | None = None,
 ) -> None:
     """Run a system.
 
@@ -132,7 +145,7 @@ def simulate(
 
     Args:
         observers: called with the point and the signals; signals are new at every point and may be kept.
-        timing: filled with the wall time spent in each instance's steps [s], also when the run fails.
+        report: filled also when the run fails.
     Raises: StepError if an FMU fails; FmuError if one cannot be loaded; KeyboardInterrupt, between two steps,
         if the user asks for it.
     """
@@ -149,5 +162,5 @@ def simulate(
                     signals, info = master.step(system, instances, point, signals)
                     info.raise_on_failure(point)
         finally:
-            if timing is not None:
-                timing.update(instances.elapsed())
+            if report is not None:
+                report.instance_time, report.log = instances.elapsed(), instances.warnings()

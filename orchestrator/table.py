@@ -12,7 +12,7 @@ _MOST_ROWS = 30
 
 
 def summary_text(summary: Mapping[str, Any]) -> str:
-    """What was measured, each number with its change at half the step size in parentheses."""
+    """What was measured, and by how much half the step size changes it."""
     numerics = summary.get("numerics") or {}
     lines = [_heading(summary)]
     for key, value in summary.items():
@@ -25,7 +25,9 @@ def summary_text(summary: Mapping[str, Any]) -> str:
         ]
         lines += _section("change at half the step size", rows, None)
     elif numerics and "error" not in numerics:
-        lines.append("In parentheses: change at half the step size.")
+        lines.append("+-: change at half the step size; under a table, the largest of each column.")
+    for name, told in summary["run"].get("log", {}).items():
+        lines.append(f"{name} logged {len(told)} warnings; the last: {told[-1]}")
     if "error" in numerics:
         message = numerics["error"]["message"].splitlines()[0]
         lines.append(
@@ -55,24 +57,31 @@ def _section(key: str, value: Any, change: Any) -> list[str]:
 def _table(rows: Sequence[Mapping[str, Any]], changes: Sequence[Any]) -> list[str]:
     names = list(dict.fromkeys(name for row in rows for name in row))
     cells = [["", *names]]
-    for index, row in enumerate(rows[:_MOST_ROWS]):
-        change = changes[index] if index < len(changes) and isinstance(changes[index], Mapping) else {}
-        cells.append([str(index + 1), *(_cell(row.get(name), change.get(name)) for name in names)])
-    widths = [max(len(row[column]) for row in cells) for column in range(len(names) + 1)]
-    lines = [
-        "  " + "  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)) for row in cells
+    cells += [
+        [str(n), *(_cell(row.get(name)) for name in names)] for n, row in enumerate(rows[:_MOST_ROWS], 1)
     ]
     if len(rows) > _MOST_ROWS:
-        lines.append(f"  and {len(rows) - _MOST_ROWS} more")
-    return lines
+        cells.append(["...", *[""] * len(names)])
+    known = [change for change in changes if isinstance(change, Mapping)]
+    if known:
+        cells.append(["+-", *(_largest([change.get(name) for change in known]) for name in names)])
+    widths = [max(len(row[column]) for row in cells) for column in range(len(names) + 1)]
+    return [
+        "  " + "  ".join(text.rjust(width) for text, width in zip(row, widths, strict=True)) for row in cells
+    ]
 
 
-def _cell(value: Any, change: Any) -> str:
+def _largest(changes: Sequence[Any]) -> str:
+    numbers = [abs(change) for change in changes if isinstance(change, int | float)]
+    return f"{max(numbers):.1e}" if numbers else ""
+
+
+def _cell(value: Any, change: Any = None) -> str:
     if value is None:
         return "-"
     if isinstance(value, float):
         text = f"{value:.6g}"
-        return f"{text} ({change:+.1e})" if isinstance(change, int | float) else text
+        return f"{text} +- {abs(change):.1e}" if isinstance(change, int | float) and change else text
     if isinstance(value, list):
         return f"{len(value)} values"
     return str(value)

@@ -199,8 +199,8 @@ def lone(name: str, value, **attributes) -> str | float:
         ("5 N", {"unit_name": "s"}, "one.p [s]: cannot take '5 N', "
             "N [kg.m.s-2] cannot be converted to s [s]\n  its unit is s"),
         ("75 Hz", {"unit_name": "rad/s"}, "one.p [rad/s]: cannot take '75 Hz', "
-            "Hz [s-1] cannot be converted to rad/s [s-1.rad]: as a number of cycles it would be 471.23889803846896 rad/s (factor 2 pi), "
-            "as a bare number 75.0 rad/s\n  its unit is rad/s"),
+            "Hz [s-1] cannot be converted to rad/s [s-1.rad]: as a number of cycles it would be "
+            "471.23889803846896 rad/s (factor 2 pi), as a bare number 75.0 rad/s\n  its unit is rad/s"),
         (True, {"unit_name": "1"}, "one.p [1] must be a number, got true"),
         ("-1 s", {"unit_name": "s", "minimum": 0.0},
             "one.p = -1 s is out of range\n  allowed: at least 0.0 s"),

@@ -11,12 +11,12 @@ import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
 
 from orchestrator.assembly import Part, assemble
-from orchestrator.errors import ConfigError, StepError
+from orchestrator.errors import ConfigError, FmuError, StepError
 from orchestrator.fmi import Causality, Initial, Kind, Point, StepStatus, Variability
 from orchestrator.instances import instantiate
 from orchestrator.master import create_master, master_names
 from orchestrator.results import Recorder
-from orchestrator.simulate import Grid, simulate
+from orchestrator.simulate import Grid, Report, simulate
 
 every_master = pytest.mark.parametrize("name", master_names())
 
@@ -305,6 +305,38 @@ def test_the_other_instances_are_terminated_and_all_are_freed():
     good = gain()
     failure("jacobi", failing(0.5, error="x"), Part("good", good), "bad.level -> good.u")
     assert ("good", "terminate") in good.calls
+
+
+def test_instances_that_were_never_started_are_freed_but_not_terminated():
+    class Unloadable(FakeFmu):
+        def instantiate(self, name):
+            raise FmuError("x.fmu: its library cannot be loaded")
+
+    good = mass()
+    system = assemble([Part("good", good, {"force": "0 N"}), Part("bad", Unloadable())])
+    with pytest.raises(FmuError):
+        simulate(system, create_master("jacobi"), Grid(Fraction(0), Fraction(1), 1))
+    assert good.calls == [] and good.alive == []
+
+
+def test_a_report_tells_time_and_warnings_also_of_a_failed_run():
+    good = mass()
+    original = good.instantiate
+
+    def talkative(name):
+        instance = original(name)
+        instance.log += ["[ok] hello", "[warning] hot"]
+        return instance
+
+    good.instantiate = talkative
+    system = assemble(
+        [Part("bad", failing(0.5, error="x"), {"u": "0 m"}), Part("good", good, {"force": "0 N"})]
+    )
+    report = Report()
+    with pytest.raises(StepError):
+        simulate(system, create_master("jacobi"), Grid(Fraction(0), Fraction(1, 10), 10), [], report)
+    assert report.log == {"good": ["[warning] hot"]}
+    assert set(report.instance_time) == {"bad", "good"} and report.instance_time["good"] > 0.0
 
 
 def test_unknown_master():

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import fmpy
 import numpy as np
 import pytest
 from conftest import repack
@@ -85,6 +87,16 @@ def test_the_written_config_runs_to_the_same_numbers(config, tmp_path):
     assert prepare(tmp_path / "a" / "config.yaml").config.model == first.prepared.config.model
     for name in first.results.signals:
         assert again.results[name].tobytes() == first.results[name].tobytes()
+
+
+def test_the_written_config_runs_where_it_lies(config, tmp_path, python_fmu):
+    """A path that is relative to the config is rewritten for the folder of the results."""
+    (tmp_path / "parts").mkdir()
+    shutil.copy(python_fmu("misbehaving"), tmp_path / "parts" / "tank.fmu")
+    overrides = ["one.fmu=parts/tank.fmu", "two.fmu=parts/tank.fmu"]
+    run(config, out=tmp_path / "deep" / "out", overrides=overrides, halving=False, figures=False)
+    assert "fmu: ../../parts/tank.fmu" in (tmp_path / "deep" / "out" / "config.yaml").read_text()
+    assert len(run(tmp_path / "deep" / "out" / "config.yaml", halving=False).results) == 51
 
 
 def test_numerics_are_what_half_the_step_changes(config):
@@ -176,10 +188,13 @@ def test_an_fmu_of_another_platform_is_refused_before_anything_is_simulated(conf
         tmp_path / "Other.fmu",
         lambda name, data: None if name.startswith("binaries/") else (name, data),
     )
-    with pytest.raises(
-        Exception, match=r"Other\.fmu: no binary for this platform, \w+; it has binaries for: none"
-    ):
-        run(config, overrides=[f"one.fmu={other}"])
+    with pytest.raises(ConfigError) as caught:
+        prepare(config, [f"one.fmu={other}"])
+    assert str(caught.value).splitlines() == [
+        f"--set one.fmu={other}: instances.one.fmu: {other}: no binary for this platform, "
+        f"{fmpy.platform}; it has binaries for: none",
+        f"  Export it for {fmpy.platform}, or run it on a platform that it has.",
+    ]
 
 
 def test_all_kinds_of_problems_are_told_together(config):

@@ -21,7 +21,7 @@ class Contact:
         start_time, end_time: their times [s].
         side: "front" (force on the rod negative) or "rear".
         peak_force: largest absolute force [N].
-        velocity_before, velocity_after: free velocity of the satellites' relative motion before and after [m/s].
+        velocity_before, velocity_after: free relative velocity of the satellites around the contact [m/s].
     """
 
     first: int

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +26,7 @@ SERIES = (VERMILION, BLUE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 
 
 def contacts(results: Results, options: DockingOptions) -> Figure:
-    """Velocity of the relative motion and contact force over contact time, beside the ideal contact (Figs. 3, 7)."""
+    """Relative velocity and contact force over contact time, beside the ideal contact (Figs. 3, 7)."""
     found = find_contacts(
         results.time, results[f"{options.satellite}.velocity"], results[f"{options.contact}.force"]
     )
@@ -37,8 +37,8 @@ def contacts(results: Results, options: DockingOptions) -> Figure:
     upper.set_ylabel("relative velocity [mm/s]")
     lower.set_ylabel("contact force [N]")
     lower.set_xlabel("time in contact, free flight cut out [s]")
-    upper.set_title(f"{len(found)} contacts")
-    upper.legend(loc="upper left", ncols=2)
+    figure.suptitle(f"{len(found)} contacts")
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=2)
     return figure
 
 
@@ -62,21 +62,22 @@ def rebounds(measures: Mapping[str, Any]) -> Figure:
 
 
 def estimates(results: Results, options: DockingOptions) -> Figure:
-    """Estimated contact stiffness and damping over time beside the true values (Fig. 6)."""
+    """Estimated contact stiffness and damping over time in contact beside the true values (Fig. 6)."""
+    found = find_contacts(
+        results.time, results[f"{options.satellite}.velocity"], results[f"{options.contact}.force"]
+    )
     figure = Figure(figsize=(9.0, 6.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for axes, name, unit, scale in (
-        (upper, "stiffness", "N/mm", 1e-3),
-        (lower, "damping", "N.s/mm", 1e-3),
-    ):
-        estimate = results[f"{options.controller}.{name}_estimate"] * scale
-        axes.plot(results.time, estimate, color=BLUE, label="estimate")
-        axes.axhline(
-            results.parameters[f"{options.contact}.{name}"] * scale, linestyle="--", color=GREY, label="true"
-        )
-        axes.set_ylabel(f"{name} [{unit}]")
+    for axes, name in ((upper, "stiffness"), (lower, "damping")):
+        estimate = results[f"{options.controller}.{name}_estimate"] * 1e-3
+        for index, (time, rows) in enumerate(_contact_time(results, found)):
+            axes.plot(time, estimate[rows], color=BLUE, label="estimate" if index == 0 else None)
+        truth = results.parameters[f"{options.contact}.{name}"] * 1e-3
+        axes.axhline(truth, linestyle="--", color=GREY, label="true")
         axes.legend(loc="lower right")
-    lower.set_xlabel("time [s]")
+    upper.set_ylabel("stiffness [N/mm]")
+    lower.set_ylabel("damping [N.s/mm]")
+    lower.set_xlabel("time in contact, free flight cut out [s]")
     return figure
 
 
@@ -116,14 +117,10 @@ def _draw_contacts(
 ) -> None:
     velocity = results[f"{options.satellite}.velocity"]
     force = results[f"{options.contact}.force"]
-    begin = 0.0
-    for index, contact in enumerate(found):
-        rows = slice(max(contact.first - 1, 0), contact.last + 2)
-        time = begin + results.time[rows] - results.time[rows][0]
+    for index, (time, rows) in enumerate(_contact_time(results, found)):
         text = label if index == 0 else None
         upper.plot(time, velocity[rows] * 1e3, color=color, label=text)
         lower.plot(time, force[rows], color=color, label=text)
-        begin = float(time[-1])
 
 
 def _draw_ideal(
@@ -140,19 +137,26 @@ def _draw_ideal(
     duration = 2.0 * np.arccos(decay / natural) / damped
     speed = float(results[f"{options.satellite}.velocity"][0])
     restitution = ideal_restitution(stiffness, damping, mass)
-    begin = 0.0
-    for index, contact in enumerate(found):
-        rows = slice(max(contact.first - 1, 0), contact.last + 2)
+    for index, (time, _) in enumerate(_contact_time(results, found)):
+        begin = time[0]
         elapsed = np.linspace(0.0, duration, 200)
         envelope = speed * (-restitution) ** index * np.exp(-decay * elapsed)
         depth = envelope * np.sin(damped * elapsed) / damped
         rate = envelope * (np.cos(damped * elapsed) - decay / damped * np.sin(damped * elapsed))
         text = "ideal contact" if index == 0 else None
-        upper.plot(begin + elapsed, rate * 1e3, "--", color=GREY, linewidth=1.0, label=text)
-        lower.plot(
-            begin + elapsed, -(stiffness * depth + damping * rate), "--", color=GREY, linewidth=1.0, label=text
-        )
-        begin += float(results.time[rows][-1] - results.time[rows][0])
+        style = {"linestyle": "--", "color": GREY, "linewidth": 1.0, "label": text}
+        upper.plot(begin + elapsed, rate * 1e3, **style)
+        lower.plot(begin + elapsed, -(stiffness * depth + damping * rate), **style)
+
+
+def _contact_time(results: Results, found: list[Contact]) -> Iterator[tuple[Array, slice]]:
+    """Time [s] with the free flight cut out, and rows of each contact with the instants around it."""
+    begin = 0.0
+    for contact in found:
+        rows = slice(max(contact.first - 1, 0), contact.last + 2)
+        time = begin + results.time[rows] - results.time[rows][0]
+        yield time, rows
+        begin = float(time[-1])
 
 
 def _absolute(measures: Mapping[str, Any], key: str) -> list[float]:

@@ -1,4 +1,4 @@
-"""The `docking` measure: per contact, the rebound, the peak force and the restitution; the final estimates."""
+"""The `docking` measure: rebound, peak force and restitution per contact; the final estimates."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class DockingMeasure:
                 `rebound_velocity_ratio` (free velocity after the contact over the approach speed, signed),
                 `ideal_velocity_ratio` (the same of the contact without delay), `peak_force` [N],
                 `peak_force_ratio` (over the ideal first peak), `cor` (Eq. 32, as a ratio);
-            ideal: `cor`, `first_peak_force` [N], `contact_frequency` [Hz] (Eq. 31) of the contact without delay;
+            ideal: without delay: `cor`, `first_peak_force` [N], `contact_frequency` [Hz] (Eq. 31);
             stiffness_estimate [N/m], damping_estimate [N.s/m]: the controller's at the end, None without one.
         """
         velocity = results[f"{options.satellite}.velocity"]

@@ -42,6 +42,19 @@ class Unpacked:
         self._users = 0
         self._folder: Path | None = None
 
+    def check(self) -> None:
+        """Judge the archive without unpacking it.
+
+        Raises: FmuError if it has no library for this platform, or entries that would harm.
+        """
+        try:
+            with zipfile.ZipFile(self._path) as archive:
+                members = archive.infolist()
+        except (zipfile.BadZipFile, OSError) as error:
+            raise FmuError(f"{self._path}: cannot be read ({error})") from error
+        self._check_safe(members)
+        self._check_platform([member.filename for member in members])
+
     def acquire(self) -> Path:
         """The folder, unpacked at the first call. Raises: FmuError."""
         if self._folder is None:
@@ -65,12 +78,10 @@ class Unpacked:
             self.corrupt = False  # what is loaded next comes from another folder, hence is another library
 
     def _unpack(self, folder: Path) -> None:
+        self.check()
         try:
             with zipfile.ZipFile(self._path) as archive:
-                members = archive.infolist()
-                self._check_safe(members)
-                self._check_platform([member.filename for member in members])
-                for member in members:
+                for member in archive.infolist():
                     if self._needed(member.filename):
                         archive.extract(member, folder)
         except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError) as error:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from ctypes import POINTER, c_char_p, c_double, c_uint, cast
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from ctypes import CFUNCTYPE, POINTER, addressof, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p, cast
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -42,14 +42,18 @@ class CompiledFmu:
     def _unpacked(self) -> Unpacked:
         return Unpacked(self.path, self.description.fmi_version, self.description.model_identifier)
 
+    def check(self) -> None:
+        """Raises: FmuError if it cannot run on this platform."""
+        self._unpacked.check()
+
     def instantiate(self, name: str) -> FmuInstance:
         """Unpack, load and instantiate. Raises: FmuError."""
         # Loading fmpy's bindings is left until something runs.
         if self.description.fmi_version.startswith("2"):
-            from .fmi2 import Fmi2Instance as Kind
+            from .fmi2 import Fmi2Instance as Version
         else:
-            from .fmi3 import Fmi3Instance as Kind
-        return Kind(name, self.path, self.description, self._unpacked)
+            from .fmi3 import Fmi3Instance as Version
+        return Version(name, self.path, self.description, self._unpacked)
 
     def checksum(self) -> str:
         """SHA-256 of the file."""
@@ -73,16 +77,10 @@ class _Block:
     """Ports of one FMI type: one call moves all of them between the FMU and memory."""
 
     def __init__(
-        self,
-        fmi_type: str,
-        ctype: Any,
-        function: Any,
-        references: list[int],
-        positions: list[int],
-        memory: Array,
+        self, fmi_type: str, ctype: Any, name: str, references: list[int], positions: list[int], memory: Array
     ) -> None:
         count = len(references)
-        self.function = function
+        self.name = name
         self.references = (c_uint * count)(*references)
         self.memory = memory
         self.positions = positions
@@ -90,8 +88,8 @@ class _Block:
         # Doubles that lie side by side are moved where they are; anything else goes by way of a buffer.
         self.direct = ctype is c_double and positions == list(range(run.start, run.stop))
         self.values = (ctype * count).from_buffer(memory[run]) if self.direct else (ctype * count)()
-        self.pointer = cast(self.values, POINTER(ctype))
         self.real = fmi_type in ("Real", "Float64", "Float32")
+        self.call: Callable[[], int] = lambda: 0
 
     def fetch(self) -> None:
         """Buffer -> memory."""
@@ -119,8 +117,8 @@ class CompiledInstance(ABC):
         self._time: float | None = None
         self._freed = False
         self._saved_states = 0
-        self._inputs: list[tuple[_Block, tuple[Any, ...]]] = []
-        self._outputs: list[tuple[_Block, tuple[Any, ...]]] = []
+        self._inputs: list[_Block] = []
+        self._outputs: list[_Block] = []
         self._slave: Any = None
         self._component: Any = None
         self._log = LogBook(name)
@@ -142,10 +140,6 @@ class CompiledInstance(ABC):
     @abstractmethod
     def _accessor(self, variable: Variable, verb: str) -> tuple[Any, Any]:
         """ctypes type of the variable's values and the function that gets or sets them."""
-
-    @abstractmethod
-    def _arguments(self, block: _Block) -> tuple[Any, ...]:
-        """Arguments of the get or set function for a block."""
 
     @abstractmethod
     def _enter(self, start_time: float, stop_time: float | None) -> None: ...
@@ -191,7 +185,7 @@ class CompiledInstance(ABC):
         self._inputs = self._blocks(inputs, u, "Set")
         self._outputs = self._blocks(outputs, y, "Get")
 
-    def _blocks(self, names: Sequence[str], memory: Array, verb: str) -> list[tuple[_Block, tuple[Any, ...]]]:
+    def _blocks(self, names: Sequence[str], memory: Array, verb: str) -> list[_Block]:
         if memory.dtype != np.float64 or not memory.flags.c_contiguous or memory.shape != (len(names),):
             raise ValueError(
                 f"{self.name}: memory for {len(names)} ports must be contiguous float64 of that length"
@@ -204,25 +198,36 @@ class CompiledInstance(ABC):
         for fmi_type, positions in groups.items():
             ctype, function = self._accessor(variables[positions[0]], verb)
             references = [variables[position].reference for position in positions]
-            block = _Block(fmi_type, ctype, function, references, positions, memory)
-            blocks.append((block, self._arguments(block)))
+            block = _Block(fmi_type, ctype, function.__name__, references, positions, memory)
+            block.call = self._bare(
+                function, addressof(block.references), len(references), addressof(block.values)
+            )
+            blocks.append(block)
         return blocks
+
+    def _bare(self, function: Any, references: int, count: int, values: int) -> Callable[[], int]:
+        """A get or set function with its arguments already converted, which halves the cost of a call."""
+        arguments = [c_void_p(self._component), c_void_p(references), c_size_t(count), c_void_p(values)]
+        if not self.description.fmi_version.startswith("2"):
+            arguments.append(c_size_t(count))  # FMI 3 counts values besides references
+        types = [type(argument) for argument in arguments]
+        return partial(CFUNCTYPE(c_int, *types)(cast(function, c_void_p).value), *arguments)
 
     def write_inputs(self) -> None:
         """Send the bound inputs to the FMU."""
-        for block, arguments in self._inputs:
+        for block in self._inputs:
             if not block.direct:
                 block.send()
-            status = block.function(*arguments)
+            status = block.call()
             if status > 1:
-                self._fail(block.function.__name__, status)
+                self._fail(block.name, status)
 
     def read_outputs(self) -> None:
         """Fetch the bound outputs from the FMU."""
-        for block, arguments in self._outputs:
-            status = block.function(*arguments)
+        for block in self._outputs:
+            status = block.call()
             if status > 1:
-                self._fail(block.function.__name__, status)
+                self._fail(block.name, status)
             if not block.direct:
                 block.fetch()
 

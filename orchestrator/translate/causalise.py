@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components, maximum_bipartite_matchin
 
 from orchestrator.errors import BuildError, listed
 
-from .derivative import forward
 from .flat import (
     KINKED,
     RELATIONS,
@@ -208,18 +207,16 @@ def _solve_block(
             f"{listed(targets)}; "
             "write an equation of a Boolean or Integer as `variable = expression`, without loops"
         )
-    matrix = ca.horzcat(
-        *(ca.vertcat(*forward(residuals, {"seed": (symbol, ca.SX(1))})) for symbol in symbols)
-    )
+    matrix = ca.densify(ca.jacobian(ca.vertcat(*residuals), ca.vertcat(*symbols)))
     offset = ca.substitute(residuals, symbols, [ca.SX(0)] * len(symbols))
-    if matrix.is_constant() and np.linalg.matrix_rank(np.array(ca.DM(matrix))) < len(targets):
+    if matrix.is_constant() and np.linalg.matrix_rank(ca.DM(matrix).full()) < len(targets):
         raise BuildError(
             f"{', '.join(str(equation.location) for equation in equations)}: the equations do not determine "
             f"{listed(targets)}: they say the same or contradict each other"
         )
     if len(symbols) == 1:
         return [-offset[0] / matrix]
-    values = ca.solve(ca.densify(matrix), -ca.vertcat(*offset))
+    values = ca.solve(matrix, -ca.vertcat(*offset))
     return [values[i] for i in range(len(symbols))]
 
 

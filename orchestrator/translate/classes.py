@@ -42,20 +42,22 @@ def within_clause(tokens: Iterable[Token]) -> str:
     return "".join(token.text for token in tokens[1:end])
 
 
-def find_classes(texts: Mapping[str, str]) -> dict[str, ModelicaClass]:
+def find_classes(texts: Mapping[str, str], label: str = "") -> dict[str, ModelicaClass]:
     """Return every class of the files by its qualified name.
 
     Args:
-        texts: name of a file -> its content.
+        texts: path of a file -> its content.
+        label: what is put before a path in messages.
     Raises: BuildError if a file is no Modelica or two classes have one name.
     """
     found: dict[str, ModelicaClass] = {}
     for file, text in texts.items():
-        for item in _classes_of(file, tokenise(text, file)):
+        for item in _classes_of(file, tokenise(text, label + file), label):
             if item.name in found:
                 other = found[item.name]
                 raise BuildError(
-                    f"{file}:{item.line}: class {item.name} is already defined at {other.file}:{other.line}"
+                    f"{label}{file}:{item.line}: class {item.name} is already defined at "
+                    f"{label}{other.file}:{other.line}"
                 )
             found[item.name] = item
     return found
@@ -127,7 +129,7 @@ def _mentions(tokens: list[Token]) -> Iterator[list[str]]:
         yield path
 
 
-def _classes_of(file: str, tokens: tuple[Token, ...]) -> Iterator[ModelicaClass]:
+def _classes_of(file: str, tokens: tuple[Token, ...], label: str) -> Iterator[ModelicaClass]:
     prefix = within_clause(tokens)
     stack: list[ModelicaClass] = []
     position = 0
@@ -172,7 +174,7 @@ def _classes_of(file: str, tokens: tuple[Token, ...]) -> Iterator[ModelicaClass]
         position += 1
     if stack:
         raise BuildError(
-            f"{file}:{stack[-1].line}: {stack[-1].kind} {stack[-1].name} is not closed by its `end`"
+            f"{label}{file}:{stack[-1].line}: {stack[-1].kind} {stack[-1].name} is not closed by its `end`"
         )
 
 

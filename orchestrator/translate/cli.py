@@ -1,39 +1,40 @@
-"""The sub-command `build`: a Modelica file to an FMU."""
+"""The sub-command `build`: a Modelica or Python model to an FMU."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from orchestrator.errors import BuildError
 
 from .package import PLATFORMS
 
-_DESCRIPTION = """Make a co-simulation FMU from a Modelica model, with C sources and binaries for
-Linux, Windows and macOS. Needs the extra `build` (pip install 'orchestrator[build]'), no C compiler."""
+_DESCRIPTION = """Make a co-simulation FMU from a Modelica model, with C sources and binaries for Linux,
+Windows and macOS, or from a Python model (pythonfmu). Needs the extra `build`
+(pip install 'orchestrator[build]'), no C compiler."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator build`."""
     parser.description = _DESCRIPTION
     parser.add_argument(
-        "model_file", type=Path, metavar="MODEL.mo", help="file of the model; its package is loaded"
+        "model_file", type=Path, metavar="MODEL", help="a .mo file, whose package is loaded, or a .py file"
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE.fmu", help="default: the model's name, here"
+        "-o", "--output", type=Path, metavar="FILE.fmu", help="default: named after the model, in this folder"
     )
-    parser.add_argument("--model", metavar="NAME", help="model to build, if the file holds none or several")
-    parser.add_argument(
+    modelica = parser.add_argument_group("Modelica models only")
+    modelica.add_argument("--model", metavar="NAME", help="model to build, if the file holds none or several")
+    modelica.add_argument(
         "--fmi", choices=("2.0", "3.0"), default="2.0", help="FMI version (default: %(default)s)"
     )
-    parser.add_argument(
+    modelica.add_argument(
         "--platforms",
         metavar="LIST",
         default="all",
         help=f"some of {','.join(PLATFORMS)}; or all, or none for sources only (default: %(default)s)",
     )
-    parser.add_argument(
+    modelica.add_argument(
         "--compiler",
         choices=("rumoca", "omc"),
         default="rumoca",
@@ -42,29 +43,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Build; prints what was made. Returns 0, or 1 after an error, which is printed to stderr."""
+    """Build and print what was made.
+
+    Args:
+        args: as declared by `add_arguments`.
+    Returns: 0.
+    Raises: BuildError for what cannot be built.
+    """
+    file: Path = args.model_file
+    output: Path = args.output or Path(f"{(args.model or file.stem).rpartition('.')[2]}.fmu")
+    if file.suffix == ".py":
+        from .python_fmu import build_python_fmu
+
+        print(f"{build_python_fmu(file, output)}: FMI 2.0 co-simulation, in Python")
+        return 0
+    if file.suffix != ".mo":
+        raise BuildError(f"{file}: cannot tell what kind of model this is; give a .mo or a .py file")
     from .build import build
 
     platforms = {"all": tuple(PLATFORMS), "none": ()}.get(
         args.platforms, tuple(name.strip() for name in args.platforms.split(","))
     )
-    output = args.output or Path(f"{(args.model or args.model_file.stem).rpartition('.')[2]}.fmu")
-    try:
-        report = build(
-            args.model_file,
-            output,
-            model=args.model,
-            fmi_version=args.fmi,
-            platforms=platforms,
-            compiler=args.compiler,
-        )
-    except BuildError as error:
-        print(error, file=sys.stderr)
-        return 1
+    report = build(
+        file, output, model=args.model, fmi_version=args.fmi, platforms=platforms, compiler=args.compiler
+    )
     print(f"{report.path}: {report.model}, FMI {report.fmi_version} co-simulation")
     if report.counts:
         print("  " + ", ".join(f"{number} {what}" for what, number in report.counts.items()))
-    print(f"  binaries: {', '.join(report.platforms) or 'none'}")
+    if report.platforms:
+        print(f"  binaries: {', '.join(report.platforms)}")
     for note in report.notes:
         print(f"  {note}")
     return 0

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import casadi as ca
 
 from .causalise import SolvedModel
-from .derivative import forward
 
 
 @dataclass(frozen=True)
@@ -75,14 +74,10 @@ def build_program(model: SolvedModel) -> Program:
     started = {name: start for name, start in symbols.starts.items() if ca.symvar(start)}
 
     seeds = [[ca.SX.sym(f"seed_{element.name()}") for element in group] for group in groups[:5]]
-    directions = {
-        f"{number},{index}": (element, seed)
-        for number, (group, own) in enumerate(zip(groups[:5], seeds, strict=True))
-        for index, (element, seed) in enumerate(zip(group, own, strict=True))
-    }
-    varied = forward([*derivatives, *algebraics, *operands], directions)
-    ends = (len(derivatives), len(derivatives) + len(algebraics))
-    tangents = [varied[: ends[0]], varied[ends[0] : ends[1]], varied[ends[1] :]]
+    varied = [
+        ca.jtimes(_column(results), ca.vertcat(*arguments[:5]), ca.vertcat(*map(_column, seeds)))
+        for results in (derivatives, algebraics, operands)
+    ]
     p = arguments[3]
     return Program(
         model=model,
@@ -103,7 +98,7 @@ def build_program(model: SolvedModel) -> Program:
         delays=_function("delays", arguments, [operands, [delay.time for delay in model.delays]]),
         relations=_function("relations", arguments, [[relation.expression for relation in model.relations]]),
         assertions=_function("assertions", arguments, [model.assertions]),
-        tangent=_function("tangent", [*arguments, *map(_column, seeds)], tangents),
+        tangent=_function("tangent", [*arguments, *map(_column, seeds)], [[part] for part in varied]),
     )
 
 

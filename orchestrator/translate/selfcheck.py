@@ -6,7 +6,7 @@ import math
 import random
 from dataclasses import dataclass
 
-import numpy as np
+import casadi as ca
 
 from orchestrator.errors import BuildError
 
@@ -157,8 +157,8 @@ def _modes(
     raise _Unusable
 
 
-def _vector(result: object) -> list[float]:
-    values = np.asarray(result, dtype=float).reshape(-1).tolist()
+def _vector(result: ca.DM) -> list[float]:
+    values = result.full().ravel().tolist()
     if not all(map(math.isfinite, values)):
         raise _Unusable
     return values

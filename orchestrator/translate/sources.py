@@ -59,7 +59,7 @@ class SourceTree:
     @cached_property
     def classes(self) -> dict[str, ModelicaClass]:
         """Every class by its qualified name; their files are paths within `root`."""
-        return find_classes({path: text for path, text in self.texts.items()})
+        return find_classes(self.texts, self.label)
 
     def model_name(self, model: str | None) -> str:
         """Qualified name of the model to build.
@@ -78,9 +78,10 @@ class SourceTree:
             for name in (scope + model for scope in scopes):
                 if name in models:
                     return name
+            hint = nearest(model, models)
             raise BuildError(
-                f"{self.shown(self.main)}: no model {model}; models: {listed(models)}. "
-                f"{nearest(model, models)}".rstrip()
+                f"{self.shown(self.main)}: no model {model}; models: {listed(models)}"
+                + (f". {hint}" if hint else "")
             )
         if len(top) == 1 and top[0].name in models:
             return top[0].name

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from .derivative import forward
 from .flat import Literal, Node, Reference
 from .generate import TableEntry
 from .program import Program
@@ -101,7 +100,7 @@ class _Structure:
         return Unknown(number, tuple(found), tuple(found.values()))
 
     def _kind(self, expression: ca.SX, name: str) -> str:
-        slope = forward([expression], {name: (self._symbols[name], ca.SX(1))})[0]
+        slope = ca.densify(ca.jacobian(expression, self._symbols[name]))
         free = {self._names.get(h, "") for h in self._hashes(slope)}
         if slope.is_zero():
             return "dependent"  # reached through a condition, not through a value

@@ -193,3 +193,10 @@ NO_ARRAY(fmi3GetNominalsOfContinuousStates, fmi3Float64)
 
 NO_NUMBER(fmi3GetNumberOfEventIndicators)
 NO_NUMBER(fmi3GetNumberOfContinuousStates)
+
+fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime)
+{
+    (void)clockReference;
+    (void)activationTime;
+    return absent(instance, "fmi3ActivateModelPartition", "Scheduled Execution is not offered");
+}

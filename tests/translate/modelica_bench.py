@@ -1,0 +1,187 @@
+"""Flat models from text, instances of FMUs by variable names, and the golden signals of the Modelica FMUs.
+
+Run as a script to write the references anew; a change then has to be explained by the physics that moved it.
+"""
+
+from __future__ import annotations
+
+import csv
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+
+ROOT = Path(__file__).parents[2]
+FMUS = ROOT / "fmus"
+
+
+def model_file(folder: Path, text: str, name: str = "Model.mo") -> Path:
+    """Write Modelica text to a file."""
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+class Instance:
+    """One instance of a compiled FMU of either FMI version, by variable names."""
+
+    def __init__(self, description: Any, folder: str) -> None:
+        self.variables = {variable.name: variable for variable in description.modelVariables}
+        second = description.fmiVersion == "2.0"
+        self.fmu = (FMU2Slave if second else FMU3Slave)(
+            guid=description.guid,
+            unzipDirectory=folder,
+            modelIdentifier=description.coSimulation.modelIdentifier,
+            instanceName="test",
+        )
+        self.second = second
+        self.time = 0.0
+        self.fmu.instantiate()
+
+    def initialise(self, **start: float) -> Instance:
+        self.set(start)
+        if self.second:
+            self.fmu.setupExperiment(startTime=0.0)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=0.0)
+        self.fmu.exitInitializationMode()
+        return self
+
+    def set(self, values: Mapping[str, float]) -> None:
+        for name, value in values.items():
+            variable = self.variables[name]
+            set_value = getattr(self.fmu, f"set{variable.type}")
+            set_value([variable.valueReference], [value])
+
+    def get(self, *names: str) -> list[float]:
+        values = []
+        for name in names:
+            variable = self.variables[name]
+            values += getattr(self.fmu, f"get{variable.type}")([variable.valueReference])
+        return values
+
+    def step(self, size: float) -> None:
+        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=size)
+        self.time += size
+
+    def derivative(self, unknown: str, known: str) -> float:
+        """Directional derivative of one variable with respect to another."""
+        references = [self.variables[name].valueReference for name in (unknown, known)]
+        if self.second:
+            return self.fmu.getDirectionalDerivative(references[:1], references[1:], [1.0])[0]
+        return self.fmu.getDirectionalDerivative(references[:1], references[1:], [1.0], 1)[0]
+
+
+@contextmanager
+def instance(path: Path, **start: float) -> Iterator[Instance]:
+    """An initialised instance of an FMU; its folder is removed afterwards."""
+    description = fmpy.read_model_description(str(path))
+    with tempfile.TemporaryDirectory() as folder:
+        fmpy.extract(str(path), unzipdir=folder)
+        item = Instance(description, folder)
+        try:
+            yield item.initialise(**start)
+            item.fmu.terminate()
+        finally:
+            item.fmu.freeInstance()
+
+
+# Golden signals ---------------------------------------------------------------------------------------------
+
+UNITS = {
+    "time": "s",
+    "command": "m",
+    "position": "m",
+    "velocity": "m/s",
+    "force": "N",
+    "penetration": "m",
+    "measured_force": "N",
+}
+INPUTS: dict[str, tuple[str, ...]] = {
+    "RobotResponse": ("command",),
+    "DockingContact": ("position", "velocity"),
+    "ForceSensor": ("force",),
+    "UncompensatedDocking": (),
+}
+OUTPUTS: dict[str, tuple[str, ...]] = {
+    "RobotResponse": ("position", "velocity"),
+    "DockingContact": ("force", "penetration"),
+    "ForceSensor": ("measured_force",),
+    "UncompensatedDocking": ("position", "velocity", "force"),
+}
+START: dict[str, dict[str, float]] = {
+    "RobotResponse": {"tau_m": 2.3e-3},
+    "DockingContact": {"damping": 500.0},
+    "ForceSensor": {"tau_s": 1.3e-3, "cutoff": 100.0, "resolution": 0.5},
+    "UncompensatedDocking": {"robot.tau_m": 6e-3},
+}
+STEPS = {"RobotResponse": 5e-4, "DockingContact": 1e-3, "ForceSensor": 5e-4, "UncompensatedDocking": 1e-3}
+
+
+def inputs(name: str) -> list[dict[str, float]]:
+    """Input of every row: what acts over the step that ends there (row 0: at initialisation)."""
+    step = STEPS[name]
+    if name == "RobotResponse":
+        # 0 until 5 ms, 1 mm until 30 ms, then -0.5 mm.
+        steps = [0.0 if i <= 10 else 1e-3 if i <= 60 else -5e-4 for i in range(161)]
+        return [{"command": value} for value in steps]
+    if name == "DockingContact":
+        # 8 mm to either side at 2 Hz, with the velocity that belongs to it.
+        omega = 2 * np.pi * 2.0
+        times = [i * step for i in range(501)]
+        return [
+            {"position": float(8e-3 * np.sin(omega * t)), "velocity": float(8e-3 * omega * np.cos(omega * t))}
+            for t in times
+        ]
+    if name == "ForceSensor":
+        return [{"force": 0.0 if i <= 4 else -140.2 if i <= 44 else 33.1} for i in range(121)]
+    return [{} for _ in range(1001)]
+
+
+def run(name: str, path: Path | None = None) -> list[dict[str, float]]:
+    """Rows of signals that an FMU gives for the golden input."""
+    step = STEPS[name]
+    driven = inputs(name)
+    rows = []
+    with instance(path or FMUS / name / f"{name}.fmu", **START[name], **driven[0]) as fmu:
+        for index, values in enumerate(driven):
+            if index:
+                fmu.set(values)
+                fmu.fmu.doStep(currentCommunicationPoint=(index - 1) * step, communicationStepSize=step)
+            outputs = dict(zip(OUTPUTS[name], fmu.get(*OUTPUTS[name]), strict=True))
+            rows.append({"time": index * step, **values, **outputs})
+    return rows
+
+
+def read(name: str) -> dict[str, np.ndarray]:
+    """Columns of a reference, by signal name without unit."""
+    with (FMUS / name / "reference.csv").open(newline="", encoding="utf-8") as stream:
+        rows = csv.reader(stream)
+        names = [column.split(" [")[0] for column in next(rows)]
+        values = np.array([[float(value) for value in row] for row in rows])
+    return dict(zip(names, values.T, strict=True))
+
+
+def write(name: str, rows: Sequence[Mapping[str, float]]) -> None:
+    """Write a reference."""
+    with (FMUS / name / "reference.csv").open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(f"{signal} [{UNITS[signal]}]" for signal in rows[0])
+        writer.writerows([repr(value) for value in row.values()] for row in rows)
+
+
+def main() -> None:
+    """Write every reference."""
+    for name in INPUTS:
+        write(name, run(name))
+
+
+if __name__ == "__main__":
+    main()
