@@ -59,9 +59,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    run = commands.add_parser("run", help="run a system")
-    _add_config(run)
-    run.add_argument("--out", metavar="DIR", help="write results, summary and figures to this folder")
+    run = commands.add_parser("run", help="run a system, or several and compare them")
+    _add_config(run, several=True)
+    run.add_argument(
+        "--out",
+        metavar="DIR",
+        help="write results, summary and figures to this folder; with several systems, one folder each in it",
+    )
     run.add_argument(
         "--format", default="csv", metavar="LIST", help="formats of the results: csv (always), parquet, mat"
     )
@@ -95,8 +99,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_config(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("config", metavar="NAME|CONFIG", help="a bundled system, or a YAML file")
+def _add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    parser.add_argument(
+        "config",
+        nargs="+" if several else None,
+        metavar="NAME|CONFIG",
+        help="a bundled system, or a YAML file",
+    )
     parser.add_argument(
         "--set",
         action="append",
@@ -108,25 +117,25 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from .run import run
+    from .compare import run_each
     from .table import summary_text
 
-    result = run(
-        args.config,
-        out=args.out,
-        overrides=args.overrides,
-        halving=not args.no_halving,
-        formats=[one.strip() for one in args.format.split(",") if one.strip()],
-        figures=not args.no_figures,
-        progress=not args.quiet,
-    )
-    failed = (result.summary.get("numerics") or {}).get("error")
-    if not args.quiet:
-        print(summary_text(result.summary))
-        if result.folder is not None:
-            print(f"Written to {result.folder}: {', '.join(result.files)}")
-    elif failed:
-        print(f"orchestrator: the run with half the step size failed: {failed['message']}", file=sys.stderr)
+    options = {
+        "halving": not args.no_halving,
+        "formats": [one.strip() for one in args.format.split(",") if one.strip()],
+        "figures": not args.no_figures,
+        "progress": not args.quiet,
+    }
+    for result in run_each(args.config, out=args.out, overrides=args.overrides, **options):
+        failed = (result.summary.get("numerics") or {}).get("error")
+        if not args.quiet:
+            print(summary_text(result.summary))
+            if result.folder is not None:
+                print(f"Written to {result.folder}: {', '.join(result.files)}")
+        elif failed:
+            print(
+                f"orchestrator: the run with half the step size failed: {failed['message']}", file=sys.stderr
+            )
     return 0
 
 

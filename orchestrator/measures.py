@@ -35,6 +35,11 @@ class Measure(Protocol):
     def figures(self, results: Results, options: Any) -> dict[str, Figure]:
         """Figures by file name without suffix."""
 
+    # Only where several runs can be compared:
+
+    def comparison(self, runs: Mapping[str, tuple[Results, Any]]) -> dict[str, Figure]:
+        """Figures by file name without suffix; `runs` holds results and options by the system's name."""
+
 
 # Name in configs -> where it lives; imported when asked for.
 _MEASURES = {

@@ -45,13 +45,3 @@ def c_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
         archive.write(SOURCES / "types3.xml", "modelDescription.xml")
         archive.write(library, f"binaries/{fmpy.platform_tuple}/{library.name}")
     return path
-
-
-def repack(source: Path, target: Path, change: Callable[[str, bytes], tuple[str, bytes] | None]) -> Path:
-    """Copy an archive; `change` gives each entry's new name and content, or None to drop it."""
-    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
-        for entry in old.infolist():
-            changed = change(entry.filename, old.read(entry))
-            if changed is not None:
-                new.writestr(*changed)
-    return target

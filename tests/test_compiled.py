@@ -13,7 +13,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from conftest import repack
+from archives import repack
 
 from orchestrator.errors import FmuError, StepError
 from orchestrator.fmi import Kind, Point, StepStatus, load_fmu

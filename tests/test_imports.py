@@ -14,7 +14,7 @@ PACKAGE = ROOT / "orchestrator"
 LAYERS = [
     "errors", "bundled", "units", "config", "fmi", "graph", "system", "checks", "assembly", "signals",
     "instances",
-    "master", "simulate", "formats", "results", "progress", "measures", "plotting", "run", "table",
+    "master", "simulate", "formats", "results", "progress", "measures", "plotting", "run", "compare", "table",
     "translate", "frequency", "docking", "diagnosis", "campaign", "__main__",
 ]  # fmt: skip
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import pytest
-from conftest import repack
+from archives import repack
 
 from orchestrator.__main__ import main
 from orchestrator.errors import ConfigError, StepError
@@ -304,3 +304,32 @@ def test_importing_the_package_loads_nothing_heavy():
         capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert done.stdout.strip() == "False"
+
+
+def test_several_systems_are_run_and_compared(tmp_path):
+    from orchestrator.__main__ import main
+
+    out = tmp_path / "out"
+    names = ["docking-1d-uncompensated", "docking-1d"]
+    common = ["--out", str(out), "--no-halving", "--quiet", "--set", "run.stop_time=0.6 s"]
+    assert main(["run", *names, *common]) == 0
+    assert sorted(entry.name for entry in out.iterdir()) == ["comparison.png", *sorted(names)]
+    for name in names:
+        assert (out / name / "summary.json").is_file()
+
+
+def test_problems_of_all_systems_are_told_before_any_runs(tmp_path, capsys):
+    from orchestrator.__main__ import main
+
+    out = tmp_path / "out"
+    assert main(["run", "docking-1d", "docking-2d", "docking-3d", "--out", str(out)]) == 2
+    told = capsys.readouterr().err
+    assert "docking-2d" in told and "docking-3d" in told
+    assert not out.exists()
+
+
+def test_two_systems_of_one_name_need_two_folders(tmp_path, capsys):
+    from orchestrator.__main__ import main
+
+    assert main(["run", "docking-1d", "docking-1d", "--out", str(tmp_path / "out")]) == 2
+    assert "several systems are called docking-1d" in capsys.readouterr().err

@@ -102,7 +102,7 @@ def comparison(runs: Mapping[str, tuple[Results, DockingOptions]]) -> Figure:
     for axes in (left, right):
         axes.set_xlabel("contact")
         axes.xaxis.get_major_locator().set_params(integer=True)
-    left.legend()
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -101,3 +102,9 @@ class DockingMeasure:
         if options.controller is not None:
             drawn["estimates"] = figures.estimates(results, options)
         return drawn
+
+    def comparison(self, runs: Mapping[str, tuple[Results, DockingOptions]]) -> dict[str, Figure]:
+        """Rebound velocity and peak force per contact of several runs: `comparison`."""
+        from . import figures
+
+        return {"comparison": figures.comparison(runs)}

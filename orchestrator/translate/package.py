@@ -95,13 +95,17 @@ def runtime_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
     }
     spec = find_spec("fmpy")
     if spec is None or spec.origin is None:
-        raise BuildError("FMI headers: the package fmpy, which carries them, is not installed; run `pip install fmpy`")
+        raise BuildError(
+            "FMI headers: the package fmpy, which carries them, is not installed; run `pip install fmpy`"
+        )
     folder = Path(spec.origin).parent / "c-code"
     for name in _HEADERS[fmi_version]:
         try:
             sources[name] = (folder / name).read_bytes()
         except OSError as error:
-            raise BuildError(f"FMI headers: cannot read {name} in the installed fmpy: {error.strerror}") from error
+            raise BuildError(
+                f"FMI headers: cannot read {name} in the installed fmpy: {error.strerror}"
+            ) from error
     # A checkout with CRLF line ends must give the same FMU.
     return {name: sources[name].replace(b"\r\n", b"\n") for name in sorted(sources)}
 
@@ -169,7 +173,9 @@ def compile_library(
     if not names:
         raise BuildError(f"{sources_dir}: no C files to compile")
     if find_spec("ziglang") is None:
-        raise BuildError("C compiler: the package ziglang is not installed; run `pip install 'ziglang>=0.17,<0.18'`")
+        raise BuildError(
+            "C compiler: the package ziglang is not installed; run `pip install 'ziglang>=0.17,<0.18'`"
+        )
     libraries = {}
     for platform in platforms:
         known = _platform(platform)
@@ -180,7 +186,9 @@ def compile_library(
                     shutil.copyfile(path, Path(scratch) / path.name)
             library = Path(scratch) / f"{model_identifier}{known.suffix}"
             flags = [*_FLAGS, *(flag.format(name=model_identifier) for flag in known.flags)]
-            _run_compiler(["-target", known.target, "-I.", "-o", library.name, *names, *flags], scratch, platform)
+            _run_compiler(
+                ["-target", known.target, "-I.", "-o", library.name, *names, *flags], scratch, platform
+            )
             content = library.read_bytes()
         libraries[platform] = content
     if fmi_version == "2.0" and {"x86_64-darwin", "aarch64-darwin"} <= libraries.keys():
@@ -202,7 +210,12 @@ def write_fmu(path: Path, members: Mapping[str, bytes]) -> None:
     """
     path = Path(path)
     for name in members:
-        if not name or name.startswith("/") or "\\" in name or any(part in ("", ".", "..") for part in name.split("/")):
+        if (
+            not name
+            or name.startswith("/")
+            or "\\" in name
+            or any(part in ("", ".", "..") for part in name.split("/"))
+        ):
             raise BuildError(f"{path.name}: {name!r} is no path within an FMU; give a relative path with '/'")
     handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
     try:

@@ -124,17 +124,17 @@ class Instance:
         return self.messages[-1][2]
 
     def save(self) -> Any:
-        return self.fmu.getFMUState() if not self.second else self.fmu.getFMUState()
+        return self.fmu.getFMUState()
 
     def restore(self, state: Any, time: float) -> None:
         self.fmu.setFMUState(state)
         self.time = time
 
     def serialise(self, state: Any) -> bytes:
-        return self.fmu.serializeFMUState(state)
+        return self.fmu.serializeFMUstate(state) if self.second else self.fmu.serializeFMUState(state)
 
     def deserialise(self, data: bytes) -> Any:
-        return self.fmu.deSerializeFMUState(data) if self.second else self.fmu.deserializeFMUState(data)
+        return self.fmu.deSerializeFMUstate(data) if self.second else self.fmu.deserializeFMUState(data)
 
     def derivative(self, unknown: str, known: str) -> float:
         places = [self.references[unknown]], [self.references[known]]

@@ -1,0 +1,74 @@
+"""Several systems in one go, and what their measures draw of them together."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from .errors import ConfigError, Problem, listed
+from .run import RunResult, prepare, run
+
+__all__ = ["run_each"]
+
+
+def run_each(
+    configs: Sequence[str | Path],
+    *,
+    out: Path | str | None = None,
+    overrides: Iterable[str] = (),
+    figures: bool = True,
+    **options: Any,
+) -> Iterator[RunResult]:
+    """Run systems one after the other; all are checked before the first runs.
+
+    Args:
+        configs: bundled names or paths. With more than one, `out` gets a folder for each, named after
+            the system, and the figures in which their common measures compare them.
+        out, overrides, figures, options: see `orchestrator.run.run`; overrides hold for every system.
+    Yields: the result of each system as it ends.
+    Raises: as `run`; ConfigError with the problems of all systems.
+    """
+    overrides = tuple(overrides)
+    prepared, problems = [], []
+    for config in configs:
+        try:
+            prepared.append(prepare(config, overrides))
+        except ConfigError as error:
+            problems += error.problems
+    counts = Counter(one.config.name for one in prepared)
+    twice = [name for name, count in counts.items() if count > 1]
+    if twice and out is not None:
+        problems.append(
+            Problem("", f"several systems are called {listed(twice)}", "one folder for each name")
+        )
+    if problems:
+        raise ConfigError(problems)
+    several = len(prepared) > 1
+    finished = {}
+    for one in prepared:
+        folder = Path(out) / one.config.name if out is not None and several else out
+        result = run(one, out=folder, figures=figures, **options)
+        finished[one.config.name] = result
+        yield result
+    if several and out is not None and figures:
+        _draw_together(finished, Path(out))
+
+
+def _draw_together(finished: dict[str, RunResult], folder: Path) -> None:
+    from . import plotting
+
+    kinds = {one.name: one.measure for result in finished.values() for one in result.prepared.measures}
+    for kind, measure in kinds.items():
+        if not hasattr(measure, "comparison"):
+            continue
+        runs = {
+            name: (result.results, one.options)
+            for name, result in finished.items()
+            for one in result.prepared.measures
+            if one.name == kind
+        }
+        if len(runs) > 1:
+            for name, figure in measure.comparison(runs).items():
+                plotting.save(figure, folder / f"{name}.png")
