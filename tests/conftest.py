@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -45,3 +45,21 @@ def c_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
         archive.write(SOURCES / "types3.xml", "modelDescription.xml")
         archive.write(library, f"binaries/{fmpy.platform_tuple}/{library.name}")
     return path
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _python_fmus_end_well() -> Iterator[None]:
+    """Some tests drive Python FMUs through fmpy alone, which does not know of pythonfmu's fault at exit."""
+    from fmpy.fmi1 import _FMU
+
+    from orchestrator.fmi.library import release_python_state
+
+    free = _FMU.freeLibrary
+
+    def free_library(self: _FMU) -> None:
+        release_python_state(self.dll)
+        free(self)
+
+    _FMU.freeLibrary = free_library
+    yield
+    _FMU.freeLibrary = free

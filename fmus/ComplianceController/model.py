@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pythonfmu import Boolean, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Integer, Real
-from pythonfmu.enums import Fmi2Status
 
 try:
     from filterpy.kalman import KalmanFilter
@@ -497,11 +496,12 @@ class ComplianceController(Fmi2Slave):
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Advance to the end of the step, sampling there if a sample is due.
 
-        Returns: False (FMI: discard), with the reason logged and nothing changed, if the step leaves a sample
-            out or the inputs are not finite.
+        Raises: ValueError, which the FMI layer logs and turns into a status, if the step leaves out a sample
+            or the inputs are not finite. (Returning False would ask the master to end the simulation.)
         """
         p, s = self.parameters, self.state
-        elapsed = current_time + step_size - s.start_time
+        end = current_time + step_size
+        elapsed = end - s.start_time
         index = round(elapsed / p.sample_period)
         on_grid = abs(elapsed - index * p.sample_period) <= GRID_TOLERANCE * p.sample_period
         reached = index if on_grid else math.floor(elapsed / p.sample_period)
@@ -509,10 +509,11 @@ class ComplianceController(Fmi2Slave):
             return True
         if not on_grid or reached > s.samples + 1:
             due = s.start_time + (s.samples + 1) * p.sample_period
-            return self._refuse(
-                f"the step from {current_time!r} s to {current_time + step_size!r} s passes over the sample "
-                f"at {due!r} s; steps have to end at every multiple of sample_period, {p.sample_period!r} s: "
-                "take a step size that divides it, or set sample_period to the step size"
+            raise ValueError(
+                f"{self.instance_name}: the step from {current_time:.9g} s to {end:.9g} s passes over the "
+                f"sample at {due:.9g} s; steps have to end at every multiple of sample_period, "
+                f"{p.sample_period:.9g} s: take a step size that divides it, or set sample_period to the "
+                "step size"
             )
         u = Inputs(
             self.measured_force, self.position, self.velocity, self.desired_position, self.desired_velocity
@@ -520,13 +521,9 @@ class ComplianceController(Fmi2Slave):
         for name, value in u._asdict().items():
             if not math.isfinite(value):
                 unit = self.type_attributes[name]["unit"]
-                return self._refuse(
-                    f"input {name} is {value!r} {unit} at {current_time + step_size!r} s; a finite number is "
-                    "needed. Look at what is connected to it"
+                raise ValueError(
+                    f"{self.instance_name}: input {name} is {value!r} {unit} at {end:.9g} s; a finite number "
+                    "is needed. Look at what is connected to it"
                 )
         self._law().sample(u)
         return True
-
-    def _refuse(self, reason: str) -> bool:
-        self.log(f"{self.instance_name}: {reason}", Fmi2Status.error)
-        return False

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 from pythonfmu import Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Real
-from pythonfmu.enums import Fmi2Status
 
 # m_s m_t/(m_s + m_t) of a service satellite of 300 kg and a target satellite of 4000 kg.
 EFFECTIVE_MASS = 300.0 * 4000.0 / (300.0 + 4000.0)
@@ -99,13 +98,14 @@ class SatelliteDynamics(Fmi2Slave):
                 )
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """One communication step; False (FMI: discard), with the reason logged, if it cannot be done."""
+        """One communication step. Raises: ValueError as above if the force is not finite.
+
+        Returning False instead would ask the master to end the simulation.
+        """
         if not math.isfinite(self.force):
-            self.log(
-                f"{self.instance_name}: input force is {self.force!r} N in the step from {current_time!r} s; "
-                "a finite number is needed. Look at what is connected to it",
-                Fmi2Status.error,
+            raise ValueError(
+                f"{self.instance_name}: input force is {self.force!r} N in the step from {current_time:.9g} "
+                "s; a finite number is needed. Look at what is connected to it"
             )
-            return False
         self.position, self.velocity = advance(self.position, self.velocity, self.force, self.mass, step_size)
         return True

@@ -17,7 +17,7 @@ from fmpy import fmi2, fmi3
 
 from ..errors import FmuError
 
-__all__ = ["LogBook", "load_library"]
+__all__ = ["LogBook", "load_library", "release_python_state"]
 
 _LOG_LENGTH = 50
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
@@ -127,8 +127,25 @@ def _first(annotation: Any) -> Any:
     return typing.get_args(annotation)[0] if isinstance(annotation, UnionType) else annotation
 
 
+def release_python_state(library: Any) -> None:
+    """Let a library made by pythonfmu drop its global state now, while that is safe.
+
+    When the process ends, pythonfmu 0.7 destroys that state twice, which corrupts the heap and may
+    abort an otherwise successful process. Once dropped there is nothing left to destroy; a later
+    instance makes it anew. Libraries of other origin are left alone.
+
+    Args:
+        library: ctypes library.
+    """
+    finalise = getattr(library, "finalizePythonInterpreter", None)
+    if finalise is not None:
+        finalise()
+
+
 class _Fmi2Library(_TolerantLoading, fmi2.FMU2Slave):
-    pass
+    def freeLibrary(self) -> None:  # fmpy's name
+        release_python_state(self.dll)
+        super().freeLibrary()
 
 
 class _Fmi3Library(_TolerantLoading, fmi3.FMU3Slave):

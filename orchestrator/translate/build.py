@@ -136,9 +136,12 @@ def translate(
 
     tree = load_sources(model_file)
     name = tree.model_name(model)
-    flat = read_model(tree, name)
-    program = build_program(solve(symbolic_model(flat)))
-    checked = check(program)
+    try:
+        flat = read_model(tree, name)
+        program = build_program(solve(symbolic_model(flat)))
+        checked = check(program)
+    except RecursionError:
+        raise BuildError(f"{model_file}: an expression of {name} is nested too deeply; split it") from None
     identifier = model_identifier(name)
     code = generate_c(program, identifier)
     table = variable_table(program)
@@ -167,6 +170,11 @@ def translate(
         "delays": len(program.model.delays),
         "relations": len(program.model.relations),
     }
+    if flat.structural:
+        notes = (
+            *notes,
+            f"built in, since they decide which equations there are: {', '.join(flat.structural)}",
+        )
     guesses = [v.name for v in flat.variables if v.name in program.states and not v.fixed]
     if guesses:
         notes = (*notes, f"started at their start values, though not fixed: {', '.join(guesses)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -57,17 +57,21 @@ def read_variables(
             raise BuildError(
                 f"{variable.location}: the input {variable.name} has a value of its own; give it as start"
             )
-    used = _structural(flat, [variable for variable, _ in found])
+    used = structural_parameters(flat, [variable for variable, _ in found])
     return [
         (replace(variable, final=True) if variable.name in used else variable, binding)
         for variable, binding in found
     ]
 
 
-def _structural(flat: Json, variables: list[Variable]) -> set[str]:
+def structural_parameters(flat: Json, variables: Sequence[Variable]) -> tuple[str, ...]:
     """Parameters whose value the compiler has used, such as the size of an array, and what they are made of.
 
     Another value would need another set of equations, so nobody may set them.
+
+    Args:
+        flat: the flat representation.
+        variables: the declared variables.
     """
     used = {
         ".".join(reference)
@@ -82,7 +86,7 @@ def _structural(flat: Json, variables: list[Variable]) -> set[str]:
             if isinstance(node, Reference) and node.name not in used:
                 used.add(node.name)
                 queue.append(node.name)
-    return used
+    return tuple(name for name in bindings if name in used or name.partition("[")[0] in used)
 
 
 def _type(flat: Json, body: Json) -> Type | None:

@@ -164,6 +164,7 @@ class FlatModel:
         equations: as many as there are unknowns, if the model is sound.
         assertions: every assert, and one for each limit of a delay.
         experiment: numbers of the experiment annotation by name.
+        structural: parameters that decide which equations there are; they are final.
     """
 
     name: str
@@ -172,6 +173,7 @@ class FlatModel:
     equations: tuple[Equation, ...]
     assertions: tuple[Assertion, ...] = ()
     experiment: dict[str, float] = field(default_factory=dict)
+    structural: tuple[str, ...] = ()
 
 
 def children(node: Node) -> tuple[Node, ...]:

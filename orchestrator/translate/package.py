@@ -74,7 +74,7 @@ _HEADERS = {
     "2.0": ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
-_INTERFACE = {"2.0": ("fmi2.c",), "3.0": ("fmi3.c", "fmi3_absent.c")}
+_INTERFACE = {"2.0": ("fmi2.c", "fmi2_absent.c"), "3.0": ("fmi3.c", "fmi3_absent.c")}
 
 
 def runtime_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
@@ -279,5 +279,6 @@ def _check_version(fmi_version: str) -> None:
 def _check_identifier(name: str) -> None:
     if not _IDENTIFIER.match(name):
         raise BuildError(
-            f"model identifier {name!r} is no C identifier; use letters, digits and underscores, no digit first"
+            f"model identifier {name!r} is no C identifier; "
+            "use letters, digits and underscores, no digit first"
         )

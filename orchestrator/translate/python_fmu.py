@@ -50,12 +50,14 @@ _CLASS = re.compile(r"^class (\w+)\(\s*Fmi2Slave\s*\)\s*:", re.MULTILINE)
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _INDENT = "  "
 
-# Appended to the model's source. When a method raises, the loader of pythonfmu 0.7.0 gives up its references
-# to the class, the instance and the instance's log at once, and again when the instance is freed: without
-# one more reference each, freeing an instance that has refused something ends the whole process.
+# Appended to the model's source, against two faults of pythonfmu 0.7.0's loader. When a method raises, it
+# gives up its references to the class, the instance and the instance's log at once, and again when the
+# instance is freed: without one more reference each, freeing an instance that has refused something ends the
+# process. And at the end of the process it releases its state once more after that has been destroyed, which
+# now and then corrupts the heap; releasing it while Python still runs leaves nothing to destroy.
 _GUARD = """
 
-# --- appended when the FMU was built: keeps pythonfmu's loader from releasing an instance twice
+# --- appended when the FMU was built: keeps pythonfmu's loader from releasing things twice
 
 
 def _guard(method):
@@ -76,6 +78,33 @@ def _guard(method):
 
 for _name in {methods}:
     setattr({name}, _name, _guard(getattr({name}, _name)))
+
+
+def _releasing(initialise, seen=set()):
+    import atexit
+    import ctypes
+    import functools
+    import os
+    import pathlib
+
+    @functools.wraps(initialise)
+    def initialise_and_register(self, **kwargs):
+        initialise(self, **kwargs)
+        folder = kwargs.get("resources")
+        # Every unpacked copy of the FMU is a library of its own.
+        for binary in pathlib.Path(folder or "").absolute().parent.glob("binaries/linux*/*.so"):
+            if folder and binary not in seen:
+                seen.add(binary)
+                try:
+                    loader = ctypes.CDLL(str(binary), mode=os.RTLD_NOLOAD | os.RTLD_NOW)
+                except OSError:
+                    continue  # loaded from somewhere else, or not at all
+                atexit.register(loader.finalizePythonInterpreter)
+
+    return initialise_and_register
+
+
+{name}.__init__ = _releasing({name}.__init__)
 """
 _GUARDED = (
     "setup_experiment",
@@ -297,7 +326,8 @@ def _documentation(root: Any, requirements: Sequence[str]) -> bytes:
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title></head><body>\n'
         f"<h1>{name}</h1>\n<p>{about}</p>\n<h2>Where it runs</h2>\n"
         "<p>The model is Python code. It runs in the Python of the importing process (64-bit Python 3.11 or "
-        "later, Linux x86-64 or Windows x86-64): an importer that is not itself Python must have libpython "
+        "later; Windows x86-64, or Linux x86-64 with glibc 2.32 and GCC 12's libstdc++ or later): an "
+        "importer that is not itself Python must have libpython "
         f"loaded. Packages needed there: {packages}; <code>pip install -r resources/requirements.txt</code>. "
         "pythonfmu travels in the FMU.</p>\n<h2>Variables</h2>\n"
         "<table><tr><th>Name</th><th>Unit or type</th><th>Causality</th><th>Start</th><th>Meaning</th></tr>\n"

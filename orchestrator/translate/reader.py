@@ -8,7 +8,7 @@ from typing import Any
 from orchestrator.errors import BuildError
 
 from .audit import audit_flattened, audit_sources, experiment
-from .declarations import declared_shapes, read_variables
+from .declarations import declared_shapes, read_variables, structural_parameters
 from .expressions import ExpressionReader, Json
 from .flat import (
     Assertion,
@@ -89,6 +89,7 @@ class _FlatReader:
             equations=tuple(equations),
             assertions=(*assertions, *_limits(variables, equations)),
             experiment=experiment,
+            structural=structural_parameters(self._flat, variables),
         )
 
     def delay_places(self) -> Iterator[tuple[str, int]]:

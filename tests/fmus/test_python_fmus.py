@@ -158,24 +158,69 @@ def test_reset_gives_a_fresh_instance(name, instantiate):
 
 def test_a_missing_package_is_named_in_the_log(tmp_path):
     path = FMUS / "ComplianceController" / "ComplianceController.fmu"
-    program = f"""
-import sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-import conftest, fmpy
+    fmpy.extract(str(path), unzipdir=str(tmp_path))
+    result = _run(
+        """
 sys.modules["filterpy"] = None
 log = []
 try:
-    conftest.Instance(fmpy.read_model_description({str(path)!r}), {str(tmp_path)!r}, "controller", log)
+    conftest.Instance(fmpy.read_model_description(sys.argv[1]), sys.argv[2], "controller", log)
 finally:
     print(log[-1][1])
-"""
-    fmpy.extract(str(path), unzipdir=str(tmp_path))
-    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+""",
+        path,
+        tmp_path,
+    )
     assert result.returncode == 1
     assert (
         "ComplianceController needs the Python package filterpy where it runs: pip install filterpy"
         in result.stdout
     )
+
+
+def _run(program: str, *paths: Path) -> subprocess.CompletedProcess[str]:
+    head = f"import atexit, sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import conftest, fmpy\n"
+    command = [sys.executable, "-c", head + program, *map(str, paths)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def test_an_instance_that_refused_can_be_freed(tmp_path):
+    """pythonfmu's loader gives up its references twice then, which used to end the process."""
+    path = FMUS / "SatelliteDynamics" / "SatelliteDynamics.fmu"
+    fmpy.extract(str(path), unzipdir=str(tmp_path))
+    result = _run(
+        """
+description = fmpy.read_model_description(sys.argv[1])
+for index in range(30):
+    instance = conftest.Instance(description, sys.argv[2], "satellite")
+    try:
+        instance.initialise(mass=-1.0)
+    except Exception:
+        print("refused")
+    instance.fmu.freeInstance()
+""",
+        path,
+        tmp_path,
+    )
+    assert (result.returncode, result.stdout) == (0, "refused\n" * 30), result.stderr
+
+
+def test_the_loader_of_every_unpacked_copy_is_released_before_the_end(tmp_path):
+    path = FMUS / "SatelliteDynamics" / "SatelliteDynamics.fmu"
+    for copy in ("one", "two"):
+        fmpy.extract(str(path), unzipdir=str(tmp_path / copy))
+    result = _run(
+        """
+before = atexit._ncallbacks()
+for copy in ("one", "two", "one"):
+    description = fmpy.read_model_description(sys.argv[1])
+    conftest.Instance(description, sys.argv[2] + "/" + copy, "satellite").fmu.freeInstance()
+    print(atexit._ncallbacks() - before)
+""",
+        path,
+        tmp_path,
+    )
+    assert (result.returncode, result.stdout) == (0, "1\n2\n2\n"), result.stderr
 
 
 # --- the builder's refusals

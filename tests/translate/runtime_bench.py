@@ -6,7 +6,7 @@ import atexit
 import re
 import shutil
 import tempfile
-from functools import lru_cache
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ def write_sources(folder: Path, model: str, version: str) -> Path:
     return folder
 
 
-@lru_cache(maxsize=None)
+@cache
 def unpacked(model: str, version: str = "2.0") -> Path:
     """Folder laid out like an unpacked FMU with the model's library for this platform."""
     root = tempfile.mkdtemp(prefix=f"{model}-")
@@ -46,7 +46,7 @@ def unpacked(model: str, version: str = "2.0") -> Path:
     return Path(root)
 
 
-@lru_cache(maxsize=None)
+@cache
 def references(model: str) -> dict[str, int]:
     """Name -> value reference, the order of the model's table."""
     names = re.findall(r'^    \{"([^"]+)", KIND_', (MODELS / f"{model}.c").read_text(), re.MULTILINE)
@@ -54,7 +54,7 @@ def references(model: str) -> dict[str, int]:
 
 
 class Instance:
-    """An instance with variables by name, its time, and the messages it logged as (status, category, text)."""
+    """An instance with variables by name, its time, and what it logged as (status, category, text)."""
 
     def __init__(self, model: str, version: str = "2.0", logging: bool = False) -> None:
         self.references = references(model)
@@ -68,16 +68,17 @@ class Instance:
             modelIdentifier=model,
             instanceName=model,
         )
+        self.instantiate(loggingOn=logging)
+
+    def instantiate(self, **options: Any) -> None:
         if self.second:
             self.callbacks = fmi2CallbackFunctions()
             self.callbacks.logger = fmi2CallbackLoggerTYPE(
                 lambda environment, name, *message: self._log(*message[:3])
             )
-            self.fmu.instantiate(callbacks=self.callbacks, loggingOn=logging)
+            self.fmu.instantiate(callbacks=self.callbacks, **options)
         else:
-            self.fmu.instantiate(
-                loggingOn=logging, logMessage=lambda environment, *message: self._log(*message[:3])
-            )
+            self.fmu.instantiate(logMessage=lambda environment, *message: self._log(*message[:3]), **options)
 
     def _log(self, status: int, category: bytes, text: bytes) -> None:
         self.messages.append((status, category.decode(), text.decode()))
@@ -86,7 +87,9 @@ class Instance:
     def texts(self) -> list[str]:
         return [text for _, _, text in self.messages]
 
-    def enter(self, start: float = 0.0, stop: float | None = None, tolerance: float | None = None) -> Instance:
+    def enter(
+        self, start: float = 0.0, stop: float | None = None, tolerance: float | None = None
+    ) -> Instance:
         self.time = start
         if self.second:
             self.fmu.setupExperiment(tolerance=tolerance, startTime=start, stopTime=stop)

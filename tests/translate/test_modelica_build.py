@@ -301,6 +301,20 @@ def test_a_linear_loop_with_a_friction_like_switch(fmu):
         assert item.get("x")[0] == pytest.approx(solution.y[0, -1], abs=2e-6)
 
 
+@pytest.mark.parametrize("version", VERSIONS)
+def test_inputs_of_every_type(fmu, version):
+    path = fmu(
+        "input Boolean on;\ninput Integer n(start=1);\noutput Real x(start=0, fixed=true);\noutput Real y;\n"
+        "equation\nder(x) = if on then n else -1;\ny = if on and n > 2 then 10 else n;",
+        version,
+    )
+    with bench.instance(path) as item:
+        for on, n, x, y in ((False, 1, -0.5, 1), (True, 2, 0.5, 2), (True, 3, 2.0, 10)):
+            item.set({"on": on, "n": n})
+            item.step(0.5)
+            assert item.get("x", "y") == [pytest.approx(x, abs=1e-12), y]
+
+
 # Assertions ------------------------------------------------------------------------------------------------
 
 

@@ -59,8 +59,8 @@ def test_shipped_fmus_are_valid_and_complete(item):
     assert [name.split("/")[1] for name in binaries] == folders[item.fmi_version]
     for variable in fmpy.read_model_description(str(path)).modelVariables:
         # A constant of nature, such as 2 pi, says what it is by its name.
-        assert variable.description or variable.variability == "constant", f"{variable.name} has no description"
-        assert variable.unit, f"{variable.name} has no unit"
+        assert variable.description or variable.variability == "constant", variable.name
+        assert variable.unit, variable.name
 
 
 @pytest.mark.parametrize("item", LIBRARY, ids=lambda item: item.file)

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from orchestrator.errors import BuildError
+from orchestrator.translate.build import translate
 from orchestrator.translate.causalise import solve
 from orchestrator.translate.flat import Literal, Operation, Reference, Role, render
 from orchestrator.translate.generate import generate_c, variable_table
@@ -174,6 +175,19 @@ def test_parameters_and_start_values(tmp_path):
     assert settable == {"p", "on", "n", "y"}
     assert (values(item)["der(x)"], values(item)["der(y)"]) == (4, 1)
     assert (values(item, on=0.0)["der(x)"], values(item, n=3)["der(y)"]) == (2, 3)
+
+
+def test_a_parameter_that_chooses_equations_cannot_be_set(tmp_path):
+    """The compiler has taken one of the branches for good."""
+    text = (
+        "parameter Boolean direct = base;\nparameter Boolean base = true;\nparameter Real p = 1;\n"
+        "Real x;\nReal y;\nequation\nif direct then\nx = p;\ny = 2;\nelse\nx + y = 3;\nx = y;\nend if;"
+    )
+    item = program(tmp_path, text)
+    assert item.model.symbols.flat.structural == ("direct", "base")
+    assert {entry.name for entry in variable_table(item) if entry.settable} == {"p"}
+    _, report = translate(tmp_path / "Model.mo")
+    assert "built in, since they decide which equations there are: direct, base" in report.notes
 
 
 def test_nested_models_keep_their_ports_inside():

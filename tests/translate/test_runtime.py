@@ -102,6 +102,19 @@ def test_delay_time_that_depends_on_the_state(size):
     assert worst < 1e-9
 
 
+@pytest.mark.parametrize("size", [1e-3, 0.1, 0.7, 6.0])
+def test_delay_time_that_grows_from_zero(size):
+    # The solution of the pantograph equation as its power series.
+    instance = Instance("pantograph").initialise()
+    worst = 0.0
+    for _ in range(min(300, round(6.0 / size))):
+        instance.step(size)
+        t = instance.time
+        series = math.fsum((-t) ** k * 0.5 ** (k * (k - 1) / 2) / math.factorial(k) for k in range(60))
+        worst = max(worst, abs(instance.get("x") - series))
+    assert worst < 1e-9
+
+
 class Staircase:
     """Values held from given times on; zero before the first."""
 
@@ -315,7 +328,5 @@ def test_directional_derivative_is_the_difference_quotient(model, values, unknow
 def test_adjoint_is_the_transpose():
     instance = Instance("lines", "3.0").initialise(tau=0.0, lag=0.0)
     instance.step(0.1)
-    of, by = (
-        [instance.references[name] for name in names] for names in (("y1", "y2", "q"), ("u", "q"))
-    )
+    of, by = ([instance.references[name] for name in names] for names in (("y1", "y2", "q"), ("u", "q")))
     assert instance.fmu.getAdjointDerivative(of, by, [2.0, 3.0, 5.0], 2) == [2.0 + 6.0, 5.0]

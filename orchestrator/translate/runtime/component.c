@@ -87,8 +87,11 @@ Runtime *rt_new(const char *instance_name)
     rt->delays = zeroed(n_d, sizeof *rt->delays);
     rt->rings = zeroed(n_d, sizeof *rt->rings);
     rt->capacities = zeroed(n_d, sizeof *rt->capacities);
+    rt->crossed = zeroed(n_d, sizeof *rt->crossed);
+    rt->levels = zeroed(n_d, sizeof *rt->levels);
     rt->instance_name = zeroed(length, 1);
-    if (!rt->saved || !rt->scratch || !rt->delays || !rt->rings || !rt->capacities || !rt->instance_name) {
+    if (!rt->saved || !rt->scratch || !rt->delays || !rt->rings || !rt->capacities || !rt->crossed ||
+        !rt->levels || !rt->instance_name) {
         rt_free(rt);
         return NULL;
     }
@@ -108,7 +111,10 @@ void rt_free(Runtime *rt)
     free(rt->delays);
     free(rt->rings);
     free(rt->capacities);
+    free(rt->crossed);
+    free(rt->levels);
     free(rt->instance_name);
+    free(rt->functions);
     free(rt);
 }
 
@@ -139,8 +145,10 @@ RtStatus rt_set_up(Runtime *rt, int tolerance_defined, double tolerance, double 
 {
     if (!isfinite(start_time) || (stop_defined && !(stop_time >= start_time)) ||
         (tolerance_defined && !(tolerance > 0 && isfinite(tolerance)))) {
-        rt_log(rt, RT_ERROR, "start time %.9g s, stop time %.9g s, tolerance %.9g: times must be finite and in order, "
-               "the tolerance above 0", start_time, stop_defined ? stop_time : INFINITY, tolerance_defined ? tolerance : 0);
+        rt_log(rt, RT_ERROR,
+               "start time %.9g s, stop time %.9g s, tolerance %.9g: times must be finite and in order, "
+               "the tolerance above 0",
+               start_time, stop_defined ? stop_time : INFINITY, tolerance_defined ? tolerance : 0);
         return RT_ERROR;
     }
     rt->s.start_time = rt->s.time = rt->s.last_success = start_time;
@@ -220,9 +228,7 @@ RtStatus rt_get(Runtime *rt, unsigned reference, ModelType type, double *value)
         status = rt_refresh_outputs(rt);
         *value = rt->w[v->index];
         break;
-    default:
-        status = rt_refresh_derivatives(rt);
-        *value = rt->xdot[v->index];
+    default: status = rt_refresh_derivatives(rt); *value = rt->xdot[v->index];
     }
     if (status >= RT_DISCARD) {
         rt_log(rt, status, "Get %s: %s", v->name, rt->trouble_text);
@@ -241,8 +247,10 @@ RtStatus rt_set(Runtime *rt, unsigned reference, ModelType type, double value)
     double *place;
     if (!v) return RT_ERROR;
     if (!v->settable) {
-        rt_log(rt, RT_ERROR, "Set: %s (value reference %u) cannot be set; inputs, independent parameters and free "
-               "start values can", v->name, reference);
+        rt_log(rt, RT_ERROR,
+               "Set: %s (value reference %u) cannot be set; inputs, independent parameters and free "
+               "start values can",
+               v->name, reference);
         return RT_ERROR;
     }
     if (v->kind != KIND_INPUT && !(rt->s.phase & (PHASE_INSTANTIATED | PHASE_INITIALIZATION))) {
@@ -254,7 +262,9 @@ RtStatus rt_set(Runtime *rt, unsigned reference, ModelType type, double value)
         rt_log(rt, RT_ERROR, "Set: %s cannot be %g; give a finite number", v->name, value);
         return RT_ERROR;
     }
-    place = v->kind == KIND_INPUT ? &rt->u[v->index] : v->kind == KIND_PARAMETER ? &rt->p[v->index] : &rt->x[v->index];
+    place = v->kind == KIND_INPUT       ? &rt->u[v->index]
+            : v->kind == KIND_PARAMETER ? &rt->p[v->index]
+                                        : &rt->x[v->index];
     if (v->kind == KIND_INPUT) rt->u1[v->index] = rt->u2[v->index] = 0;
     /* Bitwise: 0 and -0 are different inputs. */
     if (memcmp(place, &value, sizeof value) == 0) return RT_OK;
@@ -270,8 +280,10 @@ RtStatus rt_set_input_derivative(Runtime *rt, unsigned reference, int order, dou
     const ModelVariable *v = typed(rt, "SetRealInputDerivatives", reference, TYPE_REAL);
     if (!v) return RT_ERROR;
     if (v->kind != KIND_INPUT || order < 1 || order > 2 || !isfinite(value)) {
-        rt_log(rt, RT_ERROR, "SetRealInputDerivatives: %s, order %d, value %g: only inputs have derivatives, of order 1 "
-               "or 2, finite", v->name, order, value);
+        rt_log(rt, RT_ERROR,
+               "SetRealInputDerivatives: %s, order %d, value %g: only inputs have derivatives, of order 1 "
+               "or 2, finite",
+               v->name, order, value);
         return RT_ERROR;
     }
     (order == 1 ? rt->u1 : rt->u2)[v->index] = value;

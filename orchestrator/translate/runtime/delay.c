@@ -74,6 +74,7 @@ static void select_piece(Runtime *rt, int j, double time, double tolerance)
     int unwritten = q->newest > written && q->newest_begin <= reach;
     if (unwritten) piece = q->newest;
 
+    if (piece != q->piece) rt->crossed[j] = 1;
     long long low = piece < q->piece ? piece : q->piece, high = piece < q->piece ? q->piece : piece;
     if (high > low && q->newest == high && q->newest > written && q->newest_level < rt->crossed_level)
         rt->crossed_level = q->newest_level;
@@ -178,10 +179,12 @@ int delay_values(Runtime *rt, ModelPoint *at, double *d, double *operand, double
     }
     if (bad < 0) return 0;
     if (lag[bad] > 0)
-        return rt_fail(rt, RT_ERROR, "delay operator %d at t = %.9g s: delay time %.9g s exceeds its maximum %.9g s",
+        return rt_fail(rt, RT_ERROR,
+                       "delay operator %d at t = %.9g s: delay time %.9g s exceeds its maximum %.9g s",
                        bad + 1, at->time, lag[bad], rt->delays[bad].maximum);
-    return rt_fail(rt, RT_ERROR, "delay operator %d at t = %.9g s: delay time is %.9g s; it must be 0 s or more",
-                   bad + 1, at->time, lag[bad]);
+    return rt_fail(rt, RT_ERROR,
+                   "delay operator %d at t = %.9g s: delay time is %.9g s; it must be 0 s or more", bad + 1,
+                   at->time, lag[bad]);
 }
 
 /* Whether some operator has left the piece it reads. */
@@ -212,7 +215,8 @@ static int push(Runtime *rt, int j, const Segment *entry)
         long long capacity = rt->capacities[j] ? 2 * rt->capacities[j] : FIRST_CAPACITY;
         Segment *ring = malloc((size_t)capacity * sizeof *ring);
         if (!ring)
-            return rt_fail(rt, RT_ERROR, "delay operator %d: no memory for %lld entries of history", j + 1, capacity);
+            return rt_fail(rt, RT_ERROR, "delay operator %d: no memory for %lld entries of history", j + 1,
+                           capacity);
         for (long long n = q->first; n < q->next; n++) ring[n & (capacity - 1)] = *segment(rt, j, n);
         free(rt->rings[j]);
         rt->rings[j] = ring;
@@ -231,7 +235,8 @@ int delay_start(Runtime *rt)
         Delay *q = &rt->delays[j];
         memset(q, 0, sizeof *q);
         if (!(maximum[j] >= 0))
-            return rt_fail(rt, RT_ERROR, "delay operator %d: longest delay time is %.9g s; it must be 0 s or more", j + 1,
+            return rt_fail(rt, RT_ERROR,
+                           "delay operator %d: longest delay time is %.9g s; it must be 0 s or more", j + 1,
                            maximum[j]);
         q->maximum = maximum[j];
         q->last = rt->operand[j];
@@ -249,32 +254,78 @@ int delay_start(Runtime *rt)
     return 0;
 }
 
-/* Whether the operand of j depends directly on any operator's value. */
-static void depends_on_delays(Runtime *rt, double *operand_tangent)
+static void clear(double *a, int n)
 {
-    ModelPoint at = {rt->s.time, rt->x, rt->u, rt->p, rt->d, rt->m};
-    ModelPoint seed = {0, rt->t_x, rt->t_u, rt->t_p, rt->t_d, NULL};
-    memset(rt->t_x, 0, (size_t)model_info.n_x * sizeof(double));
-    memset(rt->t_u, 0, (size_t)model_info.n_u * sizeof(double));
-    memset(rt->t_p, 0, (size_t)model_info.n_p * sizeof(double));
-    for (int j = 0; j < model_info.n_d; j++) rt->t_d[j] = 1;
-    model_tangent(&at, &seed, rt->t_xdot, rt->t_w, operand_tangent);
+    if (n) memset(a, 0, (size_t)n * sizeof *a);
 }
 
-/* At a discontinuity at the present time: open a new piece of every operand, rt->operand being its value
- * from the right. `cause` is -1 for changed inputs, parameters or modes, else the level of the
- * discontinuity that an operator moved across. An operand that does not jump itself is smoother than the
- * cause by one derivative, for it can depend on it through a state only, unless it reads an operator. */
-void delay_open_pieces(Runtime *rt, long long cause)
+/* Lower rt->levels to where a discontinuity of level `base` arrives, that of the seeds in t_u and t_d:
+ * operands that depend on them directly have its level, operands that depend on a state whose derivative
+ * does have one more, and so on along the chain of forward derivatives. */
+static void propagate(Runtime *rt, long long base)
 {
-    if (cause >= 0 && model_info.n_d > 1) depends_on_delays(rt, rt->t_operand);
-    for (int j = 0; j < model_info.n_d; j++) {
+    int n_x = model_info.n_x, n_d = model_info.n_d;
+    ModelPoint at = {rt->s.time, rt->x, rt->u, rt->p, rt->d, rt->m};
+    ModelPoint seed = {0, rt->t_x, rt->t_u, rt->t_p, rt->t_d, NULL};
+    clear(rt->t_x, n_x);
+    clear(rt->t_p, model_info.n_p);
+    for (; base <= HIGHEST_LEVEL; base++) {
+        int any = 0;
+        /* An operator without delay passes on what its operand does. */
+        for (int pass = 0; pass < n_d; pass++) {
+            int passed = 0;
+            model_tangent(&at, &seed, rt->t_xdot, rt->t_w, rt->t_operand);
+            for (int j = 0; j < n_d; j++) {
+                if (rt->lag[j] > slack(rt->s.time, rt->lag[j]) || rt->t_d[j] == rt->t_operand[j]) continue;
+                rt->t_d[j] = rt->t_operand[j];
+                passed = 1;
+            }
+            if (!passed) break;
+        }
+        for (int j = 0; j < n_d; j++)
+            if (rt->t_operand[j] != 0 && base < rt->levels[j]) rt->levels[j] = base;
+        for (int i = 0; i < n_x; i++) {
+            rt->t_x[i] = rt->t_xdot[i];
+            if (rt->t_x[i] != 0) any = 1;
+        }
+        if (!any) return;
+        clear(rt->t_u, model_info.n_u);
+        clear(rt->t_d, n_d);
+    }
+}
+
+/* Seeds of no simple ratio, so that two that act together do not cancel. */
+static double seed_of(int i)
+{
+    return 1 + 0.6180339887498949 * (i + 1);
+}
+
+/* At a discontinuity at the present time, rt->operand being the operands from the right: open a new piece
+ * of each operand that is not smooth there. The causes: inputs whose values (`inputs` & 1) or slopes
+ * (`inputs` & 2) changed; modes (`switched`); operators that moved to another piece. */
+void delay_open_pieces(Runtime *rt, int inputs, int switched)
+{
+    int n_d = model_info.n_d;
+    for (int j = 0; j < n_d; j++) {
+        double size = fabs(rt->operand[j]) + fabs(rt->delays[j].last);
+        int jumps = !(fabs(rt->operand[j] - rt->delays[j].last) <= 4 * DBL_EPSILON * size);
+        rt->levels[j] = jumps ? 0 : switched ? 1 : HIGHEST_LEVEL + 1;
+    }
+    for (int level = 0; level < 2; level++) {
+        if (!n_d || switched || !(inputs & (level + 1))) continue;
+        clear(rt->t_d, n_d);
+        for (int i = 0; i < model_info.n_u; i++)
+            rt->t_u[i] = level == 1 || rt->u[i] != rt->u_before[i] ? seed_of(i) : 0;
+        propagate(rt, level);
+    }
+    if (n_d && rt->crossed_level <= HIGHEST_LEVEL && !switched) {
+        clear(rt->t_u, model_info.n_u);
+        for (int j = 0; j < n_d; j++) rt->t_d[j] = rt->crossed[j] ? seed_of(j) : 0;
+        propagate(rt, rt->crossed_level);
+    }
+    for (int j = 0; j < n_d; j++) {
         Delay *q = &rt->delays[j];
-        double size = fabs(rt->operand[j]) + fabs(q->last);
-        long long level = cause + 1;
-        if (cause < 0) level = 1;
-        if (cause > 0 && model_info.n_d > 1 && rt->t_operand[j] != 0) level = cause;
-        if (!(fabs(rt->operand[j] - q->last) <= 4 * DBL_EPSILON * size)) level = 0;
+        long long level = rt->levels[j];
         if (level > HIGHEST_LEVEL) continue;
         if (q->newest > segment(rt, j, q->next - 1)->piece) {
             if (level < q->newest_level) q->newest_level = level;

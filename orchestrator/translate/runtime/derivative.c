@@ -50,7 +50,9 @@ static void tangent(Runtime *rt)
         if (rt->s.started) lag_tangent(rt, rt->d, lag_change);
         for (int j = 0; j < n_d; j++) {
             if (!rt->s.started || rt->lag[j] <= 0) rt->t_d[j] = rt->t_operand[j];
-            else rt->t_d[j] = lag_change[j] == 0 ? 0 : -lag_change[j] * delay_slope(rt, j, rt->s.time - rt->lag[j]);
+            else
+                rt->t_d[j] =
+                    lag_change[j] == 0 ? 0 : -lag_change[j] * delay_slope(rt, j, rt->s.time - rt->lag[j]);
         }
     }
     model_tangent(&at, &seed, rt->t_xdot, rt->t_w, rt->t_operand);
@@ -63,7 +65,8 @@ static double *known_place(Runtime *rt, unsigned reference)
     if (!v) return NULL;
     if (v->kind == KIND_INPUT && v->type == TYPE_REAL) return &rt->t_u[v->index];
     if (v->kind == KIND_STATE) return &rt->t_x[v->index];
-    rt_log(rt, RT_ERROR, "GetDirectionalDerivative: %s cannot be a known; Real inputs and states can", v->name);
+    rt_log(rt, RT_ERROR, "GetDirectionalDerivative: %s cannot be a known; Real inputs and states can",
+           v->name);
     return NULL;
 }
 
@@ -75,8 +78,10 @@ static double *unknown_place(Runtime *rt, unsigned reference)
     if (v->kind == KIND_ALGEBRAIC && v->type == TYPE_REAL) return &rt->t_w[v->index];
     if (v->kind == KIND_DERIVATIVE) return &rt->t_xdot[v->index];
     if (v->kind == KIND_STATE) return &rt->t_x[v->index];
-    rt_log(rt, RT_ERROR, "GetDirectionalDerivative: %s cannot be an unknown; Real outputs, algebraic variables, "
-           "states and derivatives can", v->name);
+    rt_log(rt, RT_ERROR,
+           "GetDirectionalDerivative: %s cannot be an unknown; Real outputs, algebraic variables, "
+           "states and derivatives can",
+           v->name);
     return NULL;
 }
 

@@ -55,9 +55,10 @@ int rt_settle(Runtime *rt)
         }
         if (!changes) return 0;
         if (iteration >= limit)
-            return rt_fail(rt, RT_ERROR,
-                           "event iteration at t = %.9g s does not converge: after %d rounds relation %d still changes",
-                           rt->s.time, iteration, last + 1);
+            return rt_fail(
+                rt, RT_ERROR,
+                "event iteration at t = %.9g s does not converge: after %d rounds relation %d still changes",
+                rt->s.time, iteration, last + 1);
     }
 }
 
@@ -130,7 +131,8 @@ RtStatus rt_check_assertions(Runtime *rt)
     for (int i = 0; i < model_info.n_a; i++) {
         if (rt->assertions[i] != 0) continue;
         if (model_assertion_is_error[i]) {
-            rt_fail(rt, RT_ERROR, "assertion violated at t = %.9g s: %s", rt->s.time, model_assertion_messages[i]);
+            rt_fail(rt, RT_ERROR, "assertion violated at t = %.9g s: %s", rt->s.time,
+                    model_assertion_messages[i]);
             return RT_ERROR;
         }
         if (rt->warned[i] != 0) continue;
@@ -145,6 +147,7 @@ RtStatus rt_check_assertions(Runtime *rt)
 const char *rt_state_name(int index)
 {
     for (int i = 0; i < model_info.n_variables; i++)
-        if (model_variables[i].kind == KIND_STATE && model_variables[i].index == index) return model_variables[i].name;
+        if (model_variables[i].kind == KIND_STATE && model_variables[i].index == index)
+            return model_variables[i].name;
     return "?";
 }

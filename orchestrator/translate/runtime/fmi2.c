@@ -3,8 +3,9 @@
  * Which call is legal in which state follows the table of section 4.2.4 of the standard (2.0.4). An
  * illegal call or value returns fmi2Error with a message and changes nothing, so that an importer can go
  * on; a failed step does end in the state Error. Model Exchange is not offered: its functions return
- * fmi2Error. SetupExperiment may be left out; the start time is then 0.
+ * fmi2Error (fmi2_absent.c). SetupExperiment may be left out; the start time is then 0.
  */
+#include <stdlib.h>
 #include <string.h>
 
 #include "fmi2Functions.h"
@@ -20,9 +21,9 @@ enum {
 };
 
 /* Common beginning: an instance, a legal state. */
-#define ENTER(call, phases)                           \
-    Runtime *rt = c;                                  \
-    if (!rt) return fmi2Error;                        \
+#define ENTER(call, phases)    \
+    Runtime *rt = c;           \
+    if (!rt) return fmi2Error; \
     if (!rt_legal(rt, call, phases)) return fmi2Error
 
 #define NOT_NULL(call, argument) \
@@ -34,7 +35,7 @@ enum {
 static void emit(Runtime *rt, RtStatus status, const char *category, const char *message)
 {
     const fmi2CallbackFunctions *functions = rt->functions;
-    char escaped[1400];
+    char escaped[1600];
     size_t n = 0;
     if (!functions->logger) return;
     /* The logger takes a format: a per cent sign in a name must not be one of a conversion. */
@@ -43,7 +44,8 @@ static void emit(Runtime *rt, RtStatus status, const char *category, const char 
         escaped[n++] = *message;
     }
     escaped[n] = 0;
-    functions->logger(functions->componentEnvironment, rt->instance_name, (fmi2Status)status, category, escaped);
+    functions->logger(functions->componentEnvironment, rt->instance_name, (fmi2Status)status, category,
+                      escaped);
 }
 
 const char *fmi2GetTypesPlatform(void)
@@ -56,7 +58,8 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[])
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories,
+                               const fmi2String categories[])
 {
     ENTER("fmi2SetDebugLogging", ANY);
     ARRAY("fmi2SetDebugLogging", categories, nCategories);
@@ -66,7 +69,8 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nC
 static fmi2Component refuse(const fmi2CallbackFunctions *functions, fmi2String name, const char *message)
 {
     if (functions && functions->logger)
-        functions->logger(functions->componentEnvironment, name ? name : "?", fmi2Error, "logStatusError", message);
+        functions->logger(functions->componentEnvironment, name ? name : "?", fmi2Error, "logStatusError",
+                          message);
     return NULL;
 }
 
@@ -81,13 +85,21 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
     if (!instanceName || !instanceName[0])
         return refuse(functions, instanceName, "fmi2Instantiate: the instance name is missing");
     if (fmuType != fmi2CoSimulation)
-        return refuse(functions, instanceName, "fmi2Instantiate: only Co-Simulation is offered, not Model Exchange");
+        return refuse(functions, instanceName,
+                      "fmi2Instantiate: only Co-Simulation is offered, not Model Exchange");
     if (!fmuGUID || strcmp(fmuGUID, model_info.token) != 0)
         return refuse(functions, instanceName,
-                      "fmi2Instantiate: the GUID is not that of this binary: modelDescription.xml belongs to another build");
+                      "fmi2Instantiate: the GUID is not that of this binary: modelDescription.xml belongs to "
+                      "another build");
     rt = rt_new(instanceName);
     if (!rt) return refuse(functions, instanceName, "fmi2Instantiate: no memory");
-    rt->functions = functions;
+    /* The standard does not say how long the importer keeps the struct. */
+    rt->functions = malloc(sizeof *functions);
+    if (!rt->functions) {
+        rt_free(rt);
+        return refuse(functions, instanceName, "fmi2Instantiate: no memory");
+    }
+    memcpy(rt->functions, functions, sizeof *functions);
     rt->emit = emit;
     rt->logging = loggingOn;
     return rt;
@@ -98,8 +110,8 @@ void fmi2FreeInstance(fmi2Component c)
     rt_free(c);
 }
 
-fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
-                               fmi2Boolean stopTimeDefined, fmi2Real stopTime)
+fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance,
+                               fmi2Real startTime, fmi2Boolean stopTimeDefined, fmi2Real stopTime)
 {
     ENTER("fmi2SetupExperiment", INSTANTIATED);
     return (fmi2Status)rt_set_up(rt, toleranceDefined, tolerance, startTime, stopTimeDefined, stopTime);
@@ -131,35 +143,35 @@ fmi2Status fmi2Reset(fmi2Component c)
 }
 
 /* All values are attempted; the worst status is returned. */
-#define GETTER(call, type, model_type)                                                                    \
-    fmi2Status call(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, type value[])             \
-    {                                                                                                     \
-        RtStatus worst = RT_OK;                                                                           \
-        ENTER(#call, READABLE);                                                                           \
-        ARRAY(#call, vr, nvr);                                                                            \
-        ARRAY(#call, value, nvr);                                                                         \
-        for (size_t i = 0; i < nvr; i++) {                                                                \
-            double number = 0;                                                                            \
-            RtStatus status = rt_get(rt, vr[i], model_type, &number);                                     \
-            if (status > worst) worst = status;                                                           \
-            if (status < RT_DISCARD) value[i] = (type)number;                                             \
-        }                                                                                                 \
-        return (fmi2Status)worst;                                                                         \
+#define GETTER(call, type, model_type)                                                        \
+    fmi2Status call(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, type value[]) \
+    {                                                                                         \
+        RtStatus worst = RT_OK;                                                               \
+        ENTER(#call, READABLE);                                                               \
+        ARRAY(#call, vr, nvr);                                                                \
+        ARRAY(#call, value, nvr);                                                             \
+        for (size_t i = 0; i < nvr; i++) {                                                    \
+            double number = 0;                                                                \
+            RtStatus status = rt_get(rt, vr[i], model_type, &number);                         \
+            if (status > worst) worst = status;                                               \
+            if (status < RT_DISCARD) value[i] = (type)number;                                 \
+        }                                                                                     \
+        return (fmi2Status)worst;                                                             \
     }
 
 /* Stops at the first value that cannot be set. */
-#define SETTER(call, type, model_type)                                                                    \
-    fmi2Status call(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const type value[])       \
-    {                                                                                                     \
-        ENTER(#call, WRITABLE);                                                                           \
-        ARRAY(#call, vr, nvr);                                                                            \
-        ARRAY(#call, value, nvr);                                                                         \
-        for (size_t i = 0; i < nvr; i++) {                                                                \
-            double number = model_type == TYPE_BOOLEAN ? (value[i] != 0 ? 1.0 : 0.0) : (double)value[i];  \
-            RtStatus status = rt_set(rt, vr[i], model_type, number);                                      \
-            if (status != RT_OK) return (fmi2Status)status;                                               \
-        }                                                                                                 \
-        return fmi2OK;                                                                                    \
+#define SETTER(call, type, model_type)                                                                   \
+    fmi2Status call(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const type value[])      \
+    {                                                                                                    \
+        ENTER(#call, WRITABLE);                                                                          \
+        ARRAY(#call, vr, nvr);                                                                           \
+        ARRAY(#call, value, nvr);                                                                        \
+        for (size_t i = 0; i < nvr; i++) {                                                               \
+            double number = model_type == TYPE_BOOLEAN ? (value[i] != 0 ? 1.0 : 0.0) : (double)value[i]; \
+            RtStatus status = rt_set(rt, vr[i], model_type, number);                                     \
+            if (status != RT_OK) return (fmi2Status)status;                                              \
+        }                                                                                                \
+        return fmi2OK;                                                                                   \
     }
 
 GETTER(fmi2GetReal, fmi2Real, TYPE_REAL)
@@ -222,7 +234,8 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, si
     return fmi2OK;
 }
 
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size)
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[],
+                                 size_t size)
 {
     ENTER("fmi2SerializeFMUstate", ANY);
     NOT_NULL("fmi2SerializeFMUstate", FMUstate);
@@ -239,9 +252,9 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedSta
     return (fmi2Status)rt_state_read(rt, (const unsigned char *)serializedState, size, FMUstate);
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[], size_t nUnknown,
-                                        const fmi2ValueReference vKnown_ref[], size_t nKnown, const fmi2Real dvKnown[],
-                                        fmi2Real dvUnknown[])
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[],
+                                        size_t nUnknown, const fmi2ValueReference vKnown_ref[], size_t nKnown,
+                                        const fmi2Real dvKnown[], fmi2Real dvUnknown[])
 {
     ENTER("fmi2GetDirectionalDerivative", READABLE);
     ARRAY("fmi2GetDirectionalDerivative", vUnknown_ref, nUnknown);
@@ -286,21 +299,14 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2R
     return (fmi2Status)rt_do_step(rt, currentCommunicationPoint, communicationStepSize);
 }
 
-fmi2Status fmi2CancelStep(fmi2Component c)
-{
-    ENTER("fmi2CancelStep", ANY);
-    rt_log(rt, RT_ERROR, "fmi2CancelStep: steps are not asynchronous, there is none to cancel");
-    return fmi2Error;
-}
-
 /* Only what a synchronous FMU can know is told: the time reached, and that it does not ask for the end. */
-#define NO_STATUS(call, type)                                                                \
-    fmi2Status call(fmi2Component c, const fmi2StatusKind s, type *value)                    \
-    {                                                                                        \
-        ENTER(#call, STEP | PHASE_STEP_DISCARDED | PHASE_TERMINATED | PHASE_ERROR);          \
-        (void)value;                                                                         \
-        rt_log(rt, RT_DISCARD, #call ": status kind %d is not available", (int)s);           \
-        return fmi2Discard;                                                                  \
+#define NO_STATUS(call, type)                                                       \
+    fmi2Status call(fmi2Component c, const fmi2StatusKind s, type *value)           \
+    {                                                                               \
+        ENTER(#call, STEP | PHASE_STEP_DISCARDED | PHASE_TERMINATED | PHASE_ERROR); \
+        (void)value;                                                                \
+        rt_log(rt, RT_DISCARD, #call ": status kind %d is not available", (int)s);  \
+        return fmi2Discard;                                                         \
     }
 
 NO_STATUS(fmi2GetStatus, fmi2Status)
@@ -330,60 +336,3 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind s, fmi2Boo
     rt_log(rt, RT_DISCARD, "fmi2GetBooleanStatus: status kind %d is not available", (int)s);
     return fmi2Discard;
 }
-
-static fmi2Status model_exchange(fmi2Component c, const char *call)
-{
-    if (c) rt_log(c, RT_ERROR, "%s: belongs to Model Exchange, which is not offered", call);
-    return fmi2Error;
-}
-
-fmi2Status fmi2EnterEventMode(fmi2Component c)
-{
-    return model_exchange(c, "fmi2EnterEventMode");
-}
-
-fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *fmi2eventInfo)
-{
-    (void)fmi2eventInfo;
-    return model_exchange(c, "fmi2NewDiscreteStates");
-}
-
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
-{
-    return model_exchange(c, "fmi2EnterContinuousTimeMode");
-}
-
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
-                                       fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation)
-{
-    (void)noSetFMUStatePriorToCurrentPoint;
-    (void)enterEventMode;
-    (void)terminateSimulation;
-    return model_exchange(c, "fmi2CompletedIntegratorStep");
-}
-
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)
-{
-    (void)time;
-    return model_exchange(c, "fmi2SetTime");
-}
-
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx)
-{
-    (void)x;
-    (void)nx;
-    return model_exchange(c, "fmi2SetContinuousStates");
-}
-
-#define NO_ARRAY(call)                                        \
-    fmi2Status call(fmi2Component c, fmi2Real a[], size_t n)  \
-    {                                                         \
-        (void)a;                                              \
-        (void)n;                                              \
-        return model_exchange(c, #call);                      \
-    }
-
-NO_ARRAY(fmi2GetDerivatives)
-NO_ARRAY(fmi2GetEventIndicators)
-NO_ARRAY(fmi2GetContinuousStates)
-NO_ARRAY(fmi2GetNominalsOfContinuousStates)

@@ -19,9 +19,9 @@ enum {
 };
 
 /* Common beginning: an instance, a legal state. */
-#define ENTER(call, phases)                           \
-    Runtime *rt = instance;                           \
-    if (!rt) return fmi3Error;                        \
+#define ENTER(call, phases)    \
+    Runtime *rt = instance;    \
+    if (!rt) return fmi3Error; \
     if (!rt_legal(rt, call, phases)) return fmi3Error
 
 #define NOT_NULL(call, argument) \
@@ -30,10 +30,10 @@ enum {
 #define ARRAY(call, argument, n) \
     if (n) NOT_NULL(call, argument)
 
-#define SAME_LENGTH(call, n_values, n)                                                                    \
-    if ((n_values) != (n)) {                                                                              \
-        rt_log(rt, RT_ERROR, "%s: %d values for %d scalar variables", call, (int)(n_values), (int)(n));   \
-        return fmi3Error;                                                                                 \
+#define SAME_LENGTH(call, n_values, n)                                                                  \
+    if ((n_values) != (n)) {                                                                            \
+        rt_log(rt, RT_ERROR, "%s: %d values for %d scalar variables", call, (int)(n_values), (int)(n)); \
+        return fmi3Error;                                                                               \
     }
 
 static void emit(Runtime *rt, RtStatus status, const char *category, const char *message)
@@ -44,7 +44,8 @@ static void emit(Runtime *rt, RtStatus status, const char *category, const char 
     callback(rt->environment, (fmi3Status)status, category, message);
 }
 
-static fmi3Instance refuse(fmi3LogMessageCallback logMessage, fmi3InstanceEnvironment environment, const char *message)
+static fmi3Instance refuse(fmi3LogMessageCallback logMessage, fmi3InstanceEnvironment environment,
+                           const char *message)
 {
     if (logMessage) logMessage(environment, fmi3Error, "logStatusError", message);
     return NULL;
@@ -68,7 +69,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          fmi3Boolean eventModeUsed, fmi3Boolean earlyReturnAllowed,
                                          const fmi3ValueReference requiredIntermediateVariables[],
                                          size_t nRequiredIntermediateVariables,
-                                         fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
+                                         fmi3InstanceEnvironment instanceEnvironment,
+                                         fmi3LogMessageCallback logMessage,
                                          fmi3IntermediateUpdateCallback intermediateUpdate)
 {
     Runtime *rt;
@@ -78,7 +80,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
     (void)requiredIntermediateVariables;
     (void)intermediateUpdate;
     if (!instanceName || !instanceName[0])
-        return refuse(logMessage, instanceEnvironment, "fmi3InstantiateCoSimulation: the instance name is missing");
+        return refuse(logMessage, instanceEnvironment,
+                      "fmi3InstantiateCoSimulation: the instance name is missing");
     if (!instantiationToken || strcmp(instantiationToken, model_info.token) != 0)
         return refuse(logMessage, instanceEnvironment,
                       "fmi3InstantiateCoSimulation: the instantiation token is not that of this binary: "
@@ -88,7 +91,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                       "fmi3InstantiateCoSimulation: Event Mode is not offered (hasEventMode is false)");
     if (nRequiredIntermediateVariables)
         return refuse(logMessage, instanceEnvironment,
-                      "fmi3InstantiateCoSimulation: intermediate update is not offered (providesIntermediateUpdate is false)");
+                      "fmi3InstantiateCoSimulation: intermediate update is not offered "
+                      "(providesIntermediateUpdate is false)");
     rt = rt_new(instanceName);
     if (!rt) return refuse(logMessage, instanceEnvironment, "fmi3InstantiateCoSimulation: no memory");
     rt->environment = instanceEnvironment;
@@ -100,22 +104,23 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
 
 fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken,
                                           fmi3String resourcePath, fmi3Boolean visible, fmi3Boolean loggingOn,
-                                          fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage)
+                                          fmi3InstanceEnvironment instanceEnvironment,
+                                          fmi3LogMessageCallback logMessage)
 {
     (void)instanceName;
     (void)instantiationToken;
     (void)resourcePath;
     (void)visible;
     (void)loggingOn;
-    return refuse(logMessage, instanceEnvironment, "fmi3InstantiateModelExchange: only Co-Simulation is offered");
+    return refuse(logMessage, instanceEnvironment,
+                  "fmi3InstantiateModelExchange: only Co-Simulation is offered");
 }
 
-fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3String instantiationToken,
-                                               fmi3String resourcePath, fmi3Boolean visible, fmi3Boolean loggingOn,
-                                               fmi3InstanceEnvironment instanceEnvironment,
-                                               fmi3LogMessageCallback logMessage, fmi3ClockUpdateCallback clockUpdate,
-                                               fmi3LockPreemptionCallback lockPreemption,
-                                               fmi3UnlockPreemptionCallback unlockPreemption)
+fmi3Instance fmi3InstantiateScheduledExecution(
+    fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath, fmi3Boolean visible,
+    fmi3Boolean loggingOn, fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage,
+    fmi3ClockUpdateCallback clockUpdate, fmi3LockPreemptionCallback lockPreemption,
+    fmi3UnlockPreemptionCallback unlockPreemption)
 {
     (void)instanceName;
     (void)instantiationToken;
@@ -125,7 +130,8 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3Stri
     (void)clockUpdate;
     (void)lockPreemption;
     (void)unlockPreemption;
-    return refuse(logMessage, instanceEnvironment, "fmi3InstantiateScheduledExecution: only Co-Simulation is offered");
+    return refuse(logMessage, instanceEnvironment,
+                  "fmi3InstantiateScheduledExecution: only Co-Simulation is offered");
 }
 
 void fmi3FreeInstance(fmi3Instance instance)
@@ -133,8 +139,9 @@ void fmi3FreeInstance(fmi3Instance instance)
     rt_free(instance);
 }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
-                                       fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime)
+fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean toleranceDefined,
+                                       fmi3Float64 tolerance, fmi3Float64 startTime,
+                                       fmi3Boolean stopTimeDefined, fmi3Float64 stopTime)
 {
     RtStatus status;
     ENTER("fmi3EnterInitializationMode", INSTANTIATED);
@@ -162,38 +169,38 @@ fmi3Status fmi3Reset(fmi3Instance instance)
 }
 
 /* All values are attempted; the worst status is returned. */
-#define GETTER(call, type, model_type)                                                                    \
-    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[],                    \
-                    size_t nValueReferences, type values[], size_t nValues)                               \
-    {                                                                                                     \
-        RtStatus worst = RT_OK;                                                                           \
-        ENTER(#call, READABLE);                                                                           \
-        ARRAY(#call, valueReferences, nValueReferences);                                                  \
-        ARRAY(#call, values, nValueReferences);                                                           \
-        SAME_LENGTH(#call, nValues, nValueReferences);                                                    \
-        for (size_t i = 0; i < nValues; i++) {                                                            \
-            double number = 0;                                                                            \
-            RtStatus status = rt_get(rt, valueReferences[i], model_type, &number);                        \
-            if (status > worst) worst = status;                                                           \
-            if (status < RT_DISCARD) values[i] = (type)number;                                            \
-        }                                                                                                 \
-        return (fmi3Status)worst;                                                                         \
+#define GETTER(call, type, model_type)                                                 \
+    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[], \
+                    size_t nValueReferences, type values[], size_t nValues)            \
+    {                                                                                  \
+        RtStatus worst = RT_OK;                                                        \
+        ENTER(#call, READABLE);                                                        \
+        ARRAY(#call, valueReferences, nValueReferences);                               \
+        ARRAY(#call, values, nValueReferences);                                        \
+        SAME_LENGTH(#call, nValues, nValueReferences);                                 \
+        for (size_t i = 0; i < nValues; i++) {                                         \
+            double number = 0;                                                         \
+            RtStatus status = rt_get(rt, valueReferences[i], model_type, &number);     \
+            if (status > worst) worst = status;                                        \
+            if (status < RT_DISCARD) values[i] = (type)number;                         \
+        }                                                                              \
+        return (fmi3Status)worst;                                                      \
     }
 
 /* Stops at the first value that cannot be set. */
-#define SETTER(call, type, model_type)                                                                    \
-    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[],                    \
-                    size_t nValueReferences, const type values[], size_t nValues)                         \
-    {                                                                                                     \
-        ENTER(#call, WRITABLE);                                                                           \
-        ARRAY(#call, valueReferences, nValueReferences);                                                  \
-        ARRAY(#call, values, nValueReferences);                                                           \
-        SAME_LENGTH(#call, nValues, nValueReferences);                                                    \
-        for (size_t i = 0; i < nValues; i++) {                                                            \
-            RtStatus status = rt_set(rt, valueReferences[i], model_type, (double)values[i]);              \
-            if (status != RT_OK) return (fmi3Status)status;                                               \
-        }                                                                                                 \
-        return fmi3OK;                                                                                    \
+#define SETTER(call, type, model_type)                                                       \
+    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[],       \
+                    size_t nValueReferences, const type values[], size_t nValues)            \
+    {                                                                                        \
+        ENTER(#call, WRITABLE);                                                              \
+        ARRAY(#call, valueReferences, nValueReferences);                                     \
+        ARRAY(#call, values, nValueReferences);                                              \
+        SAME_LENGTH(#call, nValues, nValueReferences);                                       \
+        for (size_t i = 0; i < nValues; i++) {                                               \
+            RtStatus status = rt_set(rt, valueReferences[i], model_type, (double)values[i]); \
+            if (status != RT_OK) return (fmi3Status)status;                                  \
+        }                                                                                    \
+        return fmi3OK;                                                                       \
     }
 
 GETTER(fmi3GetFloat64, fmi3Float64, TYPE_REAL)
@@ -233,7 +240,8 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUSta
     return fmi3OK;
 }
 
-fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size)
+fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState, fmi3Byte serializedState[],
+                                 size_t size)
 {
     ENTER("fmi3SerializeFMUState", ANY);
     NOT_NULL("fmi3SerializeFMUState", FMUState);
@@ -250,19 +258,19 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte seriali
     return (fmi3Status)rt_state_read(rt, serializedState, size, FMUState);
 }
 
-#define DERIVATIVE(call, function, n_in, n_out)                                                              \
-    fmi3Status call(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,            \
-                    const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],             \
-                    size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)                            \
-    {                                                                                                        \
-        ENTER(#call, READABLE);                                                                              \
-        ARRAY(#call, unknowns, nUnknowns);                                                                   \
-        ARRAY(#call, knowns, nKnowns);                                                                       \
-        ARRAY(#call, seed, nSeed);                                                                           \
-        ARRAY(#call, sensitivity, nSensitivity);                                                             \
-        SAME_LENGTH(#call ", seed", nSeed, n_in);                                                            \
-        SAME_LENGTH(#call ", sensitivity", nSensitivity, n_out);                                             \
-        return (fmi3Status)function(rt, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity);            \
+#define DERIVATIVE(call, function, n_in, n_out)                                                   \
+    fmi3Status call(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns, \
+                    const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],  \
+                    size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)                 \
+    {                                                                                             \
+        ENTER(#call, READABLE);                                                                   \
+        ARRAY(#call, unknowns, nUnknowns);                                                        \
+        ARRAY(#call, knowns, nKnowns);                                                            \
+        ARRAY(#call, seed, nSeed);                                                                \
+        ARRAY(#call, sensitivity, nSensitivity);                                                  \
+        SAME_LENGTH(#call ", seed", nSeed, n_in);                                                 \
+        SAME_LENGTH(#call ", sensitivity", nSensitivity, n_out);                                  \
+        return (fmi3Status)function(rt, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity); \
     }
 
 DERIVATIVE(fmi3GetDirectionalDerivative, rt_directional, nKnowns, nUnknowns)
@@ -282,9 +290,10 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance instance, const fmi3ValueRefere
     return fmi3Error;
 }
 
-fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
-                      fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,
-                      fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime)
+fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoint,
+                      fmi3Float64 communicationStepSize, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
+                      fmi3Boolean *eventHandlingNeeded, fmi3Boolean *terminateSimulation,
+                      fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime)
 {
     RtStatus status;
     ENTER("fmi3DoStep", STEP);

@@ -14,14 +14,14 @@ static const char CLOCKS[] = "there are no Clock variables";
 static const char STRUCTURE[] = "there are no structural parameters";
 
 /* Types without variables; asking for none of them is fine. */
-#define NO_VARIABLES(call, type)                                                                            \
-    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[],                      \
-                    size_t nValueReferences, type values[], size_t nValues)                                 \
-    {                                                                                                       \
-        (void)valueReferences;                                                                              \
-        (void)values;                                                                                       \
-        (void)nValues;                                                                                      \
-        return nValueReferences ? absent(instance, #call, "there are no variables of this type") : fmi3OK;  \
+#define NO_VARIABLES(call, type)                                                                           \
+    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[],                     \
+                    size_t nValueReferences, type values[], size_t nValues)                                \
+    {                                                                                                      \
+        (void)valueReferences;                                                                             \
+        (void)values;                                                                                      \
+        (void)nValues;                                                                                     \
+        return nValueReferences ? absent(instance, #call, "there are no variables of this type") : fmi3OK; \
     }
 
 NO_VARIABLES(fmi3GetFloat32, fmi3Float32)
@@ -43,44 +43,47 @@ NO_VARIABLES(fmi3SetInt64, const fmi3Int64)
 NO_VARIABLES(fmi3SetUInt64, const fmi3UInt64)
 NO_VARIABLES(fmi3SetString, const fmi3String)
 
-fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                         size_t valueSizes[], fmi3Binary values[], size_t nValues)
+fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                         size_t nValueReferences, size_t valueSizes[], fmi3Binary values[], size_t nValues)
 {
     (void)valueReferences;
     (void)valueSizes;
     (void)values;
     (void)nValues;
-    return nValueReferences ? absent(instance, "fmi3GetBinary", "there are no variables of this type") : fmi3OK;
+    return nValueReferences ? absent(instance, "fmi3GetBinary", "there are no variables of this type")
+                            : fmi3OK;
 }
 
-fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                         const size_t valueSizes[], const fmi3Binary values[], size_t nValues)
+fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[],
+                         size_t nValueReferences, const size_t valueSizes[], const fmi3Binary values[],
+                         size_t nValues)
 {
     (void)valueReferences;
     (void)valueSizes;
     (void)values;
     (void)nValues;
-    return nValueReferences ? absent(instance, "fmi3SetBinary", "there are no variables of this type") : fmi3OK;
+    return nValueReferences ? absent(instance, "fmi3SetBinary", "there are no variables of this type")
+                            : fmi3OK;
 }
 
 /* Clock functions with one or two arrays of values. */
-#define NO_CLOCK(call, type)                                                                 \
-    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[],       \
-                    size_t nValueReferences, type values[])                                  \
-    {                                                                                        \
-        (void)valueReferences;                                                               \
-        (void)values;                                                                        \
-        return nValueReferences ? absent(instance, #call, CLOCKS) : fmi3OK;                  \
+#define NO_CLOCK(call, type)                                                           \
+    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[], \
+                    size_t nValueReferences, type values[])                            \
+    {                                                                                  \
+        (void)valueReferences;                                                         \
+        (void)values;                                                                  \
+        return nValueReferences ? absent(instance, #call, CLOCKS) : fmi3OK;            \
     }
 
-#define NO_CLOCK_PAIR(call, first_type, second_type)                                         \
-    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[],       \
-                    size_t nValueReferences, first_type first[], second_type second[])       \
-    {                                                                                        \
-        (void)valueReferences;                                                               \
-        (void)first;                                                                         \
-        (void)second;                                                                        \
-        return nValueReferences ? absent(instance, #call, CLOCKS) : fmi3OK;                  \
+#define NO_CLOCK_PAIR(call, first_type, second_type)                                   \
+    fmi3Status call(fmi3Instance instance, const fmi3ValueReference valueReferences[], \
+                    size_t nValueReferences, first_type first[], second_type second[]) \
+    {                                                                                  \
+        (void)valueReferences;                                                         \
+        (void)first;                                                                   \
+        (void)second;                                                                  \
+        return nValueReferences ? absent(instance, #call, CLOCKS) : fmi3OK;            \
     }
 
 NO_CLOCK(fmi3GetClock, fmi3Clock)
@@ -110,13 +113,14 @@ fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance instance, fmi3ValueR
     (void)valueReference;
     (void)nDependencies;
     return absent(instance, "fmi3GetNumberOfVariableDependencies",
-                  "dependencies do not change; modelDescription.xml has them (providesPerElementDependencies is false)");
+                  "dependencies do not change; modelDescription.xml has them (providesPerElementDependencies "
+                  "is false)");
 }
 
 fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference dependent,
                                        size_t elementIndicesOfDependent[], fmi3ValueReference independents[],
-                                       size_t elementIndicesOfIndependents[], fmi3DependencyKind dependencyKinds[],
-                                       size_t nDependencies)
+                                       size_t elementIndicesOfIndependents[],
+                                       fmi3DependencyKind dependencyKinds[], size_t nDependencies)
 {
     (void)dependent;
     (void)elementIndicesOfDependent;
@@ -125,12 +129,13 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance instance, fmi3ValueReference
     (void)dependencyKinds;
     (void)nDependencies;
     return absent(instance, "fmi3GetVariableDependencies",
-                  "dependencies do not change; modelDescription.xml has them (providesPerElementDependencies is false)");
+                  "dependencies do not change; modelDescription.xml has them (providesPerElementDependencies "
+                  "is false)");
 }
 
-#define NO_MODE(call, reason)               \
-    fmi3Status call(fmi3Instance instance)  \
-    {                                       \
+#define NO_MODE(call, reason)                   \
+    fmi3Status call(fmi3Instance instance)      \
+    {                                           \
         return absent(instance, #call, reason); \
     }
 
@@ -142,9 +147,10 @@ NO_MODE(fmi3ExitConfigurationMode, STRUCTURE)
 NO_MODE(fmi3EnterContinuousTimeMode, MODEL_EXCHANGE)
 
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discreteStatesNeedUpdate,
-                                    fmi3Boolean *terminateSimulation, fmi3Boolean *nominalsOfContinuousStatesChanged,
-                                    fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
-                                    fmi3Float64 *nextEventTime)
+                                    fmi3Boolean *terminateSimulation,
+                                    fmi3Boolean *nominalsOfContinuousStatesChanged,
+                                    fmi3Boolean *valuesOfContinuousStatesChanged,
+                                    fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime)
 {
     (void)discreteStatesNeedUpdate;
     (void)terminateSimulation;
@@ -170,12 +176,12 @@ fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
     return absent(instance, "fmi3SetTime", MODEL_EXCHANGE);
 }
 
-#define NO_ARRAY(call, type)                                         \
-    fmi3Status call(fmi3Instance instance, type values[], size_t n)  \
-    {                                                                \
-        (void)values;                                                \
-        (void)n;                                                     \
-        return absent(instance, #call, MODEL_EXCHANGE);              \
+#define NO_ARRAY(call, type)                                        \
+    fmi3Status call(fmi3Instance instance, type values[], size_t n) \
+    {                                                               \
+        (void)values;                                               \
+        (void)n;                                                    \
+        return absent(instance, #call, MODEL_EXCHANGE);             \
     }
 
 NO_ARRAY(fmi3SetContinuousStates, const fmi3Float64)
@@ -184,17 +190,18 @@ NO_ARRAY(fmi3GetEventIndicators, fmi3Float64)
 NO_ARRAY(fmi3GetContinuousStates, fmi3Float64)
 NO_ARRAY(fmi3GetNominalsOfContinuousStates, fmi3Float64)
 
-#define NO_NUMBER(call)                                      \
-    fmi3Status call(fmi3Instance instance, size_t *number)   \
-    {                                                        \
-        (void)number;                                        \
-        return absent(instance, #call, MODEL_EXCHANGE);      \
+#define NO_NUMBER(call)                                    \
+    fmi3Status call(fmi3Instance instance, size_t *number) \
+    {                                                      \
+        (void)number;                                      \
+        return absent(instance, #call, MODEL_EXCHANGE);    \
     }
 
 NO_NUMBER(fmi3GetNumberOfEventIndicators)
 NO_NUMBER(fmi3GetNumberOfContinuousStates)
 
-fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64 activationTime)
+fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference,
+                                      fmi3Float64 activationTime)
 {
     (void)clockReference;
     (void)activationTime;

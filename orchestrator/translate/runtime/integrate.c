@@ -15,18 +15,19 @@
 #include "runtime.h"
 
 static const double C[7] = {0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1, 1};
-static const double A[7][6] = {
-    {0},
-    {1.0 / 5},
-    {3.0 / 40, 9.0 / 40},
-    {44.0 / 45, -56.0 / 15, 32.0 / 9},
-    {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
-    {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
-    {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84}};
-static const double E[7] = {71.0 / 57600, 0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
-static const double D[7] = {-12715105075.0 / 11282082432.0, 0, 87487479700.0 / 32700410799.0,
-                            -10690763975.0 / 1880347072.0, 701980252875.0 / 199316789632.0,
-                            -1453857185.0 / 822651844.0, 69997945.0 / 29380423.0};
+static const double A[7][6] = {{0},
+                               {1.0 / 5},
+                               {3.0 / 40, 9.0 / 40},
+                               {44.0 / 45, -56.0 / 15, 32.0 / 9},
+                               {19372.0 / 6561, -25360.0 / 2187, 64448.0 / 6561, -212.0 / 729},
+                               {9017.0 / 3168, -355.0 / 33, 46732.0 / 5247, 49.0 / 176, -5103.0 / 18656},
+                               {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84}};
+static const double E[7] = {71.0 / 57600,      0,          -71.0 / 16695, 71.0 / 1920,
+                            -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
+static const double D[7] = {-12715105075.0 / 11282082432.0,  0,
+                            87487479700.0 / 32700410799.0,   -10690763975.0 / 1880347072.0,
+                            701980252875.0 / 199316789632.0, -1453857185.0 / 822651844.0,
+                            69997945.0 / 29380423.0};
 
 /* The fraction of the relative tolerance that a state's nominal value adds to its own size. */
 static const double NOMINAL_SHARE = 1e-3;
@@ -79,7 +80,8 @@ static int stages(Runtime *rt, double end)
             for (int r = 0; r < s; r++) sum += A[s][r] * rt->k[r][i];
             x[i] = rt->x[i] + rt->h * sum;
         }
-        if (rt_field(rt, s >= 5 ? end : rt->t0 + C[s] * rt->h, x, rt->k[s], rt->operand_stage, rt->lag_stage)) return 1;
+        if (rt_field(rt, s >= 5 ? end : rt->t0 + C[s] * rt->h, x, rt->k[s], rt->operand_stage, rt->lag_stage))
+            return 1;
     }
     return 0;
 }
@@ -124,7 +126,8 @@ static int look(Runtime *rt, double theta, double end)
     double *x = theta == 1 ? rt->x_new : rt->x_stage;
     ModelPoint at = {time, x, rt_inputs(rt, time), rt->p, rt->d_stage, rt->m};
     if (theta < 1) dense_state(rt, theta, x);
-    if (model_info.n_d && delay_values(rt, &at, rt->d_stage, rt->operand_stage, rt->lag_stage, READ_FROZEN)) return -1;
+    if (model_info.n_d && delay_values(rt, &at, rt->d_stage, rt->operand_stage, rt->lag_stage, READ_FROZEN))
+        return -1;
     return disagrees(rt, time, x, rt->lag_stage);
 }
 
@@ -158,7 +161,8 @@ static double update_guess(Runtime *rt)
         double *c = rt->guess + 5 * j, size = 0;
         for (int i = 0; i < 5; i++) size = fmax(size, fabs(y[i]));
         for (int i = 1; i < 5; i++) {
-            double theta = i / 4.0, old = c[0] + theta * (c[1] + theta * (c[2] + theta * (c[3] + theta * c[4])));
+            double theta = i / 4.0,
+                   old = c[0] + theta * (c[1] + theta * (c[2] + theta * (c[3] + theta * c[4])));
             double change = fabs(y[i] - old);
             if (change > 0) moved = fmax(moved, change / (1e-3 * rt->s.tolerance * size));
         }

@@ -5,12 +5,13 @@
 
 #include "runtime.h"
 
-static const char *const CATEGORIES[] = {"logStatusWarning", "logStatusDiscard", "logStatusError", "logEvents"};
+static const char *const CATEGORIES[] = {"logStatusWarning", "logStatusDiscard", "logStatusError",
+                                         "logEvents"};
 enum { N_CATEGORIES = 4, EVENTS = 3 };
 
 static void send(Runtime *rt, RtStatus status, int category, const char *format, va_list arguments)
 {
-    char text[640];
+    char text[768];
     vsnprintf(text, sizeof text, format, arguments);
     if (rt->emit) rt->emit(rt, status, CATEGORIES[category], text);
 }
@@ -66,8 +67,8 @@ RtStatus rt_set_logging(Runtime *rt, int on, size_t n, const char *const *catego
             }
         }
         if (!known) {
-            rt_log(rt, RT_WARNING, "SetDebugLogging: unknown category %.80s; known: %s, %s, %s, %s", categories[i],
-                   CATEGORIES[0], CATEGORIES[1], CATEGORIES[2], CATEGORIES[3]);
+            rt_log(rt, RT_WARNING, "SetDebugLogging: unknown category %.80s; known: %s, %s, %s, %s",
+                   categories[i], CATEGORIES[0], CATEGORIES[1], CATEGORIES[2], CATEGORIES[3]);
             status = RT_WARNING;
         }
     }
@@ -98,7 +99,8 @@ int rt_legal(Runtime *rt, const char *call, int phases)
         if (allowed[0]) strcat(allowed, ", ");
         strcat(allowed, phase_name(phase));
     }
-    rt_log(rt, RT_ERROR, "%s: illegal call in state %s; allowed in: %s", call, phase_name(rt->s.phase), allowed);
+    rt_log(rt, RT_ERROR, "%s: illegal call in state %s; allowed in: %s", call, phase_name(rt->s.phase),
+           allowed);
     return 0;
 }
 

@@ -97,9 +97,11 @@ typedef struct Runtime {
     int stepping;                /* an internal step is being tried */
     int overlapped;              /* it read an operand within itself */
     long long crossed_level;     /* smallest level of the discontinuities a delay operator moved across */
+    long long *crossed;          /* [n_d] 1: this operator moved */
+    long long *levels;           /* [n_d] */
 
     RtStatus trouble;            /* what went wrong last, for the message */
-    char trouble_text[320];
+    char trouble_text[512];
 
     char *instance_name;
     int logging, n_categories;
@@ -107,7 +109,7 @@ typedef struct Runtime {
     void (*emit)(struct Runtime *, RtStatus, const char *category, const char *message);
     void *environment;
     void *logger;                /* what emit needs, an interface's own */
-    const void *functions;
+    void *functions;
 } Runtime;
 
 /* component.c: life cycle, variables, evaluation at the present time */
@@ -142,7 +144,7 @@ int delay_values(Runtime *, ModelPoint *at, double *d, double *operand, double *
 int delay_crossed(const Runtime *, double time, const double *lag);
 double delay_slope(Runtime *, int j, double time);
 int delay_start(Runtime *);
-void delay_open_pieces(Runtime *, long long cause);
+void delay_open_pieces(Runtime *, int inputs, int switched);
 int delay_append(Runtime *, double begin, double end);
 void delay_polynomial(const double *samples, double *c);
 

@@ -34,7 +34,8 @@ static uint64_t model_hash(void)
 
 static size_t fixed_size(const Runtime *rt)
 {
-    return sizeof(Header) + sizeof(Scalars) + rt->n_saved * sizeof(double) + (size_t)model_info.n_d * sizeof(Delay);
+    return sizeof(Header) + sizeof(Scalars) + rt->n_saved * sizeof(double) +
+           (size_t)model_info.n_d * sizeof(Delay);
 }
 
 /* *state may hold an earlier state of this model, which is overwritten. */
@@ -43,7 +44,8 @@ RtStatus rt_save(Runtime *rt, void **state)
     size_t size = fixed_size(rt);
     unsigned char *block, *at;
     Header header;
-    for (int j = 0; j < model_info.n_d; j++) size += (size_t)(rt->delays[j].next - rt->delays[j].first) * sizeof(Segment);
+    for (int j = 0; j < model_info.n_d; j++)
+        size += (size_t)(rt->delays[j].next - rt->delays[j].first) * sizeof(Segment);
     block = *state;
     if (!block || rt_state_size(block) != size) {
         block = realloc(block, size);
@@ -86,7 +88,8 @@ static int plausible(const Runtime *rt, const unsigned char *block, size_t size)
         Delay q;
         if (size - at < sizeof q) return 0;
         memcpy(&q, block + at, sizeof q);
-        if (q.first < 0 || q.next < q.first || (uint64_t)(q.next - q.first) > (size - at) / sizeof(Segment)) return 0;
+        if (q.first < 0 || q.next < q.first || (uint64_t)(q.next - q.first) > (size - at) / sizeof(Segment))
+            return 0;
         at += sizeof q + (size_t)(q.next - q.first) * sizeof(Segment);
     }
     return at == size;
@@ -156,8 +159,8 @@ RtStatus rt_state_write(Runtime *rt, const void *state, unsigned char *bytes, si
     Header header;
     size_t needed = rt_state_size(state);
     if (size < needed) {
-        rt_log(rt, RT_ERROR, "SerializeFMUState: the state takes %llu bytes, room is for %llu", (unsigned long long)needed,
-               (unsigned long long)size);
+        rt_log(rt, RT_ERROR, "SerializeFMUState: the state takes %llu bytes, room is for %llu",
+               (unsigned long long)needed, (unsigned long long)size);
         return RT_ERROR;
     }
     memcpy(bytes, state, needed);

@@ -7,9 +7,9 @@
 
 /* Events closer than NEAR communication steps are in close succession; so many of them are chattering. */
 static const double NEAR = 1e-8;
-enum { MAX_NEAR_EVENTS = 100 };
+enum { MAX_NEAR_EVENTS = 100, MAX_LOCATIONS = 20 };
 
-enum { NO_LEVEL = 1000, INPUT_CAUSE = -1 };
+enum { NO_LEVEL = 1000, EVENT = -1 };
 
 static void copy(double *to, const double *from, int n)
 {
@@ -21,28 +21,29 @@ static int differ(const double *a, const double *b, int n)
     return n && memcmp(a, b, (size_t)n * sizeof *a) != 0;
 }
 
-/* Modes and pieces change at the present time, which is an event or a communication point. */
-static int discontinuity(Runtime *rt, int cause_is_input)
+/* Modes and pieces change at the present time: at an event (`inputs` is EVENT), or at a communication
+ * point, where inputs may have changed (as delay_open_pieces takes them). */
+static int discontinuity(Runtime *rt, int inputs)
 {
     int switched;
     rt->crossed_level = NO_LEVEL;
+    for (int j = 0; j < model_info.n_d; j++) rt->crossed[j] = 0;
     if (rt_settle(rt)) return 1;
     switched = differ(rt->m, rt->m_done, model_info.n_m);
     if (switched) {
         rt_log_event(rt, "event at t = %.12g s: relations changed", rt->s.time);
         copy(rt->m_done, rt->m, model_info.n_m);
     }
-    if (cause_is_input || switched) delay_open_pieces(rt, INPUT_CAUSE);
-    else if (rt->crossed_level < NO_LEVEL) delay_open_pieces(rt, rt->crossed_level);
+    delay_open_pieces(rt, inputs == EVENT ? 0 : inputs, switched);
     rt->s.first_stage_valid = 0;
     rt->s.modes_stale = 0;
-    if (cause_is_input) return 0;
+    if (inputs != EVENT) return 0;
 
     rt->s.near_events = rt->s.time - rt->s.last_event < NEAR * rt->step_size ? rt->s.near_events + 1 : 0;
     rt->s.last_event = rt->s.time;
     if (rt->s.near_events < MAX_NEAR_EVENTS) return 0;
-    return rt_fail(rt, RT_ERROR, "chattering at t = %.9g s: %d events within less than %.3g s of each other", rt->s.time,
-                   MAX_NEAR_EVENTS, NEAR * rt->step_size);
+    return rt_fail(rt, RT_ERROR, "chattering at t = %.9g s: %d events within less than %.3g s of each other",
+                   rt->s.time, MAX_NEAR_EVENTS, NEAR * rt->step_size);
 }
 
 /* Where an internal step must end at the latest: the target, or the first propagated jump. A delay time
@@ -80,7 +81,7 @@ static RtStatus accept(Runtime *rt, double end, int event)
         copy(rt->u_now, rt_inputs(rt, end), model_info.n_u);
         rt->u = rt->u_now;
     }
-    if (event && discontinuity(rt, 0)) status = rt->trouble;
+    if (event && discontinuity(rt, EVENT)) status = rt->trouble;
     if (status == RT_OK) status = rt_check_assertions(rt);
     rt->u = held;
     if (status < RT_DISCARD) rt->s.last_success = end;
@@ -93,7 +94,7 @@ static RtStatus integrate(Runtime *rt, double target)
     int misses = 0;
     while (rt->s.time < target) {
         double stop, h, factor, floor;
-        int whole, event, cut = 0;
+        int whole, event, cut = 0, located = 0;
         RtStatus status;
         rt->t0 = rt->s.time;
         rt->h = target - rt->t0;
@@ -125,7 +126,8 @@ static RtStatus integrate(Runtime *rt, double target)
             if (verdict == STEP_EVENT) {
                 /* After a miss by rounding errors time still has to pass. */
                 double least = 4 * DBL_EPSILON * fmax(fabs(rt->t0), rt->step_size) * pow(2, misses);
-                h = fmax(factor * rt->h, least);
+                /* Location converges at once where everything is smooth; elsewhere halving does. */
+                h = fmax((++located > MAX_LOCATIONS ? factor / 2 : factor) * rt->h, least);
                 cut = 1;
             } else {
                 h = factor * rt->h;
@@ -133,8 +135,8 @@ static RtStatus integrate(Runtime *rt, double target)
                 if (h < floor) {
                     char reason[sizeof rt->trouble_text];
                     memcpy(reason, rt->trouble_text, sizeof reason);
-                    rt_fail(rt, rt->trouble, "the internal step size fell below %.3g s at t = %.9g s: %.160s", floor,
-                            rt->t0, reason);
+                    rt_fail(rt, rt->trouble, "the internal step size fell below %.3g s at t = %.9g s: %.300s",
+                            floor, rt->t0, reason);
                     return rt->trouble;
                 }
                 rt->s.step_memory = h;
@@ -148,17 +150,21 @@ static RtStatus integrate(Runtime *rt, double target)
 
 static int legal_step(Runtime *rt, double point, double size)
 {
-    double close = 1e-9 * fmax(fabs(rt->s.time), fabs(size));
+    /* A master that sums its steps up may be off by rounding errors. */
+    double close = 1e-3 * fabs(size) + 16 * DBL_EPSILON * fabs(rt->s.time);
     if (!(size > 0) || !isfinite(size) || !isfinite(point))
-        return !rt_fail(rt, RT_ERROR, "communication point %.9g s, step size %.9g s: both must be finite, the step size above 0 s",
-                        point, size);
+        return !rt_fail(
+            rt, RT_ERROR,
+            "communication point %.9g s, step size %.9g s: both must be finite, the step size above 0 s",
+            point, size);
     if (fabs(point - rt->s.time) > close)
-        return !rt_fail(rt, RT_ERROR, "communication point %.17g s is not the instance's time %.17g s", point, rt->s.time);
+        return !rt_fail(rt, RT_ERROR, "communication point %.17g s is not the instance's time %.17g s", point,
+                        rt->s.time);
     if (!(point + size > rt->s.time))
         return !rt_fail(rt, RT_ERROR, "step size %.9g s is lost in rounding at t = %.9g s", size, rt->s.time);
     if (rt->s.stop_defined && point + size > rt->s.stop_time + 1e-9 * fmax(fabs(rt->s.stop_time), size))
-        return !rt_fail(rt, RT_ERROR, "step from %.9g s to %.9g s passes the stop time %.9g s", point, point + size,
-                        rt->s.stop_time);
+        return !rt_fail(rt, RT_ERROR, "step from %.9g s to %.9g s passes the stop time %.9g s", point,
+                        point + size, rt->s.stop_time);
     return 1;
 }
 
@@ -173,7 +179,7 @@ RtStatus rt_do_step(Runtime *rt, double point, double size)
     rt->step_start = rt->s.time;
     rt->step_size = target - rt->s.time;
     rt->s.last_success = rt->s.time;
-    changed = rt->s.slopes || rt->s.slopes_before || differ(rt->u, rt->u_before, n_u);
+    changed = (differ(rt->u, rt->u_before, n_u) ? 1 : 0) | (rt->s.slopes || rt->s.slopes_before ? 2 : 0);
     if (changed || rt->s.modes_stale) {
         copy(rt->m, rt->m_done, model_info.n_m);
         if (discontinuity(rt, changed)) {
@@ -199,7 +205,7 @@ RtStatus rt_do_step(Runtime *rt, double point, double size)
     if (!model_info.n_x && !model_info.n_d) {
         /* Nothing is remembered but the modes: what happens between the points leaves no trace. */
         rt->s.time = target;
-        if (model_info.n_m && discontinuity(rt, 1)) status = rt->trouble;
+        if (model_info.n_m && discontinuity(rt, 0)) status = rt->trouble;
         if (status < RT_DISCARD) status = rt_check_assertions(rt);
         if (status < RT_DISCARD) rt->s.last_success = target;
     }

@@ -9,12 +9,12 @@
 #include "fmi2FunctionTypes.h"
 
 #define LOAD(name) name##TYPE *name = (name##TYPE *)load(library, #name)
-#define CHECK(call)                                                        \
-    do {                                                                   \
-        if ((call) > fmi2Warning) {                                        \
-            fprintf(stderr, "line %d: %s failed\n", __LINE__, #call);      \
-            return 1;                                                      \
-        }                                                                  \
+#define CHECK(call)                                                   \
+    do {                                                              \
+        if ((call) > fmi2Warning) {                                   \
+            fprintf(stderr, "line %d: %s failed\n", __LINE__, #call); \
+            return 1;                                                 \
+        }                                                             \
     } while (0)
 
 static void *load(void *library, const char *name)
@@ -27,8 +27,8 @@ static void *load(void *library, const char *name)
     return symbol;
 }
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status, fmi2String category,
-                   fmi2String message, ...)
+static void logger(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
+                   fmi2String category, fmi2String message, ...)
 {
     va_list arguments;
     (void)environment;
@@ -86,7 +86,9 @@ int main(int count, char **arguments)
         }
         clock_gettime(CLOCK_MONOTONIC, &end);
         printf("%.4f us per step (sum %g)\n",
-               ((double)(end.tv_sec - begin.tv_sec) * 1e9 + (double)(end.tv_nsec - begin.tv_nsec)) / 1e3 / (double)steps, sum);
+               ((double)(end.tv_sec - begin.tv_sec) * 1e9 + (double)(end.tv_nsec - begin.tv_nsec)) / 1e3 /
+                   (double)steps,
+               sum);
         fmi2FreeInstance(c);
         return 0;
     }
