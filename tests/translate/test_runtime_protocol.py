@@ -349,6 +349,9 @@ def test_modes_that_contradict_themselves_are_an_error():
 def test_delay_times_that_cannot_be():
     instance = Instance("trouble").initialise()
     instance.step(0.1)
+    # Zero but for a rounding error.
+    instance.set(lag=-1e-17)
+    assert instance.get("y") == 1.0
     for lag, message in (
         (-0.1, "delay time is -0.1 s; it must be 0 s or more"),
         (2.5, "delay time 2.5 s exceeds its maximum 2 s"),
@@ -399,10 +402,3 @@ def test_memory_is_clean(driver, model, output):
     command = [*checker, driver, library(model), f"{{{model}}}", str(output)]
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
-
-
-def test_a_small_step_is_cheap(driver):
-    command = [driver, library("robot"), "{robot}", "2", "20000", "1e-5", "1"]
-    result = subprocess.run(command, capture_output=True, text=True, check=True)
-    # Measured: about 1 us. The bound only has to tell microseconds from what a mistake would cost.
-    assert float(result.stdout.split()[0]) < 20.0

@@ -161,6 +161,8 @@ int delay_values(Runtime *rt, ModelPoint *at, double *d, double *operand, double
         bad = -1;
         for (int j = 0; j < n; j++) {
             double value;
+            /* A delay time that vanishes is computed with rounding errors of either sign. */
+            if (lag[j] < 0 && lag[j] >= -slack(at->time, 0)) lag[j] = 0;
             if (!(lag[j] >= 0) || (rt->s.started && !(lag[j] <= rt->delays[j].maximum * (1 + 1e-9)))) {
                 if (bad < 0) bad = j;
                 value = operand[j];
