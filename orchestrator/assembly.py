@@ -12,7 +12,7 @@ from pathlib import Path
 from . import bundled, checks, graph
 from .config import Config, ConnectionModel, Places, Scalar, endpoints
 from .errors import ConfigError, FmuError, Problem, listed, nearest
-from .fmi import Fmu, Value, load_fmu
+from .fmi import Fmu, Kind, Value, load_fmu
 from .system import Connection, Instance, Port, System, port_graph
 
 __all__ = ["Part", "assemble", "load_system"]
@@ -35,13 +35,16 @@ class Part:
     feedthrough: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
 
-def load_system(config: Config, needed: Mapping[str, tuple[str, ...]] | None = None) -> System:
+def load_system(
+    config: Config, needed: Mapping[str, tuple[str, ...]] | None = None, *, loops: bool = False
+) -> System:
     """The system of a config.
 
     Args:
         config: a validated config.
         needed: signals that are recorded whatever the config says, as instance.variable, and the path in the
             config that asks for each.
+        loops: see `assemble`.
     Raises: ConfigError with all problems.
     """
     problems: list[Problem] = []
@@ -63,6 +66,7 @@ def load_system(config: Config, needed: Mapping[str, tuple[str, ...]] | None = N
         places=config.places,
         problems=problems,
         absent=absent,
+        loops=loops,
     )
 
 
@@ -97,6 +101,7 @@ def assemble(
     places: Places | None = None,
     problems: Iterable[Problem] = (),
     absent: frozenset[str] = frozenset(),
+    loops: bool = False,
 ) -> System:
     """Check parts and connections and make a system of them.
 
@@ -108,6 +113,7 @@ def assemble(
         places: where the values were written, for messages.
         problems: found earlier, to be told together with those found here.
         absent: names of instances that already have a problem: what concerns them is not judged.
+        loops: whether algebraic loops at communication points are let pass, for a master that solves them.
     Raises: ConfigError with all problems.
     """
     parts = list(parts)
@@ -146,11 +152,12 @@ def assemble(
     for text, path in (needed or {}).items():
         wanted.setdefault(text, path)
     recorded = _recorded(record is None, wanted, instances, absent, places, found)
+    solvable: tuple[tuple[Port, ...], ...] = ()
     if not found:
-        found += _algebraic_loops(instances, checked, places)
+        solvable = _algebraic_loops(instances, checked, places, loops, found)
     if found:
         raise ConfigError(found)
-    return System(tuple(instances), tuple(checked), recorded, tuple(notes))
+    return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable)
 
 
 def _connect(
@@ -259,10 +266,21 @@ def _recorded(
 
 
 def _algebraic_loops(
-    instances: Sequence[Instance], connections: Sequence[Connection], places: Places
-) -> list[Problem]:
-    problems: dict[frozenset[Port], Problem] = {}
+    instances: Sequence[Instance],
+    connections: Sequence[Connection],
+    places: Places,
+    accepted: bool,
+    problems: list[Problem],
+) -> tuple[tuple[Port, ...], ...]:
+    """Algebraic loops at communication points that are accepted; the others become problems.
+
+    Those at initialisation are always accepted, if they can be solved at all: FMI lets inputs be set and
+    outputs be read there as often as it takes.
+    """
+    told: dict[frozenset[Port], Problem] = {}
+    found: list[tuple[Port, ...]] = []
     targets = {connection.target for connection in connections}
+    variables = {one.name: one.fmu.description.variables for one in instances}
     assumed = {
         Port(one.name, output)
         for one in instances
@@ -276,10 +294,21 @@ def _algebraic_loops(
             cycle = graph.shortest_cycle(successors, component[0], component)
             if not cycle:
                 continue
+            members = [ports[index] for index in component]
+            other = [port for port in members if variables[port.instance][port.variable].kind is not Kind.REAL]
             loop = [ports[index] for index in cycle]
             if loop[0] not in targets:
                 loop = [*loop[1:], loop[0]]
             key = frozenset(loop)
-            if key not in problems:
-                problems[key] = checks.loop_problem(loop, assumed, places.text(("connections",)), initial)
-    return list(problems.values())
+            if not other and (accepted or initial):
+                if not initial:
+                    found.append(tuple(loop))
+                continue
+            if key not in told:
+                reason = ""
+                if other:
+                    kind = variables[other[0].instance][other[0].variable].kind
+                    reason = f"{other[0]} is of type {kind}, and only real numbers can be iterated"
+                told[key] = checks.loop_problem(loop, assumed, places.text(("connections",)), initial, reason)
+    problems += told.values()
+    return tuple(found)

@@ -258,12 +258,15 @@ def shared_process(fmus: Iterable[tuple[str, Fmu]], places: Places) -> list[Prob
     return problems
 
 
-def loop_problem(loop: Sequence[Port], assumed: set[Port], place: str, initial: bool) -> Problem:
+def loop_problem(
+    loop: Sequence[Port], assumed: set[Port], place: str, initial: bool, reason: str = ""
+) -> Problem:
     """An algebraic loop, told hop by hop.
 
     Args:
         loop: inputs and outputs in turn, beginning with an input.
         assumed: outputs whose dependencies the FMU does not declare.
+        reason: why no master could solve it; empty if one that iterates would.
     """
     hops, doubtful = [], None
     for index, port in enumerate(loop):
@@ -277,8 +280,10 @@ def loop_problem(loop: Sequence[Port], assumed: set[Port], place: str, initial: 
         hops.append(f"{port} is direct-feedthrough to {after}{doubt}")
     shown = doubtful or loop[1]
     remedy = (
-        "It cannot be solved. Take a connection out of the loop, or put an instance without direct "
-        f"feedthrough into it.\nIf {shown} does not depend on the inputs of the same instant, say so: "
+        (f"It cannot be solved: {reason}. " if reason else "The master iterative solves it; or take")
+        + ("Take" if reason else "")
+        + " a connection out of the loop, or put an instance without direct feedthrough into it.\n"
+        f"If {shown} does not depend on the inputs of the same instant, say so: "
         f"instances.{shown.instance}.feedthrough: {{{shown.variable}: []}}"
     )
     return Problem(place, f"algebraic loop{' at initialisation' if initial else ''}", "\n".join(hops), remedy)

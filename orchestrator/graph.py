@@ -89,12 +89,19 @@ def stable_order(successors: Successors) -> tuple[int, ...]:
 
 
 def levels(successors: Successors) -> list[int]:
-    """Per node, the length of the longest path that leads to it, in a graph without cycles."""
-    level = [0] * len(successors)
-    for node in stable_order(successors):
-        for other in successors[node]:
-            level[other] = max(level[other], level[node] + 1)
-    return level
+    """Per node, the length of the longest path that leads to it; nodes of one cycle count as one."""
+    components = strong_components(successors)
+    home = [0] * len(successors)
+    for index, component in enumerate(components):
+        for node in component:
+            home[node] = index
+    level = [0] * len(components)
+    for index in reversed(range(len(components))):  # Tarjan's algorithm finds what is last first
+        for node in components[index]:
+            for other in successors[node]:
+                if home[other] != index:
+                    level[home[other]] = max(level[home[other]], level[index] + 1)
+    return [level[index] for index in home]
 
 
 def shortest_cycle(successors: Successors, start: int, within: Sequence[int]) -> list[int]:

@@ -2,18 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from time import perf_counter_ns
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import OrchestratorError, StepError
-from .fmi import FmuInstance, Point, StepStatus, Value
+from .fixed_point import Newton, Solution, solve
+from .fmi import Array, FmuInstance, Point, StepStatus, Value
 from .signals import Layout, Signals
-from .system import Port, System
+from .system import Connection, Port, System
 
-__all__ = ["Instances", "instantiate"]
+__all__ = ["Curve", "Instances", "instantiate", "not_converged"]
+
+# Of the relative residuals of loops at initialisation: what rounding leaves of a loop gain of some thousands.
+_INITIAL_TOLERANCE = 1e-12
+_INITIAL_ITERATIONS = 50
+
+
+class Curve(NamedTuple):
+    """How all signals run over a step, for what is fed with more than a held value.
+
+    Attributes:
+        begin, middle, end: values there, each of shape (layout.size,).
+        order: of the polynomial through them, 1 or 2.
+        step_size: [s].
+    """
+
+    begin: Array
+    middle: Array
+    end: Array
+    order: int
+    step_size: float
 
 
 class Instances:
@@ -26,6 +49,7 @@ class Instances:
         system, layout: what runs, and where its signals stand.
         running: the instances in the config's order.
         started: how many of them have left initialisation mode.
+        memory: what a master keeps from one step to the next, so that one master serves several runs.
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -33,6 +57,7 @@ class Instances:
         self.layout = layout
         self.running: list[FmuInstance] = []
         self.started = 0
+        self.memory: dict[Any, Any] = {}
         self._values = np.zeros(layout.size)
         self._finite = np.empty(layout.size, np.bool_)
         self._texts: dict[Port, str] = {}
@@ -42,6 +67,9 @@ class Instances:
             for inputs, u in zip(layout.inputs, self._u, strict=True)
         ]
         self._elapsed = [0] * len(system.instances)
+        self._slopes: dict[int, list[Array]] = {}
+        self._direct: dict[int, NDArray[np.bool_]] = {}
+        self._parts = [1] * len(system.instances)
 
     # What masters use.
 
@@ -54,15 +82,52 @@ class Instances:
         if self._texts or signals.texts:
             self._texts = dict(signals.texts)
 
-    def transfer(self, index: int) -> None:
-        """Feed an instance's inputs from the vector as it stands; the FMU gets them in `advance`."""
+    def put(self, places: NDArray[np.intp], values: Array) -> None:
+        """Replace signals in the vector: what a master supposes of an instance that has yet to step."""
+        self._values[places] = values
+
+    @property
+    def values(self) -> Array:
+        """The vector as it stands, shape (layout.size,); a view, not to be written to."""
+        return self._values
+
+    def transfer(self, index: int, curve: Curve | None = None) -> None:
+        """Feed an instance's inputs from the vector as it stands; the FMU gets them in `advance`.
+
+        With a curve, an FMU that interpolates its inputs is given value and derivatives at the beginning.
+        Any other holds one value over the step: where the input acts on an output at once, that of the end,
+        at which outputs are read; elsewhere that of the middle, whose effect is the mean's to second order.
+        """
         source, u, gain, offset = self._transfers[index]
         if not u.size:
             return
-        self._values.take(source, out=u, mode="clip")  # "clip" spares numpy a buffer; indices are valid
+        if curve is not None:
+            self._feed(index, curve)
+        else:
+            self._values.take(source, out=u, mode="clip")  # "clip" spares numpy a buffer; indices are valid
         if gain is not None:
             u *= gain
             u += offset
+
+    def _feed(self, index: int, curve: Curve) -> None:
+        source, u, gain, _ = self._transfers[index]
+        if not self.running[index].description.capabilities.interpolate_inputs:
+            u[:] = np.where(self._through(index), curve.end[source], curve.middle[source])
+            return
+        begin, middle, end = (values[source] for values in curve[:3])
+        bend = 2.0 * (begin + end - 2.0 * middle)
+        slopes = [(end - begin - bend) / curve.step_size, 2.0 * bend / curve.step_size**2][: curve.order]
+        u[:] = begin
+        self._slopes[index] = [slope if gain is None else gain * slope for slope in slopes]
+
+    def _through(self, index: int) -> NDArray[np.bool_]:
+        """Which inputs an output of the instance depends on directly."""
+        if index not in self._direct:
+            one = self.system.instances[index]
+            direct = {name for names in one.feedthrough.values() for name in names}
+            names = self.layout.inputs[index].names
+            self._direct[index] = np.array([name in direct for name in names], np.bool_)
+        return self._direct[index]
 
     def advance(self, index: int, point: Point) -> StepStatus:
         """Set an instance's inputs, step it and read its outputs into the vector.
@@ -75,7 +140,10 @@ class Instances:
             one.write_inputs()
             if self.layout.text_inputs[index]:
                 one.set_values({name: self._texts[port] for name, port in self.layout.text_inputs[index]})
-            status = one.do_step(point)
+            if index in self._slopes:
+                for order, slope in enumerate(self._slopes.pop(index), 1):
+                    one.write_input_derivatives(order, slope)
+            status = self._do_step(index, point)
             if status <= StepStatus.WARNING:
                 one.read_outputs()
                 if self.layout.text_outputs[index]:
@@ -85,6 +153,38 @@ class Instances:
             raise
         self._elapsed[index] += perf_counter_ns() - begin
         return status
+
+    def _do_step(self, index: int, point: Point) -> StepStatus:
+        one, count = self.running[index], self._parts[index]
+        if count == 1:
+            return one.do_step(point)
+        size = point.step_size / count
+        for part in range(count):
+            own = Point(point.index * count + part, point.time + point.step_size * (part / count), size)
+            status = one.do_step(own)
+            if status > StepStatus.WARNING:
+                break
+        return status
+
+    @contextmanager
+    def checkpoint(self, indices: Iterable[int]) -> Iterator[Callable[[], None]]:
+        """Keep the states of instances; the function that is given brings them back, as often as called."""
+        saved = [(self.running[index], self.running[index].save_state()) for index in indices]
+
+        def back() -> None:
+            for one, state in saved:
+                one.restore_state(state)
+
+        broken = None
+        try:
+            yield back
+        except StepError as error:
+            broken = error.instance if error.status in ("error", "fatal") else None
+            raise
+        finally:
+            for one, state in reversed(saved):
+                if one.name != broken:  # after an error an FMU may only be freed
+                    one.free_state(state)
 
     def signals(self, time: float | None) -> Signals:
         """The signals as they stand, as a new vector.
@@ -115,24 +215,10 @@ class Instances:
                 self._values[self.layout.spans[index]],
             )
             one.enter_initialisation(start_time, instance.start, stop_time)
-        for connections in self.system.initial_levels:
-            targets: dict[int, dict[str, Value]] = {}
-            sources: dict[int, dict[str, Value]] = {}
-            for connection in connections:
-                sources.setdefault(self.system.position[connection.source.instance], {})[
-                    connection.source.variable
-                ] = 0.0
-            values = {index: self.running[index].get_values(list(names)) for index, names in sources.items()}
-            for connection in connections:
-                value = values[self.system.position[connection.source.instance]][connection.source.variable]
-                if isinstance(value, float):
-                    self._check_initial(connection.source, value)
-                    if connection.gain != 1.0 or connection.offset != 0.0:
-                        value = connection.gain * value + connection.offset
-                position = self.system.position[connection.target.instance]
-                targets.setdefault(position, {})[connection.target.variable] = value
-            for position, inputs in targets.items():
-                self.running[position].set_values(inputs)
+        for loops, connections in zip(self.system.initial_loops, self.system.initial_levels, strict=True):
+            for loop in loops:
+                self._solve_initially(loop, start_time)
+            self._pass_on(connections, self._fetch(connections))
         for one in self.running:
             one.exit_initialisation()
             self.started += 1
@@ -140,6 +226,53 @@ class Instances:
             one.read_outputs()
             self._read_texts(index)
         return self.signals(start_time)
+
+    def _fetch(self, connections: Iterable[Connection]) -> dict[Port, Value]:
+        """Values of the connections' sources, in initialisation mode."""
+        names: dict[int, dict[str, None]] = {}
+        for connection in connections:
+            position = self.system.position[connection.source.instance]
+            names.setdefault(position, {})[connection.source.variable] = None
+        values: dict[Port, Value] = {}
+        for position, wanted in names.items():
+            own = self.running[position].get_values(list(wanted))
+            values |= {Port(self.system.instances[position].name, name): own[name] for name in wanted}
+        return values
+
+    def _pass_on(self, connections: Iterable[Connection], values: Mapping[Port, Value]) -> None:
+        """Set the connections' targets, in initialisation mode."""
+        targets: dict[int, dict[str, Value]] = {}
+        for connection in connections:
+            value = values[connection.source]
+            if isinstance(value, float):
+                self._check_initial(connection.source, value)
+                if connection.gain != 1.0 or connection.offset != 0.0:
+                    value = connection.gain * value + connection.offset
+            position = self.system.position[connection.target.instance]
+            targets.setdefault(position, {})[connection.target.variable] = value
+        for position, inputs in targets.items():
+            self.running[position].set_values(inputs)
+
+    def _solve_initially(self, loop: tuple[Connection, ...], time: float) -> None:
+        """Set the inputs of an algebraic loop so that they agree with the outputs that they lead to."""
+        sources = list(dict.fromkeys(connection.source for connection in loop))
+        nominal = np.array([self.system.variable(port).nominal for port in sources])
+
+        def around(x: Array) -> Array:
+            self._pass_on(loop, dict(zip(sources, x.tolist(), strict=True)))
+            values = self._fetch(loop)
+            return np.array([float(values[port]) for port in sources])
+
+        found = self._fetch(loop)
+        start = np.array([float(found[port]) for port in sources])
+        solution = solve(
+            around, start, nominal, Newton(nominal),
+            tolerance=_INITIAL_TOLERANCE, max_iterations=_INITIAL_ITERATIONS,
+        )  # fmt: skip
+        if not solution.converged:
+            raise not_converged(
+                "algebraic loop at initialisation", self.system, sources, solution, _INITIAL_TOLERANCE, time
+            )
 
     def terminate(self) -> None:
         """End a run that went well."""
@@ -205,6 +338,31 @@ class Instances:
             log=one.log_lines(),
             remedy="Check the values that it is given, or take a smaller step size.",
         ) from cause
+
+
+def not_converged(
+    what: str, system: System, ports: Sequence[Port], solution: Solution, tolerance: float, time: float | None
+) -> StepError:
+    """The error for an iteration over the values of `ports` that did not converge."""
+    worst = np.argsort(-solution.residual, kind="stable")[:5]
+    lines = []
+    for n in worst:
+        unit = system.variable(ports[n]).unit_name
+        given = f"{solution.x[n]:.9g} gives {solution.value[n]:.9g}{f' {unit}' if unit else ''}"
+        lines.append(f"{ports[n]}: residual {solution.residual[n]:.3g}, {given}")
+    more = len(ports) - len(worst)
+    if more > 0:
+        lines.append(f"and {more} signals more")
+    why = f" ({solution.why})" if solution.why else ""
+    count = f"{solution.iterations} iteration{'' if solution.iterations == 1 else 's'}"
+    listing = "\n".join(f"    {line}" for line in lines)
+    return StepError(
+        f"{what}: no convergence after {count}{why}; tolerance {tolerance:g}\n{listing}",
+        instance=ports[worst[0]].instance,
+        time=time,
+        status="not converged",
+        remedy="Take a smaller step size, or check what the loop consists of.",
+    )
 
 
 @contextmanager

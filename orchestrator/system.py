@@ -63,12 +63,15 @@ class System:
         connections: in the config's order.
         recorded: numeric signals to record; the names that measures and results use.
         notes: what was accepted but could not be checked.
+        loops: algebraic loops at communication points, inputs and outputs in turn; only some masters solve
+            them.
     """
 
     instances: tuple[Instance, ...]
     connections: tuple[Connection, ...]
     recorded: tuple[Port, ...]
     notes: tuple[str, ...] = ()
+    loops: tuple[tuple[Port, ...], ...] = ()
 
     @cached_property
     def position(self) -> Mapping[str, int]:
@@ -98,14 +101,38 @@ class System:
     def initial_levels(self) -> tuple[tuple[Connection, ...], ...]:
         """Connections by the round in which they are served at initialisation.
 
-        All sources of a round can be read once the targets of the earlier rounds are set.
+        All sources of a round can be read once the targets of the earlier rounds are set, and the loops of
+        this one (see `initial_loops`) are solved.
         """
+        return self._initial[0]
+
+    @cached_property
+    def initial_loops(self) -> tuple[tuple[tuple[Connection, ...], ...], ...]:
+        """Per round of `initial_levels`, the connections of each algebraic loop that it begins with."""
+        return self._initial[1]
+
+    @cached_property
+    def _initial(
+        self,
+    ) -> tuple[tuple[tuple[Connection, ...], ...], tuple[tuple[tuple[Connection, ...], ...], ...]]:
         nodes, successors = port_graph(self.instances, self.connections, initial=True)
         level = graph.levels(successors)
-        rounds: dict[int, list[Connection]] = {}
+        home = {
+            node: index for index, members in enumerate(graph.strong_components(successors)) for node in members
+        }
+        served: dict[int, list[Connection]] = {}
+        loops: dict[int, dict[int, list[Connection]]] = {}
         for connection in self.connections:
-            rounds.setdefault(level[nodes[connection.source]], []).append(connection)
-        return tuple(tuple(rounds[key]) for key in sorted(rounds))
+            source, target = nodes[connection.source], nodes[connection.target]
+            if home[source] == home[target]:
+                loops.setdefault(level[source], {}).setdefault(home[source], []).append(connection)
+            else:
+                served.setdefault(level[source], []).append(connection)
+        keys = sorted(served.keys() | loops.keys())
+        return (
+            tuple(tuple(served.get(key, ())) for key in keys),
+            tuple(tuple(tuple(one) for one in loops.get(key, {}).values()) for key in keys),
+        )
 
 
 def port_graph(

@@ -216,7 +216,8 @@ def _reduce(raw: Any, directional: bool, deviations: tuple[str, ...]) -> ModelDe
             save_state=bool(interface.canGetAndSetFMUstate),
             serialise_state=bool(interface.canSerializeFMUstate),
             directional_derivatives=directional or bool(interface.providesDirectionalDerivative),
-            interpolate_inputs=bool(interface.canInterpolateInputs),
+            # FMI 3 has no call for input derivatives.
+            interpolate_inputs=bool(interface.canInterpolateInputs) and raw.fmiVersion.startswith("2"),
             output_derivative_order=int(interface.maxOutputDerivativeOrder or 0),
             once_per_process=bool(interface.canBeInstantiatedOnlyOncePerProcess),
             execution_tool=bool(interface.needsExecutionTool),
@@ -316,6 +317,7 @@ def _variable(item: Any, units: Mapping[str, Unit], display_units: Mapping[str, 
         unit_name=unit_name,
         display_units=display_units.get(unit_name, {}),
         start=_start(item.start, kind, tuple(item.shape or ())),
+        nominal=_nominal(item.nominal, getattr(declared, "nominal", None)),
         minimum=_number(low),
         maximum=_number(high),
         items=_items(declared) if kind is Kind.ENUMERATION else {},
@@ -330,6 +332,15 @@ def _items(declared: Any) -> dict[str, int]:
 
 def _number(text: Any) -> float | None:
     return None if text is None else float(text)
+
+
+def _nominal(*texts: Any) -> float:
+    """The first that is given and usable: FMI demands more than 0, exporters also write 0."""
+    for text in texts:
+        value = abs(float(text)) if text is not None else 0.0
+        if 0.0 < value < float("inf"):
+            return value
+    return 1.0
 
 
 def _start(text: str | None, kind: Kind, shape: tuple[int, ...]) -> Value | None:

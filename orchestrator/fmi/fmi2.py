@@ -7,7 +7,7 @@ from typing import Any
 
 from ..errors import FmuError, StepError
 from .compiled import STATUS, CompiledInstance
-from .instance import Point, StepStatus
+from .instance import Array, Point, StepStatus
 from .library import callbacks_for
 from .variable import Variable
 
@@ -80,6 +80,15 @@ class Fmi2Instance(CompiledInstance):
         if function is None or function(self._component, _LAST_SUCCESSFUL_TIME, byref(value)) > 1:
             return None
         return value.value
+
+    def write_input_derivatives(self, order: int, values: Array) -> None:
+        """See FmuInstance.write_input_derivatives."""
+        for block, _ in self._inputs:
+            if block.real:
+                count = len(block.references)
+                orders = (c_int * count)(*[order] * count)
+                numbers = (c_double * count)(*values[block.positions].tolist())
+                self._call("fmi2SetRealInputDerivatives", block.references, count, orders, numbers)
 
     def save_state(self) -> c_void_p:
         """See FmuInstance.save_state."""

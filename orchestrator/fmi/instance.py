@@ -110,6 +110,12 @@ class FmuInstance(Protocol):
     def free_state(self, state: object) -> None:
         """Release a saved state."""
 
+    def write_input_derivatives(self, order: int, values: Array) -> None:
+        """Send time derivatives of the bound inputs, of an order from 1, shape (inputs,), before `do_step`.
+
+        Only where the FMU interpolates its inputs; values of inputs that are no real numbers are left out.
+        """
+
     def serialise_state(self, state: object) -> bytes:
         """A saved state as bytes."""
 

@@ -74,6 +74,7 @@ class Variable:
         unit_name: the unit's name as declared, empty if none.
         display_units: units that the FMU offers for display, by name, scaled to base units.
         start, minimum, maximum: None where not declared.
+        nominal: magnitude that is usual for it, in its unit; FMI's default is 1.
         items: names of an enumeration and their values.
         shape: dimensions of an array, () for a scalar.
     """
@@ -89,6 +90,7 @@ class Variable:
     unit_name: str = ""
     display_units: Mapping[str, Unit] = field(default_factory=dict)
     start: Value | None = None
+    nominal: float = 1.0
     minimum: float | None = None
     maximum: float | None = None
     items: Mapping[str, int] = field(default_factory=dict)
