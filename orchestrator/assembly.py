@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 
 from . import bundled, checks, graph
@@ -27,12 +28,14 @@ class Part:
         fmu: what it is made from.
         start: start values with units, as in a config.
         feedthrough: dependencies that replace the FMU's own, per output.
+        ratio: its own step size over the communication step size, n or 1/n.
     """
 
     name: str
     fmu: Fmu
     start: Mapping[str, Scalar] = field(default_factory=dict)
     feedthrough: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    ratio: Fraction = Fraction(1)
 
 
 def load_system(
@@ -55,7 +58,8 @@ def load_system(
             known[instance.fmu] = _find_fmu(instance.fmu, config, ("instances", name, "fmu"), problems)
         fmu = known[instance.fmu]
         if fmu is not None:
-            parts.append(Part(name, fmu, instance.start, instance.feedthrough))
+            ratio = _ratio(name, config, problems)
+            parts.append(Part(name, fmu, instance.start, instance.feedthrough, ratio))
     absent = frozenset(config.model.instances) - {part.name for part in parts}
     record = config.model.run.record
     return assemble(
@@ -68,6 +72,27 @@ def load_system(
         absent=absent,
         loops=loops,
     )
+
+
+def _ratio(name: str, config: Config, problems: list[Problem]) -> Fraction:
+    """An instance's own step size over the communication step size."""
+    instance, run = config.model.instances[name], config.model.run
+    own = instance.own_step()
+    begin, end, step = run.times()
+    if own is None or step <= 0:
+        return Fraction(1)
+    ratio = own / step
+    if ratio > 0 and 1 in (ratio.numerator, ratio.denominator):
+        if ratio <= 1 or ((end - begin) / own).denominator == 1:
+            return ratio
+        what = f"a run of {float(end - begin)!r} s is {float((end - begin) / own):.6g} steps of it"
+        allowed = "a whole number is needed"
+    else:
+        what = f"it is {float(ratio):.6g} communication steps of {run.step_size}"
+        allowed = "a whole multiple, or a whole part of one, is needed"
+    place = config.places.text(("instances", name, "step_size"))
+    problems.append(Problem(place, f"cannot step {name} by {instance.step_size}: {what}", allowed))
+    return Fraction(1)
 
 
 def _find_fmu(text: str, config: Config, path: tuple[str, ...], problems: list[Problem]) -> Fmu | None:
@@ -234,7 +259,7 @@ def _settle(
             remedy = f"Connect it, or give it a constant value under instances.{part.name}.start."
             problems.append(Problem(place, what, remedy=remedy))
     feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
-    return Instance(part.name, part.fmu, start, feedthrough, initial)
+    return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio)
 
 
 def _recorded(

@@ -106,7 +106,8 @@ def solve(
             return function(whole)[smooth]
 
         try:
-            following[smooth] = solver.propose(x[smooth], f[smooth], restricted)
+            if len(x[smooth]):
+                following[smooth] = solver.propose(x[smooth], f[smooth], restricted)
         except Singular as error:
             return Solution(x, f, residual, iteration, False, str(error))
         if not np.isfinite(following).all():

@@ -49,6 +49,7 @@ class Instances:
         system, layout: what runs, and where its signals stand.
         running: the instances in the config's order.
         started: how many of them have left initialisation mode.
+        texts: String outputs as they stand.
         memory: what a master keeps from one step to the next, so that one master serves several runs.
     """
 
@@ -60,7 +61,7 @@ class Instances:
         self.memory: dict[Any, Any] = {}
         self._values = np.zeros(layout.size)
         self._finite = np.empty(layout.size, np.bool_)
-        self._texts: dict[Port, str] = {}
+        self.texts: dict[Port, str] = {}
         self._u = [np.zeros(len(inputs.names)) for inputs in layout.inputs]
         self._transfers = [
             (inputs.source, u, inputs.gain, inputs.offset)
@@ -69,7 +70,10 @@ class Instances:
         self._elapsed = [0] * len(system.instances)
         self._slopes: dict[int, list[Array]] = {}
         self._direct: dict[int, NDArray[np.bool_]] = {}
-        self._parts = [1] * len(system.instances)
+        # An instance's own step is `every` communication steps, or a communication step is `parts` of it.
+        self._every = [one.ratio.numerator for one in system.instances]
+        self._parts = [one.ratio.denominator for one in system.instances]
+        self._begun: dict[int, Point] = {}
 
     # What masters use.
 
@@ -79,8 +83,8 @@ class Instances:
     def load(self, signals: Signals) -> None:
         """Begin from the signals of an instant."""
         self._values[:] = signals.values
-        if self._texts or signals.texts:
-            self._texts = dict(signals.texts)
+        if self.texts or signals.texts:
+            self.texts = dict(signals.texts)
 
     def put(self, places: NDArray[np.intp], values: Array) -> None:
         """Replace signals in the vector: what a master supposes of an instance that has yet to step."""
@@ -129,6 +133,22 @@ class Instances:
             self._direct[index] = np.array([name in direct for name in names], np.bool_)
         return self._direct[index]
 
+    def begins(self, index: int, point: Point) -> bool:
+        """Whether a step of the instance begins at the point; slow ones step once in several steps."""
+        return point.index % self._every[index] == 0
+
+    def ends(self, index: int, point: Point) -> bool:
+        """Whether a step of the instance ends where the step from the point does: only then it is advanced.
+
+        A slow instance keeps its outputs until then, so that values belong to the instant they are read at.
+        """
+        every = self._every[index]
+        if every == 1:
+            return True
+        if point.index % every == 0:
+            self._begun[index] = point
+        return (point.index + 1) % every == 0
+
     def advance(self, index: int, point: Point) -> StepStatus:
         """Set an instance's inputs, step it and read its outputs into the vector.
 
@@ -139,7 +159,7 @@ class Instances:
         try:
             one.write_inputs()
             if self.layout.text_inputs[index]:
-                one.set_values({name: self._texts[port] for name, port in self.layout.text_inputs[index]})
+                one.set_values({name: self.texts[port] for name, port in self.layout.text_inputs[index]})
             if index in self._slopes:
                 for order, slope in enumerate(self._slopes.pop(index), 1):
                     one.write_input_derivatives(order, slope)
@@ -155,7 +175,10 @@ class Instances:
         return status
 
     def _do_step(self, index: int, point: Point) -> StepStatus:
-        one, count = self.running[index], self._parts[index]
+        one, count, every = self.running[index], self._parts[index], self._every[index]
+        if every > 1:
+            begun = self._begun[index]
+            return one.do_step(Point(begun.index // every, begun.time, every * point.step_size))
         if count == 1:
             return one.do_step(point)
         size = point.step_size / count
@@ -197,7 +220,7 @@ class Instances:
         np.isfinite(self._values, self._finite)
         if 0 in self._finite.tobytes():
             self._report_non_finite(time)
-        return Signals(self._values.copy(), dict(self._texts) if self._texts else {})
+        return Signals(self._values.copy(), dict(self.texts) if self.texts else {})
 
     # Life.
 
@@ -301,7 +324,7 @@ class Instances:
         if names:
             values = self.running[index].get_values(names)
             name = self.system.instances[index].name
-            self._texts.update({Port(name, key): str(value) for key, value in values.items()})
+            self.texts.update({Port(name, key): str(value) for key, value in values.items()})
 
     def _check_initial(self, port: Port, value: float) -> None:
         if not np.isfinite(value):

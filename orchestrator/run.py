@@ -72,7 +72,7 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
     measures: tuple[ChosenMeasure, ...] = ()
     model, places = loaded.model, loaded.places
     try:
-        master = create_master(model.run.master, places.text(("run", "master")))
+        master = create_master(model.run.master, places.text(("run", "master")), places)
     except ConfigError as error:
         problems += error.problems
     try:
@@ -85,9 +85,12 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
         problems += error.problems
     needed = {name: ("measures", one.name) for one in measures for name in one.signals()}
     try:
-        system = load_system(loaded, needed)
+        # Of an unknown master it cannot be told whether it solves loops: one mistake is to be told, not two.
+        system = load_system(loaded, needed, loops=master is None or master.solves_loops)
     except ConfigError as error:
         problems += error.problems
+    if master is not None and system is not None:
+        problems += master.check(system, places)
     if problems or master is None or grid is None or system is None:
         raise ConfigError(problems)
     return Prepared(loaded, system, master, grid, measures)
@@ -191,7 +194,7 @@ def _run_once(
     results = recorder.results(parameters_of(prepared.system), _provenance(prepared))
     simulated = float(results.time[-1] - results.time[0]) if len(results) else 0.0
     statistics = {
-        "master": model.run.master,
+        "master": model.run.master_name,
         "step_size": float(grid.step_size),
         "steps": grid.steps,
         "start_time": float(grid.start),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import NamedTuple
 
@@ -28,13 +29,18 @@ class Port(NamedTuple):
 
 @dataclass(frozen=True)
 class Instance:
-    """A checked instance: start values are numbers in the FMU's units, dependencies are settled."""
+    """A checked instance: start values are numbers in the FMU's units, dependencies are settled.
+
+    Attributes:
+        ratio: its own step size over the communication step size: n or 1/n.
+    """
 
     name: str
     fmu: Fmu
     start: Mapping[str, Value]
     feedthrough: Mapping[str, tuple[str, ...]]
     initial_feedthrough: Mapping[str, tuple[str, ...]]
+    ratio: Fraction = Fraction(1)
 
     def variable(self, name: str) -> Variable:
         """A variable of the FMU."""

@@ -210,12 +210,16 @@ def _override_path(data: dict[str, Any], name: str) -> Path | None:
     if head == "instances":
         head, _, rest = rest.partition(".")
         key, _, variable = rest.partition(".")
+        if key == "step_size" and not variable and head in instances:
+            return ("instances", head, key)
         if key in ("start", "feedthrough") and variable and head in instances:
             return ("instances", head, key, variable)
     if head in instances and rest:
         return ("instances", head, "fmu") if rest == "fmu" else ("instances", head, "start", rest)
     if head == "run" and rest in RunModel.model_fields:
         return ("run", rest)
+    if head == "run" and rest.startswith("master.") and "." not in rest[7:]:
+        return ("run", "master", rest[7:])
     if head == "measures":
         measure, _, option = rest.partition(".")
         return (
@@ -232,7 +236,9 @@ def _section(data: Any, key: str) -> dict[str, Any]:
 def _put(data: dict[str, Any], path: Path, value: Any) -> None:
     for part in path[:-1]:
         if not isinstance(data.get(part), dict):
-            data[part] = {}
+            # A master without options is written as its name alone.
+            bare = path[:2] == ("run", "master") and isinstance(data.get(part), str)
+            data[part] = {"name": data[part]} if bare else {}
         data = data[part]
     data[path[-1]] = value
 

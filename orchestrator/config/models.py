@@ -33,10 +33,24 @@ def _time(text: str) -> Fraction:
     return parse_quantity(text).exactly(_SECOND)
 
 
+def _checked_time(value: Any) -> str:
+    try:
+        quantity = parse_quantity(str(value))
+        if quantity.unit == ONE:
+            raise UnitError(f"{value!r} has no unit; write it as in '{value} s' or '{value} ms'")
+        quantity.exactly(_SECOND)
+    except UnitError as error:
+        raise ValueError(str(error)) from None
+    return str(value)
+
+
 class RunModel(_Model):
     """How to run: no master and no step size is right for every system, so none is the default."""
 
-    master: str = Field(description="Name of the master algorithm.", examples=["gauss-seidel", "jacobi"])
+    master: str | dict[str, Any] = Field(
+        description="Master algorithm: its name, or its name and options.",
+        examples=["gauss-seidel", {"name": "iterative", "tolerance": 1e-8}],
+    )
     step_size: Time = Field(description="Communication step size with its unit.")
     stop_time: Time = Field(description="Stop time with its unit; a whole number of steps after the start.")
     start_time: Time = Field("0 s", description="Start time with its unit.")
@@ -48,14 +62,19 @@ class RunModel(_Model):
     @field_validator("step_size", "stop_time", "start_time", mode="before")
     @classmethod
     def _is_time(cls, value: Any) -> str:
-        try:
-            quantity = parse_quantity(str(value))
-            if quantity.unit == ONE:
-                raise UnitError(f"{value!r} has no unit; write it as in '{value} s' or '{value} ms'")
-            quantity.exactly(_SECOND)
-        except UnitError as error:
-            raise ValueError(str(error)) from None
-        return str(value)
+        return _checked_time(value)
+
+    @field_validator("master", mode="before")
+    @classmethod
+    def _is_master(cls, value: Any) -> Any:
+        if isinstance(value, str) or (isinstance(value, dict) and isinstance(value.get("name"), str)):
+            return value
+        raise ValueError(f"a name, or {{name: ..., and options}} is needed, got {value!r}")
+
+    @property
+    def master_name(self) -> str:
+        """The name of the master algorithm."""
+        return self.master if isinstance(self.master, str) else self.master["name"]
 
     def times(self) -> tuple[Fraction, Fraction, Fraction]:
         """Start time, stop time and step size [s], exact as written."""
@@ -71,12 +90,26 @@ class InstanceModel(_Model):
         description="Start values, with units, of parameters, of inputs that stay constant and of states.",
         examples=[{"omega_n": "75 Hz", "xi_n": 0.8, "tau_m": "2 ms"}],
     )
+    step_size: Time | None = Field(
+        None,
+        description="The instance's own step size with its unit: a whole multiple of the communication step "
+        "size, or a whole part of it; the communication step size if not given.",
+    )
     feedthrough: dict[str, list[str]] = Field(
         default_factory=dict,
         description="Per output, the inputs on which it depends within one instant, where the FMU does not "
         "say so or says it wrongly.",
         examples=[{"force": []}],
     )
+
+    @field_validator("step_size", mode="before")
+    @classmethod
+    def _is_time(cls, value: Any) -> str | None:
+        return None if value is None else _checked_time(value)
+
+    def own_step(self) -> Fraction | None:
+        """The instance's own step size [s], exact as written."""
+        return None if self.step_size is None else _time(self.step_size)
 
 
 class ConnectionModel(_Model):

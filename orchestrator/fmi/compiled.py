@@ -145,6 +145,11 @@ class CompiledInstance(ABC):
     def _enter(self, start_time: float, stop_time: float | None) -> None: ...
 
     @abstractmethod
+    def _derivative(
+        self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any
+    ) -> None: ...
+
+    @abstractmethod
     def do_step(self, point: Point) -> StepStatus:
         """Step from `point` by its step size."""
 
@@ -259,6 +264,22 @@ class CompiledInstance(ABC):
         status = function(self._component, reference, 1, cast(buffer, POINTER(ctype)), *extra)
         if status > 1:
             self._fail(f"{function.__name__} of {variable.name}", status)
+
+    def output_derivatives(self, outputs: Sequence[str], inputs: Sequence[str]) -> Array:
+        """See FmuInstance.output_derivatives."""
+        rows, columns = len(outputs), len(inputs)
+        matrix = np.zeros((rows, columns))
+        if not matrix.size:
+            return matrix
+        variables = self.description.variables
+        unknowns = (c_uint * rows)(*(variables[name].reference for name in outputs))
+        knowns = (c_uint * columns)(*(variables[name].reference for name in inputs))
+        answer = (c_double * rows)()
+        for column in range(columns):
+            seed = (c_double * columns)(*(float(other == column) for other in range(columns)))
+            self._derivative(unknowns, (rows, columns), knowns, seed, answer)
+            matrix[:, column] = answer
+        return matrix
 
     # Life.
 

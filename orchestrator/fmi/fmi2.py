@@ -90,6 +90,9 @@ class Fmi2Instance(CompiledInstance):
                 numbers = (c_double * count)(*values[block.positions].tolist())
                 self._call("fmi2SetRealInputDerivatives", block.references, count, orders, numbers)
 
+    def _derivative(self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any) -> None:
+        self._call("fmi2GetDirectionalDerivative", unknowns, counts[0], knowns, counts[1], seed, answer)
+
     def save_state(self) -> c_void_p:
         """See FmuInstance.save_state."""
         self._need("save_state", "canGetAndSetFMUstate")

@@ -116,6 +116,9 @@ class FmuInstance(Protocol):
         Only where the FMU interpolates its inputs; values of inputs that are no real numbers are left out.
         """
 
+    def output_derivatives(self, outputs: Sequence[str], inputs: Sequence[str]) -> Array:
+        """Partial derivatives at the present instant, shape (outputs, inputs), only where the FMU has them."""
+
     def serialise_state(self, state: object) -> bytes:
         """A saved state as bytes."""
 

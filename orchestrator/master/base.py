@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ..checks import loop_problem
+from ..config import Places, validation_problems
 from ..errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Point, StepStatus
 from ..instances import Instances
 from ..signals import Signals
 from ..system import System
 
-__all__ = ["DONE", "MasterAlgorithm", "StepInfo", "create_master", "master_names"]
+__all__ = [
+    "DONE",
+    "Master",
+    "MasterAlgorithm",
+    "StepInfo",
+    "create_master",
+    "failure",
+    "master_names",
+    "need_rollback",
+]
 
 
 @dataclass(frozen=True)
@@ -24,12 +38,16 @@ class StepInfo:
         instance: which one did not finish its step; empty if all did.
         reached: how far that one came [s]; None where it does not say.
         log: its log lines.
+        iterations: how often the instances that were stepped most often were, without differences.
+        residual: the largest relative residual that an iteration left, or error that was estimated.
     """
 
     status: StepStatus = StepStatus.OK
     instance: str = ""
     reached: float | None = None
     log: tuple[str, ...] = ()
+    iterations: int = 1
+    residual: float | None = None
 
     def raise_on_failure(self, point: Point) -> None:
         """Raises: StepError if an instance did not finish the step that began at `point`."""
@@ -57,28 +75,73 @@ DONE = StepInfo()
 class MasterAlgorithm(Protocol):
     """Advances a system by one communication step.
 
-    A step is a function of the signals that it is given, of the instances' states and of the point; the
-    caller owns the loop, so that single steps can be taken by hand.
+    A step is a function of the signals that it is given, of the instances' states and memory, and of the
+    point; the caller owns the loop, so that single steps can be taken by hand.
 
     Attributes:
-        order: of convergence for smooth systems whose signals are held over a step.
+        order: of convergence for smooth systems.
+        solves_loops: whether algebraic loops at communication points are solved.
     """
 
-    order: ClassVar[int]
+    solves_loops: ClassVar[bool]
+
+    @property
+    def order(self) -> int:
+        """Of convergence for smooth systems."""
+
+    def check(self, system: System, places: Places | None = None) -> list[Problem]:
+        """What of the system this master cannot run; `places` for messages."""
 
     def step(
         self, system: System, instances: Instances, point: Point, signals: Signals
     ) -> tuple[Signals, StepInfo]:
         """Signals at the end of the step that begins at `point`, and how it went.
 
-        Raises: StepError if an FMU fails or gives a value that is not finite.
+        Raises: StepError if an FMU fails or gives a value that is not finite, or if an iteration does not
+            converge.
         """
+
+
+class Master(BaseModel):
+    """Base of the masters: the fields of a subclass are its options, checked when it is made."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    solves_loops: ClassVar[bool] = False
+
+    def check(self, system: System, places: Places | None = None) -> list[Problem]:
+        """See MasterAlgorithm.check."""
+        if self.solves_loops:
+            return []
+        place = (places or Places("system")).text(("connections",))
+        return [loop_problem(loop, set(), place, False) for loop in system.loops]
+
+
+def need_rollback(
+    system: System, indices: Iterable[int], master: str, why: str, places: Places | None
+) -> list[Problem]:
+    """Problems of the instances that would have to go back to a saved state and cannot."""
+    places = places or Places("system")
+    problems = []
+    for one in (system.instances[index] for index in sorted(indices)):
+        if not one.fmu.description.capabilities.save_state:
+            problems.append(
+                Problem(
+                    places.text(("instances", one.name)),
+                    f"master {master} cannot step {one.name} back, {why}",
+                    f"FMU {one.fmu.description.name} does not declare canGetAndSetFMUstate",
+                    "Take an FMU that does, or the master gauss-seidel.",
+                )
+            )
+    return problems
 
 
 # Name in configs -> where it lives; imported when asked for.
 _MASTERS = {
     "jacobi": ".jacobi:Jacobi",
     "gauss-seidel": ".gauss_seidel:GaussSeidel",
+    "iterative": ".iterative:Iterative",
+    "adaptive": ".adaptive:Adaptive",
 }
 
 
@@ -87,20 +150,33 @@ def master_names() -> tuple[str, ...]:
     return tuple(_MASTERS)
 
 
-def create_master(name: str, place: str = "") -> MasterAlgorithm:
-    """The master of a name.
+def create_master(
+    master: str | Mapping[str, Any], place: str = "", places: Places | None = None
+) -> MasterAlgorithm:
+    """The master of a config.
 
     Args:
-        place: where the name was written, for the message.
-    Raises: ConfigError if there is none of that name.
+        master: its name, or its name and options: {"name": "iterative", "tolerance": 1e-8}.
+        place: where it was written, for the message.
+        places: where each option was written.
+    Raises: ConfigError if there is none of that name, or it does not take these options.
     """
+    options = {"name": master} if isinstance(master, str) else dict(master)
+    name = options.pop("name", None)
     if name not in _MASTERS:
         names = master_names()
-        raise ConfigError(
-            [Problem(place, f"no master {name!r}", f"masters: {listed(names)}", nearest(name, names))]
-        )
+        what = f"no master {name!r}" if name is not None else "the master has no name"
+        suggestion = nearest(name, names) if isinstance(name, str) else ""
+        raise ConfigError([Problem(place, what, f"masters: {listed(names)}", suggestion)])
     module, _, attribute = _MASTERS[name].partition(":")
-    return getattr(import_module(module, __package__), attribute)()
+    found = getattr(import_module(module, __package__), attribute)
+    try:
+        return found.model_validate(options)
+    except ValidationError as error:
+        known = places or Places(place or f"master {name}")
+        raise ConfigError(
+            validation_problems(error, known, ("run", "master") if places else (), found)
+        ) from None
 
 
 def failure(instances: Instances, index: int, status: StepStatus) -> StepInfo:
