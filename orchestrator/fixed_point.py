@@ -93,11 +93,17 @@ def solve(
         f = function(x)
         residual = relative_residual(x, f, nominal)
         if discrete is not None:
-            residual[discrete & (f != x)] = np.inf
+            jumped = discrete & (f != x)
+            residual[jumped] = np.inf
         if (residual <= tolerance).all():
             return Solution(x, f, residual, iteration, True)
         if iteration == max_iterations:
             break
+        if discrete is not None and jumped.any():
+            # Another problem from here on: residuals before and after a jump do not compare.
+            solver.begin()
+            x = np.where(discrete, f, x)
+            continue
         following = f.copy()
 
         def restricted(part: Array, held: Array = x) -> Array:
@@ -106,8 +112,7 @@ def solve(
             return function(whole)[smooth]
 
         try:
-            if len(x[smooth]):
-                following[smooth] = solver.propose(x[smooth], f[smooth], restricted)
+            following[smooth] = solver.propose(x[smooth], f[smooth], restricted)
         except Singular as error:
             return Solution(x, f, residual, iteration, False, str(error))
         if not np.isfinite(following).all():
@@ -192,7 +197,8 @@ class Newton:
     def propose(self, x: Array, f: Array, function: Function) -> Array:
         """See Solver.propose."""
         r = f - x
-        size = float(relative_residual(x, f, self._nominal).max())
+        # Over the nominal values alone: relative to F(x), running off to infinity would pass for progress.
+        size = float((np.abs(r) / self._nominal).max()) if np.isfinite(r).all() else np.inf
         before = self._best
         if before is None or size < before[2]:
             self._best = (x, r, size)

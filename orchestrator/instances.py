@@ -293,9 +293,8 @@ class Instances:
             tolerance=_INITIAL_TOLERANCE, max_iterations=_INITIAL_ITERATIONS,
         )  # fmt: skip
         if not solution.converged:
-            raise not_converged(
-                "algebraic loop at initialisation", self.system, sources, solution, _INITIAL_TOLERANCE, time
-            )
+            what, remedy = "algebraic loop at initialisation", "Check its start values and what it consists of."
+            raise not_converged(what, self.system, sources, solution, _INITIAL_TOLERANCE, time, remedy)
 
     def terminate(self) -> None:
         """End a run that went well."""
@@ -364,7 +363,13 @@ class Instances:
 
 
 def not_converged(
-    what: str, system: System, ports: Sequence[Port], solution: Solution, tolerance: float, time: float | None
+    what: str,
+    system: System,
+    ports: Sequence[Port],
+    solution: Solution,
+    tolerance: float,
+    time: float,
+    remedy: str,
 ) -> StepError:
     """The error for an iteration over the values of `ports` that did not converge."""
     worst = np.argsort(-solution.residual, kind="stable")[:5]
@@ -384,7 +389,7 @@ def not_converged(
         instance=ports[worst[0]].instance,
         time=time,
         status="not converged",
-        remedy="Take a smaller step size, or check what the loop consists of.",
+        remedy=remedy,
     )
 
 

@@ -146,10 +146,14 @@ def simulate(
     Args:
         observers: called with the point and the signals; signals are new at every point and may be kept.
         report: filled also when the run fails.
-    Raises: StepError if an FMU fails; FmuError if one cannot be loaded; KeyboardInterrupt, between two steps,
-        if the user asks for it.
+    Raises: ConfigError if the master cannot run the system; StepError if an FMU fails or an iteration does
+        not converge; FmuError if an FMU cannot be loaded; KeyboardInterrupt, between two steps, if the user
+        asks for it.
     """
     observers = tuple(observers)
+    problems = master.check(system)
+    if problems:
+        raise ConfigError(problems)
     with _held_interrupts() as stop, instantiate(system, Layout.of(system)) as instances:
         try:
             signals = instances.initialise(float(grid.start), float(grid.stop))

@@ -64,7 +64,7 @@ class FakeFmu:
     step: Callable[[State, float, float], StepStatus | None] = lambda values, time, step_size: None
     output: Callable[[State], Mapping[str, float]] = lambda values: {}
     extra: Sequence[Variable] = ()
-    capabilities: Capabilities = field(default_factory=Capabilities)
+    capabilities: Capabilities = Capabilities(save_state=True, variable_step_size=True)
     path: None = None
 
     def __post_init__(self) -> None:
@@ -147,6 +147,15 @@ class FakeInstance:
     def read_outputs(self) -> None:
         self.values.update(self.fmu.output(self.values))
         self.y[:] = [self.values[name] for name in self.outputs]
+
+    def save_state(self) -> State:
+        return dict(self.values)
+
+    def restore_state(self, state: State) -> None:
+        self.values = dict(state)
+
+    def free_state(self, state: State) -> None:
+        state.clear()
 
     def terminate(self) -> None:
         self._note("terminate")

@@ -214,7 +214,8 @@ class Iterative(Master):
                 if not np.isfinite(solution.value).all():
                     instances.signals(point.time + point.step_size)  # names the signal
                 what = f"master iterative, {self.method}"
-                raise not_converged(what, system, block.torn, solution, self.tolerance, point.time)
+                remedy = "Take a smaller step size, or check what the loop consists of."
+                raise not_converged(what, system, block.torn, solution, self.tolerance, point.time, remedy)
         return StepInfo(iterations=solution.iterations, residual=float(solution.residual.max()))
 
     def _solver(self, instances: Instances, block: Block) -> Solver:
