@@ -106,7 +106,7 @@ def test_a_loop_without_a_solution_raises_at_initialisation_with_the_numbers(pyt
     )
     assert rest == [
         "    b.y: residual 0.667, 0.5 gives 1.5",
-        "    a.y: residual 0.6, 1 gives 2.5",
+        "    a.y: residual 0.333, 1 gives 1.5",
         "  Check its start values and what it consists of.",
     ]
     assert caught.value.status == "not converged"

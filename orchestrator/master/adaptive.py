@@ -39,6 +39,9 @@ class Adaptive(Master):
             error of the base to leading order, at half as many steps again.
         inputs: what the inputs were supposed to be, held from the beginning, against what their sources are
             at the end. It costs no step, and is larger than the error that it stands for.
+
+    With jacobi as the base, what passes through an instance at once is a part late, which counts as an error
+    of first order and makes for small steps.
     """
 
     solves_loops: ClassVar[bool] = False
