@@ -320,7 +320,8 @@ def _algebraic_loops(
             if not cycle:
                 continue
             members = [ports[index] for index in component]
-            other = [port for port in members if variables[port.instance][port.variable].kind is not Kind.REAL]
+            kinds = {port: variables[port.instance][port.variable].kind for port in members}
+            other = [port for port, kind in kinds.items() if kind is not Kind.REAL]
             loop = [ports[index] for index in cycle]
             if loop[0] not in targets:
                 loop = [*loop[1:], loop[0]]
@@ -332,8 +333,7 @@ def _algebraic_loops(
             if key not in told:
                 reason = ""
                 if other:
-                    kind = variables[other[0].instance][other[0].variable].kind
-                    reason = f"{other[0]} is of type {kind}, and only real numbers can be iterated"
+                    reason = f"{other[0]} is of type {kinds[other[0]]}, and only real numbers can be iterated"
                 told[key] = checks.loop_problem(loop, assumed, places.text(("connections",)), initial, reason)
     problems += told.values()
     return tuple(found)

@@ -239,11 +239,9 @@ class Newton:
                 moved[j] += _DIFFERENCE * max(abs(x[j]), abs(f[j]), self._nominal[j])
                 # The difference that was made, not the one that was meant: they differ by rounding.
                 slope[:, j] = (function(moved) - f) / (moved[j] - x[j])
-        scaled = slope * self._nominal[None, :] / self._nominal[:, None]
-        if not np.isfinite(scaled).all():
+        if not np.isfinite(slope).all():
             raise Singular("its slope is not finite")
-        values = np.linalg.svd(scaled - np.eye(count), compute_uv=False)
-        if values[-1] < _SINGULAR * max(1.0, float(np.linalg.norm(scaled, 2))):
+        if _is_singular(slope):
             raise Singular("its loop gain is 1, so that there is no solution or no single one")
         self._matrix = slope - np.eye(count)
         self._fresh = True
@@ -255,3 +253,10 @@ class Newton:
         except np.linalg.LinAlgError:
             self._build(x, f, function)
             return np.linalg.solve(self._matrix, -r)
+
+
+def _is_singular(slope: Array) -> bool:
+    """Whether I - slope cannot be told from a singular matrix."""
+    # Singular values would depend on the components' units, newtons beside metres; eigenvalues do not.
+    gains = np.linalg.eigvals(slope)
+    return bool(np.abs(gains - 1.0).min() < _SINGULAR * max(1.0, float(np.abs(gains).max())))

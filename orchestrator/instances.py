@@ -293,8 +293,15 @@ class Instances:
             tolerance=_INITIAL_TOLERANCE, max_iterations=_INITIAL_ITERATIONS,
         )  # fmt: skip
         if not solution.converged:
-            what, remedy = "algebraic loop at initialisation", "Check its start values and what it consists of."
-            raise not_converged(what, self.system, sources, solution, _INITIAL_TOLERANCE, time, remedy)
+            raise not_converged(
+                "algebraic loop at initialisation",
+                self.system,
+                sources,
+                solution,
+                _INITIAL_TOLERANCE,
+                time,
+                "Check its start values and what it consists of.",
+            )
 
     def terminate(self) -> None:
         """End a run that went well."""

@@ -123,9 +123,8 @@ class System:
     ) -> tuple[tuple[tuple[Connection, ...], ...], tuple[tuple[tuple[Connection, ...], ...], ...]]:
         nodes, successors = port_graph(self.instances, self.connections, initial=True)
         level = graph.levels(successors)
-        home = {
-            node: index for index, members in enumerate(graph.strong_components(successors)) for node in members
-        }
+        components = graph.strong_components(successors)
+        home = {node: index for index, members in enumerate(components) for node in members}
         served: dict[int, list[Connection]] = {}
         loops: dict[int, dict[int, list[Connection]]] = {}
         for connection in self.connections:

@@ -64,7 +64,9 @@ class FakeFmu:
     step: Callable[[State, float, float], StepStatus | None] = lambda values, time, step_size: None
     output: Callable[[State], Mapping[str, float]] = lambda values: {}
     extra: Sequence[Variable] = ()
-    capabilities: Capabilities = Capabilities(save_state=True, variable_step_size=True)
+    capabilities: Capabilities = field(
+        default_factory=lambda: Capabilities(save_state=True, variable_step_size=True)
+    )
     path: None = None
 
     def __post_init__(self) -> None:

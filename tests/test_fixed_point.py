@@ -65,6 +65,18 @@ def test_newton_solves_what_is_not_linear(function, solution):
     assert found.converged and found.x[0] == pytest.approx(solution, abs=1e-8)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_units_of_the_components_do_not_matter(unit):
+    # A contact of 176 N/mm against a rod of compliance 1e-5 m/N: a loop gain of -1.76.
+    slope = np.array([[0.0, -176e3 * unit], [1e-5 / unit, 0.0]])
+    nominal = np.array([unit, 1.0])
+    found = solve(
+        lambda x: slope @ x + np.array([0.0, 1.0]), np.zeros(2), nominal, Newton(nominal),
+        tolerance=1e-10, max_iterations=20,
+    )  # fmt: skip
+    assert found.converged and found.x[1] == pytest.approx(1.0 / 2.76, rel=1e-8)
+
+
 def test_the_slope_is_carried_over_to_the_next_problem():
     calls = []
 

@@ -101,8 +101,8 @@ def test_a_loop_without_a_solution_raises_at_initialisation_with_the_numbers(pyt
         run(config, halving=False)
     first, *rest = str(caught.value).splitlines()
     assert first == (
-        "b at time 0 s: algebraic loop at initialisation: no convergence after 1 iteration (its loop gain is 1, "
-        "so that there is no solution or no single one); tolerance 1e-12"
+        "b at time 0 s: algebraic loop at initialisation: no convergence after 1 iteration (its loop gain is "
+        "1, so that there is no solution or no single one); tolerance 1e-12"
     )
     assert rest == [
         "    b.y: residual 0.667, 0.5 gives 1.5",
@@ -118,7 +118,8 @@ def test_no_convergence_is_an_error_with_iterations_residuals_and_tolerance():
         simulated(system, Iterative(tolerance=1e-9, method="fixed-point", max_iterations=3), 10)
     # F(x) = -1e4 * (1 + 0.005 x) of the force x: -1e4, 4.9e5, -2.451e7, 1.22549e9.
     assert str(caught.value).splitlines() == [
-        "spring at time 0 s: master iterative, fixed-point: no convergence after 3 iterations; tolerance 1e-09",
+        "spring at time 0 s: master iterative, fixed-point: no convergence after 3 iterations; "
+        "tolerance 1e-09",
         "    spring.force: residual 1.02, -24510000 gives 1.22549e+09 N",
         "  Take a smaller step size, or check what the loop consists of.",
     ]
@@ -156,7 +157,7 @@ def test_a_loop_through_what_is_no_real_number_is_refused_by_every_master():
 
 
 def test_a_loop_at_initialisation_alone_runs_with_every_master():
-    lagging = gain(feedthrough={"y": []}, output=lambda values: {"y": values.get("kept", values["u"] * 0.5 + 1)})
+    lagging = gain(feedthrough={"y": []}, output=lambda values: {"y": values["u"] * 0.5 + 1.0})
     lagging.description = replace(lagging.description, initial_feedthrough={"y": ("u",)})
     system = assemble([Part("a", lagging), Part("b", gain())], ["a.y -> b.u", "b.y -> a.u"])
     assert system.loops == ()
@@ -274,7 +275,7 @@ def problem(**options) -> str:
 def test_a_tolerance_must_be_given_and_unknown_options_are_errors():
     assert problem() == "master iterative: tolerance is missing\n  it has no default"
     assert problem(tolerance=0).startswith("master iterative: tolerance: input should be greater than 0")
-    assert problem(tolerance=1e-6, tolerence=1) .startswith("master iterative: tolerence: unknown key 'tolerence'")
+    assert "tolerence: unknown key 'tolerence'" in problem(tolerance=1e-6, tolerence=1)
     assert "'newton', 'anderson' or 'fixed-point'" in problem(tolerance=1e-6, method="secant")
 
 

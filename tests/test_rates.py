@@ -60,7 +60,8 @@ def test_a_slow_instance_steps_once_in_n_and_holds_its_outputs_until_then(name, 
 @pytest.mark.parametrize("master", ["jacobi", "gauss-seidel", {"name": "iterative", "tolerance": 1e-9}])
 def test_a_fast_instance_takes_whole_parts_of_a_step(master):
     fast = counter()
-    system = assemble([Part("clock", clock()), Part("fast", fast, ratio=Fraction(1, 4))], ["clock.y -> fast.u"])
+    parts = [Part("clock", clock()), Part("fast", fast, ratio=Fraction(1, 4))]
+    system = assemble(parts, ["clock.y -> fast.u"])
     recorder = Recorder(system)
     simulate(system, create_master(master), Grid(Fraction(0), Fraction(1, 2), 2), [recorder])
     assert [(time, h) for time, h, _ in fast.steps] == [(n / 8, 1 / 8) for n in range(8)]
@@ -126,6 +127,6 @@ def test_masters_that_step_back_refuse_slow_instances():
         simulate(system, Iterative(tolerance=1e-6), Grid(Fraction(0), Fraction(1, 2), 2))
     assert str(caught.value) == (
         "system: instances.slow.step_size: slow steps once in 2 communication steps\n"
-        "  the master repeats communication steps. Give it the communication step or a part of it, or take the "
-        "master jacobi or gauss-seidel."
+        "  the master repeats communication steps. Give it the communication step or a part of it, or take "
+        "the master jacobi or gauss-seidel."
     )

@@ -233,7 +233,8 @@ def test_exit_codes_and_messages(config, tmp_path, capsys):
     assert capsys.readouterr() == ("", "")
     assert main(["run", str(config), "--set", "run.master=x"]) == 2
     assert capsys.readouterr().err == (
-        "orchestrator: --set run.master=x: run.master: no master 'x'\n  masters: jacobi, gauss-seidel, iterative, adaptive\n"
+        "orchestrator: --set run.master=x: run.master: no master 'x'\n"
+        "  masters: jacobi, gauss-seidel, iterative, adaptive\n"
     )
     assert main(["run", str(config), "--set", "one.way=nan", "--set", "one.at=0.1"]) == 1
     assert capsys.readouterr().err.startswith("orchestrator: one at time 0.11 s: level (no unit) is nan\n")

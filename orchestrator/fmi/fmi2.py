@@ -83,14 +83,16 @@ class Fmi2Instance(CompiledInstance):
 
     def write_input_derivatives(self, order: int, values: Array) -> None:
         """See FmuInstance.write_input_derivatives."""
-        for block, _ in self._inputs:
+        for block in self._inputs:
             if block.real:
                 count = len(block.references)
                 orders = (c_int * count)(*[order] * count)
                 numbers = (c_double * count)(*values[block.positions].tolist())
                 self._call("fmi2SetRealInputDerivatives", block.references, count, orders, numbers)
 
-    def _derivative(self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any) -> None:
+    def _derivative(
+        self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any
+    ) -> None:
         self._call("fmi2GetDirectionalDerivative", unknowns, counts[0], knowns, counts[1], seed, answer)
 
     def save_state(self) -> c_void_p:

@@ -88,7 +88,9 @@ class Fmi3Instance(CompiledInstance):
         """See FmuInstance.last_successful_time."""
         return self._reached.value
 
-    def _derivative(self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any) -> None:
+    def _derivative(
+        self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any
+    ) -> None:
         rows, columns = counts
         name = "fmi3GetDirectionalDerivative"
         self._call(name, unknowns, rows, knowns, columns, seed, columns, answer, rows)

@@ -117,7 +117,8 @@ class FmuInstance(Protocol):
         """
 
     def output_derivatives(self, outputs: Sequence[str], inputs: Sequence[str]) -> Array:
-        """Partial derivatives at the present instant, shape (outputs, inputs), only where the FMU has them."""
+        """Partial derivatives at the present instant, shape (outputs, inputs); only where the FMU
+        offers directional derivatives."""
 
     def serialise_state(self, state: object) -> bytes:
         """A saved state as bytes."""
