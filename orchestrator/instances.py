@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from time import perf_counter_ns
 from typing import Any, NamedTuple
@@ -11,16 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import OrchestratorError, StepError
-from .fixed_point import Newton, Solution, solve
-from .fmi import Array, FmuInstance, Point, StepStatus, Value
+from .fmi import Array, FmuInstance, Point, StepStatus
+from .initialisation import settle
 from .signals import Layout, Signals
-from .system import Connection, Port, System
+from .system import Port, System
 
-__all__ = ["Curve", "Instances", "instantiate", "not_converged"]
-
-# Of the relative residuals of loops at initialisation: what rounding leaves of a loop gain of some thousands.
-_INITIAL_TOLERANCE = 1e-12
-_INITIAL_ITERATIONS = 50
+__all__ = ["Curve", "Instances", "instantiate"]
 
 
 class Curve(NamedTuple):
@@ -238,10 +234,7 @@ class Instances:
                 self._values[self.layout.spans[index]],
             )
             one.enter_initialisation(start_time, instance.start, stop_time)
-        for loops, connections in zip(self.system.initial_loops, self.system.initial_levels, strict=True):
-            for loop in loops:
-                self._solve_initially(loop, start_time)
-            self._pass_on(connections, self._fetch(connections))
+        settle(self.system, self.running, start_time, self._check_initial)
         for one in self.running:
             one.exit_initialisation()
             self.started += 1
@@ -249,59 +242,6 @@ class Instances:
             one.read_outputs()
             self._read_texts(index)
         return self.signals(start_time)
-
-    def _fetch(self, connections: Iterable[Connection]) -> dict[Port, Value]:
-        """Values of the connections' sources, in initialisation mode."""
-        names: dict[int, dict[str, None]] = {}
-        for connection in connections:
-            position = self.system.position[connection.source.instance]
-            names.setdefault(position, {})[connection.source.variable] = None
-        values: dict[Port, Value] = {}
-        for position, wanted in names.items():
-            own = self.running[position].get_values(list(wanted))
-            values |= {Port(self.system.instances[position].name, name): own[name] for name in wanted}
-        return values
-
-    def _pass_on(self, connections: Iterable[Connection], values: Mapping[Port, Value]) -> None:
-        """Set the connections' targets, in initialisation mode."""
-        targets: dict[int, dict[str, Value]] = {}
-        for connection in connections:
-            value = values[connection.source]
-            if isinstance(value, float):
-                self._check_initial(connection.source, value)
-                if connection.gain != 1.0 or connection.offset != 0.0:
-                    value = connection.gain * value + connection.offset
-            position = self.system.position[connection.target.instance]
-            targets.setdefault(position, {})[connection.target.variable] = value
-        for position, inputs in targets.items():
-            self.running[position].set_values(inputs)
-
-    def _solve_initially(self, loop: tuple[Connection, ...], time: float) -> None:
-        """Set the inputs of an algebraic loop so that they agree with the outputs that they lead to."""
-        sources = list(dict.fromkeys(connection.source for connection in loop))
-        nominal = np.array([self.system.variable(port).nominal for port in sources])
-
-        def around(x: Array) -> Array:
-            self._pass_on(loop, dict(zip(sources, x.tolist(), strict=True)))
-            values = self._fetch(loop)
-            return np.array([float(values[port]) for port in sources])
-
-        found = self._fetch(loop)
-        start = np.array([float(found[port]) for port in sources])
-        solution = solve(
-            around, start, nominal, Newton(nominal),
-            tolerance=_INITIAL_TOLERANCE, max_iterations=_INITIAL_ITERATIONS,
-        )  # fmt: skip
-        if not solution.converged:
-            raise not_converged(
-                "algebraic loop at initialisation",
-                self.system,
-                sources,
-                solution,
-                _INITIAL_TOLERANCE,
-                time,
-                "Check its start values and what it consists of.",
-            )
 
     def terminate(self) -> None:
         """End a run that went well."""
@@ -367,37 +307,6 @@ class Instances:
             log=one.log_lines(),
             remedy="Check the values that it is given, or take a smaller step size.",
         ) from cause
-
-
-def not_converged(
-    what: str,
-    system: System,
-    ports: Sequence[Port],
-    solution: Solution,
-    tolerance: float,
-    time: float,
-    remedy: str,
-) -> StepError:
-    """The error for an iteration over the values of `ports` that did not converge."""
-    worst = np.argsort(-solution.residual, kind="stable")[:5]
-    lines = []
-    for n in worst:
-        unit = system.variable(ports[n]).unit_name
-        given = f"{solution.x[n]:.9g} gives {solution.value[n]:.9g}{f' {unit}' if unit else ''}"
-        lines.append(f"{ports[n]}: residual {solution.residual[n]:.3g}, {given}")
-    more = len(ports) - len(worst)
-    if more > 0:
-        lines.append(f"and {more} signals more")
-    why = f" ({solution.why})" if solution.why else ""
-    count = f"{solution.iterations} iteration{'' if solution.iterations == 1 else 's'}"
-    listing = "\n".join(f"    {line}" for line in lines)
-    return StepError(
-        f"{what}: no convergence after {count}{why}; tolerance {tolerance:g}\n{listing}",
-        instance=ports[worst[0]].instance,
-        time=time,
-        status="not converged",
-        remedy=remedy,
-    )
 
 
 @contextmanager

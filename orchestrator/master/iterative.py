@@ -14,7 +14,8 @@ from ..config import Places
 from ..errors import Problem
 from ..fixed_point import Anderson, FixedPoint, Newton, Solver, solve
 from ..fmi import Array, Kind, Point, StepStatus
-from ..instances import Curve, Instances, not_converged
+from ..initialisation import not_converged
+from ..instances import Curve, Instances
 from ..signals import Layout, Signals
 from ..system import Port, System
 from .base import Master, StepInfo, failure, need_rollback

@@ -1,0 +1,125 @@
+"""Initial values are passed on, and algebraic loops among them solved, while all instances initialise.
+
+FMI lets inputs be set and outputs be read as often as it takes in initialisation mode, and only there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from .errors import StepError
+from .fixed_point import Newton, Solution, solve
+from .fmi import Array, FmuInstance, Value
+from .system import Connection, Port, System
+
+__all__ = ["not_converged", "settle"]
+
+# Of the relative residuals of loops: what rounding leaves of a loop gain of some thousands.
+_TOLERANCE = 1e-12
+_ITERATIONS = 50
+
+
+def settle(
+    system: System, running: Sequence[FmuInstance], time: float, check: Callable[[Port, float], None]
+) -> None:
+    """Set every connected input to what its source gives.
+
+    Args:
+        running: the instances, in initialisation mode.
+        time: start time, for messages [s].
+        check: called with each real value before it is passed on; may raise.
+    Raises: StepError if a loop cannot be solved.
+    """
+    exchange = _Exchange(system, running, check)
+    for loops, connections in zip(system.initial_loops, system.initial_levels, strict=True):
+        for loop in loops:
+            _solve(exchange, loop, time)
+        exchange.pass_on(connections, exchange.fetch(connections))
+
+
+class _Exchange:
+    """Reads sources and sets targets of connections."""
+
+    def __init__(
+        self, system: System, running: Sequence[FmuInstance], check: Callable[[Port, float], None]
+    ) -> None:
+        self.system, self._running, self._check = system, running, check
+
+    def fetch(self, connections: Iterable[Connection]) -> dict[Port, Value]:
+        """Values of the connections' sources."""
+        names: dict[int, dict[str, None]] = {}
+        for connection in connections:
+            position = self.system.position[connection.source.instance]
+            names.setdefault(position, {})[connection.source.variable] = None
+        values: dict[Port, Value] = {}
+        for position, wanted in names.items():
+            own = self._running[position].get_values(list(wanted))
+            values |= {Port(self.system.instances[position].name, name): own[name] for name in wanted}
+        return values
+
+    def pass_on(self, connections: Iterable[Connection], values: Mapping[Port, Value]) -> None:
+        """Set the connections' targets."""
+        targets: dict[int, dict[str, Value]] = {}
+        for connection in connections:
+            value = values[connection.source]
+            if isinstance(value, float):
+                self._check(connection.source, value)
+                if connection.gain != 1.0 or connection.offset != 0.0:
+                    value = connection.gain * value + connection.offset
+            position = self.system.position[connection.target.instance]
+            targets.setdefault(position, {})[connection.target.variable] = value
+        for position, inputs in targets.items():
+            self._running[position].set_values(inputs)
+
+
+def _solve(exchange: _Exchange, loop: tuple[Connection, ...], time: float) -> None:
+    """Set the inputs of an algebraic loop so that they agree with the outputs that they lead to."""
+    sources = list(dict.fromkeys(connection.source for connection in loop))
+    nominal = np.array([exchange.system.variable(port).nominal for port in sources])
+
+    def read() -> Array:
+        values = exchange.fetch(loop)
+        return np.array([float(values[port]) for port in sources])
+
+    def around(x: Array) -> Array:
+        exchange.pass_on(loop, dict(zip(sources, x.tolist(), strict=True)))
+        return read()
+
+    solution = solve(
+        around, read(), nominal, Newton(nominal), tolerance=_TOLERANCE, max_iterations=_ITERATIONS
+    )
+    if not solution.converged:
+        what, remedy = "algebraic loop at initialisation", "Check its start values and what it consists of."
+        raise not_converged(what, exchange.system, sources, solution, _TOLERANCE, time, remedy)
+
+
+def not_converged(
+    what: str,
+    system: System,
+    ports: Sequence[Port],
+    solution: Solution,
+    tolerance: float,
+    time: float,
+    remedy: str,
+) -> StepError:
+    """The error for an iteration over the values of `ports` that did not converge."""
+    worst = np.argsort(-solution.residual, kind="stable")[:5]
+    lines = []
+    for n in worst:
+        unit = system.variable(ports[n]).unit_name
+        given = f"{solution.x[n]:.9g} gives {solution.value[n]:.9g}{f' {unit}' if unit else ''}"
+        lines.append(f"{ports[n]}: residual {solution.residual[n]:.3g}, {given}")
+    if len(ports) > len(worst):
+        lines.append(f"and {len(ports) - len(worst)} signals more")
+    why = f" ({solution.why})" if solution.why else ""
+    count = f"{solution.iterations} iteration{'' if solution.iterations == 1 else 's'}"
+    listing = "\n".join(f"    {line}" for line in lines)
+    return StepError(
+        f"{what}: no convergence after {count}{why}; tolerance {tolerance:g}\n{listing}",
+        instance=ports[worst[0]].instance,
+        time=time,
+        status="not converged",
+        remedy=remedy,
+    )
