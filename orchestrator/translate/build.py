@@ -154,7 +154,7 @@ def translate(
         )
         return written.xml, written.notes
 
-    token = _token([code.encode(), description(TOKEN_MARK)[0], *(sources[key] for key in sorted(sources))])
+    token = content_token([code.encode(), description(TOKEN_MARK)[0], *(sources[key] for key in sorted(sources))])
     xml, notes = description(token)
     sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
     if fmi_version == "3.0":
@@ -187,7 +187,7 @@ def model_identifier(model: str) -> str:
     return re.sub(r"\W", "_", model.rpartition(".")[2], flags=re.ASCII)
 
 
-def _token(parts: Sequence[bytes]) -> str:
+def content_token(parts: Sequence[bytes]) -> str:
     """A GUID made of the contents: unlike sources get unlike tokens, like sources the same."""
     digest = hashlib.sha256()
     for part in parts:

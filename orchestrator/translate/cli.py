@@ -7,10 +7,12 @@ from pathlib import Path
 
 from orchestrator.errors import BuildError
 
+from .build import BuildReport
 from .package import PLATFORMS
 
 _DESCRIPTION = """Make a co-simulation FMU from a Modelica model, with C sources and binaries for Linux,
-Windows and macOS, or from a Python model (pythonfmu). Needs the extra `build`
+Windows and macOS, or from a Python model: in its Python form (pythonfmu), or in its native form,
+C sources and binaries made from the same code. Needs the extra `build`
 (pip install 'orchestrator[build]'), no C compiler."""
 
 
@@ -23,12 +25,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE.fmu", help="default: named after the model, in this folder"
     )
+    parser.add_argument(
+        "--form",
+        choices=("python", "native"),
+        default="python",
+        help="of a Python model: its code as it is, or compiled (default: %(default)s)",
+    )
+    compiled = parser.add_argument_group("Modelica models and native forms only")
     modelica = parser.add_argument_group("Modelica models only")
     modelica.add_argument("--model", metavar="NAME", help="model to build, if the file holds none or several")
-    modelica.add_argument(
+    compiled.add_argument(
         "--fmi", choices=("2.0", "3.0"), default="2.0", help="FMI version (default: %(default)s)"
     )
-    modelica.add_argument(
+    compiled.add_argument(
         "--platforms",
         metavar="LIST",
         default="all",
@@ -52,6 +61,14 @@ def main(args: argparse.Namespace) -> int:
     """
     file: Path = args.model_file
     output: Path = args.output or Path(f"{(args.model or file.stem).rpartition('.')[2]}.fmu")
+    platforms = {"all": tuple(PLATFORMS), "none": ()}.get(
+        args.platforms, tuple(name.strip() for name in args.platforms.split(","))
+    )
+    if file.suffix == ".py" and args.form == "native":
+        from .native_form import build_native_fmu
+
+        _print(build_native_fmu(file, output, fmi_version=args.fmi, platforms=platforms))
+        return 0
     if file.suffix == ".py":
         from .python_fmu import build_python_fmu
 
@@ -59,14 +76,18 @@ def main(args: argparse.Namespace) -> int:
         return 0
     if file.suffix != ".mo":
         raise BuildError(f"{file}: cannot tell what kind of model this is; give a .mo or a .py file")
+    if args.form == "native":
+        raise BuildError(f"{file}: --form is for Python models; Modelica models are always compiled")
     from .build import build
 
-    platforms = {"all": tuple(PLATFORMS), "none": ()}.get(
-        args.platforms, tuple(name.strip() for name in args.platforms.split(","))
-    )
     report = build(
         file, output, model=args.model, fmi_version=args.fmi, platforms=platforms, compiler=args.compiler
     )
+    _print(report)
+    return 0
+
+
+def _print(report: BuildReport) -> None:
     print(f"{report.path}: {report.model}, FMI {report.fmi_version} co-simulation")
     if report.counts:
         print("  " + ", ".join(f"{number} {what}" for what, number in report.counts.items()))
@@ -74,4 +95,3 @@ def main(args: argparse.Namespace) -> int:
         print(f"  binaries: {', '.join(report.platforms)}")
     for note in report.notes:
         print(f"  {note}")
-    return 0

@@ -12,7 +12,7 @@ from .generate import TableEntry
 from .program import Program
 from .structure import Structure, Unknown, model_structure
 
-_LOG_CATEGORIES = {
+LOG_CATEGORIES = {
     "logStatusWarning": "Warnings, such as a failed assertion of level warning",
     "logStatusDiscard": "Steps that could not be completed",
     "logStatusError": "Errors",
@@ -195,7 +195,7 @@ def _fmi2(
     if definitions is not None:
         root.append(definitions)
     categories = ET.SubElement(root, "LogCategories")
-    for name, text in _LOG_CATEGORIES.items():
+    for name, text in LOG_CATEGORIES.items():
         ET.SubElement(categories, "Category", name=name, description=text)
     _experiment(root, program)
     variables = ET.SubElement(root, "ModelVariables")
@@ -259,7 +259,7 @@ def _fmi3(
     if definitions is not None:
         root.append(definitions)
     categories = ET.SubElement(root, "LogCategories")
-    for name, text in _LOG_CATEGORIES.items():
+    for name, text in LOG_CATEGORIES.items():
         ET.SubElement(categories, "Category", name=name, description=text)
     _experiment(root, program)
     variables = ET.SubElement(root, "ModelVariables")

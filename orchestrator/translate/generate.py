@@ -132,11 +132,11 @@ def generate_c(program: Program, identifier: str) -> str:
     generator = ca.CodeGenerator("equations", {"with_export": False, "with_header": False})
     for function in functions:
         generator.add(function)
-    equations = _trimmed(generator.dump(), [function.name() for function in functions])
+    equations = trimmed(generator.dump(), [function.name() for function in functions])
     table = variable_table(program)
     flat = program.model.symbols.flat
     strict = [str(int(relation.strict)) for relation in program.model.relations] or ["0"]
-    messages = [_string(_message(assertion)) for assertion in flat.assertions] or ['""']
+    messages = [c_string(_message(assertion)) for assertion in flat.assertions] or ['""']
     errors = [str(int(assertion.error)) for assertion in flat.assertions] or ["0"]
     info = ", ".join(
         str(count)
@@ -157,7 +157,7 @@ def generate_c(program: Program, identifier: str) -> str:
 
 {equations}
 
-const ModelInfo model_info = {{{_string(identifier)}, {_string(TOKEN_MARK)}, {info}}};
+const ModelInfo model_info = {{{c_string(identifier)}, {c_string(TOKEN_MARK)}, {info}}};
 
 const ModelVariable model_variables[] = {{
 {lines}
@@ -181,7 +181,7 @@ void model_tangent(const ModelPoint *at, const ModelPoint *seed, double *xdot, d
         POINT(at), &seed->time, seed->x, seed->u, seed->p, seed->d
     }};
     double *results[{program.tangent.sz_res()}] = {{xdot, w, operand}};
-    {_work(program.tangent)}
+    {work_array(program.tangent)}
     tangent(arguments, results, 0, work, 0);
 }}
 """
@@ -191,7 +191,7 @@ def _wrapper(function: ca.Function, name: str, parameters: str, results: list[st
     return f"""void {name}(const ModelPoint *at, {parameters}) {{
     const double *arguments[{function.sz_arg()}] = {{POINT(at)}};
     double *results[{function.sz_res()}] = {{{", ".join(results)}}};
-    {_work(function)}
+    {work_array(function)}
     {function.name()}(arguments, results, 0, work, 0);
 }}
 """
@@ -234,7 +234,7 @@ def _filler(
             f"double values[{len(places)}];",
             f"const double *arguments[{function.sz_arg()}] = {{p}};",
             f"double *results[{function.sz_res()}] = {{values}};",
-            _work(function),
+            work_array(function),
             f"{function.name()}(arguments, results, 0, work, 0);",
             *(f"{target}[{place}] = values[{i}];" for i, place in enumerate(places)),
         ]
@@ -244,7 +244,7 @@ def _filler(
     return f"void {signature} {{\n{body}\n}}\n"
 
 
-def _work(function: ca.Function) -> str:
+def work_array(function: ca.Function) -> str:
     return f"double work[{max(1, function.sz_w())}];"
 
 
@@ -254,7 +254,7 @@ def _entry(entry: TableEntry) -> str:
     ]
     start = 0.0 if entry.start is None else entry.start
     return (
-        f"{{{_string(entry.name)}, KIND_{entry.kind}, {entry.index}, {type_name}, {int(entry.settable)}, "
+        f"{{{c_string(entry.name)}, KIND_{entry.kind}, {entry.index}, {type_name}, {int(entry.settable)}, "
         f"{start!r}, {entry.nominal!r}}}"
     )
 
@@ -264,7 +264,7 @@ def _message(assertion: Assertion) -> str:
     return f"{assertion.message} ({PurePosixPath(assertion.location.file).name}:{assertion.location.line})"
 
 
-def _string(text: str) -> str:
+def c_string(text: str) -> str:
     escaped = "".join(_escape(byte) for byte in text.encode())
     return f'"{escaped}"'
 
@@ -277,7 +277,7 @@ def _escape(byte: int) -> str:
     return character if 32 <= byte < 127 else f"\\{byte:03o}"
 
 
-def _trimmed(text: str, names: list[str]) -> str:
+def trimmed(text: str, names: list[str]) -> str:
     """CasADi's C without what only tells a caller at run time how to call it, and with local names."""
     text = text[text.index("#include <math.h>") :]
     text = re.sub(

@@ -75,22 +75,29 @@ _HEADERS = {
     "3.0": ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 _INTERFACE = {"2.0": ("fmi2.c", "fmi2_absent.c"), "3.0": ("fmi3.c", "fmi3_absent.c")}
+# What a component that advances in steps has no use for; runtime/stepped/ stands in for it.
+_CONTINUOUS = ("delay.c", "evaluate.c", "integrate.c", "step.c")
 
 
-def runtime_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
+def runtime_sources(fmi_version: FmiVersion, stepped: bool = False) -> dict[str, bytes]:
     """Return the C files of the runtime and the FMI headers, by file name.
 
     Args:
         fmi_version: "2.0" or "3.0"; decides which interface files are part of it.
+        stepped: for a model.c written for runtime/stepped/stepmodel.h instead of runtime/model.h alone.
     Returns: file name -> content; together with a `model.c` they compile without anything else.
     Raises: BuildError if fmpy, which carries the headers of the FMI standard, is not installed.
     """
     _check_version(fmi_version)
     other = _INTERFACE["3.0" if fmi_version == "2.0" else "2.0"]
     runtime = resources.files("orchestrator.translate") / "runtime"
+    items = list(runtime.iterdir())
+    if stepped:
+        other += _CONTINUOUS
+        items += (runtime / "stepped").iterdir()
     sources = {
         item.name: item.read_bytes()
-        for item in runtime.iterdir()
+        for item in items
         if item.name.endswith((".c", ".h")) and item.name not in other
     }
     spec = find_spec("fmpy")

@@ -129,6 +129,28 @@ def build_python_fmu(script: Path, output: Path) -> Path:
         about a variable unsaid (a unit, a dependency).
     """
     script, output = Path(script), Path(output)
+    members, root, model = described_model(script)
+    requirements = tuple(getattr(model, "requirements", ()))
+    members["resources/requirements.txt"] = "".join(f"{name}\n" for name in requirements).encode()
+    members["documentation/index.html"] = _documentation(root, requirements)
+    members["documentation/licenses/pythonfmu.txt"] = _licence()
+    root.set("guid", _content_id(members, root))
+    etree.indent(root, _INDENT)
+    members["modelDescription.xml"] = etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n"
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_fmu(output, members)
+    return output
+
+
+def described_model(script: Path) -> tuple[dict[str, bytes], Any, Any]:
+    """Load a Python model and complete what pythonfmu says about it.
+
+    Args:
+        script: as for `build_python_fmu`.
+    Returns: members of pythonfmu's FMU but its model description; the root of that, completed and without
+        an identifier of its content; an instance of the model.
+    Raises: BuildError as `build_python_fmu`.
+    """
     try:
         source = script.read_bytes().replace(b"\r\n", b"\n")
     except OSError as error:
@@ -141,17 +163,8 @@ def build_python_fmu(script: Path, output: Path) -> Path:
         )
     members, model = _run_builder(script, source, names[0])
     root = etree.fromstring(members.pop("modelDescription.xml"), etree.XMLParser(remove_blank_text=True))
-    requirements = tuple(getattr(model, "requirements", ()))
     _complete(root, model, script.name)
-    members["resources/requirements.txt"] = "".join(f"{name}\n" for name in requirements).encode()
-    members["documentation/index.html"] = _documentation(root, requirements)
-    members["documentation/licenses/pythonfmu.txt"] = _licence()
-    root.set("guid", _content_id(members, root))
-    etree.indent(root, _INDENT)
-    members["modelDescription.xml"] = etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n"
-    output.parent.mkdir(parents=True, exist_ok=True)
-    write_fmu(output, members)
-    return output
+    return members, root, model
 
 
 def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str, bytes], Any]:

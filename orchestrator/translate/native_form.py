@@ -1,0 +1,126 @@
+"""Build the native FMU of a Python component: trace it, check it, generate C, describe, compile, pack."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any, cast
+
+from orchestrator.errors import BuildError
+
+from .build import ALL, BuildReport, content_token
+from .package import (
+    PLATFORMS,
+    FmiVersion,
+    binary_member,
+    build_description,
+    compile_library,
+    runtime_sources,
+    write_fmu,
+)
+from .python_fmu import described_model
+
+__all__ = ["build_native_fmu"]
+
+
+def build_native_fmu(
+    script: Path, output: Path, *, fmi_version: str = "2.0", platforms: Sequence[str] = ALL
+) -> BuildReport:
+    """Build an FMU without Python from a Python component.
+
+    The same source gives the same bytes, wherever and whenever it is built with the same packages.
+
+    Args:
+        script: the file that the component's Python FMU is built from.
+        output: the .fmu to write; replaced only when complete.
+        fmi_version: "2.0" or "3.0".
+        platforms: keys of `package.PLATFORMS` to compile for; may be empty for an FMU of sources only.
+    Returns: what was built.
+    Raises: BuildError for code that has no native form, naming the line, and for a native form that does
+        not do what the Python code does.
+    """
+    try:
+        import casadi  # noqa: F401
+    except ImportError:
+        raise BuildError("CasADi is not installed; run `pip install 'orchestrator[build]'`") from None
+    from .component import trace_component
+    from .generate import TOKEN_MARK
+    from .step_check import check_component
+    from .step_code import generate_step_c
+    from .step_description import describe_native
+
+    script, output = Path(script), Path(output)
+    if fmi_version not in ("2.0", "3.0"):
+        raise BuildError(f"FMI version {fmi_version!r} is not supported; choose 2.0 or 3.0")
+    unknown = [name for name in platforms if name not in PLATFORMS]
+    if unknown:
+        raise BuildError(f"unknown platform {', '.join(unknown)}; known: {', '.join(PLATFORMS)}")
+    version = cast(FmiVersion, fmi_version)
+    _, root, model = described_model(script)
+    name = type(model).__name__
+    program = trace_component(script.resolve(), name)
+    if any(variable.name == "time" for variable in program.variables):
+        raise BuildError(
+            f"{script.name}: native form: the name time is taken by the simulation time; rename it"
+        )
+    checked = check_component(script, type(model), program)
+    code = generate_step_c(program)
+    sources = dict(runtime_sources(version, stepped=True))
+    files = [file for file in (*sources, "model.c") if file.endswith(".c")]
+
+    def description(token: str) -> bytes:
+        return describe_native(root, program, fmi_version, token, files)
+
+    token = content_token(
+        [code.encode(), description(TOKEN_MARK), *(sources[key] for key in sorted(sources))]
+    )
+    sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
+    if version == "3.0":
+        sources["buildDescription.xml"] = build_description(name, list(sources))
+    members = {f"sources/{file}": content for file, content in sources.items()}
+    members["modelDescription.xml"] = description(token)
+    members["documentation/index.html"] = _documentation(root, script)
+    with tempfile.TemporaryDirectory(prefix="fmu-sources-") as folder:
+        for file, content in sources.items():
+            (Path(folder) / file).write_bytes(content)
+        libraries = compile_library(Path(folder), name, version, list(platforms)) if platforms else {}
+    for platform, content in libraries.items():
+        members[binary_member(platform, name, version)] = content
+    output.parent.mkdir(parents=True, exist_ok=True)
+    write_fmu(output, members)
+    counts = {
+        "states": len(program.of_kind("STATE")),
+        "inputs": len(program.of_kind("INPUT")),
+        "parameters": len(program.of_kind("PARAMETER")),
+        "computed variables": len(program.of_kind("ALGEBRAIC")),
+        "ways for a step to end": program.paths,
+    }
+    return BuildReport(output, name, fmi_version, tuple(platforms), counts, (checked,))
+
+
+def _documentation(root: Any, script: Path) -> bytes:
+    """The FMU's page: its variables, and the source that it was made from."""
+    title, about = escape(root.get("modelName")), escape(root.get("description") or "")
+    rows = []
+    for variable in root.find("ModelVariables"):
+        element = variable[0]
+        cells = (
+            variable.get("name"),
+            element.get("unit") or element.tag,
+            variable.get("causality") or "local",
+            element.get("start") or "",
+            variable.get("description"),
+        )
+        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+    source = re.sub(r"\r\n", "\n", script.read_text(encoding="utf-8"))
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title></head><body>\n'
+        f"<h1>{title}</h1>\n<p>{about}</p>\n<p>Native form: C generated from the Python source below; no "
+        "Python is needed where it runs.</p>\n<h2>Variables</h2>\n"
+        "<table><tr><th>Name</th><th>Unit or type</th><th>Causality</th><th>Start</th><th>Meaning</th></tr>\n"
+        + "\n".join(rows)
+        + f"\n</table>\n<h2>Source</h2>\n<pre>\n{escape(source)}</pre>\n</body></html>\n"
+    ).encode()
