@@ -52,11 +52,12 @@ def load_system(
     """
     problems: list[Problem] = []
     parts: list[Part] = []
-    known: dict[str, Fmu | None] = {}
+    known: dict[tuple[str, str | None], Fmu | None] = {}
     for name, instance in config.model.instances.items():
-        if instance.fmu not in known:
-            known[instance.fmu] = _find_fmu(instance.fmu, config, ("instances", name, "fmu"), problems)
-        fmu = known[instance.fmu]
+        choice = instance.fmu, instance.form
+        if choice not in known:
+            known[choice] = _find_fmu(*choice, config, ("instances", name), problems)
+        fmu = known[choice]
         if fmu is not None:
             ratio = _ratio(name, config, problems)
             parts.append(Part(name, fmu, instance.start, instance.feedthrough, ratio))
@@ -95,8 +96,10 @@ def _ratio(name: str, config: Config, problems: list[Problem]) -> Fraction:
     return Fraction(1)
 
 
-def _find_fmu(text: str, config: Config, path: tuple[str, ...], problems: list[Problem]) -> Fmu | None:
-    place = config.places.text(path)
+def _find_fmu(
+    text: str, form: str | None, config: Config, path: tuple[str, ...], problems: list[Problem]
+) -> Fmu | None:
+    place = config.places.text((*path, "fmu"))
     file = config.folder / text
     found = file if file.is_file() else bundled.find_fmu(text)
     if found is None:
@@ -107,6 +110,15 @@ def _find_fmu(text: str, config: Config, path: tuple[str, ...], problems: list[P
         allowed += f"bundled FMUs: {listed(names)}"
         problems.append(Problem(place, what, allowed, nearest(Path(text).stem, names)))
         return None
+    if form is not None:
+        forms = {} if file.is_file() else bundled.fmu_forms(text)
+        if form not in forms:
+            what = f"{text!r} comes in one form only, there is no form to choose"
+            names = [name for name in bundled.fmu_names() if bundled.fmu_forms(name)]
+            allowed = f"bundled FMUs in the forms python and native: {listed(names)}"
+            problems.append(Problem(config.places.text((*path, "form")), what, allowed, "Leave form out."))
+            return None
+        found = forms[form]
     try:
         fmu = load_fmu(found)
         fmu.check()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["find_fmu", "find_system", "fmu_names", "system_names"]
+__all__ = ["find_fmu", "find_system", "fmu_forms", "fmu_names", "system_names"]
 
 _PACKAGE = Path(__file__).resolve().parent
 _SYSTEMS = _PACKAGE / "config" / "systems"
+_NATIVE = "-native"
 
 
 def _fmu_folder() -> Path:
@@ -17,13 +18,22 @@ def _fmu_folder() -> Path:
 
 
 def fmu_names() -> tuple[str, ...]:
-    """Names of the bundled FMUs, in alphabetical order."""
-    return tuple(sorted(_fmus()))
+    """Names of the bundled FMUs, in alphabetical order; native forms go by the name of their FMU."""
+    fmus = _fmus()
+    return tuple(sorted(name for name in fmus if name.removesuffix(_NATIVE) not in fmus.keys() - {name}))
 
 
 def find_fmu(name: str) -> Path | None:
     """Path of a bundled FMU; None if there is none of that name."""
     return _fmus().get(name)
+
+
+def fmu_forms(name: str) -> dict[str, Path]:
+    """The forms that a bundled FMU comes in, "python" and "native"; none if there is no choice."""
+    fmus = _fmus()
+    if name not in fmus or f"{name}{_NATIVE}" not in fmus:
+        return {}
+    return {"python": fmus[name], "native": fmus[f"{name}{_NATIVE}"]}
 
 
 def _fmus() -> dict[str, Path]:

@@ -68,39 +68,63 @@ class Parameters:
     forgetting_factor: float = quantity(0.98, "1", "Sage-Husa forgetting factor b", min="0", max="1")
     restoration_time: float = quantity(5e-3, "s", "Time constant of restoring missed work", min="0")
 
-    def problems(self) -> list[str]:
-        """Everything wrong with the values, each as a sentence: what, got, allowed."""
-        found = []
-        if self.mode not in MODES.values():
-            names = ", ".join(f"{value} ({name})" for name, value in MODES.items())
-            found.append(f"mode is {self.mode!r}; allowed: {names}")
+    def problems(self) -> str:
+        """Everything wrong with the values, each as a sentence: what, got, allowed; "" if nothing is."""
+        names = ", ".join(f"{value} ({name})" for name, value in MODES.items())
+        known = (self.mode == OFF) | (self.mode == LEAD) | (self.mode == ACTIVE)
+        wrong, text = _problem(known, f"mode is {self.mode!r}; allowed: {names}")
         for entry in fields(self):
-            value, unit = getattr(self, entry.name), entry.metadata["attributes"].get("unit")
-            if unit and not (math.isfinite(value) and value >= 0.0):
-                found.append(f"{entry.name} is {value!r} {unit}; allowed: finite and not negative")
-            elif entry.name in _POSITIVE and value == 0.0:
-                found.append(f"{entry.name} is {value!r} {unit}; allowed: above 0 {unit}")
-        if found:
-            return found
-        if not self.forgetting_factor < 1.0:
-            found.append(f"forgetting_factor is {self.forgetting_factor!r}; allowed: above 0 and below 1")
-        if self.release_threshold > self.contact_threshold:
-            found.append(
-                f"release_threshold is {self.release_threshold!r} N; allowed: up to contact_threshold, "
-                f"{self.contact_threshold!r} N"
+            wrong, more = self._limits(entry, wrong)
+            text += more
+        if not wrong:
+            text = self._relations()
+        return text
+
+    def _limits(self, entry: Field, wrong: bool) -> tuple[bool, str]:
+        """What is wrong with one value on its own."""
+        value, unit = getattr(self, entry.name), entry.metadata["attributes"].get("unit")
+        if unit and not (math.isfinite(value) and value >= 0.0):
+            return _problem(
+                False, f"{entry.name} is {value!r} {unit}; allowed: finite and not negative", wrong
             )
+        positive = entry.name not in _POSITIVE or value != 0.0
+        return _problem(positive, f"{entry.name} is {value!r} {unit}; allowed: above 0 {unit}", wrong)
+
+    def _relations(self) -> str:
+        """What is wrong with values next to others, once each on its own is right."""
+        period = f"sample_period, {self.sample_period!r} s"
         ratio = self.identification_period / self.sample_period
-        if round(ratio) < 1 or abs(ratio - round(ratio)) > GRID_TOLERANCE * ratio:
-            found.append(
-                f"identification_period is {self.identification_period!r} s; allowed: a multiple of "
-                f"sample_period, {self.sample_period!r} s"
-            )
-        if 0.0 < self.restoration_time < self.sample_period:
-            found.append(
-                f"restoration_time is {self.restoration_time!r} s; allowed: sample_period, "
-                f"{self.sample_period!r} s, or more"
-            )
-        return found
+        whole = (round(ratio) >= 1) & (abs(ratio - round(ratio)) <= GRID_TOLERANCE * ratio)
+        wrong, text = False, ""
+        for right, sentence in (
+            (
+                self.forgetting_factor < 1.0,
+                f"forgetting_factor is {self.forgetting_factor!r}; allowed: above 0 and below 1",
+            ),
+            (
+                self.release_threshold <= self.contact_threshold,
+                f"release_threshold is {self.release_threshold!r} N; allowed: up to contact_threshold, "
+                f"{self.contact_threshold!r} N",
+            ),
+            (
+                whole,
+                f"identification_period is {self.identification_period!r} s; allowed: a multiple of {period}",
+            ),
+            (
+                self.restoration_time >= self.sample_period,
+                f"restoration_time is {self.restoration_time!r} s; allowed: {period}, or more",
+            ),
+        ):
+            wrong, more = _problem(right, sentence, wrong)
+            text += more
+        return text
+
+
+def _problem(right: bool, sentence: str, wrong: bool = False) -> tuple[bool, str]:
+    """Whether something is wrong by now, and the sentence if it is this; the native form asks at run time."""
+    if right:
+        return wrong, ""
+    return True, f"; {sentence}" if wrong else sentence
 
 
 _POSITIVE = (
@@ -277,7 +301,10 @@ class ComplianceLaw:
             active = self._compensate(u)
         else:
             active = 0.0
-        s.force = {OFF: u.measured_force, LEAD: s.compensated_force, ACTIVE: active}[p.mode]
+        if p.mode == OFF:
+            s.force = u.measured_force
+        else:
+            s.force = s.compensated_force if p.mode == LEAD else active
         if s.contact_state:
             s.held_position, s.held_velocity = u.desired_position, u.desired_velocity
             s.contact_samples += 1
@@ -417,15 +444,15 @@ class ComplianceController(Fmi2Slave):
         self.law: ComplianceLaw | None = None
         self.enumerations = {"mode": ("ControlMode", MODES)}
         self.type_attributes: dict[str, dict[str, str]] = {}
-        for name, unit, meaning in (
-            ("measured_force", "N", "Reading of the force sensor"),
-            ("position", "m", "Position of the rod tip"),
-            ("velocity", "m/s", "Velocity of the rod tip"),
-            ("desired_position", "m", "Position of the satellite's rod tip, which the robot is to follow"),
-            ("desired_velocity", "m/s", "Velocity of the satellite's rod tip"),
+        for name, unit, nominal, meaning in (
+            ("measured_force", "N", "100", "Reading of the force sensor"),
+            ("position", "m", "0.01", "Position of the rod tip"),
+            ("velocity", "m/s", "0.02", "Velocity of the rod tip"),
+            ("desired_position", "m", "0.01", "Position of the satellite's rod tip, which the robot follows"),
+            ("desired_velocity", "m/s", "0.02", "Velocity of the satellite's rod tip"),
         ):
             setattr(self, name, 0.0)
-            self.type_attributes[name] = {"unit": unit}
+            self.type_attributes[name] = {"unit": unit, "nominal": nominal}
             self.register_variable(Real(name, causality=Fmi2Causality.input, description=meaning))
         for entry in fields(Parameters):
             self._register(entry, self.parameters, entry.name, Fmi2Causality.parameter, Fmi2Variability.fixed)
@@ -485,7 +512,7 @@ class ComplianceController(Fmi2Slave):
         """Check the parameters. Raises: ValueError, which the FMI layer logs and turns into a status."""
         problems = self.parameters.problems()
         if problems:
-            raise ValueError(f"{self.instance_name}: " + "; ".join(problems))
+            raise ValueError(f"{self.instance_name}: {problems}")
         self.law = None
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:

@@ -48,7 +48,7 @@ class SatelliteDynamics(Fmi2Slave):
         self.velocity = 0.0
         # What the FMI type element of each variable says besides its start value.
         self.type_attributes: dict[str, dict[str, str]] = {
-            "force": {"quantity": "Force", "unit": "N"},
+            "force": {"quantity": "Force", "unit": "N", "nominal": "100"},
             "mass": {"quantity": "Mass", "unit": "kg", "min": "0"},
             "position": {"quantity": "Length", "unit": "m"},
             "velocity": {"quantity": "Velocity", "unit": "m/s"},

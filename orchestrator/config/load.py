@@ -215,7 +215,7 @@ def _override_path(data: dict[str, Any], name: str) -> Path | None:
         if key in ("start", "feedthrough") and variable and head in instances:
             return ("instances", head, key, variable)
     if head in instances and rest:
-        return ("instances", head, "fmu") if rest == "fmu" else ("instances", head, "start", rest)
+        return ("instances", head, rest) if rest in ("fmu", "form") else ("instances", head, "start", rest)
     if head == "run" and rest in RunModel.model_fields:
         return ("run", rest)
     if head == "run" and rest.startswith("master.") and "." not in rest[7:]:

@@ -85,6 +85,11 @@ class InstanceModel(_Model):
     """One running FMU."""
 
     fmu: str = Field(description="Name of a bundled FMU, or path of a .fmu file relative to the config.")
+    form: Literal["python", "native"] | None = Field(
+        None,
+        description="Form of a bundled FMU that was written in Python: python runs its source, native is "
+        "compiled from it and much faster; python unless said otherwise.",
+    )
     start: dict[str, Scalar] = Field(
         default_factory=dict,
         description="Start values, with units, of parameters, of inputs that stay constant and of states.",

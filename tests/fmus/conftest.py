@@ -89,17 +89,18 @@ class Instance:
 
 
 @pytest.fixture
-def instantiate(tmp_path: Path) -> Iterator[Callable[[str], Instance]]:
-    """Make instances of a shipped FMU by name; they are freed when the test ends."""
+def instantiate(tmp_path: Path) -> Iterator[Callable[..., Instance]]:
+    """Make instances of a shipped FMU by name and form ("" or "-native"); freed when the test ends."""
     made: list[Instance] = []
     unpacked: dict[str, tuple[Any, str]] = {}
 
-    def make(name: str) -> Instance:
-        if name not in unpacked:
-            path = FMUS / name / f"{name}.fmu"
-            folder = fmpy.extract(str(path), unzipdir=str(tmp_path / name))
-            unpacked[name] = fmpy.read_model_description(str(path)), folder
-        made.append(Instance(*unpacked[name], name=f"{name}_{len(made)}"))
+    def make(name: str, form: str = "") -> Instance:
+        file = f"{name}{form}"
+        if file not in unpacked:
+            path = FMUS / name / f"{file}.fmu"
+            folder = fmpy.extract(str(path), unzipdir=str(tmp_path / file))
+            unpacked[file] = fmpy.read_model_description(str(path)), folder
+        made.append(Instance(*unpacked[file], name=f"{name}_{len(made)}"))
         return made[-1]
 
     yield make

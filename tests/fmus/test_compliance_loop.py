@@ -23,7 +23,7 @@ def run(model, sample_period=5e-4, controller=None, delayed=0, **bench):
     loop = DockingBench(**bench)
     settings = {"sample_period": sample_period, "tau_s": loop.tau_s, **(controller or {})}
     law = model.ComplianceLaw(model.Parameters(**settings), model.State())
-    assert law.parameters.problems() == []
+    assert law.parameters.problems() == ""
     estimates, forces, others = [], [0.0] * (3 * delayed), [(0.0,) * 4] * delayed
 
     def control(force, *rest):

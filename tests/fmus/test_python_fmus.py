@@ -19,6 +19,7 @@ from orchestrator.translate.python_fmu import build_python_fmu, main
 from orchestrator.units import parse_unit
 
 NAMES = tuple(golden.INPUTS)
+FORMS = pytest.mark.parametrize("form", ["", "-native"], ids=["python", "native"])
 
 
 def test_every_python_model_is_covered():
@@ -90,10 +91,11 @@ def test_archive_tells_where_it_runs_and_nothing_of_where_it_was_built(name):
         assert b"/tmp/" not in content, member
 
 
+@FORMS
 @pytest.mark.parametrize("name", NAMES)
-def test_golden_signals(name, instantiate):
+def test_golden_signals(name, form, instantiate):
     rows = golden.read(name)
-    instance = instantiate(name).initialise(**golden.START[name])
+    instance = instantiate(name, form).initialise(**golden.START[name])
     for index, row in enumerate(rows):
         instance.set(**{signal: row[signal] for signal in golden.INPUTS[name]})
         if index:
@@ -116,10 +118,11 @@ def test_fmu_and_model_in_process_agree_bit_for_bit(name, instantiate, satellite
 @pytest.mark.parametrize("name", NAMES)
 # In free flight before a contact, within its onset, where the filter runs, and after it.
 @pytest.mark.parametrize("at", [10, 55, 150, 300])
-def test_300_steps_after_a_restored_state_are_bit_identical(name, at, instantiate):
+@FORMS
+def test_300_steps_after_a_restored_state_are_bit_identical(name, at, form, instantiate):
     rows = golden.read(name) * 5
     rows = [{**row, "time": index * golden.STEP} for index, row in enumerate(rows)]
-    first = instantiate(name).initialise(**golden.START[name])
+    first = instantiate(name, form).initialise(**golden.START[name])
     _drive(first, name, rows, 0, at)
     state = first.fmu.getFMUState()
     saved = first.get_all()
@@ -134,7 +137,7 @@ def test_300_steps_after_a_restored_state_are_bit_identical(name, at, instantiat
 
     # The second instance stood elsewhere and had other parameters.
     other = {"SatelliteDynamics": {"mass": 5.0}, "ComplianceController": {"sample_period": 1e-3}}[name]
-    second = instantiate(name).initialise(**other)
+    second = instantiate(name, form).initialise(**other)
     second.fmu.setFMUState(second.fmu.deserializeFMUState(serialised))
     assert second.get_all() == saved
     assert _drive(second, name, rows, at, at + 300, keep=True) == expected

@@ -1,0 +1,313 @@
+"""Native forms of the Python FMUs: the same ports, the same numbers, the same refusals, and no Python."""
+
+from __future__ import annotations
+
+import math
+import random
+import zipfile
+
+import fmpy
+import golden
+import pytest
+from conftest import FMUS
+from fmpy.fmi3 import FMU3Slave
+from fmpy.validation import validate_fmu
+
+from orchestrator.errors import ConfigError
+from orchestrator.translate.native_form import build_native_fmu
+
+NAMES = tuple(golden.INPUTS)
+PLATFORM = "x86_64-linux"
+# Largest difference between the forms, relative to the largest size that the number has had.
+TOLERANCE = 1e-12
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rebuilding_gives_the_shipped_bytes(name, tmp_path):
+    rebuilt = build_native_fmu(FMUS / name / "model.py", tmp_path / "rebuilt.fmu").path
+    assert rebuilt.read_bytes() == (FMUS / name / f"{name}-native.fmu").read_bytes()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_forms_have_the_same_ports(name):
+    python, native = (
+        fmpy.read_model_description(str(FMUS / name / f"{name}{form}.fmu")) for form in ("", "-native")
+    )
+    assert validate_fmu(str(FMUS / name / f"{name}-native.fmu")) == []
+    *variables, time = native.modelVariables
+    assert (time.name, time.causality) == ("time", "independent")
+    for one, other in zip(python.modelVariables, variables, strict=True):
+        attributes = ["name", "valueReference", "type", "causality", "variability", "unit", "min", "max"]
+        attributes += ["description", "nominal", "quantity"]
+        if one.name != "state.start_time":  # which nobody but the start of an experiment sets
+            attributes += ["start", "initial"]
+        for attribute in attributes:
+            assert getattr(one, attribute) == getattr(other, attribute), (one.name, attribute)
+    for one, other in zip(python.outputs, native.outputs, strict=True):
+        assert one.variable.name == other.variable.name
+        assert [item.name for item in one.dependencies] == [item.name for item in other.dependencies]
+    assert not native.coSimulation.needsExecutionTool
+    assert native.coSimulation.providesDirectionalDerivative
+    with zipfile.ZipFile(FMUS / name / f"{name}-native.fmu") as archive:
+        members = archive.namelist()
+        assert not [member for member in members if member.endswith((".py", ".pyc"))]
+        assert {member.split("/")[1] for member in members if member.startswith("binaries/")} == {
+            "linux64", "win64", "darwin64",
+        }  # fmt: skip
+        for member in members:
+            assert str(FMUS.parent).encode() not in archive.read(member), member
+
+
+def satellite_inputs(seed: int, steps: int):
+    """Forces that jump between pushes of any size and coasts, with steps of any size."""
+    source = random.Random(seed)
+    force = 0.0
+    for _ in range(steps):
+        if source.random() < 0.02:
+            force = source.choice([0.0, source.gauss(0.0, 100.0)])
+        yield {"force": force}, source.choice([1e-4, 5e-4, source.uniform(1e-5, 2e-3)])
+
+
+def controller_inputs(seed: int, steps: int):
+    """A rod that swings between two frames, noise and lag of robot and sensor; every number is random."""
+    source = random.Random(seed)
+    stiffness, damping = source.uniform(4e4, 2e5), source.uniform(0.0, 300.0)
+    omega, size = source.uniform(8.0, 14.0), source.uniform(6e-3, 7e-3)
+    for number in range(steps):
+        angle = omega * number * golden.STEP
+        place, speed = size * math.sin(angle), size * omega * math.cos(angle)
+        depth = math.copysign(max(0.0, abs(place) - 5e-3), place)
+        force = -stiffness * depth - (damping * speed if depth else 0.0)
+        yield {
+            "measured_force": force + source.gauss(0.0, 1.0),
+            "position": place + source.gauss(0.0, 1e-6),
+            "velocity": speed + source.gauss(0.0, 1e-4),
+            "desired_position": place + 2e-3 * speed + source.gauss(0.0, 1e-6),
+            "desired_velocity": speed + source.gauss(0.0, 1e-4),
+        }, golden.STEP  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        ("SatelliteDynamics", {"mass": 123.4, "velocity": 0.02}),
+        ("ComplianceController", {"tau_s": 1e-3}),
+        ("ComplianceController", {"mode": 2, "lead_filter_time": 0.0, "tau_s": 2e-3, "transfer_delay": 1e-3}),
+        ("ComplianceController", {"hold_compensation": False, "switching_compensation": False, "mode": 3}),
+    ],
+)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_forms_agree_over_long_random_input(
+    name, start, seed, instantiate, satellite_model, controller_model
+):
+    module = {"SatelliteDynamics": satellite_model, "ComplianceController": controller_model}[name]
+    inputs = {"SatelliteDynamics": satellite_inputs, "ComplianceController": controller_inputs}[name]
+    native = instantiate(name, "-native").initialise(**start)
+    model = getattr(module, name)(instance_name="python")
+    python = {variable.name: variable for variable in model.vars.values()}
+    for signal, value in start.items():
+        python[signal].setter(value)
+    model.setup_experiment(0.0, None, None)
+    model.enter_initialization_mode()
+    model.exit_initialization_mode()
+    sizes = dict.fromkeys(python, 0.0)
+    time = 0.0
+    for number, (values, step) in enumerate(inputs(seed, 6000)):
+        for signal, value in values.items():
+            python[signal].setter(value)
+        native.set(**values)
+        assert model.do_step(time, step)
+        native.fmu.doStep(time, step)
+        time = time + step if name == "SatelliteDynamics" else (number + 1) * step
+        for signal, variable in python.items():
+            sizes[signal] = max(sizes[signal], abs(float(variable.getter())))
+        if number % 5 == 0:
+            found = native.get(*python)
+            for (signal, variable), value in zip(python.items(), found, strict=True):
+                difference = abs(value - float(variable.getter()))
+                assert difference <= TOLERANCE * sizes[signal], (number, signal, value, variable.getter())
+    if name == "ComplianceController":
+        assert model.state.updates > 80  # the filter has been at work
+    else:
+        assert abs(model.velocity) > 0.03
+
+
+def refusal(instance, action) -> list[str]:
+    with pytest.raises(Exception, match="failed with status"):
+        action()
+    return [text for _, text in instance.log]
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [
+        ("SatelliteDynamics", {"mass": 0.0}),
+        ("SatelliteDynamics", {"mass": -1e-7}),
+        ("ComplianceController", {"sample_period": 0.0}),
+        ("ComplianceController", {"mode": 4, "tau_s": -1.5e20, "force_sigma": 0.0}),
+        ("ComplianceController", {"forgetting_factor": 1.0, "release_threshold": 6.0}),
+        ("ComplianceController", {"identification_period": 1.1e-3}),
+        ("ComplianceController", {"restoration_time": 1.0 / 3.0 * 1e-3}),
+    ],
+)
+def test_parameters_are_refused_in_the_same_words(name, start, instantiate):
+    python, native = instantiate(name), instantiate(name, "-native")
+    (expected,) = refusal(python, lambda: python.initialise(**start))
+    sentence = expected.split("ValueError('")[1].removesuffix("')")
+    found, status = refusal(native, lambda: native.initialise(**start))
+    assert found == sentence.replace(f"{name}_0", f"{name}_1")
+    assert status == "ExitInitializationMode: initialisation is refused"
+
+
+def test_steps_are_refused_in_the_same_words(instantiate):
+    python, native = instantiate("ComplianceController"), instantiate("ComplianceController", "-native")
+    for instance in (python, native):
+        instance.initialise(0.1)
+        instance.fmu.doStep(0.1, 5e-4)
+    before = native.get_all()
+    (expected,) = refusal(python, lambda: python.fmu.doStep(0.1005, 1e-3))
+    (found,) = refusal(native, lambda: native.fmu.doStep(0.1005, 1e-3))
+    assert found == expected.split("ValueError('")[1].removesuffix("')").replace("_0", "_1")
+    assert "passes over the sample at 0.101 s" in found
+    assert native.get_all() == before
+
+
+def test_native_form_refuses_values_that_are_not_finite_when_they_are_set(instantiate):
+    native = instantiate("SatelliteDynamics", "-native").initialise(velocity=0.02)
+    assert refusal(native, lambda: native.set(force=math.nan)) == [
+        "Set: force cannot be nan; give a finite number"
+    ]
+    assert refusal(native, lambda: native.set(velocity=1.0))[1:] == [
+        "Set: velocity is a start value: it can be set before the end of initialisation only"
+    ]
+    native.fmu.doStep(0.0, 1e-3)
+    assert native.get("position") == (0.02 * 1e-3,)
+
+
+@pytest.mark.parametrize(
+    ("point", "step", "message"),
+    [
+        (0.0, 0.0, "DoStep: from 0 s by 0 s: both have to be finite, the step size above 0 s"),
+        (0.5, 0.1, "DoStep: from 0.5 s: the instance is at 0 s"),
+    ],
+)
+def test_steps_that_make_no_sense_are_refused(point, step, message, instantiate):
+    native = instantiate("SatelliteDynamics", "-native").initialise(velocity=0.02)
+    assert refusal(native, lambda: native.fmu.doStep(point, step)) == [message]
+    native.fmu.doStep(0.0, 0.1)
+    assert native.get("position", "time") == (0.02 * 0.1, 0.1)
+
+
+def test_directional_derivatives_are_those_of_the_outputs(instantiate):
+    native = instantiate("SatelliteDynamics", "-native").initialise(velocity=0.3, mass=50.0)
+    references = {name: [variable.valueReference] for name, variable in native.variables.items()}
+
+    def derivative(unknown: str, known: str) -> float:
+        return native.fmu.getDirectionalDerivative(references[unknown], references[known], [1.0])[0]
+
+    native.fmu.doStep(0.0, 0.1)
+    assert derivative("kinetic_energy", "velocity") == pytest.approx(50.0 * 0.3, rel=1e-15)
+    # No output follows the force within one instant, as ModelStructure says.
+    assert [derivative(output, "force") for output in ("kinetic_energy", "position", "velocity")] == [0.0] * 3
+
+
+def test_start_time_of_the_sample_grid_is_the_experiments(instantiate):
+    native = instantiate("ComplianceController", "-native").initialise(0.1, mode=1, sample_period=3e-4,
+                                                                      identification_period=3e-3)  # fmt: skip
+    assert native.get("state.start_time") == (0.1,)
+    seen = []
+    for index in range(3000):
+        native.set(measured_force=float(index))
+        native.fmu.doStep(0.1 + index * 1e-4, 1e-4)
+        seen.append(native.get("force")[0])
+    assert seen == [float(3 * ((index + 1) // 3) - 1) if index >= 2 else 0.0 for index in range(3000)]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_reset_gives_a_fresh_instance(name, instantiate):
+    rows = golden.read(name)[:250]
+    instance = instantiate(name, "-native")
+
+    def once():
+        instance.initialise(**golden.START[name])
+        seen = [instance.get_all()]
+        for index, row in enumerate(rows[:-1]):
+            instance.set(**{signal: rows[index + 1][signal] for signal in golden.INPUTS[name]})
+            instance.fmu.doStep(row["time"], golden.STEP)
+            seen.append(instance.get_all())
+        return seen
+
+    first = once()
+    instance.fmu.reset()
+    assert once() == first and first[0] != first[-1]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_fmi_3_form_gives_the_same_bits(name, tmp_path, instantiate):
+    path = build_native_fmu(FMUS / name / "model.py", tmp_path / "three.fmu", fmi_version="3.0",
+                            platforms=[PLATFORM]).path  # fmt: skip
+    assert validate_fmu(str(path)) == []
+    description = fmpy.read_model_description(str(path))
+    references = {variable.name: variable for variable in description.modelVariables}
+    fmu = FMU3Slave(
+        guid=description.guid,
+        unzipDirectory=fmpy.extract(str(path), unzipdir=str(tmp_path / "three")),
+        modelIdentifier=name,
+        instanceName="three",
+    )
+    fmu.instantiate()
+
+    def each(signals):
+        return [(references[signal].type, [references[signal].valueReference]) for signal in signals]
+
+    rows = golden.read(name)
+    for (kind, reference), value in zip(each(golden.START[name]), golden.START[name].values(), strict=True):
+        getattr(fmu, f"set{kind}")(reference, [value])
+    fmu.enterInitializationMode(startTime=0.0)
+    fmu.exitInitializationMode()
+    second = instantiate(name, "-native").initialise(**golden.START[name])
+    for index, row in enumerate(rows):
+        second.set(**{signal: row[signal] for signal in golden.INPUTS[name]})
+        for (kind, reference), signal in zip(each(golden.INPUTS[name]), golden.INPUTS[name], strict=True):
+            getattr(fmu, f"set{kind}")(reference, [row[signal]])
+        if index:
+            fmu.doStep(rows[index - 1]["time"], golden.STEP)
+            second.fmu.doStep(rows[index - 1]["time"], golden.STEP)
+        found = [getattr(fmu, f"get{kind}")(reference)[0] for kind, reference in each(golden.OUTPUTS[name])]
+        assert found == list(second.get(*golden.OUTPUTS[name]))
+    fmu.terminate()
+    fmu.freeInstance()
+
+
+CONFIG = {
+    "run": {"master": "gauss-seidel", "step_size": "0.5 ms", "stop_time": "50 ms"},
+    "instances": {
+        "satellite": {"fmu": "SatelliteDynamics", "start": {"velocity": "20 mm/s", "force": "-40 N"}},
+    },
+}
+
+
+def test_a_system_chooses_the_form():
+    from orchestrator.run import run
+
+    results = {}
+    for form in ("python", "native"):
+        result = run(CONFIG, overrides=[f"satellite.form={form}"])
+        results[form] = result.results["satellite.position"].tolist()
+        assert len(results[form]) == 101
+    assert results["python"] == results["native"]
+
+
+@pytest.mark.parametrize("fmu", ["RobotResponse", "SatelliteDynamics-native"])
+def test_a_form_that_does_not_exist_is_refused(fmu):
+    from orchestrator.assembly import load_system
+    from orchestrator.config import load_config
+
+    config = {**CONFIG, "instances": {"one": {"fmu": fmu, "form": "native"}}}
+    with pytest.raises(ConfigError) as caught:
+        load_system(load_config(config))
+    assert str(caught.value).splitlines() == [
+        f"config: instances.one.form: {fmu!r} comes in one form only, there is no form to choose",
+        "  bundled FMUs in the forms python and native: ComplianceController, SatelliteDynamics. "
+        "Leave form out.",
+    ]
