@@ -11,9 +11,9 @@ from fractions import Fraction
 from pathlib import Path
 
 from . import bundled, checks, graph
-from .config import Config, ConnectionModel, Places, Scalar, endpoints
+from .config import Config, ConnectionModel, InstanceModel, Places, Scalar, endpoints
 from .errors import ConfigError, FmuError, Problem, listed, nearest
-from .fmi import Fmu, Kind, Value, load_fmu
+from .fmi import Fmu, Handling, Interface, Kind, Value, load_fmu
 from .system import Connection, Instance, Port, System, port_graph
 
 __all__ = ["Part", "assemble", "load_system"]
@@ -52,9 +52,9 @@ def load_system(
     """
     problems: list[Problem] = []
     parts: list[Part] = []
-    known: dict[tuple[str, str | None], Fmu | None] = {}
+    known: dict[tuple[str, str | None, Handling], Fmu | None] = {}
     for name, instance in config.model.instances.items():
-        choice = instance.fmu, instance.form
+        choice = instance.fmu, instance.form, _handling(instance)
         if choice not in known:
             known[choice] = _find_fmu(*choice, config, ("instances", name), problems)
         fmu = known[choice]
@@ -96,8 +96,24 @@ def _ratio(name: str, config: Config, problems: list[Problem]) -> Fraction:
     return Fraction(1)
 
 
+def _handling(instance: InstanceModel) -> Handling:
+    return Handling(
+        any_step=instance.any_step,
+        interface=None if instance.interface is None else Interface(instance.interface),
+        tolerance=instance.tolerance,
+        event_mode=instance.event_mode,
+        isolated=instance.isolate is not None,
+        time_limit=instance.seconds(),
+    )
+
+
 def _find_fmu(
-    text: str, form: str | None, config: Config, path: tuple[str, ...], problems: list[Problem]
+    text: str,
+    form: str | None,
+    handling: Handling,
+    config: Config,
+    path: tuple[str, ...],
+    problems: list[Problem],
 ) -> Fmu | None:
     place = config.places.text((*path, "fmu"))
     file = config.folder / text
@@ -120,7 +136,7 @@ def _find_fmu(
             return None
         found = forms[form]
     try:
-        fmu = load_fmu(found)
+        fmu = load_fmu(found, handling)
         fmu.check()
         return fmu
     except FmuError as error:
@@ -182,6 +198,12 @@ def assemble(
             first, *more = part.fmu.description.deviations
             further = f" and {len(more)} more" if more else ""
             notes.append(f"{places.text(('instances', part.name))}: breaks a rule of FMI: {first}{further}")
+        if part.fmu.description.capabilities.execution_tool:
+            tool = part.fmu.description.tool or "which it does not name"
+            notes.append(
+                f"{places.text(('instances', part.name))}: runs only where the tool that made it is installed, {tool}"
+            )
+        found += checks.integration(part.name, part.fmu, places)
     found += checks.shared_process(((part.name, part.fmu) for part in parts), places)
     wanted: dict[str, tuple[str | int, ...]] = {}
     for index, text in enumerate(record or ()):
@@ -255,7 +277,17 @@ def _settle(
             problems.append(result)
         else:
             start[name] = result
+    used = {
+        variable.reference
+        for variable in description.inputs
+        if variable.name in part.start or f"{part.name}.{variable.name}" in fed
+    }
     for variable in description.inputs:
+        if variable.elements > 1 and variable.reference not in used:
+            if variable.element == 0:
+                array = variable.name.rpartition("[")[0]
+                notes.append(f"{places.text(path)}: input array {part.name}.{array} is left alone")
+            continue
         feed = wired.get(Port(part.name, variable.name))
         place = places.text((*path, "start", variable.name) if variable.name in part.start else path)
         if feed is not None and variable.name in part.start:

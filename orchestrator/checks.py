@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
 
 from .config import Places, Scalar
 from .errors import Problem, listed, nearest
-from .fmi import Causality, Fmu, Kind, ModelDescription, Value, Variable
-from .system import Port
+from .fmi import Causality, Fmu, Interface, Kind, ModelDescription, Value, Variable
+from .system import Instance, Port
 from .units import ONE, UnitError, convert, quantity_in
 
-__all__ = ["connection", "dependencies", "loop_problem", "recordable", "shared_process", "start_value"]
+__all__ = [
+    "connection",
+    "dependencies",
+    "integration",
+    "loop_problem",
+    "recordable",
+    "shared_process",
+    "start_value",
+    "step_size",
+]
 
 
 def connection(
@@ -248,13 +259,57 @@ def recordable(
 def shared_process(fmus: Iterable[tuple[str, Fmu]], places: Places) -> list[Problem]:
     """FMUs that may stand in a process once only, and stand there twice; given by instance name."""
     problems = []
-    counts: Counter[int] = Counter()
+    counts: Counter[Path | int] = Counter()
     for name, fmu in fmus:
-        counts[id(fmu)] += 1
-        if fmu.description.capabilities.once_per_process and counts[id(fmu)] == 2:
+        if not fmu.description.capabilities.once_per_process:
+            continue
+        key = id(fmu) if fmu.path is None else fmu.path
+        counts[key] += 1
+        if counts[key] == 2:
             what = f"second instance of {fmu.description.name}"
             allowed = "the FMU declares canBeInstantiatedOnlyOncePerProcess"
-            problems.append(Problem(places.text(("instances", name)), what, allowed))
+            remedy = f"Give it a process of its own: instances.{name}.isolate: process."
+            problems.append(Problem(places.text(("instances", name)), what, allowed, remedy))
+    return problems
+
+
+def integration(name: str, fmu: Fmu, places: Places) -> list[Problem]:
+    """A model-exchange FMU for whose integration no tolerance is known."""
+    description = fmu.description
+    tolerance = getattr(getattr(fmu, "handling", None), "tolerance", None) or description.tolerance
+    if description.interface is not Interface.MODEL_EXCHANGE or not description.states or tolerance:
+        return []
+    what = f"no tolerance for the integration of {name}, a model-exchange FMU"
+    remedy = f"Give instances.{name}.tolerance, for example 1e-6; a tenth of it should change nothing much."
+    return [
+        Problem(places.text(("instances", name)), what, "it is relative; the FMU proposes none", remedy)
+    ]
+
+
+def step_size(instances: Iterable[Instance], size: Fraction, places: Places) -> list[Problem]:
+    """Instances that cannot take a step size.
+
+    Args:
+        size: of the communication step [s].
+    """
+    problems = []
+    for one in instances:
+        own = one.fmu.description.own_step
+        if own is None:
+            continue
+        taken = size * one.ratio
+        ratio = float(taken) / own
+        nearest_ratio = max(1, round(ratio)) if one.fmu.description.own_step_divides else 1
+        if abs(ratio - nearest_ratio) <= 1e-9 * nearest_ratio:
+            continue
+        multiples = " or a whole multiple of it" if one.fmu.description.own_step_divides else ""
+        what = f"{one.name} cannot take a step size of {float(taken)!r} s: its own is {own!r} s"
+        allowed = "the FMU does not declare canHandleVariableCommunicationStepSize"
+        remedy = (
+            f"Set run.step_size, or instances.{one.name}.step_size, to {own!r} s{multiples}; or, if the FMU takes any constant step, say so: "
+            f"instances.{one.name}.any_step: true."
+        )
+        problems.append(Problem(places.text(("instances", one.name)), what, allowed, remedy))
     return problems
 
 

@@ -74,6 +74,7 @@ class StepError(OrchestratorError):
         time: communication point [s]; None before the first.
         status: what the FMU returned or what was found, for example "error", "discard", "not finite".
         log: the FMU's log lines, oldest first.
+        what, remedy: what happened and what to do, without the rest of the message.
     """
 
     def __init__(
@@ -86,9 +87,11 @@ class StepError(OrchestratorError):
         log: Sequence[str] = (),
         remedy: str = "",
     ) -> None:
+        self.what = what
         self.instance = instance
         self.time = time
         self.status = status
+        self.remedy = remedy
         self.log = tuple(log)
         place = instance if time is None else f"{instance} at time {time:.12g} s"
         lines = [f"{place}: {what}"]

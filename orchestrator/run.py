@@ -13,6 +13,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from . import checks
 from .assembly import load_system
 from .config import Config, load_config
 from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
@@ -91,6 +92,8 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
         problems += error.problems
     if master is not None and system is not None:
         problems += master.check(system, places)
+    if system is not None and grid is not None:
+        problems += checks.step_size(system.instances, grid.step_size, places)
     if problems or master is None or grid is None or system is None:
         raise ConfigError(problems)
     return Prepared(loaded, system, master, grid, measures)
@@ -235,6 +238,9 @@ def _numerics(
     """What half the step size changes."""
     grid = prepared.grid.halved()
     numerics: dict[str, Any] = {"step_size": float(grid.step_size)}
+    refused = checks.step_size(prepared.system.instances, grid.step_size, prepared.config.places)
+    if refused:
+        return numerics | {"error": _told(ConfigError(refused))}
     try:
         halved, _ = _run_once(prepared, grid, None, progress, "half the step size")
         numerics.update(changes(measured, _measure(prepared.measures, halved)))

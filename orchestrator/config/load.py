@@ -203,6 +203,9 @@ def _override(data: dict[str, Any], places: Places, text: str) -> list[Problem]:
     return []
 
 
+_HANDLING = ("interface", "tolerance", "event_mode", "any_step", "isolate", "time_limit", "step_size")
+
+
 def _override_path(data: dict[str, Any], name: str) -> Path | None:
     """Where an override goes: robot.tau_m is short for instances.robot.start.tau_m."""
     head, _, rest = name.partition(".")
@@ -210,7 +213,7 @@ def _override_path(data: dict[str, Any], name: str) -> Path | None:
     if head == "instances":
         head, _, rest = rest.partition(".")
         key, _, variable = rest.partition(".")
-        if key == "step_size" and not variable and head in instances:
+        if key in _HANDLING and not variable and head in instances:
             return ("instances", head, key)
         if key in ("start", "feedthrough") and variable and head in instances:
             return ("instances", head, key, variable)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator, model_validator
 
 from ..units import ONE, UnitError, parse_quantity, parse_unit
 
@@ -115,6 +115,53 @@ class InstanceModel(_Model):
     def own_step(self) -> Fraction | None:
         """The instance's own step size [s], exact as written."""
         return None if self.step_size is None else _time(self.step_size)
+
+    interface: Literal["co-simulation", "model-exchange"] | None = Field(
+        None, description="Which of the FMU's interfaces to run; by default co-simulation if there is one."
+    )
+    tolerance: float | None = Field(
+        None,
+        gt=0,
+        lt=1,
+        description="Relative tolerance of the integration of a model-exchange FMU; by default the FMU's own.",
+    )
+    event_mode: bool = Field(
+        False,
+        strict=True,
+        description="Whether an FMI 3.0 co-simulation FMU returns at its events to have them handled; "
+        "otherwise it handles them within its steps.",
+    )
+    any_step: bool = Field(
+        False,
+        strict=True,
+        description="Whether the FMU takes any constant step size, although it does not declare so.",
+    )
+    isolate: Literal["process"] | None = Field(
+        None, description="Run the FMU in a process of its own, so that its crash or hang ends only the run."
+    )
+    time_limit: Time | None = Field(
+        None, description="How long a call to an isolated FMU may take, with its unit.", examples=["2 s"]
+    )
+
+    @field_validator("time_limit", mode="before")
+    @classmethod
+    def _is_limit(cls, value: Any) -> Any:
+        if value is None:
+            return None
+        text = _checked_time(value)
+        if _time(text) <= 0:
+            raise ValueError(f"{value!r} is not positive")
+        return text
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> InstanceModel:
+        if self.time_limit is not None and self.isolate is None:
+            raise ValueError("time_limit needs isolate: process; only another process can be stopped")
+        return self
+
+    def seconds(self) -> float | None:
+        """The time limit [s]."""
+        return None if self.time_limit is None else float(_time(self.time_limit))
 
 
 class ConnectionModel(_Model):

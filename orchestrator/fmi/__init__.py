@@ -2,6 +2,7 @@
 
 from .compiled import CompiledFmu, load_fmu
 from .description import Capabilities, ModelDescription, read_description
+from .handling import Handling, Interface
 from .instance import Array, Fmu, FmuInstance, Point, StepStatus
 from .variable import Causality, Initial, Kind, Value, Variability, Variable
 
@@ -12,7 +13,9 @@ __all__ = [
     "CompiledFmu",
     "Fmu",
     "FmuInstance",
+    "Handling",
     "Initial",
+    "Interface",
     "Kind",
     "ModelDescription",
     "Point",

@@ -20,7 +20,7 @@ def binary_folder(fmi_version: str) -> str:
     """Name of this platform's folder under binaries/, for example "linux64" or "x86_64-linux"."""
     import fmpy
 
-    return fmpy.platform if fmi_version.startswith("2") else fmpy.platform_tuple
+    return fmpy.platform_tuple if fmi_version.startswith("3") else fmpy.platform
 
 
 class Unpacked:

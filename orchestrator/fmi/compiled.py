@@ -1,4 +1,4 @@
-"""FMUs from files, of FMI 2.0 and 3.0, for co-simulation.
+"""FMUs from files, of FMI 1.0, 2.0 and 3.0.
 
 Within a step every instance gets one call that sets its inputs, one that steps, and one that reads its
 outputs: FMI 2 denies slaves further rounds of set and get at a communication point (FMI 2.0.4, 4.2.4).
@@ -9,8 +9,10 @@ from __future__ import annotations
 import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from ctypes import CFUNCTYPE, POINTER, addressof, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p, cast
+from ctypes import CFUNCTYPE, POINTER, addressof, c_char_p, c_int, c_size_t, c_uint, c_void_p, cast
+from dataclasses import replace
 from functools import cached_property, lru_cache, partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,9 @@ import numpy as np
 
 from ..errors import FmuError, StepError
 from .archive import Unpacked
+from .block import Block
 from .description import ModelDescription, read_description
+from .handling import Handling, Interface
 from .instance import Array, FmuInstance, Point, StepStatus
 from .variable import Kind, Value, Variable
 
@@ -31,12 +35,25 @@ FATAL = 4
 class CompiledFmu:
     """A .fmu file; see the Fmu protocol.
 
-    Raises: FmuError if it is missing, malformed or has no co-simulation interface of FMI 2.0 or 3.0.
+    Raises: FmuError if it is missing, malformed or has no interface that can be run.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, handling: Handling = Handling()) -> None:  # noqa: B008 (it is frozen)
         self.path: Path = path
-        self.description: ModelDescription = read_description(path)
+        self.handling = handling
+        found = read_description(path, handling.interface)
+        if handling.any_step:
+            found = replace(found, own_step=None)
+        if handling.isolated:
+            alone = replace(found.capabilities, once_per_process=False)
+            found = replace(found, capabilities=alone)
+        self.description: ModelDescription = found
+        if handling.event_mode and not self.description.capabilities.event_mode:
+            raise FmuError(
+                f"{path}: event_mode is asked for, which needs an FMI 3.0 co-simulation FMU that declares "
+                f"hasEventMode\n  It is run as {self.description.interface} of FMI "
+                f"{self.description.fmi_version}; take event_mode away."
+            )
 
     @cached_property
     def _unpacked(self) -> Unpacked:
@@ -48,84 +65,82 @@ class CompiledFmu:
 
     def instantiate(self, name: str) -> FmuInstance:
         """Unpack, load and instantiate. Raises: FmuError."""
-        # Loading fmpy's bindings is left until something runs.
-        if self.description.fmi_version.startswith("2"):
-            from .fmi2 import Fmi2Instance as Version
-        else:
-            from .fmi3 import Fmi3Instance as Version
-        return Version(name, self.path, self.description, self._unpacked)
+        if self.handling.isolated:
+            from .isolated import IsolatedInstance
+
+            return IsolatedInstance(name, self.path, self.description, self.handling, self._unpacked)
+        made = instance_class(self.description)
+        return made(name, self.path, self.description, self._unpacked, self.handling)
 
     def checksum(self) -> str:
         """SHA-256 of the file."""
         return "sha256:" + hashlib.sha256(self.path.read_bytes()).hexdigest()
 
 
+_KINDS = {
+    ("1", Interface.CO_SIMULATION): (".fmi1", "Fmi1Instance"),
+    ("2", Interface.CO_SIMULATION): (".fmi2", "Fmi2Instance"),
+    ("3", Interface.CO_SIMULATION): (".fmi3", "Fmi3Instance"),
+    ("1", Interface.MODEL_EXCHANGE): (".exchange", "Fmi1Exchange"),
+    ("2", Interface.MODEL_EXCHANGE): (".exchange", "Fmi2Exchange"),
+    ("3", Interface.MODEL_EXCHANGE): (".exchange", "Fmi3Exchange"),
+}
+
+
+def instance_class(description: ModelDescription) -> Callable[..., CompiledInstance]:
+    """The class whose instances run an FMU in this process."""
+    # Loading fmpy's bindings is left until something runs.
+    module, name = _KINDS[description.fmi_version[0], description.interface]
+    return getattr(import_module(module, __package__), name)
+
+
 @lru_cache(maxsize=256)
-def _load(path: Path, modified: int, size: int) -> CompiledFmu:
-    return CompiledFmu(path)
+def _load(path: Path, modified: int, size: int, handling: Handling) -> CompiledFmu:
+    return CompiledFmu(path, handling)
 
 
-def load_fmu(path: Path) -> CompiledFmu:
+def load_fmu(path: Path, handling: Handling = Handling()) -> CompiledFmu:  # noqa: B008 (it is frozen)
     """The FMU of a file, read once as long as the file stays the same. Raises: FmuError."""
     if not path.is_file():
         raise FmuError(f"{path}: no such file")
     found = path.stat()
-    return _load(path.resolve(), found.st_mtime_ns, found.st_size)
-
-
-class _Block:
-    """Ports of one FMI type: one call moves all of them between the FMU and memory."""
-
-    def __init__(
-        self, fmi_type: str, ctype: Any, name: str, references: list[int], positions: list[int], memory: Array
-    ) -> None:
-        count = len(references)
-        self.name = name
-        self.references = (c_uint * count)(*references)
-        self.memory = memory
-        self.positions = positions
-        run = slice(positions[0], positions[0] + count)
-        # Doubles that lie side by side are moved where they are; anything else goes by way of a buffer.
-        self.direct = ctype is c_double and positions == list(range(run.start, run.stop))
-        self.values = (ctype * count).from_buffer(memory[run]) if self.direct else (ctype * count)()
-        self.real = fmi_type in ("Real", "Float64", "Float32")
-        self.call: Callable[[], int] = lambda: 0
-
-    def fetch(self) -> None:
-        """Buffer -> memory."""
-        for position, value in zip(self.positions, self.values, strict=True):
-            self.memory[position] = value
-
-    def send(self) -> None:
-        """Memory -> buffer."""
-        if self.real:
-            self.values[:] = self.memory[self.positions].tolist()
-        else:
-            self.values[:] = [round(value) for value in self.memory[self.positions].tolist()]
+    return _load(path.resolve(), found.st_mtime_ns, found.st_size, handling)
 
 
 class CompiledInstance(ABC):
-    """What instances of FMI 2.0 and 3.0 have in common; see the FmuInstance protocol."""
+    """What instances of all versions of FMI have in common; see the FmuInstance protocol."""
 
-    def __init__(self, name: str, path: Path, description: ModelDescription, unpacked: Unpacked) -> None:
+    # Names of functions that differ between the versions in no more than that.
+    _EXIT = _TERMINATE = _FREE = ""
+
+    def __init__(
+        self,
+        name: str,
+        path: Path,
+        description: ModelDescription,
+        unpacked: Unpacked,
+        handling: Handling,
+    ) -> None:
         from .library import LogBook, load_library
 
         self.name = name
         self.path = path
         self.description = description
+        self.handling = handling
         self._unpacked = unpacked
         self._time: float | None = None
         self._freed = False
         self._saved_states = 0
-        self._inputs: list[_Block] = []
-        self._outputs: list[_Block] = []
+        self._arrays: dict[int, Any] = {}
+        self._inputs: list[Block] = []
+        self._outputs: list[Block] = []
         self._slave: Any = None
         self._component: Any = None
         self._log = LogBook(name)
         folder = unpacked.acquire()
         try:
             self._slave = load_library(
-                path, folder, description.fmi_version, description.token, description.model_identifier, name
+                path, folder, description, name
             )
             self._instantiate()
         except BaseException:
@@ -190,33 +205,41 @@ class CompiledInstance(ABC):
         self._inputs = self._blocks(inputs, u, "Set")
         self._outputs = self._blocks(outputs, y, "Get")
 
-    def _blocks(self, names: Sequence[str], memory: Array, verb: str) -> list[_Block]:
+    def _blocks(self, names: Sequence[str], memory: Array, verb: str) -> list[Block]:
         if memory.dtype != np.float64 or not memory.flags.c_contiguous or memory.shape != (len(names),):
             raise ValueError(
                 f"{self.name}: memory for {len(names)} ports must be contiguous float64 of that length"
             )
-        groups: dict[str, list[int]] = {}
-        variables = [self.description.variables[name] for name in names]
-        for position, variable in enumerate(variables):
-            groups.setdefault(variable.type, []).append(position)
+        groups: dict[str, list[tuple[int, Variable]]] = {}
+        for position, name in enumerate(names):
+            variable = self.description.variables[name]
+            groups.setdefault(variable.type, []).append((position, variable))
         blocks = []
-        for fmi_type, positions in groups.items():
-            ctype, function = self._accessor(variables[positions[0]], verb)
-            references = [variables[position].reference for position in positions]
-            block = _Block(fmi_type, ctype, function.__name__, references, positions, memory)
-            block.call = self._bare(
-                function, addressof(block.references), len(references), addressof(block.values)
-            )
+        for fmi_type, ports in groups.items():
+            ctype, function = self._accessor(ports[0][1], verb)
+            block = Block(fmi_type, ctype, function.__name__, ports, memory)
+            block.call = self._bare(function, block)
+            if verb == "Set" and block.partial:
+                block.refill = self._bare(self._accessor(ports[0][1], "Get")[1], block)
             blocks.append(block)
         return blocks
 
-    def _bare(self, function: Any, references: int, count: int, values: int) -> Callable[[], int]:
+    def _bare(self, function: Any, block: Block) -> Callable[[], int]:
         """A get or set function with its arguments already converted, which halves the cost of a call."""
-        arguments = [c_void_p(self._component), c_void_p(references), c_size_t(count), c_void_p(values)]
-        if not self.description.fmi_version.startswith("2"):
-            arguments.append(c_size_t(count))  # FMI 3 counts values besides references
+        addresses = [c_void_p(addressof(block.references)), c_void_p(addressof(block.values))]
+        arguments = [c_void_p(self._component), addresses[0], c_size_t(len(block.references)), addresses[1]]
+        if self.description.fmi_version.startswith("3"):
+            arguments.append(c_size_t(len(block.values)))  # FMI 3 counts values besides references
         types = [type(argument) for argument in arguments]
         return partial(CFUNCTYPE(c_int, *types)(cast(function, c_void_p).value), *arguments)
+
+    def _complete_arrays(self) -> None:
+        """Elements of input arrays that are fed by nothing keep their start values."""
+        for block in self._inputs:
+            if block.refill is not None:
+                status = block.refill()
+                if status > 1:
+                    self._fail(block.name.replace("Set", "Get"), status)
 
     def write_inputs(self) -> None:
         """Send the bound inputs to the FMU."""
@@ -238,11 +261,36 @@ class CompiledInstance(ABC):
 
     def set_values(self, values: Mapping[str, Value]) -> None:
         """Set variables by name, in the FMU's units."""
+        arrays: dict[int, Variable] = {}
         for name, value in values.items():
             variable = self.description.variables[name]
             ctype, function = self._accessor(variable, "Set")
-            buffer = (ctype * 1)(value.encode() if isinstance(value, str) else value)
-            self._access(function, variable, buffer, ctype)
+            given = value.encode() if isinstance(value, str) else -value if variable.negated else value
+            if variable.elements == 1:
+                self._access(function, variable, (ctype * 1)(given), ctype)
+            else:
+                self._array(variable)[variable.element] = given
+                arrays[variable.reference] = variable
+        for variable in arrays.values():
+            ctype, function = self._accessor(variable, "Set")
+            self._access(function, variable, self._array(variable), ctype)
+
+    def _array(self, variable: Variable) -> Any:
+        """All elements of the array that `variable` belongs to, as they were set last."""
+        if variable.reference not in self._arrays:
+            ctype, _ = self._accessor(variable, "Set")
+            own = [one for one in self.description.variables.values() if one.reference == variable.reference]
+            starts = [one.start for one in sorted(own, key=lambda one: one.element)[: variable.elements]]
+            buffer = (ctype * variable.elements)()
+            # Before initialisation an FMU need not give values: what it declares is asked first.
+            if ctype is not c_char_p and None not in starts:
+                buffer[:] = starts
+            else:
+                self._access(self._accessor(variable, "Get")[1], variable, buffer, ctype)
+                if ctype is c_char_p:  # the FMU's own texts need not outlive the next call
+                    buffer[:] = [bytes(text or b"") for text in buffer]
+            self._arrays[variable.reference] = buffer
+        return self._arrays[variable.reference]
 
     def get_values(self, names: Sequence[str]) -> dict[str, Value]:
         """Values of variables by name, in the FMU's units."""
@@ -250,17 +298,19 @@ class CompiledInstance(ABC):
         for name in names:
             variable = self.description.variables[name]
             ctype, function = self._accessor(variable, "Get")
-            buffer = (ctype * 1)()
+            buffer = (ctype * variable.elements)()
             self._access(function, variable, buffer, ctype)
-            value = buffer[0]
+            value = buffer[variable.element]
             if ctype is c_char_p:
                 value = (value or b"").decode("utf-8", errors="replace")
+            elif variable.negated:
+                value = -value
             values[name] = bool(value) if variable.kind is Kind.BOOLEAN else value
         return values
 
     def _access(self, function: Any, variable: Variable, buffer: Any, ctype: Any) -> None:
         reference = (c_uint * 1)(variable.reference)
-        extra = () if self.description.fmi_version.startswith("2") else (1,)
+        extra = (len(buffer),) if self.description.fmi_version.startswith("3") else ()
         status = function(self._component, reference, 1, cast(buffer, POINTER(ctype)), *extra)
         if status > 1:
             self._fail(f"{function.__name__} of {variable.name}", status)
@@ -292,13 +342,14 @@ class CompiledInstance(ABC):
 
     def exit_initialisation(self) -> None:
         """Leave initialisation mode."""
-        self._call(f"fmi{self.description.fmi_version[0]}ExitInitializationMode")
+        self._complete_arrays()
+        self._call(self._EXIT)
 
     def terminate(self) -> None:
         """End a run that went well."""
         if self._unpacked.corrupt:
             return
-        self._call(f"fmi{self.description.fmi_version[0]}Terminate")
+        self._call(self._TERMINATE)
 
     def free(self) -> None:
         """Release the instance, its library and, after the last instance, the unpacked files."""
@@ -308,7 +359,7 @@ class CompiledInstance(ABC):
         try:
             if not self._unpacked.corrupt:
                 if self._component is not None:
-                    self._function(f"fmi{self.description.fmi_version[0]}FreeInstance")(self._component)
+                    self._function(self._FREE)(self._component)
                 if self._slave is not None:
                     self._slave.freeLibrary()
         finally:
@@ -320,6 +371,12 @@ class CompiledInstance(ABC):
     def last_successful_time(self) -> float | None:
         """How far a discarded step came [s]; None where the FMU does not say."""
         return None
+
+    def _need(self, capability: str, flag: str) -> None:
+        if not getattr(self.description.capabilities, capability):
+            raise FmuError(
+                f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}"
+            )
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name} of {self.path.name}>"

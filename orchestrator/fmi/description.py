@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ..errors import FmuError
-from ..units import Unit, UnitError, parse_unit
-from .variable import Causality, Initial, Kind, Value, Variability, Variable
+from ..errors import FmuError, listed
+from .declared import elements, number, read_units, read_variable
+from .handling import Interface
+from .markup import read_markup
+from .variable import Causality, Initial, Kind, Variable
 
 __all__ = ["Capabilities", "ModelDescription", "read_description"]
-
-_LARGEST_XML = 512 * 2**20
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """What the FMU's co-simulation interface declares to be able to do."""
+    """What the FMU's interface declares to be able to do.
+
+    Attributes:
+        variable_step_size: whether the step size may change during a run.
+        execution_tool: whether the tool that made the FMU must be installed.
+        fixed_internal_step: of the FMU itself [s]; None where it has none or does not say.
+    """
 
     variable_step_size: bool = False
     save_state: bool = False
@@ -43,7 +46,8 @@ class ModelDescription:
 
     Attributes:
         name, description: of the model.
-        fmi_version: "2.0" or "3.0".
+        fmi_version: "1.0", "2.0" or "3.0".
+        interface: the one of the FMU's interfaces that is run.
         token: GUID or instantiation token.
         model_identifier: stem of the binary.
         variables: by name, in the file's order.
@@ -52,6 +56,13 @@ class ModelDescription:
         assumed: outputs whose dependencies the FMU does not declare: they count as depending on every input.
         capabilities: see Capabilities.
         deviations: rules of FMI that the description breaks without harm here.
+        states, event_indicators: numbers of them, for model exchange.
+        completed_step: whether a model-exchange FMU wants to hear of every completed integrator step.
+        tolerance: relative tolerance that the FMU proposes; None where it does not.
+        default_step: step size that the FMU proposes [s]; None where it does not.
+        own_step: the step size [s] that the FMU is made for, where it declares that it cannot take others;
+            `own_step_divides` tells whether it takes whole multiples of it.
+        tool: what the FMU was made with; empty where it does not say.
     """
 
     name: str
@@ -65,6 +76,15 @@ class ModelDescription:
     capabilities: Capabilities = Capabilities()
     description: str = ""
     deviations: tuple[str, ...] = ()
+    interface: Interface = Interface.CO_SIMULATION
+    states: int = 0
+    event_indicators: int = 0
+    completed_step: bool = False
+    tolerance: float | None = None
+    default_step: float | None = None
+    own_step: float | None = None
+    own_step_divides: bool = False
+    tool: str = ""
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
@@ -82,24 +102,58 @@ class ModelDescription:
         return tuple(v for v in self.variables.values() if v.causality is Causality.PARAMETER)
 
 
-def read_description(path: Path) -> ModelDescription:
+def read_description(path: Path, interface: Interface | None = None) -> ModelDescription:
     """Read and check an FMU's model description without unpacking the FMU.
 
     Args:
         path: a .fmu file.
-    Raises: FmuError if it is missing, no FMU, or has no co-simulation interface of FMI 2.0 or 3.0.
+        interface: the one to be run; None: co-simulation if the FMU offers it, else model exchange.
+    Raises: FmuError if it is missing, no FMU, or has no such interface of FMI 1.0, 2.0 or 3.0.
     """
     if not path.is_file():
         raise FmuError(f"{path}: no such file")
-    xml = _read_xml(path)
-    version, directional = _inspect(path, xml)
+    root = read_markup(path)
+    version = root.get("fmiVersion")
+    if version is None:
+        raise FmuError(f"{path}: modelDescription.xml has no attribute fmiVersion")
+    if version not in ("1.0", "2.0") and not version.startswith("3.0"):
+        raise FmuError(f"{path}: FMI version {version} is not supported; supported: 1.0, 2.0, 3.0")
     raw, deviations = _parsed(path, version)
-    if raw.coSimulation is None:
-        raise FmuError(
-            f"{path}: the FMU offers no co-simulation interface; it offers {_interfaces(raw)}\n"
-            "  Export it again for co-simulation."
+    chosen = _choose(path, raw, interface)
+    negated: frozenset[str] = frozenset()
+    if version == "1.0":
+        from .description1 import complete
+
+        negated = complete(raw, root)
+    found = _reduce(raw, chosen, _directional(root, chosen), deviations, negated)
+    clocks = [v.name for v in found.variables.values() if v.kind is Kind.CLOCK]
+    if clocks:
+        raise FmuError(f"{path}: uses clocks, which are not supported: {listed(clocks, 5)}")
+    return found
+
+
+def _choose(path: Path, raw: Any, wanted: Interface | None) -> Interface:
+    offered = [
+        interface
+        for interface, element in (
+            (Interface.CO_SIMULATION, raw.coSimulation),
+            (Interface.MODEL_EXCHANGE, raw.modelExchange),
         )
-    return _reduce(raw, directional, deviations)
+        if element is not None
+    ]
+    if wanted in offered or (wanted is None and offered):
+        return wanted or offered[0]
+    others = ["scheduled-execution"] if raw.scheduledExecution is not None else []
+    raise FmuError(
+        f"{path}: the FMU offers no {wanted or 'co-simulation or model-exchange'} interface; "
+        f"it offers {listed([*offered, *others])}\n  Export it again for {wanted or 'co-simulation'}."
+    )
+
+
+def _directional(root: Any, interface: Interface) -> bool:
+    """FMI 3's providesDirectionalDerivatives, whose plural fmpy does not read."""
+    element = root.find("CoSimulation" if interface is Interface.CO_SIMULATION else "ModelExchange")
+    return element is not None and element.get("providesDirectionalDerivatives") in ("true", "1")
 
 
 def _parsed(path: Path, version: str) -> tuple[Any, tuple[str, ...]]:
@@ -124,49 +178,6 @@ def _parsed(path: Path, version: str) -> tuple[Any, tuple[str, ...]]:
         ) from error
 
 
-def _read_xml(path: Path) -> bytes:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-            if "modelDescription.xml" not in names:
-                content = ", ".join(names[:10]) or "nothing"
-                raise FmuError(
-                    f"{path}: not an FMU, it has no modelDescription.xml at the top\n  it holds {content}"
-                )
-            if archive.getinfo("modelDescription.xml").file_size > _LARGEST_XML:
-                raise FmuError(f"{path}: modelDescription.xml is larger than {_LARGEST_XML} bytes")
-            return archive.read("modelDescription.xml")
-    except zipfile.BadZipFile as error:
-        raise FmuError(
-            f"{path}: not an FMU, since it is no zip archive ({error})\n  Export or download it again."
-        ) from error
-    except (OSError, RuntimeError, NotImplementedError, EOFError, zipfile.error, ValueError) as error:
-        raise FmuError(f"{path}: cannot be read ({error})") from error
-
-
-def _inspect(path: Path, xml: bytes) -> tuple[str, bool]:
-    """FMI version, and FMI 3's providesDirectionalDerivatives, whose plural fmpy does not read."""
-    from lxml import etree
-
-    if re.search(rb"<!(DOCTYPE|ENTITY)", xml):
-        raise FmuError(
-            f"{path}: modelDescription.xml declares a document type, which FMI has no use for; refused"
-        )
-    try:
-        parser = etree.XMLParser(resolve_entities=False, no_network=True)
-        root = etree.parse(io.BytesIO(xml), parser).getroot()
-    except etree.XMLSyntaxError as error:
-        raise FmuError(f"{path}: modelDescription.xml is not well-formed XML ({error.msg})") from error
-    version = root.get("fmiVersion")
-    if version is None:
-        raise FmuError(f"{path}: modelDescription.xml has no attribute fmiVersion")
-    if not (version == "2.0" or version.startswith("3.0")):
-        raise FmuError(f"{path}: FMI version {version} is not supported; supported: 2.0, 3.0")
-    interface = root.find("CoSimulation")
-    directional = interface is not None and interface.get("providesDirectionalDerivatives") in ("true", "1")
-    return version, directional
-
-
 def _indented(error: Exception) -> str:
     problems = getattr(error, "problems", None) or [str(error)]
     shown = [f"  {problem}" for problem in problems[:5]]
@@ -175,33 +186,31 @@ def _indented(error: Exception) -> str:
     return "\n".join(shown)
 
 
-def _interfaces(raw: Any) -> str:
-    offered = [
-        name
-        for name, interface in (
-            ("model exchange", raw.modelExchange),
-            ("scheduled execution", raw.scheduledExecution),
-        )
-        if interface is not None
-    ]
-    return " and ".join(offered) or "none"
-
-
-def _reduce(raw: Any, directional: bool, deviations: tuple[str, ...]) -> ModelDescription:
-    units, display_units = _read_units(raw)
+def _reduce(
+    raw: Any, chosen: Interface, directional: bool, deviations: tuple[str, ...], negated: frozenset[str]
+) -> ModelDescription:
+    units, display_units = read_units(raw)
     variables: dict[str, Variable] = {}
+    ports: dict[str, tuple[str, ...]] = {}
     for item in raw.modelVariables:
-        variables[item.name] = _variable(item, units, display_units)
-    interface = raw.coSimulation
+        made = elements(read_variable(item, units, display_units, item.name in negated), item.start)
+        variables.update({one.name: one for one in made})
+        ports[item.name] = tuple(one.name for one in made)
+    exchange = chosen is Interface.MODEL_EXCHANGE
+    interface = raw.modelExchange if exchange else raw.coSimulation
     inputs = tuple(v.name for v in variables.values() if v.causality is Causality.INPUT)
     outputs = [v.name for v in variables.values() if v.causality is Causality.OUTPUT]
-    feedthrough, declared = _dependencies(raw.outputs, variables, inputs, outputs)
-    at_start, declared_at_start = _dependencies(raw.initialUnknowns, variables, inputs, outputs)
+    feedthrough, declared = _dependencies(raw.outputs, ports, inputs, outputs)
+    at_start, declared_at_start = _dependencies(raw.initialUnknowns, ports, inputs, outputs)
     initial = {name: at_start[name] if name in declared_at_start else feedthrough[name] for name in outputs}
     for name in outputs:
         # A start value that the FMU takes as it is depends on nothing (FMI 2.0.4, 2.2.7, initial = exact).
         if variables[name].initial is Initial.EXACT:
             initial[name] = ()
+    experiment = raw.defaultExperiment
+    proposed = number(experiment.stepSize) if experiment is not None else None
+    internal = None if exchange else number(interface.fixedInternalStepSize)
+    free = exchange or bool(interface.canHandleVariableCommunicationStepSize)
     return ModelDescription(
         name=raw.modelName or "",
         fmi_version=raw.fmiVersion,
@@ -212,144 +221,50 @@ def _reduce(raw: Any, directional: bool, deviations: tuple[str, ...]) -> ModelDe
         initial_feedthrough=initial,
         assumed=frozenset(outputs) - declared,
         capabilities=Capabilities(
-            variable_step_size=bool(interface.canHandleVariableCommunicationStepSize),
+            variable_step_size=free,
             save_state=bool(interface.canGetAndSetFMUstate),
             serialise_state=bool(interface.canSerializeFMUstate),
-            directional_derivatives=directional or bool(interface.providesDirectionalDerivative),
+            # Derivatives of arrays are asked for whole, which is not done here.
+            directional_derivatives=(directional or bool(interface.providesDirectionalDerivative))
+            and all(variables[name].elements == 1 for name in (*inputs, *outputs)),
             # FMI 3 has no call for input derivatives.
-            interpolate_inputs=bool(interface.canInterpolateInputs) and raw.fmiVersion.startswith("2"),
-            output_derivative_order=int(interface.maxOutputDerivativeOrder or 0),
+            interpolate_inputs=not exchange
+            and bool(interface.canInterpolateInputs)
+            and raw.fmiVersion.startswith("2"),
+            output_derivative_order=0 if exchange else int(interface.maxOutputDerivativeOrder or 0),
             once_per_process=bool(interface.canBeInstantiatedOnlyOncePerProcess),
             execution_tool=bool(interface.needsExecutionTool),
-            fixed_internal_step=_number(interface.fixedInternalStepSize),
-            event_mode=bool(interface.hasEventMode),
+            fixed_internal_step=internal,
+            event_mode=not exchange and bool(interface.hasEventMode),
         ),
         description=raw.description or "",
         deviations=deviations,
+        interface=chosen,
+        states=int(raw.numberOfContinuousStates or 0),
+        event_indicators=int(raw.numberOfEventIndicators or 0),
+        completed_step=exchange and bool(interface.needsCompletedIntegratorStep),
+        tolerance=number(experiment.tolerance) if experiment is not None else None,
+        default_step=proposed,
+        own_step=None if free else internal or proposed,
+        own_step_divides=internal is not None,
+        tool=raw.generationTool or "",
     )
 
 
 def _dependencies(
-    unknowns: Any, variables: Mapping[str, Variable], inputs: tuple[str, ...], outputs: list[str]
+    unknowns: Any, ports: Mapping[str, tuple[str, ...]], inputs: tuple[str, ...], outputs: list[str]
 ) -> tuple[dict[str, tuple[str, ...]], set[str]]:
-    """Per output the inputs it depends on, and the outputs for which that is declared."""
+    """Per output the inputs it depends on, and the outputs for which that is declared.
+
+    FMI declares dependencies of whole arrays: every element then depends on every element.
+    """
     known, declared = dict.fromkeys(outputs, inputs), set()
     for unknown in unknowns:
-        name = unknown.variable.name
-        if name in known and unknown.dependencies is not None:
-            wanted = {dependency.name for dependency in unknown.dependencies}
-            known[name] = tuple(port for port in inputs if port in wanted)
-            declared.add(name)
+        if unknown.dependencies is None:
+            continue
+        wanted = {port for dependency in unknown.dependencies for port in ports[dependency.name]}
+        for name in ports[unknown.variable.name]:
+            if name in known:
+                known[name] = tuple(port for port in inputs if port in wanted)
+                declared.add(name)
     return known, declared
-
-
-def _read_units(raw: Any) -> tuple[dict[str, Unit], dict[str, dict[str, Unit]]]:
-    units: dict[str, Unit] = {}
-    display_units: dict[str, dict[str, Unit]] = {}
-    for item in raw.unitDefinitions:
-        base = item.baseUnit
-        if base is not None:
-            exponents = (base.kg, base.m, base.s, base.A, base.K, base.mol, base.cd, base.rad)
-            unit = Unit(item.name, exponents, _exact(base.factor), _exact(base.offset))
-            if unit.factor == 0:
-                continue
-        else:
-            try:
-                unit = parse_unit(item.name)
-            except UnitError:
-                continue
-        units[item.name] = unit
-        display_units[item.name] = {
-            shown.name: _display_unit(unit, shown) for shown in item.displayUnits if shown.factor
-        }
-    return units, display_units
-
-
-def _display_unit(unit: Unit, shown: Any) -> Unit:
-    # FMI: value in the display unit = factor * value in the unit + offset.
-    factor, offset = _exact(shown.factor), _exact(shown.offset)
-    return Unit(shown.name, unit.exponents, unit.factor / factor, unit.offset - unit.factor * offset / factor)
-
-
-def _exact(number: float) -> Fraction:
-    # By way of the shortest decimal, so that a declared "0.001" is a thousandth and not its neighbour.
-    return Fraction(repr(float(number)))
-
-
-_KINDS = {
-    "Real": Kind.REAL,
-    "Integer": Kind.INTEGER,
-    "Boolean": Kind.BOOLEAN,
-    "String": Kind.STRING,
-    "Enumeration": Kind.ENUMERATION,
-    "Binary": Kind.BINARY,
-    "Clock": Kind.CLOCK,
-}
-
-
-def _kind(fmi_type: str) -> Kind:
-    if fmi_type.startswith("Float"):
-        return Kind.REAL
-    return _KINDS[fmi_type] if fmi_type in _KINDS else Kind.INTEGER
-
-
-def _variable(item: Any, units: Mapping[str, Unit], display_units: Mapping[str, dict[str, Unit]]) -> Variable:
-    declared = item.declaredType
-    unit_name = item.unit or (declared.unit if declared is not None else None) or ""
-    unit = units.get(unit_name)
-    if unit is None and unit_name:
-        try:
-            unit = parse_unit(unit_name)
-        except UnitError:
-            unit = None
-    kind = _kind(item.type)
-    low = item.min if item.min is not None else getattr(declared, "min", None)
-    high = item.max if item.max is not None else getattr(declared, "max", None)
-    return Variable(
-        name=item.name,
-        reference=item.valueReference,
-        type=item.type,
-        kind=kind,
-        causality=Causality(item.causality),
-        variability=Variability(item.variability),
-        initial=Initial(item.initial) if item.initial else None,
-        unit=unit,
-        unit_name=unit_name,
-        display_units=display_units.get(unit_name, {}),
-        start=_start(item.start, kind, tuple(item.shape or ())),
-        nominal=_nominal(item.nominal, getattr(declared, "nominal", None)),
-        minimum=_number(low),
-        maximum=_number(high),
-        items=_items(declared) if kind is Kind.ENUMERATION else {},
-        shape=tuple(item.shape or ()),
-        description=item.description or "",
-    )
-
-
-def _items(declared: Any) -> dict[str, int]:
-    return {entry.name: int(entry.value) for entry in declared.items} if declared is not None else {}
-
-
-def _number(text: Any) -> float | None:
-    return None if text is None else float(text)
-
-
-def _nominal(*texts: Any) -> float:
-    """The first that is given and usable: FMI demands more than 0, exporters also write 0."""
-    for text in texts:
-        value = abs(float(text)) if text is not None else 0.0
-        if 0.0 < value < float("inf"):
-            return value
-    return 1.0
-
-
-def _start(text: str | None, kind: Kind, shape: tuple[int, ...]) -> Value | None:
-    if text is None or shape:
-        return None
-    if kind is Kind.REAL:
-        return float(text)
-    if kind in (Kind.INTEGER, Kind.ENUMERATION):
-        return int(text)
-    if kind is Kind.BOOLEAN:
-        return text in ("true", "1")
-    return text

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_size_t, c_void_p, cast, create_string_buffer
+from time import sleep
 from typing import Any
 
-from ..errors import FmuError, StepError
-from .compiled import STATUS, CompiledInstance
+from .compiled import CompiledInstance
 from .instance import Array, Point, StepStatus
 from .library import callbacks_for
 from .variable import Variable
@@ -20,12 +20,14 @@ _TYPES = {
     "Boolean": (c_int, "Boolean"),
     "String": (c_char_p, "String"),
 }
-_LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3
+_DO_STEP_STATUS, _LAST_SUCCESSFUL_TIME, _TERMINATED = 0, 2, 3
 _DISCARD, _PENDING = 2, 5
 
 
 class Fmi2Instance(CompiledInstance):
     """A running FMI 2.0 FMU."""
+
+    _EXIT, _TERMINATE, _FREE = "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2FreeInstance"
 
     def _instantiate(self) -> None:
         self._callbacks = callbacks_for(self._log)
@@ -34,6 +36,9 @@ class Fmi2Instance(CompiledInstance):
         except Exception as error:
             raise self._instantiation_failed() from error
         self._component = self._slave.component
+        self._find_functions()
+
+    def _find_functions(self) -> None:
         self._handle = c_void_p(self._component)
         # Without fmpy's argument types a call takes half as long.
         do_step = CFUNCTYPE(c_int, c_void_p, c_double, c_double, c_int)
@@ -51,20 +56,26 @@ class Fmi2Instance(CompiledInstance):
         """See FmuInstance.do_step."""
         self._time = point.time
         status = self._do_step(self._handle, point.time, point.step_size, self._saved_states == 0)
+        if status == _PENDING:
+            status = self._wait()
         if status <= 1:
             return StepStatus.WARNING if status else StepStatus.OK
         if status == _DISCARD:
             return StepStatus.TERMINATED if self._asks_to_terminate() else StepStatus.DISCARD
-        if status == _PENDING:
-            raise StepError(
-                "fmi2DoStep returned pending: it steps asynchronously, which is not supported",
-                instance=self.name,
-                time=point.time,
-                status=STATUS[status],
-                log=self.log_lines(),
-            )
         self._fail("fmi2DoStep", status)
         raise AssertionError("unreachable")
+
+    def _wait(self) -> int:
+        """The status of a step that is computed asynchronously, once it is known."""
+        function = self._function("fmi2GetStatus")
+        status, pause = c_int(_PENDING), 1e-5
+        while status.value == _PENDING:
+            sleep(pause)
+            pause = min(2 * pause, 1e-3)
+            got = function(self._component, _DO_STEP_STATUS, byref(status))
+            if got > 1:
+                self._fail("fmi2GetStatus", got)
+        return status.value
 
     def _asks_to_terminate(self) -> bool:
         function = self._slave._functions.get("fmi2GetBooleanStatus")
@@ -128,9 +139,3 @@ class Fmi2Instance(CompiledInstance):
         self._call("fmi2DeSerializeFMUstate", create_string_buffer(data, len(data)), len(data), byref(state))
         self._saved_states += 1
         return state
-
-    def _need(self, capability: str, flag: str) -> None:
-        if not getattr(self.description.capabilities, capability):
-            raise FmuError(
-                f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}"
-            )

@@ -1,4 +1,8 @@
-"""Instances of FMI 3.0 co-simulation FMUs, without event mode and early return."""
+"""Instances of FMI 3.0 co-simulation FMUs.
+
+Where event mode is asked for, an instance returns from a step at its events, has them handled, and goes on to
+the end of the step: a communication point that is an event shows the values after it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,7 @@ from ctypes import (
 )
 from typing import Any
 
-from ..errors import FmuError
+from ..errors import StepError
 from .compiled import CompiledInstance
 from .instance import Point, StepStatus
 from .variable import Variable
@@ -38,20 +42,32 @@ for _bits in (8, 16, 32, 64):
     _TYPES[f"Int{_bits}"] = getattr(ctypes, f"c_int{_bits}"), f"Int{_bits}"
     _TYPES[f"UInt{_bits}"] = getattr(ctypes, f"c_uint{_bits}"), f"UInt{_bits}"
 _DISCARD = 2
+_MOST_RETURNS = 10_000
+# Part of a step that counts as nothing: far above the rounding of its ends, far below what can matter.
+_CLOSE = 1e-9
 
 
 class Fmi3Instance(CompiledInstance):
     """A running FMI 3.0 FMU."""
+
+    _EXIT, _TERMINATE, _FREE = "fmi3ExitInitializationMode", "fmi3Terminate", "fmi3FreeInstance"
 
     def _instantiate(self) -> None:
         def log(environment: Any, status: int, category: Any, message: Any) -> None:
             self._log.add(status, message)
 
         try:
-            self._slave.instantiate(loggingOn=True, logMessage=log)
+            self._slave.instantiate(loggingOn=True, logMessage=log, **self._modes())
         except Exception as error:
             raise self._instantiation_failed() from error
         self._component = self._slave.component
+        self._find_functions()
+
+    def _modes(self) -> dict[str, bool]:
+        wanted = self.handling.event_mode
+        return {"eventModeUsed": wanted, "earlyReturnAllowed": wanted}
+
+    def _find_functions(self) -> None:
         self._handle = c_void_p(self._component)
         # Without fmpy's argument types a call takes half as long.
         do_step = CFUNCTYPE(c_int, c_void_p, c_double, c_double, c_bool, *[c_void_p] * 4)
@@ -70,19 +86,73 @@ class Fmi3Instance(CompiledInstance):
             "fmi3EnterInitializationMode", False, 0.0, start_time, stop_time is not None, stop_time or 0.0
         )
 
+    def exit_initialisation(self) -> None:
+        """See FmuInstance.exit_initialisation."""
+        super().exit_initialisation()
+        if self.handling.event_mode:
+            self._update_discrete_states()
+            self._call("fmi3EnterStepMode")
+
+    def write_inputs(self) -> None:
+        """See FmuInstance.write_inputs; discrete inputs may change in event mode only."""
+        if not self.handling.event_mode:
+            super().write_inputs()
+            return
+        self._call("fmi3EnterEventMode")
+        super().write_inputs()
+        self._update_discrete_states()
+        self._call("fmi3EnterStepMode")
+
     def do_step(self, point: Point) -> StepStatus:
         """See FmuInstance.do_step."""
         self._time = point.time
-        status = self._do_step(
-            self._handle, point.time, point.step_size, self._saved_states == 0, *self._returned
+        time, length = point.time, point.step_size
+        end = point.time + point.step_size
+        worst = 0
+        for _ in range(_MOST_RETURNS):
+            status = self._do_step(self._handle, time, length, self._saved_states == 0, *self._returned)
+            if status == _DISCARD:
+                return StepStatus.DISCARD
+            if status > 1:
+                self._fail("fmi3DoStep", status)
+            worst = max(worst, status)
+            if self._terminate.value:
+                return StepStatus.TERMINATED
+            if self.handling.event_mode and self._event.value:
+                self._call("fmi3EnterEventMode")
+                stop = self._update_discrete_states()
+                self._call("fmi3EnterStepMode")
+                if stop:
+                    return StepStatus.TERMINATED
+            # FMUs are met that return early without leave: they are made to finish their step as well.
+            if not self._early.value or self._reached.value >= end - _CLOSE * point.step_size:
+                return StepStatus.WARNING if worst else StepStatus.OK
+            time, length = self._reached.value, end - self._reached.value
+        raise StepError(
+            f"fmi3DoStep returned early {_MOST_RETURNS} times within one step, it came to {time!r} s",
+            instance=self.name,
+            time=point.time,
+            status="early return",
+            log=self.log_lines(),
         )
-        if status == _DISCARD:
-            return StepStatus.DISCARD
-        if status > 1:
-            self._fail("fmi3DoStep", status)
-        if self._terminate.value:
-            return StepStatus.TERMINATED
-        return StepStatus.WARNING if status else StepStatus.OK
+
+    def _update_discrete_states(self) -> bool:
+        """Iterate until the discrete states settle; whether the FMU asks to end the simulation."""
+        more, stop, nominals, values, defined = (c_bool() for _ in range(5))
+        time = c_double()
+        arguments = [byref(one) for one in (more, stop, nominals, values, defined, time)]
+        for _ in range(_MOST_RETURNS):
+            self._call("fmi3UpdateDiscreteStates", *arguments)
+            if stop.value or not more.value:
+                self._next_event = time.value if defined.value else None
+                return stop.value
+        raise StepError(
+            f"its discrete states do not settle: fmi3UpdateDiscreteStates wants a {_MOST_RETURNS + 1}th call",
+            instance=self.name,
+            time=self._time,
+            status="event iteration",
+            log=self.log_lines(),
+        )
 
     def last_successful_time(self) -> float | None:
         """See FmuInstance.last_successful_time."""
@@ -128,9 +198,3 @@ class Fmi3Instance(CompiledInstance):
         self._call("fmi3DeserializeFMUState", (c_uint8 * len(data))(*data), len(data), byref(state))
         self._saved_states += 1
         return state
-
-    def _need(self, capability: str, flag: str) -> None:
-        if not getattr(self.description.capabilities, capability):
-            raise FmuError(
-                f"{self.path}: instance {self.name} cannot do this, since the FMU does not declare {flag}"
-            )

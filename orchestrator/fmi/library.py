@@ -8,14 +8,16 @@ import os
 import re
 import typing
 from collections import deque
-from ctypes import byref, c_char_p, c_int, memmove, sizeof
+from ctypes import POINTER, byref, c_char_p, c_int, c_uint8, memmove, sizeof
 from pathlib import Path
 from types import UnionType
 from typing import Any
 
-from fmpy import fmi2, fmi3
+from fmpy import fmi1, fmi2, fmi3
 
 from ..errors import FmuError
+from .description import ModelDescription
+from .handling import Interface
 
 __all__ = ["LogBook", "load_library", "release_python_state"]
 
@@ -92,6 +94,33 @@ def callbacks_for(book: LogBook) -> fmi2.fmi2CallbackFunctions:
     return callbacks
 
 
+def callbacks1() -> fmi1.fmi1CallbackFunctions:
+    """FMI 1 callbacks, shared by all instances: they log by the instance's name."""
+    return _CALLBACKS1
+
+
+def _log_fmi1(component: Any, name: Any, status: int, category: Any, message: Any) -> None:
+    LogBook.dispatch(None, name, status, message)
+
+
+def _make_callbacks1() -> fmi1.fmi1CallbackFunctions:
+    callbacks = fmi1.fmi1CallbackFunctions()
+    callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(_log_fmi1)
+    callbacks.allocateMemory = fmi1.defaultCallbacks.allocateMemory
+    callbacks.freeMemory = fmi1.defaultCallbacks.freeMemory
+    callbacks.stepFinished = None
+    try:
+        from fmpy.logging import addLoggerProxy
+
+        addLoggerProxy(byref(callbacks))
+    except (ImportError, OSError, AttributeError):
+        pass
+    return callbacks
+
+
+_CALLBACKS1 = _make_callbacks1()
+
+
 class _TolerantLoading:
     """Loads the FMI functions that the library has, instead of failing on the first one missing."""
 
@@ -100,11 +129,14 @@ class _TolerantLoading:
     def _loadFunctions(self) -> None:  # fmpy's name
         for name, argument_names, argument_types, result in self._signature():
             try:
-                function = getattr(self.dll, name)
+                function = getattr(self.dll, self._exported(name))
             except AttributeError:
                 continue
             function.argnames, function.argtypes, function.restype = argument_names, argument_types, result
             self._functions[name] = function
+
+    def _exported(self, name: str) -> str:
+        return name
 
     @classmethod
     def _signature(cls) -> list[tuple[str, list[str], list[Any], Any]]:
@@ -142,28 +174,74 @@ def release_python_state(library: Any) -> None:
         finalise()
 
 
-class _Fmi2Library(_TolerantLoading, fmi2.FMU2Slave):
+class _Fmi1Loading(_TolerantLoading):
+    """FMI 1.0 functions carry the model's name; fmpy declares the results of some of them wrongly."""
+
+    def _exported(self, name: str) -> str:
+        return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi', 1)}"  # type: ignore[attr-defined]
+
+    def _loadFunctions(self) -> None:
+        super()._loadFunctions()
+        for name, function in self._functions.items():
+            if not re.match("fmi1(Instantiate|Free|GetVersion|GetTypes|GetModelTypes)", name):
+                # InitializeSlave's status would be taken for the address of a text.
+                function.restype = c_int
+            if name in ("fmi1GetBoolean", "fmi1SetBoolean"):
+                function.argtypes = [*function.argtypes[:3], POINTER(c_uint8)]
+
+
+class _Fmi1Slave(_Fmi1Loading, fmi1.FMU1Slave):
+    pass
+
+
+class _Fmi1Model(_Fmi1Loading, fmi1.FMU1Model):
+    pass
+
+
+class _Fmi2Slave(_TolerantLoading, fmi2.FMU2Slave):
     def freeLibrary(self) -> None:  # fmpy's name
         release_python_state(self.dll)
         super().freeLibrary()
 
 
-class _Fmi3Library(_TolerantLoading, fmi3.FMU3Slave):
+class _Fmi2Model(_TolerantLoading, fmi2.FMU2Model):
     pass
 
 
-def load_library(path: Path, folder: Path, fmi_version: str, token: str, identifier: str, name: str) -> Any:
+class _Fmi3Slave(_TolerantLoading, fmi3.FMU3Slave):
+    pass
+
+
+class _Fmi3Model(_TolerantLoading, fmi3.FMU3Model):
+    pass
+
+
+_LIBRARIES = {
+    "1": (_Fmi1Slave, _Fmi1Model),
+    "2": (_Fmi2Slave, _Fmi2Model),
+    "3": (_Fmi3Slave, _Fmi3Model),
+}
+
+
+def load_library(path: Path, folder: Path, description: ModelDescription, name: str) -> Any:
     """fmpy's object for one instance of an unpacked FMU.
 
     Raises: FmuError, naming the missing library where a dependency is not installed.
     """
-    kind = _Fmi2Library if fmi_version.startswith("2") else _Fmi3Library
+    exchange = description.interface is Interface.MODEL_EXCHANGE
+    kind = _LIBRARIES[description.fmi_version[0]][exchange]
+    identifier = description.model_identifier
     # fmpy changes the working directory while it loads, and does not come back from a failure.
     directory = os.getcwd()
     try:
-        return kind(guid=token, modelIdentifier=identifier, unzipDirectory=str(folder), instanceName=name)
+        return kind(
+            guid=description.token, modelIdentifier=identifier, unzipDirectory=str(folder), instanceName=name
+        )
     except Exception as error:
-        raise FmuError(_loading_message(path, identifier, str(error.__cause__ or error))) from error
+        message = _loading_message(path, identifier, str(error.__cause__ or error))
+        if description.capabilities.execution_tool:
+            message += f"\n  It runs only where the tool that made it is installed: {description.tool or 'unnamed'}."
+        raise FmuError(message) from error
     finally:
         os.chdir(directory)
 

@@ -62,7 +62,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A scalar or array variable of an FMU.
+    """A variable of an FMU: a scalar, or one element of an array.
 
     Attributes:
         name, description: as in the model description.
@@ -76,7 +76,9 @@ class Variable:
         start, minimum, maximum: None where not declared.
         nominal: magnitude that is usual for it, in its unit; FMI's default is 1.
         items: names of an enumeration and their values.
-        shape: dimensions of an array, () for a scalar.
+        shape: dimensions of an array that is kept whole, () for a scalar and for an element of an array.
+        element: place of an element in its array, row by row from 0; elements: length of that array.
+        negated: whether the value is the negative of what the reference stands for (FMI 1.0's negatedAlias).
     """
 
     name: str
@@ -96,6 +98,9 @@ class Variable:
     items: Mapping[str, int] = field(default_factory=dict)
     shape: tuple[int, ...] = ()
     description: str = ""
+    element: int = 0
+    elements: int = 1
+    negated: bool = False
 
     @property
     def settable(self) -> bool:

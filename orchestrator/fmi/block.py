@@ -1,0 +1,84 @@
+"""Blocks of ports that one FMI call moves between an FMU and memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from ctypes import c_double, c_uint
+from typing import Any
+
+from .instance import Array
+from .variable import Variable
+
+__all__ = ["Block"]
+
+
+class Block:
+    """Ports of one FMI type: one call moves all of them between the FMU and memory.
+
+    An array is moved whole, whichever of its elements are ports; aliases of one variable are moved once.
+
+    Attributes:
+        name: of the FMI function that gets or sets them.
+        call: that function with its arguments; gives the FMI status.
+        refill: gets what the FMU has into `values`; only where inputs are elements of a larger array.
+        references: value references, one of each variable.
+        values: their values, arrays flattened in row-major order.
+        direct: whether `values` is the caller's memory, so that nothing is copied.
+        partial: whether `values` holds elements that are no ports, which must keep what the FMU has.
+    """
+
+    def __init__(
+        self,
+        fmi_type: str,
+        ctype: Any,
+        name: str,
+        ports: Sequence[tuple[int, Variable]],
+        memory: Array,
+    ) -> None:
+        """
+        Args:
+            ports: positions in `memory` and the variables that stand there, all of one FMI type.
+        """
+        offsets: dict[int, int] = {}
+        count = 0
+        for _, variable in ports:
+            if variable.reference not in offsets:
+                offsets[variable.reference] = count
+                count += variable.elements
+        self.name = name
+        self.references = (c_uint * len(offsets))(*offsets)
+        self.memory = memory
+        self.positions = [position for position, _ in ports]
+        self.slots = [offsets[variable.reference] + variable.element for _, variable in ports]
+        self._signs = [-1.0 if variable.negated else 1.0 for _, variable in ports]
+        self._plain = self.slots == list(range(count)) and -1.0 not in self._signs
+        self.partial = len(set(self.slots)) < count
+        first = self.positions[0]
+        # Doubles that lie side by side are moved where they are; anything else goes by way of a buffer.
+        self.direct = (
+            ctype is c_double and self._plain and self.positions == list(range(first, first + count))
+        )
+        run = memory[first : first + count]
+        self.values = (ctype * count).from_buffer(run) if self.direct else (ctype * count)()
+        self.real = fmi_type in ("Real", "Float64", "Float32")
+        self.call: Callable[[], int] = lambda: 0
+        self.refill: Callable[[], int] | None = None
+
+    def fetch(self) -> None:
+        """Buffer -> memory."""
+        if self._plain:
+            self.memory[self.positions] = self.values[:]
+            return
+        for position, slot, sign in zip(self.positions, self.slots, self._signs, strict=True):
+            self.memory[position] = sign * self.values[slot]
+
+    def send(self) -> None:
+        """Memory -> buffer."""
+        values = self.memory[self.positions].tolist()
+        if not self.real:
+            values = [round(value) for value in values]
+        if self._plain:
+            self.values[:] = values
+            return
+        for slot, sign, value in zip(self.slots, self._signs, values, strict=True):
+            self.values[slot] = value if sign > 0 else -value

@@ -1,0 +1,365 @@
+"""Instances of model-exchange FMUs, which look like co-simulation ones: CVODE integrates over each step.
+
+Inputs are held over a step, so every change of theirs is an event at its beginning. Events at the end of a
+step belong to it: a communication point that is an event shows the values after it. Integration begins anew
+at every communication point, so that a step depends on nothing but the FMU's state and its inputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t
+from math import ulp
+from typing import Any
+
+import numpy as np
+
+from ..errors import FmuError, StepError
+from .compiled import CompiledInstance
+from .fmi1 import Fmi1Base
+from .fmi2 import Fmi2Instance
+from .fmi3 import Fmi3Instance
+from .instance import Array, Point, StepStatus
+from .solver import Integrator, Model
+from .variable import Value
+
+__all__ = ["Exchange", "Fmi1Exchange", "Fmi2Exchange", "Fmi3Exchange"]
+
+_MOST_STEPS = 100_000
+_MOST_ITERATIONS = 10_000
+# Part of a step within which an event counts as being at its end.
+_CLOSE = 1e-9
+
+
+class Exchange(CompiledInstance):
+    """What model exchange has in common in all versions of FMI."""
+
+    _SET_TIME = _GET_STATES = _SET_STATES = _DERIVATIVES = _INDICATORS = _NOMINALS = ""
+
+    _integrator: Integrator | None = None
+    _next_event: float | None = None
+    _running = False
+    _sent: Array | None = None
+
+    # What differs between the versions.
+
+    def _enter_event_mode(self) -> None: ...
+
+    def _update_discrete(self) -> bool:
+        """Iterate until the discrete states settle; whether the FMU asks to end the simulation."""
+        raise NotImplementedError
+
+    def _enter_continuous_time(self) -> None: ...
+
+    def _completed_step(self) -> tuple[bool, bool]:
+        """Tell the FMU of a completed integrator step; whether it wants an event, and whether an end."""
+        raise NotImplementedError
+
+    def _sizes(self) -> tuple[int, int]:
+        """Numbers of states and event indicators."""
+        return self.description.states, self.description.event_indicators
+
+    # Life.
+
+    def bind(self, inputs: Any, u: Array, outputs: Any, y: Array) -> None:
+        """See FmuInstance.bind."""
+        super().bind(inputs, u, outputs, y)
+        self._u = u
+        self._sent = None
+
+    def _begin(self, start_time: float) -> None:
+        """After initialisation: settle the discrete states and set the integrator up."""
+        tolerance = self.handling.tolerance or self.description.tolerance
+        if tolerance is None:
+            raise FmuError(
+                f"{self.path}: instance {self.name} has no tolerance for its integration, and the FMU "
+                f"proposes none\n  Give instances.{self.name}.tolerance, for example 1e-6."
+            )
+        self._time = start_time
+        self._settle()
+        self._running = True
+        states, indicators = self._sizes()
+        if states or indicators:
+            model = Model(
+                set_time=lambda time: self._call(self._SET_TIME, time),
+                get_states=lambda x, n: self._call(self._GET_STATES, x, n),
+                set_states=lambda x, n: self._call(self._SET_STATES, x, n),
+                get_derivatives=lambda x, n: self._call(self._DERIVATIVES, x, n),
+                get_indicators=lambda z, n: self._call(self._INDICATORS, z, n),
+                get_nominals=self._get_nominals,
+            )
+            self._integrator = Integrator(model, states, indicators, start_time, tolerance)
+
+    def _get_nominals(self, values: Any, count: int) -> None:
+        if self._NOMINALS in self._slave._functions:
+            self._call(self._NOMINALS, values, count)
+        for index in range(count):
+            if self._NOMINALS not in self._slave._functions or values[index] == 0.0:
+                values[index] = 1.0
+
+    def _settle(self) -> bool:
+        """From event mode to continuous-time mode; whether the FMU asks to end the simulation."""
+        stop = self._update_discrete()
+        if not stop:
+            self._enter_continuous_time()
+        return stop
+
+    def free(self) -> None:
+        """See FmuInstance.free."""
+        if self._integrator is not None:
+            self._integrator.close()
+            self._integrator = None
+        super().free()
+
+    # Values.
+
+    def set_values(self, values: Mapping[str, Value]) -> None:
+        """See FmuInstance.set_values."""
+        if not self._running:
+            super().set_values(values)
+            return
+        self._enter_event_mode()
+        super().set_values(values)
+        self._settle()
+
+    def write_inputs(self) -> None:
+        """See FmuInstance.write_inputs; inputs that stay as they are cause no event."""
+        if self._sent is not None and np.array_equal(self._u, self._sent):
+            return
+        if self._u.size:
+            self._enter_event_mode()
+            super().write_inputs()
+            self._settle()
+        self._sent = self._u.copy()
+
+    # Steps.
+
+    def do_step(self, point: Point) -> StepStatus:
+        """See FmuInstance.do_step."""
+        self._time = time = point.time
+        end = point.time + point.step_size
+        close = max(_CLOSE * point.step_size, 8.0 * ulp(end))
+        if self._integrator is not None:
+            self._integrator.reset(time)
+        for _ in range(_MOST_STEPS):
+            event = self._next_event
+            if event is not None and event <= time + close:
+                # Never before the event, be it by rounding: the FMU would not see it.
+                if self._handle_event(max(time, event)):
+                    return StepStatus.TERMINATED
+                continue
+            if time >= end - close:
+                return StepStatus.OK
+            goal = end if event is None or event > end + close else min(event, end)
+            time, due = self._integrate(goal)
+            if self.description.completed_step:
+                wanted, stop = self._completed_step()
+                if stop:
+                    return StepStatus.TERMINATED
+                due = due or wanted
+            if due and self._handle_event(time):
+                return StepStatus.TERMINATED
+        raise StepError(
+            f"needs more than {_MOST_STEPS} integration steps and events for one step, it came to {time!r} s",
+            instance=self.name,
+            time=self._time,
+            status="not integrated",
+            log=self.log_lines(),
+        )
+
+    def _integrate(self, goal: float) -> tuple[float, bool]:
+        if self._integrator is None:
+            self._call(self._SET_TIME, goal)
+            return goal, False
+        try:
+            return self._integrator.advance(goal)
+        except RuntimeError as error:
+            remedy = f"Loosen instances.{self.name}.tolerance, or take a smaller step size."
+            raise StepError(
+                str(error),
+                instance=self.name,
+                time=self._time,
+                status="not integrated",
+                log=self.log_lines(),
+                remedy=remedy,
+            ) from error
+
+    def _handle_event(self, time: float) -> bool:
+        self._call(self._SET_TIME, time)
+        self._enter_event_mode()
+        stop = self._settle()
+        if self._integrator is not None and not stop:
+            self._integrator.reset(time)
+        return stop
+
+    def _unsettled(self, function: str) -> StepError:
+        return StepError(
+            f"its discrete states do not settle: {function} wants a {_MOST_ITERATIONS + 1}th call",
+            instance=self.name,
+            time=self._time,
+            status="event iteration",
+            log=self.log_lines(),
+        )
+
+    def last_successful_time(self) -> float | None:
+        """See FmuInstance.last_successful_time."""
+        return None
+
+    # States: what the FMU holds, and what is held here.
+
+    def save_state(self) -> Any:
+        """See FmuInstance.save_state."""
+        return super().save_state(), self._next_event, self._sent  # type: ignore[misc]
+
+    def restore_state(self, state: Any) -> None:
+        """See FmuInstance.restore_state."""
+        inner, self._next_event, self._sent = state
+        super().restore_state(inner)  # type: ignore[misc]
+
+    def free_state(self, state: Any) -> None:
+        """See FmuInstance.free_state."""
+        super().free_state(state[0])  # type: ignore[misc]
+
+    def serialise_state(self, state: Any) -> bytes:
+        """See FmuInstance.serialise_state."""
+        event = np.array([np.nan if state[1] is None else state[1]])
+        return event.tobytes() + super().serialise_state(state[0])  # type: ignore[misc]
+
+    def deserialise_state(self, data: bytes) -> Any:
+        """See FmuInstance.deserialise_state."""
+        event = float(np.frombuffer(data[:8])[0])
+        inner = super().deserialise_state(data[8:])  # type: ignore[misc]
+        return inner, None if np.isnan(event) else event, None
+
+
+class Fmi2Exchange(Exchange, Fmi2Instance):
+    """A running FMI 2.0 model-exchange FMU."""
+
+    _SET_TIME, _GET_STATES, _SET_STATES = "fmi2SetTime", "fmi2GetContinuousStates", "fmi2SetContinuousStates"
+    _DERIVATIVES, _INDICATORS = "fmi2GetDerivatives", "fmi2GetEventIndicators"
+    _NOMINALS = "fmi2GetNominalsOfContinuousStates"
+
+    def _find_functions(self) -> None: ...
+
+    def _enter(self, start_time: float, stop_time: float | None) -> None:
+        super()._enter(start_time, stop_time)
+        self._start_time = start_time
+
+    def exit_initialisation(self) -> None:
+        """See FmuInstance.exit_initialisation."""
+        super().exit_initialisation()
+        self._begin(self._start_time)
+
+    def _enter_event_mode(self) -> None:
+        self._call("fmi2EnterEventMode")
+
+    def _enter_continuous_time(self) -> None:
+        self._call("fmi2EnterContinuousTimeMode")
+
+    def _update_discrete(self) -> bool:
+        from fmpy.fmi2 import fmi2EventInfo
+
+        info = fmi2EventInfo()
+        for _ in range(_MOST_ITERATIONS):
+            self._call("fmi2NewDiscreteStates", byref(info))
+            if info.terminateSimulation or not info.newDiscreteStatesNeeded:
+                self._next_event = info.nextEventTime if info.nextEventTimeDefined else None
+                return bool(info.terminateSimulation)
+        raise self._unsettled("fmi2NewDiscreteStates")
+
+    def _completed_step(self) -> tuple[bool, bool]:
+        event, stop = c_int(), c_int()
+        free = int(self._saved_states == 0)
+        self._call("fmi2CompletedIntegratorStep", free, byref(event), byref(stop))
+        return bool(event.value), bool(stop.value)
+
+
+class Fmi3Exchange(Exchange, Fmi3Instance):
+    """A running FMI 3.0 model-exchange FMU."""
+
+    _SET_TIME, _GET_STATES, _SET_STATES = "fmi3SetTime", "fmi3GetContinuousStates", "fmi3SetContinuousStates"
+    _DERIVATIVES, _INDICATORS = "fmi3GetContinuousStateDerivatives", "fmi3GetEventIndicators"
+    _NOMINALS = "fmi3GetNominalsOfContinuousStates"
+
+    def _modes(self) -> dict[str, bool]:
+        return {}
+
+    def _find_functions(self) -> None: ...
+
+    def _enter(self, start_time: float, stop_time: float | None) -> None:
+        super()._enter(start_time, stop_time)
+        self._start_time = start_time
+
+    def exit_initialisation(self) -> None:
+        """See FmuInstance.exit_initialisation."""
+        super().exit_initialisation()
+        self._begin(self._start_time)
+
+    def _sizes(self) -> tuple[int, int]:
+        found = []
+        for name, declared in zip(
+            ("fmi3GetNumberOfContinuousStates", "fmi3GetNumberOfEventIndicators"),
+            super()._sizes(),
+            strict=True,
+        ):
+            size = c_size_t(declared)
+            if name in self._slave._functions:
+                self._call(name, byref(size))
+            found.append(size.value)
+        return found[0], found[1]
+
+    def _enter_event_mode(self) -> None:
+        self._call("fmi3EnterEventMode")
+
+    def _enter_continuous_time(self) -> None:
+        self._call("fmi3EnterContinuousTimeMode")
+
+    def _update_discrete(self) -> bool:
+        return self._update_discrete_states()
+
+    def _completed_step(self) -> tuple[bool, bool]:
+        event, stop = c_bool(), c_bool()
+        self._call("fmi3CompletedIntegratorStep", self._saved_states == 0, byref(event), byref(stop))
+        return event.value, stop.value
+
+
+class Fmi1Exchange(Exchange, Fmi1Base):
+    """A running FMI 1.0 model-exchange FMU."""
+
+    _TERMINATE, _FREE = "fmi1Terminate", "fmi1FreeModelInstance"
+    _SET_TIME, _GET_STATES, _SET_STATES = "fmi1SetTime", "fmi1GetContinuousStates", "fmi1SetContinuousStates"
+    _DERIVATIVES, _INDICATORS = "fmi1GetDerivatives", "fmi1GetEventIndicators"
+    _NOMINALS = "fmi1GetNominalContinuousStates"
+
+    def _initialise(self, start_time: float, stop_time: float | None) -> None:
+        from fmpy.fmi1 import fmi1EventInfo
+
+        self._call(self._SET_TIME, start_time)
+        self._info = fmi1EventInfo()
+        self._call("fmi1Initialize", b"\x00", c_double(0.0), byref(self._info))
+        self._note_event()
+
+    def exit_initialisation(self) -> None:
+        """See FmuInstance.exit_initialisation."""
+        super().exit_initialisation()
+        assert self._started is not None
+        self._begin(self._started[0])
+
+    def _note_event(self) -> bool:
+        defined = self._info.upcomingTimeEvent != b"\x00"
+        self._next_event = self._info.nextEventTime if defined else None
+        return self._info.terminateSimulation != b"\x00"
+
+    def _update_discrete(self) -> bool:
+        for _ in range(_MOST_ITERATIONS):
+            self._call("fmi1EventUpdate", b"\x00", byref(self._info))
+            if self._note_event():
+                return True
+            if self._info.iterationConverged != b"\x00":
+                return False
+        raise self._unsettled("fmi1EventUpdate")
+
+    def _completed_step(self) -> tuple[bool, bool]:
+        event = c_char()
+        self._call("fmi1CompletedIntegratorStep", byref(event))
+        return event.value != b"\x00", False

@@ -1,0 +1,127 @@
+"""Instances of FMI 1.0 co-simulation FMUs.
+
+FMI 1.0 has no initialisation mode: an FMU takes start values, is initialised by one call, and can be read
+only after it. That call is put off until the first value is asked for or the initialisation ends, so that
+inputs which do not wait for an output of the same FMU are set before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from ctypes import byref, c_char_p, c_double, c_int, c_uint8
+from time import sleep
+from typing import Any
+
+from ..errors import FmuError
+from .compiled import CompiledInstance
+from .instance import Point, StepStatus
+from .library import callbacks1
+from .variable import Value, Variable
+
+__all__ = ["Fmi1Base", "Fmi1Instance"]
+
+_TYPES = {
+    "Real": (c_double, "Real"),
+    "Integer": (c_int, "Integer"),
+    "Enumeration": (c_int, "Integer"),
+    "Boolean": (c_uint8, "Boolean"),
+    "String": (c_char_p, "String"),
+}
+_DO_STEP_STATUS, _LAST_SUCCESSFUL_TIME = 0, 2
+_DISCARD, _PENDING = 2, 5
+_TRUE, _FALSE = b"\x01", b"\x00"
+
+
+class Fmi1Base(CompiledInstance):
+    """What both interfaces of FMI 1.0 have in common."""
+
+    _started: tuple[float, float | None] | None = None
+    _initialised = False
+
+    def _instantiate(self) -> None:
+        try:
+            self._slave.instantiate(functions=callbacks1(), loggingOn=True)
+        except Exception as error:
+            raise self._instantiation_failed() from error
+        if not self._slave.component:
+            raise self._instantiation_failed()
+        self._component = self._slave.component
+        self._find_functions()
+
+    def _find_functions(self) -> None:
+        """Look up what is called in every step."""
+
+    def _accessor(self, variable: Variable, verb: str) -> tuple[Any, Any]:
+        ctype, name = _TYPES[variable.type]
+        return ctype, self._function(f"fmi1{verb}{name}")
+
+    def _derivative(
+        self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any
+    ) -> None:
+        raise FmuError(f"{self.path}: FMI 1.0 has no directional derivatives")
+
+    def _enter(self, start_time: float, stop_time: float | None) -> None:
+        self._started = start_time, stop_time
+
+    def get_values(self, names: Sequence[str]) -> dict[str, Value]:
+        """See FmuInstance.get_values."""
+        self._finish_initialisation()
+        return super().get_values(names)
+
+    def exit_initialisation(self) -> None:
+        """See FmuInstance.exit_initialisation."""
+        self._finish_initialisation()
+
+    def _finish_initialisation(self) -> None:
+        if not self._initialised and self._started is not None:
+            self._initialised = True
+            self._initialise(*self._started)
+
+    def _initialise(self, start_time: float, stop_time: float | None) -> None:
+        raise NotImplementedError
+
+
+class Fmi1Instance(Fmi1Base):
+    """A running FMI 1.0 co-simulation FMU."""
+
+    _TERMINATE, _FREE = "fmi1TerminateSlave", "fmi1FreeSlaveInstance"
+
+    def _find_functions(self) -> None:
+        self._do_step = self._function("fmi1DoStep")
+
+    def _initialise(self, start_time: float, stop_time: float | None) -> None:
+        defined = _FALSE if stop_time is None else _TRUE
+        self._call("fmi1InitializeSlave", start_time, defined, stop_time or 0.0)
+
+    def do_step(self, point: Point) -> StepStatus:
+        """See FmuInstance.do_step."""
+        self._time = point.time
+        status = self._do_step(self._component, point.time, point.step_size, _TRUE)
+        if status == _PENDING:
+            status = self._wait()
+        if status <= 1:
+            return StepStatus.WARNING if status else StepStatus.OK
+        if status == _DISCARD:
+            return StepStatus.DISCARD
+        self._fail("fmi1DoStep", status)
+        raise AssertionError("unreachable")
+
+    def _wait(self) -> int:
+        """The status of a step that is computed asynchronously, once it is known."""
+        function = self._function("fmi1GetStatus")
+        status, pause = c_int(_PENDING), 1e-5
+        while status.value == _PENDING:
+            sleep(pause)
+            pause = min(2 * pause, 1e-3)
+            got = function(self._component, _DO_STEP_STATUS, byref(status))
+            if got > 1:
+                self._fail("fmi1GetStatus", got)
+        return status.value
+
+    def last_successful_time(self) -> float | None:
+        """See FmuInstance.last_successful_time."""
+        function = self._slave._functions.get("fmi1GetRealStatus")
+        value = c_double(0.0)
+        if function is None or function(self._component, _LAST_SUCCESSFUL_TIME, byref(value)) > 1:
+            return None
+        return value.value

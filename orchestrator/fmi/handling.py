@@ -1,0 +1,38 @@
+"""How an FMU is to be run, where it leaves a choice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+__all__ = ["Handling", "Interface"]
+
+
+class Interface(StrEnum):
+    """Of the interfaces that FMI defines, those that are run here."""
+
+    CO_SIMULATION = "co-simulation"
+    MODEL_EXCHANGE = "model-exchange"
+
+
+@dataclass(frozen=True)
+class Handling:
+    """How an FMU is to be run.
+
+    Attributes:
+        any_step: whether it takes any constant step size, although it does not declare so.
+        interface: None: co-simulation where the FMU offers it, else model exchange.
+        tolerance: relative tolerance of the integration of a model-exchange FMU; None: the FMU's own. The
+            absolute tolerance of a state is this times its nominal value.
+        event_mode: whether an FMI 3.0 co-simulation FMU returns at its events to have them handled, instead
+            of handling them within its steps.
+        isolated: whether it runs in a process of its own.
+        time_limit: of each call to an isolated instance [s]; None: it may take as long as it wants.
+    """
+
+    any_step: bool = False
+    interface: Interface | None = None
+    tolerance: float | None = None
+    event_mode: bool = False
+    isolated: bool = False
+    time_limit: float | None = None

@@ -1,0 +1,160 @@
+"""The process of an isolated instance: it does what it is told over a pipe until the pipe ends."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import struct
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import FmuError, OrchestratorError, StepError
+from . import frames
+from .instance import Point
+
+__all__ = ["STEP", "main"]
+
+# Of a step: index, time, step size, whether inputs follow.
+STEP = struct.Struct("<qdd?")
+
+
+class _Given:
+    """An FMU that was unpacked by the process that started this one, and is removed by it."""
+
+    corrupt = False
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def acquire(self) -> Path:
+        return self._folder
+
+    def release(self) -> None: ...
+
+
+class _Server:
+    """Holds the instance."""
+
+    def __init__(self) -> None:
+        self.instance: Any = None
+        self._u = self._y = np.zeros(0)
+        self._states: dict[int, Any] = {}
+        self._told: tuple[str, ...] = ()
+
+    def instantiate(self, name: str, path: Path, description: Any, handling: Any, folder: Path) -> None:
+        from .compiled import instance_class
+
+        made = instance_class(description)
+        self.instance = made(name, path, description, _Given(folder), handling)
+
+    def bind(self, inputs: list[str], outputs: list[str]) -> None:
+        self._u, self._y = np.zeros(len(inputs)), np.zeros(len(outputs))
+        self.instance.bind(inputs, self._u, outputs, self._y)
+
+    def write_inputs(self, values: bytes) -> None:
+        self._u[:] = np.frombuffer(values)
+        self.instance.write_inputs()
+
+    def read_outputs(self) -> bytes:
+        self.instance.read_outputs()
+        return self._y.tobytes()
+
+    def save_state(self) -> int:
+        handle = max(self._states, default=0) + 1
+        self._states[handle] = self.instance.save_state()
+        return handle
+
+    def restore_state(self, handle: int) -> None:
+        self.instance.restore_state(self._states[handle])
+
+    def free_state(self, handle: int) -> None:
+        self.instance.free_state(self._states.pop(handle))
+
+    def serialise_state(self, handle: int) -> bytes:
+        return self.instance.serialise_state(self._states[handle])
+
+    def deserialise_state(self, data: bytes) -> int:
+        handle = max(self._states, default=0) + 1
+        self._states[handle] = self.instance.deserialise_state(data)
+        return handle
+
+    def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
+        own = getattr(self, name, None)
+        return own(*arguments) if own is not None else getattr(self.instance, name)(*arguments)
+
+    def step(self, payload: bytes) -> tuple[bytes, bytes]:
+        index, now, step_size, fed = STEP.unpack_from(payload)
+        if fed:
+            self.write_inputs(payload[STEP.size :])
+        status = self.instance.do_step(Point(index, now, step_size))
+        outputs = b""
+        if status <= 1:
+            self.instance.read_outputs()
+            outputs = self._y.tobytes()
+        lines = self.instance.log_lines()
+        if lines != self._told:
+            self._told = lines
+            return frames.NEWS, pickle.dumps((int(status), lines, outputs))
+        return frames.DONE, bytes((status,)) + outputs
+
+
+def _packed(error: OrchestratorError) -> bytes:
+    if isinstance(error, StepError):
+        fields = {
+            "what": error.what,
+            "instance": error.instance,
+            "time": error.time,
+            "status": error.status,
+            "log": error.log,
+            "remedy": error.remedy,
+        }
+        return pickle.dumps(("StepError", fields))
+    return pickle.dumps(("FmuError", str(error)))
+
+
+def _leave_with_the_parent(parent: int) -> None:
+    # The pipe's end tells an idle process; one that hangs in the FMU needs this.
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def main() -> None:
+    """Serve until the pipe ends."""
+    # What the FMU prints must not get between the messages.
+    commands, answers = os.dup(0), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.dup2(2, 1)
+    # An interrupt goes to all processes of a terminal: the one that holds the run decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "getppid") and os.name == "posix":
+        threading.Thread(target=_leave_with_the_parent, args=(os.getppid(),), daemon=True).start()
+    server = _Server()
+    frames.send(answers, frames.VALUE, pickle.dumps(None))
+    while True:
+        try:
+            kind, payload = frames.receive(commands)
+        except EOFError:
+            break
+        try:
+            if kind == frames.STEP:
+                answer = server.step(payload)
+            else:
+                answer = frames.VALUE, pickle.dumps(server.call(*pickle.loads(payload)))
+        except OrchestratorError as error:
+            answer = frames.ERROR, _packed(error)
+        except Exception as error:
+            # Nothing but an answer gets out of this process.
+            told = FmuError(f"its process failed: {type(error).__name__}: {error}")
+            answer = frames.ERROR, _packed(told)
+        try:
+            frames.send(answers, *answer)
+        except OSError:
+            break
+    os._exit(0)  # the FMU's own threads and exit handlers are not waited for
