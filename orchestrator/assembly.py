@@ -198,11 +198,11 @@ def assemble(
             first, *more = part.fmu.description.deviations
             further = f" and {len(more)} more" if more else ""
             notes.append(f"{places.text(('instances', part.name))}: breaks a rule of FMI: {first}{further}")
-        if part.fmu.description.capabilities.execution_tool:
-            tool = part.fmu.description.tool or "which it does not name"
-            notes.append(
-                f"{places.text(('instances', part.name))}: runs only where the tool that made it is installed, {tool}"
-            )
+        tool = part.fmu.description.tool or "which it does not name"
+        # pythonfmu declares a need that is met wherever this runs: Python.
+        if part.fmu.description.capabilities.execution_tool and not tool.startswith("PythonFMU"):
+            place = places.text(("instances", part.name))
+            notes.append(f"{place}: runs only where the tool that made it is installed, {tool}")
         found += checks.integration(part.name, part.fmu, places)
     found += checks.shared_process(((part.name, part.fmu) for part in parts), places)
     wanted: dict[str, tuple[str | int, ...]] = {}

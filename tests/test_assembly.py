@@ -271,7 +271,8 @@ def test_an_fmu_that_stands_in_a_process_once_only():
     fmu = gain(capabilities=Capabilities(once_per_process=True))
     assert refusal([Part("a", fmu, {"u": 1}), Part("b", fmu, {"u": 1})]) == (
         "docking.yaml: instances.b: second instance of Gain\n"
-        "  the FMU declares canBeInstantiatedOnlyOncePerProcess"
+        "  the FMU declares canBeInstantiatedOnlyOncePerProcess. "
+        "Give it a process of its own: instances.b.isolate: process."
     )
 
 

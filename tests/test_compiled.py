@@ -225,7 +225,7 @@ def test_description_with_an_entity(tmp_path):
 
 def test_unknown_fmi_version(tmp_path):
     xml = '<fmiModelDescription fmiVersion="4.0"/>'
-    assert refusal(described(tmp_path, xml)) == "X.fmu: FMI version 4.0 is not supported; supported: 2.0, 3.0"
+    assert refusal(described(tmp_path, xml)) == "X.fmu: FMI version 4.0 is not supported; supported: 1.0, 2.0, 3.0"
 
 
 def test_description_against_the_schema(tmp_path):
@@ -238,17 +238,27 @@ def test_description_against_the_schema(tmp_path):
     )
 
 
-def test_no_co_simulation_interface(c_fmu, tmp_path):
-    def only_model_exchange(name, data):
-        xml = data.replace(b"<CoSimulation", b"<ModelExchange")
-        for attribute in (b' canHandleVariableCommunicationStepSize="true"',):
-            xml = xml.replace(attribute, b"")
+def test_an_interface_that_is_not_run(c_fmu, tmp_path):
+    def only_scheduled_execution(name, data):
+        xml = data.replace(b"<CoSimulation", b"<ScheduledExecution")
+        xml = xml.replace(b' canHandleVariableCommunicationStepSize="true"', b"")
         return name, xml if name == "modelDescription.xml" else data
 
-    path = repack(c_fmu, tmp_path / "X.fmu", only_model_exchange)
+    path = repack(c_fmu, tmp_path / "X.fmu", only_scheduled_execution)
     assert refusal(path) == (
-        "X.fmu: the FMU offers no co-simulation interface; it offers model exchange\n"
+        "X.fmu: the FMU offers no co-simulation or model-exchange interface; it offers scheduled-execution\n"
         "  Export it again for co-simulation."
+    )
+
+
+def test_an_interface_that_the_library_has_not(c_fmu, tmp_path):
+    def exchange(name, data):
+        xml = data.replace(b"<CoSimulation", b"<ModelExchange")
+        xml = xml.replace(b' canHandleVariableCommunicationStepSize="true"', b"")
+        return name, xml if name == "modelDescription.xml" else data
+
+    assert refusal(repack(c_fmu, tmp_path / "X.fmu", exchange)) == (
+        "X.fmu: its library has no function fmi3InstantiateModelExchange, which is needed here"
     )
 
 

@@ -110,7 +110,8 @@ def test_all_problems_are_told_at_once():
         "config: instances.one.start.x: [1] is no start value",
         "  a number, a quantity such as 6 ms, true, false or text",
         "config: instances.two.fmus: unknown key 'fmus'",
-        "  allowed: fmu, form, start, step_size, feedthrough. Did you mean fmu?",
+        "  allowed: fmu, form, start, step_size, feedthrough, interface, tolerance, event_mode, any_step, "
+        "isolate, time_limit. Did you mean fmu?",
         "config: instances.3 bad: '3 bad' cannot name an instance",
         "  letters, digits, _ and -, beginning with a letter or _",
         "config: connections[0]: cannot read connection 'a.y - b.u'",

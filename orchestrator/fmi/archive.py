@@ -12,8 +12,13 @@ from ..errors import FmuError, listed
 
 __all__ = ["Unpacked", "binary_folder"]
 
-# Far above any FMU met in practice, and below what fills a disk unnoticed.
+# Far above any FMU met in practice, and below what fills a disk unnoticed. The sizes that an archive declares
+# bind: zipfile reads no entry beyond its own.
 LARGEST_UNPACKED = 8 * 2**30
+MOST_ENTRIES = 100_000
+# Tables of numbers shrink to a tenth, seldom to a hundredth; a bomb's zeros to a thousandth.
+LARGEST_EXPANSION = 200
+SMALLEST_BOMB = 256 * 2**20
 
 
 def binary_folder(fmi_version: str) -> str:
@@ -81,22 +86,37 @@ class Unpacked:
         self.check()
         try:
             with zipfile.ZipFile(self._path) as archive:
-                for member in archive.infolist():
-                    if self._needed(member.filename):
-                        archive.extract(member, folder)
+                needed = [member for member in archive.infolist() if self._needed(member.filename)]
+                size, free = sum(member.file_size for member in needed), shutil.disk_usage(folder).free
+                if size > free:
+                    raise FmuError(
+                        f"{self._path}: cannot be unpacked, it needs {size} bytes and {folder.parent} has {free}"
+                    )
+                for member in needed:
+                    archive.extract(member, folder)
         except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError) as error:
             raise FmuError(f"{self._path}: cannot be unpacked ({error})") from error
 
     def _check_safe(self, members: list[zipfile.ZipInfo]) -> None:
         for member in members:
             name = PurePosixPath(member.filename.replace("\\", "/"))
-            if name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
+            if not name.parts or name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
                 raise FmuError(
                     f"{self._path}: refused, its entry {member.filename!r} would be written elsewhere"
                 )
             if stat.S_ISLNK(member.external_attr >> 16):
                 raise FmuError(f"{self._path}: refused, its entry {member.filename!r} is a symbolic link")
+        if len(members) > MOST_ENTRIES:
+            raise FmuError(
+                f"{self._path}: refused, it has {len(members)} entries; at most {MOST_ENTRIES} are accepted"
+            )
         size = sum(member.file_size for member in members)
+        packed = self._path.stat().st_size
+        if size > max(SMALLEST_BOMB, LARGEST_EXPANSION * packed):
+            raise FmuError(
+                f"{self._path}: refused, its {packed} bytes unpack to {size}; at most {LARGEST_EXPANSION} "
+                f"times the archive, or {SMALLEST_BOMB} bytes, are accepted"
+            )
         if size > LARGEST_UNPACKED:
             raise FmuError(
                 f"{self._path}: refused, unpacked it is {size} bytes; at most {LARGEST_UNPACKED} are accepted"

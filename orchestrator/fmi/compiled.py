@@ -111,7 +111,7 @@ class CompiledInstance(ABC):
     """What instances of all versions of FMI have in common; see the FmuInstance protocol."""
 
     # Names of functions that differ between the versions in no more than that.
-    _EXIT = _TERMINATE = _FREE = ""
+    _INSTANTIATE = _EXIT = _TERMINATE = _FREE = ""
 
     def __init__(
         self,

@@ -277,6 +277,7 @@ class Fmi2Exchange(Exchange, Fmi2Instance):
 class Fmi3Exchange(Exchange, Fmi3Instance):
     """A running FMI 3.0 model-exchange FMU."""
 
+    _INSTANTIATE = "fmi3InstantiateModelExchange"
     _SET_TIME, _GET_STATES, _SET_STATES = "fmi3SetTime", "fmi3GetContinuousStates", "fmi3SetContinuousStates"
     _DERIVATIVES, _INDICATORS = "fmi3GetContinuousStateDerivatives", "fmi3GetEventIndicators"
     _NOMINALS = "fmi3GetNominalsOfContinuousStates"
@@ -326,7 +327,7 @@ class Fmi3Exchange(Exchange, Fmi3Instance):
 class Fmi1Exchange(Exchange, Fmi1Base):
     """A running FMI 1.0 model-exchange FMU."""
 
-    _TERMINATE, _FREE = "fmi1Terminate", "fmi1FreeModelInstance"
+    _INSTANTIATE, _TERMINATE, _FREE = "fmi1InstantiateModel", "fmi1Terminate", "fmi1FreeModelInstance"
     _SET_TIME, _GET_STATES, _SET_STATES = "fmi1SetTime", "fmi1GetContinuousStates", "fmi1SetContinuousStates"
     _DERIVATIVES, _INDICATORS = "fmi1GetDerivatives", "fmi1GetEventIndicators"
     _NOMINALS = "fmi1GetNominalContinuousStates"

@@ -39,6 +39,7 @@ class Fmi1Base(CompiledInstance):
     _initialised = False
 
     def _instantiate(self) -> None:
+        self._function(self._INSTANTIATE)
         try:
             self._slave.instantiate(functions=callbacks1(), loggingOn=True)
         except Exception as error:
@@ -84,7 +85,8 @@ class Fmi1Base(CompiledInstance):
 class Fmi1Instance(Fmi1Base):
     """A running FMI 1.0 co-simulation FMU."""
 
-    _TERMINATE, _FREE = "fmi1TerminateSlave", "fmi1FreeSlaveInstance"
+    _INSTANTIATE, _TERMINATE = "fmi1InstantiateSlave", "fmi1TerminateSlave"
+    _FREE = "fmi1FreeSlaveInstance"
 
     def _find_functions(self) -> None:
         self._do_step = self._function("fmi1DoStep")

@@ -51,11 +51,13 @@ class Fmi3Instance(CompiledInstance):
     """A running FMI 3.0 FMU."""
 
     _EXIT, _TERMINATE, _FREE = "fmi3ExitInitializationMode", "fmi3Terminate", "fmi3FreeInstance"
+    _INSTANTIATE = "fmi3InstantiateCoSimulation"
 
     def _instantiate(self) -> None:
         def log(environment: Any, status: int, category: Any, message: Any) -> None:
             self._log.add(status, message)
 
+        self._function(self._INSTANTIATE)
         try:
             self._slave.instantiate(loggingOn=True, logMessage=log, **self._modes())
         except Exception as error:

@@ -8,7 +8,7 @@ import os
 import re
 import typing
 from collections import deque
-from ctypes import POINTER, byref, c_char_p, c_int, c_uint8, memmove, sizeof
+from ctypes import POINTER, byref, c_char_p, c_int, c_uint8, cast, memmove, sizeof
 from pathlib import Path
 from types import UnionType
 from typing import Any
@@ -99,22 +99,14 @@ def callbacks1() -> fmi1.fmi1CallbackFunctions:
     return _CALLBACKS1
 
 
-def _log_fmi1(component: Any, name: Any, status: int, category: Any, message: Any) -> None:
-    LogBook.dispatch(None, name, status, message)
-
-
 def _make_callbacks1() -> fmi1.fmi1CallbackFunctions:
     callbacks = fmi1.fmi1CallbackFunctions()
-    callbacks.logger = fmi1.fmi1CallbackLoggerTYPE(_log_fmi1)
+    # The same function, since the proxy serves one logger in a process. Where FMI 2 hands over the
+    # environment FMI 1 hands over the component, which is no number of a log book: the name decides.
+    callbacks.logger = cast(_CALLBACKS.logger, fmi1.fmi1CallbackLoggerTYPE)
     callbacks.allocateMemory = fmi1.defaultCallbacks.allocateMemory
     callbacks.freeMemory = fmi1.defaultCallbacks.freeMemory
     callbacks.stepFinished = None
-    try:
-        from fmpy.logging import addLoggerProxy
-
-        addLoggerProxy(byref(callbacks))
-    except (ImportError, OSError, AttributeError):
-        pass
     return callbacks
 
 
@@ -239,8 +231,6 @@ def load_library(path: Path, folder: Path, description: ModelDescription, name: 
         )
     except Exception as error:
         message = _loading_message(path, identifier, str(error.__cause__ or error))
-        if description.capabilities.execution_tool:
-            message += f"\n  It runs only where the tool that made it is installed: {description.tool or 'unnamed'}."
         raise FmuError(message) from error
     finally:
         os.chdir(directory)
