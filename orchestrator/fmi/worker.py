@@ -64,6 +64,10 @@ class _Server:
         self.instance.read_outputs()
         return self._y.tobytes()
 
+    def free(self) -> None:
+        if self.instance is not None:
+            self.instance.free()
+
     def save_state(self) -> int:
         handle = max(self._states, default=0) + 1
         self._states[handle] = self.instance.save_state()

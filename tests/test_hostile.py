@@ -1,0 +1,102 @@
+"""Archives and documents that mean harm are refused before they do any."""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+
+import foreign
+import pytest
+
+from orchestrator.errors import FmuError
+from orchestrator.fmi import archive, load_fmu
+
+LAUGHS = """<!DOCTYPE fmi [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">
+<!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;"><!ENTITY d "&c;&c;&c;&c;&c;&c;&c;&c;">]>
+<fmiModelDescription fmiVersion="3.0" modelName="&d;"/>"""
+OUTSIDE = '<!DOCTYPE fmi [<!ENTITY a SYSTEM "file:///etc/passwd">]><fmiModelDescription fmiVersion="3.0">&a;</fmiModelDescription>'
+REMOTE = '<!DOCTYPE fmi SYSTEM "http://localhost:9/x.dtd"><fmiModelDescription fmiVersion="3.0"/>'
+DOCUMENTS = {"laughs": LAUGHS, "outside": OUTSIDE, "remote": REMOTE}
+
+
+def refusal(path):
+    with pytest.raises(FmuError) as caught:
+        load_fmu(path).instantiate("one")
+    return str(caught.value).replace(str(path), "X.fmu")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_document_types_are_refused_in_any_encoding(document, encoding, tmp_path):
+    path = tmp_path / "X.fmu"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("modelDescription.xml", DOCUMENTS[document].encode(encoding))
+    assert refusal(path) == (
+        "X.fmu: modelDescription.xml declares a document type, which FMI has no use for; refused"
+    )
+
+
+def test_an_encoding_that_hides_a_document_type_is_refused(tmp_path):
+    path = tmp_path / "X.fmu"
+    with zipfile.ZipFile(path, "w") as file:
+        text = '<?xml version="1.0" encoding="UTF-7"?>' + OUTSIDE
+        file.writestr("modelDescription.xml", text.encode("utf-7"))
+    assert refusal(path).startswith("X.fmu: modelDescription.xml is in an encoding that is not read here (")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_the_build_description_is_looked_at_too(document, tmp_path):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("sources/buildDescription.xml", DOCUMENTS[document])
+    assert refusal(path) == (
+        "X.fmu: sources/buildDescription.xml declares a document type, which FMI has no use for; refused"
+    )
+
+
+def test_an_archive_that_expands_too_far_is_refused(tmp_path):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as file, file.open("resources/zeros", "w") as entry:
+        for _ in range(300):
+            entry.write(bytes(2**20))
+    packed, size = path.stat().st_size, sum(one.file_size for one in zipfile.ZipFile(path).infolist())
+    assert packed < 2**20
+    assert refusal(path) == (
+        f"X.fmu: refused, its {packed} bytes unpack to {size}; at most 200 times the archive, or "
+        f"268435456 bytes, are accepted"
+    )
+
+
+def test_a_size_that_is_understated_does_not_help(tmp_path):
+    """What an entry holds beyond the size that it declares is never written."""
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("resources/zeros", bytes(2**20))
+    data = path.read_bytes()
+    place = data.rindex(b"PK\x01\x02")  # the last entry of the directory, its size 24 bytes further on
+    assert struct.unpack_from("<I", data, place + 24)[0] == 2**20
+    path.write_bytes(data[: place + 24] + struct.pack("<I", 10) + data[place + 28 :])
+    assert refusal(path).startswith("X.fmu: cannot be unpacked (Bad CRC-32")
+
+
+def test_too_many_entries_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive, "MOST_ENTRIES", 5)
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a") as file:
+        for number in range(4):
+            file.writestr(f"resources/{number}", "")
+    assert refusal(path) == "X.fmu: refused, it has 6 entries; at most 5 are accepted"
+
+
+def test_what_the_disk_cannot_hold_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(archive.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": 100}))
+    path = foreign.arrays(tmp_path / "X.fmu")
+    message = refusal(path)
+    assert message.startswith("X.fmu: cannot be unpacked, it needs ") and message.endswith(" has 100")
+
+
+def test_an_entry_without_a_name_is_refused(tmp_path):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr(".", "x")
+    assert refusal(path) == "X.fmu: refused, its entry '.' would be written elsewhere"

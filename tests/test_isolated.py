@@ -1,0 +1,257 @@
+"""A crash or a hang of an isolated FMU ends the run with a message, and what was recorded is kept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import foreign
+import numpy as np
+import pytest
+
+from orchestrator.config import load_config
+from orchestrator.errors import ConfigError, FmuError, StepError
+from orchestrator.fmi import Handling, Point, StepStatus, load_fmu
+from orchestrator.results import read_results
+from orchestrator.run import prepare, run
+
+ISOLATED = Handling(isolated=True)
+CRASH, HANG, LEAVE = 1, 2, 4
+posix = pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
+
+
+@pytest.fixture
+def wild(tmp_path):
+    return foreign.wild(tmp_path / "Wild.fmu")
+
+
+def config(path, way, **instance):
+    return {
+        "run": {"master": "jacobi", "step_size": "0.1 s", "stop_time": "1 s"},
+        "instances": {
+            "good": {"fmu": str(path), "start": {"u": 1}},
+            "bad": {"fmu": str(path), "start": {"u": 2, "way": way, "at": 0.5}, "isolate": "process", **instance},
+        },
+    }
+
+
+@posix
+def test_a_crash_ends_the_run_with_a_message_and_keeps_the_results(wild, tmp_path):
+    out = tmp_path / "out"
+    with pytest.raises(StepError) as caught:
+        run(config(wild, CRASH), out=out)
+    error = caught.value
+    assert str(error).splitlines() == [
+        "bad at time 0.5 s: its process died in do_step: SIGSEGV (Segmentation fault)",
+        "  log of the FMU:",
+        *["    [printed] a line on the standard output"] * 5,
+        "    [printed] about to write to nowhere",
+    ]
+    assert (error.instance, error.time, error.status) == ("bad", 0.5, "crashed")
+    kept = read_results(out)
+    assert kept.time == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert kept["bad.y"] == pytest.approx(2.0 * kept.time)
+    assert kept["good.y"] == pytest.approx(kept.time)
+
+
+def test_a_hang_is_ended_after_the_time_limit_and_keeps_the_results(wild):
+    with pytest.raises(StepError) as caught:
+        run(config(wild, HANG, time_limit="0.5 s"))
+    error = caught.value
+    assert str(error).splitlines()[:2] == [
+        "bad at time 0.5 s: do_step did not return within 0.5 s; its process was ended",
+        "  If the FMU is only slow, raise instances.bad.time_limit.",
+    ]
+    assert (error.instance, error.time, error.status) == ("bad", 0.5, "time limit")
+    kept = error.result.results
+    assert kept["bad.y"] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+
+
+def test_an_fmu_that_ends_its_process_is_told(wild):
+    with pytest.raises(StepError) as caught:
+        run(config(wild, LEAVE))
+    assert caught.value.what == "its process died in do_step: exit code 3"
+
+
+def test_nothing_is_left_behind(wild, monkeypatch, tmp_path):
+    folder = tmp_path / "unpacked"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    fmu = load_fmu(wild, ISOLATED)
+    one = fmu.instantiate("one")
+    assert len(list(folder.iterdir())) >= 1
+    process = one._process
+    one.free()
+    one.free()
+    assert process.poll() is not None
+    with pytest.raises(StepError):
+        run(config(wild, CRASH))
+    assert list(folder.iterdir()) == []
+
+
+def driven(path, handling, count=20):
+    """Outputs of an FMU under an input that changes at every step."""
+    instance = load_fmu(path, handling).instantiate("one")
+    outputs = [v.name for v in instance.description.outputs if v.kind.numeric]
+    inputs = [v.name for v in instance.description.inputs if v.kind.numeric]
+    u, y = np.zeros(len(inputs)), np.zeros(len(outputs))
+    instance.bind(inputs, u, outputs, y)
+    instance.enter_initialisation(0.0, {}, 10.0)
+    instance.set_values({})
+    first = instance.get_values(outputs)
+    instance.exit_initialisation()
+    rows = []
+    for n in range(count):
+        u[:] = np.sin(n + np.arange(len(inputs)))
+        instance.write_inputs()
+        assert instance.do_step(Point(n, 0.01 * n, 0.01)) <= StepStatus.WARNING
+        instance.read_outputs()
+        rows.append(y.copy())
+    instance.terminate()
+    instance.free()
+    return first, np.array(rows)
+
+
+@pytest.mark.parametrize("kind", ["wild", "arrays", "ball1", "ball2", "ball3", "slave1"])
+def test_isolation_changes_no_bit(kind, tmp_path):
+    path = tmp_path / "F.fmu"
+    if kind.startswith("ball"):
+        foreign.bounce(path, int(kind[-1]))
+    elif kind == "slave1":
+        foreign.bounce(path, 1, slave=True)
+    else:
+        {"wild": foreign.wild, "arrays": foreign.arrays}[kind](path)
+    tolerance = 1e-6
+    here = driven(path, Handling(tolerance=tolerance))
+    there = driven(path, Handling(tolerance=tolerance, isolated=True, time_limit=30.0))
+    assert here[0] == there[0]
+    assert np.array_equal(here[1], there[1])
+    assert len(np.unique(here[1][:, 0])) > 1
+
+
+def test_isolation_changes_no_bit_for_every_type(c_fmu):
+    here, there = driven(c_fmu, Handling(), 5), driven(c_fmu, ISOLATED, 5)
+    assert here[0] == there[0] and np.array_equal(here[1], there[1])
+
+
+@pytest.mark.parametrize("serialised", [False, True])
+def test_states_are_saved_in_the_process(serialised, c_fmu):
+    instance = load_fmu(c_fmu, ISOLATED).instantiate("one")
+    u, y = np.array([0.5]), np.zeros(1)
+    instance.bind(["real_in"], u, ["real_out"], y)
+    instance.enter_initialisation(0.0, {})
+    instance.exit_initialisation()
+    state = instance.save_state()
+    data = instance.serialise_state(state)
+    rows = []
+    for _ in range(2):
+        instance.write_inputs()
+        instance.do_step(Point(0, 0.0, 0.125))
+        instance.read_outputs()
+        rows.append(float(y[0]))
+        instance.restore_state(instance.deserialise_state(data) if serialised else state)
+    assert rows == [0.0625, 0.0625]
+    instance.read_outputs()
+    assert y[0] == 0.0
+    instance.free_state(state)
+    instance.free()
+
+
+def test_an_error_of_the_fmu_is_the_same_as_without_isolation(c_fmu):
+    told = []
+    for handling in (Handling(), ISOLATED):
+        instance = load_fmu(c_fmu, handling).instantiate("one")
+        instance.bind(["real_in"], np.array([1.0]), ["real_out"], np.zeros(1))
+        instance.enter_initialisation(0.0, {"limit": 0.2})
+        instance.exit_initialisation()
+        instance.write_inputs()
+        with pytest.raises(StepError) as caught:
+            for n in range(3):
+                instance.do_step(Point(n, 0.125 * n, 0.125))
+        told.append((str(caught.value), caught.value.time, caught.value.status, caught.value.log))
+        assert instance.do_step(Point(9, 9.0, 0.5)) is StepStatus.DISCARD
+        assert instance.last_successful_time() == 9.0
+        assert instance.log_lines()[-1] == "[discard] the step is too long"
+        instance.free()
+    assert told[0] == told[1]
+    assert told[0][0].splitlines()[0] == "one at time 0.125 s: fmi3DoStep returned error"
+
+
+def test_an_fmu_that_cannot_be_made_is_told_as_without_isolation(c_fmu, tmp_path):
+    from archives import repack
+
+    path = repack(
+        c_fmu, tmp_path / "X.fmu", lambda name, data: (name, data.replace(b"{types-3}", b"{other-3}"))
+        if name.endswith(".xml") else (name, data),
+    )  # fmt: skip
+    told = []
+    for handling in (Handling(), ISOLATED):
+        with pytest.raises(FmuError) as caught:
+            load_fmu(path, handling).instantiate("one")
+        told.append(str(caught.value))
+    assert told[0] == told[1]
+    assert "wrong instantiation token" in told[0]
+
+
+def test_files_in_the_working_directory_are_no_modules(wild, tmp_path, monkeypatch):
+    (tmp_path / "pickle.py").write_text("raise SystemExit('imported by mistake')")
+    monkeypatch.chdir(tmp_path)
+    instance = load_fmu(wild, ISOLATED).instantiate("one")
+    instance.free()
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="looks into /proc")
+def test_a_process_that_hangs_ends_with_its_parent(wild, tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(
+        "import os, sys, threading, numpy as np\n"
+        "from pathlib import Path\n"
+        "from orchestrator.fmi import Handling, Point, load_fmu\n"
+        "one = load_fmu(Path(sys.argv[1]), Handling(isolated=True)).instantiate('one')\n"
+        "one.enter_initialisation(0.0, {'way': 2})\n"
+        "one.exit_initialisation()\n"
+        "threading.Thread(target=one.do_step, args=(Point(0, 0.0, 0.1),), daemon=True).start()\n"
+        "print(one._process.pid, flush=True)\n"
+        "os._exit(0)\n"
+    )
+    root = str(Path(__file__).parents[1])
+    done = subprocess.run(
+        [sys.executable, str(script), str(wild)],
+        env={**os.environ, "PYTHONPATH": root},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    import time
+
+    process = Path("/proc") / done.stdout.strip() / "stat"
+    for _ in range(300):  # it looks every second
+        if not process.exists() or process.read_text().rpartition(")")[2].split()[0] == "Z":
+            return
+        time.sleep(0.1)
+    raise AssertionError("the process of the FMU outlives the program")
+
+
+def test_a_time_limit_needs_a_process(wild):
+    wrong = config(wild, 0, time_limit="2 s")
+    del wrong["instances"]["bad"]["isolate"]
+    with pytest.raises(ConfigError) as caught:
+        prepare(wrong)
+    assert str(caught.value) == (
+        "config: instances.bad: time_limit needs isolate: process; only another process can be stopped"
+    )
+
+
+@pytest.mark.parametrize(("text", "why"), [("2", "'2' has no unit"), ("0 s", "'0 s' is not positive")])
+def test_time_limits_are_times(wild, text, why):
+    with pytest.raises(ConfigError, match=why):
+        prepare(config(wild, 0, time_limit=text))
+
+
+def test_isolation_is_an_override(wild):
+    loaded = load_config(config(wild, 0), ["instances.good.isolate=process", "instances.good.time_limit=3 s"])
+    good = loaded.model.instances["good"]
+    assert (good.isolate, good.seconds()) == ("process", 3.0)
