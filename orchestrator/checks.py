@@ -281,9 +281,7 @@ def integration(name: str, fmu: Fmu, places: Places) -> list[Problem]:
         return []
     what = f"no tolerance for the integration of {name}, a model-exchange FMU"
     remedy = f"Give instances.{name}.tolerance, for example 1e-6; a tenth of it should change nothing much."
-    return [
-        Problem(places.text(("instances", name)), what, "it is relative; the FMU proposes none", remedy)
-    ]
+    return [Problem(places.text(("instances", name)), what, "it is relative; the FMU proposes none", remedy)]
 
 
 def step_size(instances: Iterable[Instance], size: Fraction, places: Places) -> list[Problem]:

@@ -225,7 +225,9 @@ def test_description_with_an_entity(tmp_path):
 
 def test_unknown_fmi_version(tmp_path):
     xml = '<fmiModelDescription fmiVersion="4.0"/>'
-    assert refusal(described(tmp_path, xml)) == "X.fmu: FMI version 4.0 is not supported; supported: 1.0, 2.0, 3.0"
+    assert refusal(described(tmp_path, xml)) == (
+        "X.fmu: FMI version 4.0 is not supported; supported: 1.0, 2.0, 3.0"
+    )
 
 
 def test_description_against_the_schema(tmp_path):

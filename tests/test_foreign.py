@@ -9,6 +9,7 @@ import fmpy
 import foreign
 import numpy as np
 import pytest
+from archives import repack
 
 from orchestrator.errors import ConfigError, FmuError, StepError
 from orchestrator.fmi import Handling, Interface, Kind, Point, StepStatus, load_fmu
@@ -59,7 +60,7 @@ def ball(request, tmp_path):
 
 @pytest.mark.parametrize("size", [0.125, 0.03125])
 def test_model_exchange_bounces_where_theory_says_whatever_the_step(ball, size):
-    instance, _, y, outputs = started(ball)
+    instance, _, y, _ = started(ball)
     rows = steps(instance, y, round(1.0 / size), size)
     times = size * np.arange(1, len(rows) + 1)
     expected = np.array([fall(time) for time in times])
@@ -129,7 +130,7 @@ def test_what_the_step_size_changes_is_within_the_tolerance(ball):
 
 
 def test_an_fmu_without_states_and_indicators_needs_no_integrator(tmp_path):
-    xml = foreign._BOUNCE3
+    xml = foreign.document("bounce3")
     for drop in (
         '<ContinuousStateDerivative valueReference="7"/><ContinuousStateDerivative valueReference="8"/>',
         '<InitialUnknown valueReference="7"/><InitialUnknown valueReference="8"/>',
@@ -201,7 +202,7 @@ def test_fmi1_status_of_initialisation_is_heeded(slave):
 
 
 def test_fmi1_start_value_of_a_negated_alias(slave):
-    instance, _, y, outputs = started(slave)
+    instance, *_ = started(slave)
     instance.set_values({"fall": 3.0})
     assert instance.get_values(["v", "fall"]) == {"v": -3.0, "fall": 3.0}
     instance.free()
@@ -273,7 +274,8 @@ def test_event_mode_where_there_is_none(tmp_path):
     with pytest.raises(FmuError) as caught:
         load_fmu(path, Handling(event_mode=True))
     assert str(caught.value) == (
-        f"{path}: event_mode is asked for, which needs an FMI 3.0 co-simulation FMU that declares hasEventMode\n"
+        f"{path}: event_mode is asked for, which needs an FMI 3.0 co-simulation FMU that declares "
+        "hasEventMode\n"
         "  It is run as co-simulation of FMI 2.0; take event_mode away."
     )
 
@@ -314,8 +316,6 @@ def test_whole_multiples_of_an_internal_step_are_taken(tmp_path):
         step = b'canHandleVariableCommunicationStepSize="false" fixedInternalStepSize="0.1"'
         return name, data.replace(b'canHandleVariableCommunicationStepSize="true"', step)
 
-    from archives import repack
-
     path = repack(foreign.arrays(tmp_path / "A.fmu"), tmp_path / "X.fmu", internal)
     start = {"u[1]": 0, "u[2]": 0, "u[3]": 0}
     for step in ("0.1 s", "0.3 s"):
@@ -327,11 +327,13 @@ def test_whole_multiples_of_an_internal_step_are_taken(tmp_path):
 def test_the_run_with_half_the_step_is_not_made_where_the_fmu_forbids_it(tmp_path):
     made = run(wild_config(foreign.wild(tmp_path / "Wild.fmu", "")))
     assert made.results["one.y"][-1] == pytest.approx(0.6)
-    assert "cannot take the run's step size of 0.05 s: its own is 0.1 s" in made.summary["numerics"]["error"]["message"]
+    message = made.summary["numerics"]["error"]["message"]
+    assert "cannot take the run's step size of 0.05 s: its own is 0.1 s" in message
 
 
 def test_a_tool_that_is_needed_is_told(tmp_path):
-    path = foreign.wild(tmp_path / "W.fmu", 'canHandleVariableCommunicationStepSize="true" needsExecutionTool="true"')
+    capabilities = 'canHandleVariableCommunicationStepSize="true" needsExecutionTool="true"'
+    path = foreign.wild(tmp_path / "W.fmu", capabilities)
     notes = prepare(wild_config(path)).system.notes
     assert notes == (
         "config: instances.one: runs only where the tool that made it is installed, Wild tool 1",

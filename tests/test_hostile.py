@@ -14,7 +14,10 @@ from orchestrator.fmi import archive, load_fmu
 LAUGHS = """<!DOCTYPE fmi [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">
 <!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;"><!ENTITY d "&c;&c;&c;&c;&c;&c;&c;&c;">]>
 <fmiModelDescription fmiVersion="3.0" modelName="&d;"/>"""
-OUTSIDE = '<!DOCTYPE fmi [<!ENTITY a SYSTEM "file:///etc/passwd">]><fmiModelDescription fmiVersion="3.0">&a;</fmiModelDescription>'
+OUTSIDE = (
+    '<!DOCTYPE fmi [<!ENTITY a SYSTEM "file:///etc/passwd">]>'
+    '<fmiModelDescription fmiVersion="3.0">&a;</fmiModelDescription>'
+)
 REMOTE = '<!DOCTYPE fmi SYSTEM "http://localhost:9/x.dtd"><fmiModelDescription fmiVersion="3.0"/>'
 DOCUMENTS = {"laughs": LAUGHS, "outside": OUTSIDE, "remote": REMOTE}
 

@@ -6,11 +6,13 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import foreign
 import numpy as np
 import pytest
+from archives import repack
 
 from orchestrator.config import load_config
 from orchestrator.errors import ConfigError, FmuError, StepError
@@ -33,7 +35,12 @@ def config(path, way, **instance):
         "run": {"master": "jacobi", "step_size": "0.1 s", "stop_time": "1 s"},
         "instances": {
             "good": {"fmu": str(path), "start": {"u": 1}},
-            "bad": {"fmu": str(path), "start": {"u": 2, "way": way, "at": 0.5}, "isolate": "process", **instance},
+            "bad": {
+                "fmu": str(path),
+                "start": {"u": 2, "way": way, "at": 0.5},
+                "isolate": "process",
+                **instance,
+            },
         },
     }
 
@@ -181,12 +188,10 @@ def test_an_error_of_the_fmu_is_the_same_as_without_isolation(c_fmu):
 
 
 def test_an_fmu_that_cannot_be_made_is_told_as_without_isolation(c_fmu, tmp_path):
-    from archives import repack
+    def other_token(name, data):
+        return name, data.replace(b"{types-3}", b"{other-3}") if name.endswith(".xml") else data
 
-    path = repack(
-        c_fmu, tmp_path / "X.fmu", lambda name, data: (name, data.replace(b"{types-3}", b"{other-3}"))
-        if name.endswith(".xml") else (name, data),
-    )  # fmt: skip
+    path = repack(c_fmu, tmp_path / "X.fmu", other_token)
     told = []
     for handling in (Handling(), ISOLATED):
         with pytest.raises(FmuError) as caught:
@@ -225,8 +230,6 @@ def test_a_process_that_hangs_ends_with_its_parent(wild, tmp_path):
         text=True,
         check=True,
     )
-    import time
-
     process = Path("/proc") / done.stdout.strip() / "stat"
     for _ in range(300):  # it looks every second
         if not process.exists() or process.read_text().rpartition(")")[2].split()[0] == "Z":

@@ -123,7 +123,8 @@ class InstanceModel(_Model):
         None,
         gt=0,
         lt=1,
-        description="Relative tolerance of the integration of a model-exchange FMU; by default the FMU's own.",
+        description="Relative tolerance of the integration of a model-exchange FMU; by default the "
+        "FMU's own.",
     )
     event_mode: bool = Field(
         False,

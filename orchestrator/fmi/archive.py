@@ -90,7 +90,8 @@ class Unpacked:
                 size, free = sum(member.file_size for member in needed), shutil.disk_usage(folder).free
                 if size > free:
                     raise FmuError(
-                        f"{self._path}: cannot be unpacked, it needs {size} bytes and {folder.parent} has {free}"
+                        f"{self._path}: cannot be unpacked, it needs {size} bytes and "
+                        f"{folder.parent} has {free}"
                     )
                 for member in needed:
                     archive.extract(member, folder)

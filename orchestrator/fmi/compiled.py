@@ -139,9 +139,7 @@ class CompiledInstance(ABC):
         self._log = LogBook(name)
         folder = unpacked.acquire()
         try:
-            self._slave = load_library(
-                path, folder, description, name
-            )
+            self._slave = load_library(path, folder, description, name)
             self._instantiate()
         except BaseException:
             self.free()

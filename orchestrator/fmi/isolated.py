@@ -30,7 +30,10 @@ __all__ = ["IsolatedInstance"]
 
 _LINES_OF_OUTPUT = 10
 _SECONDS_TO_END = 5.0
-_START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from orchestrator.fmi.worker import main; main()"
+_START = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from orchestrator.fmi.worker import main; main()"
+)
 
 
 class IsolatedInstance:
@@ -145,9 +148,7 @@ class IsolatedInstance:
             what = f"its process died in {self._calling}: {_cause(code)}"
             status, remedy = "crashed", ""
         lines = (*self._log, *self._printed())
-        return StepError(
-            what, instance=self.name, time=self._time, status=status, log=lines, remedy=remedy
-        )
+        return StepError(what, instance=self.name, time=self._time, status=status, log=lines, remedy=remedy)
 
     def _printed(self) -> list[str]:
         self._output.seek(0)

@@ -16,6 +16,7 @@ from ..errors import FmuError
 
 __all__ = ["read_markup"]
 
+_REFUSED = "{path}: {name} declares a document type, which FMI has no use for; refused"
 LARGEST_XML = 512 * 2**20
 # Read by fmpy besides the model description.
 _FURTHER = ("sources/buildDescription.xml",)
@@ -69,7 +70,7 @@ def _refuse_document_type(path: Path, name: str, xml: bytes) -> None:
     try:
         parser.Parse(xml, True)
     except _DocumentType:
-        raise FmuError(f"{path}: {name} declares a document type, which FMI has no use for; refused") from None
+        raise FmuError(_REFUSED.format(path=path, name=name)) from None
     except (expat.ExpatError, ValueError, LookupError) as error:
         if "encoding" in str(error):
             raise FmuError(f"{path}: {name} is in an encoding that is not read here ({error})") from error
@@ -85,5 +86,5 @@ def _parse(path: Path, name: str, xml: bytes) -> Any:
     except etree.XMLSyntaxError as error:
         raise FmuError(f"{path}: {name} is not well-formed XML ({error.msg})") from error
     if tree.docinfo.doctype:
-        raise FmuError(f"{path}: {name} declares a document type, which FMI has no use for; refused")
+        raise FmuError(_REFUSED.format(path=path, name=name))
     return tree.getroot()
