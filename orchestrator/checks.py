@@ -304,7 +304,8 @@ def step_size(instances: Iterable[Instance], size: Fraction, places: Places) -> 
         what = f"{one.name} cannot take a step size of {float(taken)!r} s: its own is {own!r} s"
         allowed = "the FMU does not declare canHandleVariableCommunicationStepSize"
         remedy = (
-            f"Set run.step_size, or instances.{one.name}.step_size, to {own!r} s{multiples}; or, if the FMU takes any constant step, say so: "
+            f"Set run.step_size, or instances.{one.name}.step_size, to {own!r} s{multiples}; or, "
+            f"if the FMU takes any constant step, say so: "
             f"instances.{one.name}.any_step: true."
         )
         problems.append(Problem(places.text(("instances", one.name)), what, allowed, remedy))

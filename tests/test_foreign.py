@@ -303,8 +303,9 @@ def test_a_step_that_is_not_the_fmus_own_is_refused(tmp_path):
     with pytest.raises(ConfigError) as caught:
         prepare(wild_config(path, "0.2 s"))
     assert str(caught.value) == (
-        "config: instances.one: one cannot take the run's step size of 0.2 s: its own is 0.1 s\n"
-        "  the FMU does not declare canHandleVariableCommunicationStepSize. Set run.step_size to 0.1 s; "
+        "config: instances.one: one cannot take a step size of 0.2 s: its own is 0.1 s\n"
+        "  the FMU does not declare canHandleVariableCommunicationStepSize. Set run.step_size, or "
+        "instances.one.step_size, to 0.1 s; "
         "or, if the FMU takes any constant step, say so: instances.one.any_step: true."
     )
     prepare(wild_config(path, "0.1 s"))
@@ -320,7 +321,7 @@ def test_whole_multiples_of_an_internal_step_are_taken(tmp_path):
     start = {"u[1]": 0, "u[2]": 0, "u[3]": 0}
     for step in ("0.1 s", "0.3 s"):
         prepare(wild_config(path, step, start=start))
-    with pytest.raises(ConfigError, match=r"Set run\.step_size to 0\.1 s or a whole multiple of it"):
+    with pytest.raises(ConfigError, match=r"to 0\.1 s or a whole multiple of it"):
         prepare(wild_config(path, "0.15 s", start=start))
 
 
@@ -328,7 +329,7 @@ def test_the_run_with_half_the_step_is_not_made_where_the_fmu_forbids_it(tmp_pat
     made = run(wild_config(foreign.wild(tmp_path / "Wild.fmu", "")))
     assert made.results["one.y"][-1] == pytest.approx(0.6)
     message = made.summary["numerics"]["error"]["message"]
-    assert "cannot take the run's step size of 0.05 s: its own is 0.1 s" in message
+    assert "cannot take a step size of 0.05 s: its own is 0.1 s" in message
 
 
 def test_a_tool_that_is_needed_is_told(tmp_path):

@@ -258,3 +258,30 @@ def test_isolation_is_an_override(wild):
     loaded = load_config(config(wild, 0), ["instances.good.isolate=process", "instances.good.time_limit=3 s"])
     good = loaded.model.instances["good"]
     assert (good.isolate, good.seconds()) == ("process", 3.0)
+
+
+def test_an_interrupt_within_a_call_ends_the_process(wild, monkeypatch):
+    instance = load_fmu(wild, ISOLATED).instantiate("one")
+    instance.enter_initialisation(0.0, {"way": HANG})
+    instance.exit_initialisation()
+
+    def interrupted(descriptor):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("orchestrator.fmi.frames.receive", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        instance.do_step(Point(0, 0.0, 0.1))
+    monkeypatch.undo()
+    instance.free()  # would wait for ever for a process that hangs
+    assert instance._process.poll() is not None
+
+
+def test_an_isolated_python_fmu_tells_what_it_logged(python_fmu):
+    instance = load_fmu(python_fmu("misbehaving"), ISOLATED).instantiate("one")
+    instance.enter_initialisation(0.0, {"way": "error", "at": 0.0})
+    instance.exit_initialisation()
+    with pytest.raises(StepError) as caught:
+        instance.do_step(Point(0, 0.0, 0.1))
+    assert caught.value.what == "fmi2DoStep returned fatal"
+    assert any("the tank is empty" in line for line in caught.value.log)
+    instance.free()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from ctypes import CFUNCTYPE, POINTER, addressof, c_char_p, c_int, c_size_t, c_uint, c_void_p, cast
+from ctypes import CFUNCTYPE, POINTER, addressof, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p, cast
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from importlib import import_module
@@ -81,9 +81,9 @@ _KINDS = {
     ("1", Interface.CO_SIMULATION): (".fmi1", "Fmi1Instance"),
     ("2", Interface.CO_SIMULATION): (".fmi2", "Fmi2Instance"),
     ("3", Interface.CO_SIMULATION): (".fmi3", "Fmi3Instance"),
-    ("1", Interface.MODEL_EXCHANGE): (".exchange", "Fmi1Exchange"),
-    ("2", Interface.MODEL_EXCHANGE): (".exchange", "Fmi2Exchange"),
-    ("3", Interface.MODEL_EXCHANGE): (".exchange", "Fmi3Exchange"),
+    ("1", Interface.MODEL_EXCHANGE): (".exchange1", "Fmi1Exchange"),
+    ("2", Interface.MODEL_EXCHANGE): (".exchange2", "Fmi2Exchange"),
+    ("3", Interface.MODEL_EXCHANGE): (".exchange3", "Fmi3Exchange"),
 }
 
 

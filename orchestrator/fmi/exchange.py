@@ -8,7 +8,6 @@ at every communication point, so that a step depends on nothing but the FMU's st
 from __future__ import annotations
 
 from collections.abc import Mapping
-from ctypes import byref, c_bool, c_char, c_double, c_int, c_size_t
 from math import ulp
 from typing import Any
 
@@ -16,17 +15,14 @@ import numpy as np
 
 from ..errors import FmuError, StepError
 from .compiled import CompiledInstance
-from .fmi1 import Fmi1Base
-from .fmi2 import Fmi2Instance
-from .fmi3 import Fmi3Instance
 from .instance import Array, Point, StepStatus
 from .solver import Integrator, Model
 from .variable import Value
 
-__all__ = ["Exchange", "Fmi1Exchange", "Fmi2Exchange", "Fmi3Exchange"]
+__all__ = ["MOST_ITERATIONS", "Exchange"]
 
 _MOST_STEPS = 100_000
-_MOST_ITERATIONS = 10_000
+MOST_ITERATIONS = 10_000
 # Part of a step within which an event counts as being at its end.
 _CLOSE = 1e-9
 
@@ -194,7 +190,7 @@ class Exchange(CompiledInstance):
 
     def _unsettled(self, function: str) -> StepError:
         return StepError(
-            f"its discrete states do not settle: {function} wants a {_MOST_ITERATIONS + 1}th call",
+            f"its discrete states do not settle: {function} wants a {MOST_ITERATIONS + 1}th call",
             instance=self.name,
             time=self._time,
             status="event iteration",
@@ -230,137 +226,3 @@ class Exchange(CompiledInstance):
         event = float(np.frombuffer(data[:8])[0])
         inner = super().deserialise_state(data[8:])  # type: ignore[misc]
         return inner, None if np.isnan(event) else event, None
-
-
-class Fmi2Exchange(Exchange, Fmi2Instance):
-    """A running FMI 2.0 model-exchange FMU."""
-
-    _SET_TIME, _GET_STATES, _SET_STATES = "fmi2SetTime", "fmi2GetContinuousStates", "fmi2SetContinuousStates"
-    _DERIVATIVES, _INDICATORS = "fmi2GetDerivatives", "fmi2GetEventIndicators"
-    _NOMINALS = "fmi2GetNominalsOfContinuousStates"
-
-    def _find_functions(self) -> None: ...
-
-    def _enter(self, start_time: float, stop_time: float | None) -> None:
-        super()._enter(start_time, stop_time)
-        self._start_time = start_time
-
-    def exit_initialisation(self) -> None:
-        """See FmuInstance.exit_initialisation."""
-        super().exit_initialisation()
-        self._begin(self._start_time)
-
-    def _enter_event_mode(self) -> None:
-        self._call("fmi2EnterEventMode")
-
-    def _enter_continuous_time(self) -> None:
-        self._call("fmi2EnterContinuousTimeMode")
-
-    def _update_discrete(self) -> bool:
-        from fmpy.fmi2 import fmi2EventInfo
-
-        info = fmi2EventInfo()
-        for _ in range(_MOST_ITERATIONS):
-            self._call("fmi2NewDiscreteStates", byref(info))
-            if info.terminateSimulation or not info.newDiscreteStatesNeeded:
-                self._next_event = info.nextEventTime if info.nextEventTimeDefined else None
-                return bool(info.terminateSimulation)
-        raise self._unsettled("fmi2NewDiscreteStates")
-
-    def _completed_step(self) -> tuple[bool, bool]:
-        event, stop = c_int(), c_int()
-        free = int(self._saved_states == 0)
-        self._call("fmi2CompletedIntegratorStep", free, byref(event), byref(stop))
-        return bool(event.value), bool(stop.value)
-
-
-class Fmi3Exchange(Exchange, Fmi3Instance):
-    """A running FMI 3.0 model-exchange FMU."""
-
-    _INSTANTIATE = "fmi3InstantiateModelExchange"
-    _SET_TIME, _GET_STATES, _SET_STATES = "fmi3SetTime", "fmi3GetContinuousStates", "fmi3SetContinuousStates"
-    _DERIVATIVES, _INDICATORS = "fmi3GetContinuousStateDerivatives", "fmi3GetEventIndicators"
-    _NOMINALS = "fmi3GetNominalsOfContinuousStates"
-
-    def _modes(self) -> dict[str, bool]:
-        return {}
-
-    def _find_functions(self) -> None: ...
-
-    def _enter(self, start_time: float, stop_time: float | None) -> None:
-        super()._enter(start_time, stop_time)
-        self._start_time = start_time
-
-    def exit_initialisation(self) -> None:
-        """See FmuInstance.exit_initialisation."""
-        super().exit_initialisation()
-        self._begin(self._start_time)
-
-    def _sizes(self) -> tuple[int, int]:
-        found = []
-        for name, declared in zip(
-            ("fmi3GetNumberOfContinuousStates", "fmi3GetNumberOfEventIndicators"),
-            super()._sizes(),
-            strict=True,
-        ):
-            size = c_size_t(declared)
-            if name in self._slave._functions:
-                self._call(name, byref(size))
-            found.append(size.value)
-        return found[0], found[1]
-
-    def _enter_event_mode(self) -> None:
-        self._call("fmi3EnterEventMode")
-
-    def _enter_continuous_time(self) -> None:
-        self._call("fmi3EnterContinuousTimeMode")
-
-    def _update_discrete(self) -> bool:
-        return self._update_discrete_states()
-
-    def _completed_step(self) -> tuple[bool, bool]:
-        event, stop = c_bool(), c_bool()
-        self._call("fmi3CompletedIntegratorStep", self._saved_states == 0, byref(event), byref(stop))
-        return event.value, stop.value
-
-
-class Fmi1Exchange(Exchange, Fmi1Base):
-    """A running FMI 1.0 model-exchange FMU."""
-
-    _INSTANTIATE, _TERMINATE, _FREE = "fmi1InstantiateModel", "fmi1Terminate", "fmi1FreeModelInstance"
-    _SET_TIME, _GET_STATES, _SET_STATES = "fmi1SetTime", "fmi1GetContinuousStates", "fmi1SetContinuousStates"
-    _DERIVATIVES, _INDICATORS = "fmi1GetDerivatives", "fmi1GetEventIndicators"
-    _NOMINALS = "fmi1GetNominalContinuousStates"
-
-    def _initialise(self, start_time: float, stop_time: float | None) -> None:
-        from fmpy.fmi1 import fmi1EventInfo
-
-        self._call(self._SET_TIME, start_time)
-        self._info = fmi1EventInfo()
-        self._call("fmi1Initialize", b"\x00", c_double(0.0), byref(self._info))
-        self._note_event()
-
-    def exit_initialisation(self) -> None:
-        """See FmuInstance.exit_initialisation."""
-        super().exit_initialisation()
-        assert self._started is not None
-        self._begin(self._started[0])
-
-    def _note_event(self) -> bool:
-        defined = self._info.upcomingTimeEvent != b"\x00"
-        self._next_event = self._info.nextEventTime if defined else None
-        return self._info.terminateSimulation != b"\x00"
-
-    def _update_discrete(self) -> bool:
-        for _ in range(_MOST_ITERATIONS):
-            self._call("fmi1EventUpdate", b"\x00", byref(self._info))
-            if self._note_event():
-                return True
-            if self._info.iterationConverged != b"\x00":
-                return False
-        raise self._unsettled("fmi1EventUpdate")
-
-    def _completed_step(self) -> tuple[bool, bool]:
-        event = c_char()
-        self._call("fmi1CompletedIntegratorStep", byref(event))
-        return event.value != b"\x00", False

@@ -7,6 +7,8 @@ the end of the step: a communication point that is an event shows the values aft
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from ctypes import (
     CFUNCTYPE,
     addressof,
@@ -27,7 +29,7 @@ from typing import Any
 from ..errors import StepError
 from .compiled import CompiledInstance
 from .instance import Point, StepStatus
-from .variable import Variable
+from .variable import Value, Variable
 
 __all__ = ["Fmi3Instance"]
 
@@ -52,6 +54,7 @@ class Fmi3Instance(CompiledInstance):
 
     _EXIT, _TERMINATE, _FREE = "fmi3ExitInitializationMode", "fmi3Terminate", "fmi3FreeInstance"
     _INSTANTIATE = "fmi3InstantiateCoSimulation"
+    _stepping = False
 
     def _instantiate(self) -> None:
         def log(environment: Any, status: int, category: Any, message: Any) -> None:
@@ -94,14 +97,26 @@ class Fmi3Instance(CompiledInstance):
         if self.handling.event_mode:
             self._update_discrete_states()
             self._call("fmi3EnterStepMode")
+            self._stepping = True
 
     def write_inputs(self) -> None:
         """See FmuInstance.write_inputs; discrete inputs may change in event mode only."""
-        if not self.handling.event_mode:
+        with self._event_mode():
             super().write_inputs()
+
+    def set_values(self, values: Mapping[str, Value]) -> None:
+        """See FmuInstance.set_values."""
+        with self._event_mode():
+            super().set_values(values)
+
+    @contextmanager
+    def _event_mode(self) -> Iterator[None]:
+        """Event mode between two steps, where it is used."""
+        if not self._stepping:
+            yield
             return
         self._call("fmi3EnterEventMode")
-        super().write_inputs()
+        yield
         self._update_discrete_states()
         self._call("fmi3EnterStepMode")
 

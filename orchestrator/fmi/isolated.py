@@ -112,6 +112,12 @@ class IsolatedInstance:
             pass  # it died before: the answer's absence tells
         try:
             return self._answer()
+        except (FmuError, StepError):
+            raise
+        except BaseException:  # interrupted: its answer would be taken for that of the next call
+            self._dead = True
+            self._process.kill()
+            raise
         finally:
             self._deadline = None
 

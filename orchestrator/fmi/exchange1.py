@@ -1,0 +1,52 @@
+"""Instances of FMI 1.0 model-exchange FMUs."""
+
+from __future__ import annotations
+
+from ctypes import byref, c_char, c_double
+
+from fmpy.fmi1 import fmi1EventInfo
+
+from .exchange import MOST_ITERATIONS, Exchange
+from .fmi1 import Fmi1Base
+
+__all__ = ["Fmi1Exchange"]
+
+
+class Fmi1Exchange(Exchange, Fmi1Base):
+    """A running FMI 1.0 model-exchange FMU."""
+
+    _INSTANTIATE, _TERMINATE, _FREE = "fmi1InstantiateModel", "fmi1Terminate", "fmi1FreeModelInstance"
+    _SET_TIME, _GET_STATES, _SET_STATES = "fmi1SetTime", "fmi1GetContinuousStates", "fmi1SetContinuousStates"
+    _DERIVATIVES, _INDICATORS = "fmi1GetDerivatives", "fmi1GetEventIndicators"
+    _NOMINALS = "fmi1GetNominalContinuousStates"
+
+    def _initialise(self, start_time: float, stop_time: float | None) -> None:
+        self._call(self._SET_TIME, start_time)
+        self._info = fmi1EventInfo()
+        self._call("fmi1Initialize", b"\x00", c_double(0.0), byref(self._info))
+        self._note_event()
+
+    def exit_initialisation(self) -> None:
+        """See FmuInstance.exit_initialisation."""
+        super().exit_initialisation()
+        assert self._started is not None
+        self._begin(self._started[0])
+
+    def _note_event(self) -> bool:
+        defined = self._info.upcomingTimeEvent != b"\x00"
+        self._next_event = self._info.nextEventTime if defined else None
+        return self._info.terminateSimulation != b"\x00"
+
+    def _update_discrete(self) -> bool:
+        for _ in range(MOST_ITERATIONS):
+            self._call("fmi1EventUpdate", b"\x00", byref(self._info))
+            if self._note_event():
+                return True
+            if self._info.iterationConverged != b"\x00":
+                return False
+        raise self._unsettled("fmi1EventUpdate")
+
+    def _completed_step(self) -> tuple[bool, bool]:
+        event = c_char()
+        self._call("fmi1CompletedIntegratorStep", byref(event))
+        return event.value != b"\x00", False
