@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from time import perf_counter_ns
 from typing import Any, NamedTuple
 
@@ -58,7 +59,9 @@ class Instances:
         self._values = np.zeros(layout.size)
         self._finite = np.empty(layout.size, np.bool_)
         self.texts: dict[Port, str] = {}
-        self._u = [np.zeros(len(inputs.names)) for inputs in layout.inputs]
+        ends = np.cumsum([0, *(len(inputs.names) for inputs in layout.inputs)]).tolist()
+        self._all_u = np.zeros(ends[-1])
+        self._u = [self._all_u[first:end] for first, end in pairwise(ends)]
         self._transfers = [
             (inputs.source, u, inputs.gain, inputs.offset)
             for inputs, u in zip(layout.inputs, self._u, strict=True)
@@ -165,7 +168,7 @@ class Instances:
                 if self.layout.text_outputs[index]:
                     self._read_texts(index)
         except StepError as error:
-            self._blame_inputs(index, point, error)
+            self.blame_inputs(index, point, error)
             raise
         self._elapsed[index] += perf_counter_ns() - begin
         return status
@@ -217,6 +220,17 @@ class Instances:
         if 0 in self._finite.tobytes():
             self._report_non_finite(time)
         return Signals(self._values.copy(), dict(self.texts) if self.texts else {})
+
+    # What the native loop uses.
+
+    @property
+    def native_memory(self) -> tuple[Array, Array]:
+        """The signals, shape (layout.size,), and all instances' inputs one after the other: as bound."""
+        return self._values, self._all_u
+
+    def add_elapsed(self, nanoseconds: Sequence[int]) -> None:
+        """Count time that was spent in each instance's steps."""
+        self._elapsed = [before + more for before, more in zip(self._elapsed, nanoseconds, strict=True)]
 
     # Life.
 
@@ -276,8 +290,11 @@ class Instances:
         if not np.isfinite(value):
             self._raise_non_finite(port, value, None)
 
-    def _blame_inputs(self, index: int, point: Point, error: StepError) -> None:
-        """An FMU that fails on a NaN it was given is not the culprit: name the one that gave it."""
+    def blame_inputs(self, index: int, point: Point, error: StepError) -> None:
+        """An FMU that fails on a NaN it was given is not the culprit: name the one that gave it.
+
+        Raises: StepError in place of `error` if the instance's inputs are not finite.
+        """
         if np.isfinite(self._u[index]).all():
             return
         position = int(np.flatnonzero(~np.isfinite(self._u[index]))[0])

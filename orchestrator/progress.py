@@ -6,7 +6,7 @@ import sys
 from time import monotonic
 from typing import Any, TextIO
 
-from .fmi import Point
+from .fmi import Array, Point
 from .signals import Signals
 
 __all__ = ["Progress"]
@@ -35,7 +35,15 @@ class Progress:
 
     def __call__(self, point: Point, signals: Signals) -> None:
         """Note a point."""
-        if not self._shown or point.index % _EVERY:
+        if point.index % _EVERY == 0:
+            self._show(point.index)
+
+    def observe_block(self, first: int, times: Array, values: Array) -> None:
+        """Note consecutive points."""
+        self._show(first + len(times) - 1)
+
+    def _show(self, index: int) -> None:
+        if not self._shown:
             return
         if self._bar is None:
             if monotonic() - self._begin < _SECONDS_UNTIL_SHOWN:
@@ -44,8 +52,8 @@ class Progress:
             from tqdm import tqdm
 
             self._bar = tqdm(total=self._points, desc=self._label, unit="step", file=self._file, leave=False)
-        self._bar.update(point.index - self._done)
-        self._done = point.index
+        self._bar.update(index - self._done)
+        self._done = index
 
     def close(self) -> None:
         """Take the bar away."""

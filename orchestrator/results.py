@@ -130,17 +130,36 @@ class Recorder:
         elif self._file is not None and not row & 15 and monotonic() - self._flushed > _SECONDS_PER_FLUSH:
             self.flush()
 
+    def observe_block(self, first: int, times: Array, values: Array) -> None:
+        """Keep the signals of consecutive points; see BlockObserver."""
+        if self._used:
+            self.flush()
+            self._times.append(self._time[: self._used])
+            self._values.append(self._block[: self._used])
+            self._new_block()
+        if self._every != 1:
+            chosen = slice(-first % self._every, None, self._every)
+            times, values = times[chosen], values[chosen]
+        if not self._whole:
+            values = values[:, self._columns]
+        elif self._every != 1:
+            values = values.copy()  # a view would keep the rows that are not wanted
+        self._times.append(times)
+        self._values.append(values)
+        self._write(times, values)
+
     def flush(self) -> None:
         """Bring the file up to date."""
+        rows = slice(self._written, self._used)
+        self._write(self._time[rows], self._block[rows])
+        self._written = self._used
+
+    def _write(self, times: Array, values: Array) -> None:
         if self._file is not None:
-            rows = slice(self._written, self._used)
-            columns = [
-                _typed(column, kind) for column, kind in zip(self._block[rows].T, self._kinds, strict=True)
-            ]
-            self._file.write(formats.csv_rows(self._time[rows], columns))
+            columns = [_typed(column, kind) for column, kind in zip(values.T, self._kinds, strict=True)]
+            self._file.write(formats.csv_rows(times, columns))
             self._file.flush()
             self._flushed = monotonic()
-            self._written = self._used
 
     def close(self) -> None:
         """Write what is left and close the file."""

@@ -184,7 +184,7 @@ def _run_once(
     begin = perf_counter()
     error: OrchestratorError | None = None
     try:
-        simulate(prepared.system, prepared.master, grid, observers, report)
+        simulate(prepared.system, prepared.master, grid, observers, report, loop=model.run.loop)
     except OrchestratorError as raised:
         error = raised
     except KeyboardInterrupt:
@@ -198,6 +198,7 @@ def _run_once(
     simulated = float(results.time[-1] - results.time[0]) if len(results) else 0.0
     statistics = {
         "master": model.run.master_name,
+        "loop": report.loop,
         "step_size": float(grid.step_size),
         "steps": grid.steps,
         "start_time": float(grid.start),

@@ -1,4 +1,4 @@
-"""The communication grid and the one loop."""
+"""The communication grid and the one loop, which has a native twin."""
 
 from __future__ import annotations
 
@@ -8,19 +8,39 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
 
 from .config import RunModel
 from .errors import ConfigError, Problem
-from .fmi import Point
-from .instances import instantiate
+from .fmi import Array, Point
+from .instances import Instances, instantiate
 from .master import MasterAlgorithm
+from .native import choose_loop
 from .signals import Layout, Signals
 from .system import System
 
-__all__ = ["Grid", "Observer", "Report", "simulate"]
+__all__ = ["BlockObserver", "Grid", "Observer", "Report", "simulate"]
 
 Observer = Callable[[Point, Signals], None]
+
+
+@runtime_checkable
+class BlockObserver(Protocol):
+    """An observer that can take many points at once, which is what the native loop gives."""
+
+    def __call__(self, point: Point, signals: Signals) -> None:
+        """See one point."""
+
+    def observe_block(self, first: int, times: Array, values: Array) -> None:
+        """See consecutive points.
+
+        Args:
+            first: index of the first one.
+            times: shape (n,) [s]; values: numeric signals, shape (n, layout.size). Both may be kept, as
+                parts of larger blocks of memory.
+        """
 
 
 @dataclass(frozen=True)
@@ -78,12 +98,27 @@ class Grid:
     def __len__(self) -> int:
         return self.steps + 1
 
-    def __iter__(self) -> Iterator[Point]:
-        # Quotients of whole numbers are rounded once: no sum of steps runs away, and instants that two grids
-        # share are equal to the bit.
+    def _fractions(self) -> tuple[int, int, int]:
+        """begin, stride and denominator of time = (begin + index * stride) / denominator.
+
+        Quotients of whole numbers are rounded once: no sum of steps runs away, and instants that two grids
+        share are equal to the bit.
+        """
         denominator = self.start.denominator * self.step_size.denominator
         begin = self.start.numerator * self.step_size.denominator
-        stride = self.step_size.numerator * self.start.denominator
+        return begin, self.step_size.numerator * self.start.denominator, denominator
+
+    def times(self, first: int, end: int) -> Array:
+        """Times of the points first <= index < end, shape (end - first,) [s]."""
+        begin, stride, denominator = self._fractions()
+        largest = max(abs(begin + first * stride), abs(begin + end * stride), denominator)
+        if largest < 2**53:  # then floats hold them exactly, and their quotient is rounded once, too
+            numerators = begin + np.arange(first, end, dtype=np.int64) * stride
+            return numerators.astype(np.float64) / float(denominator)
+        return np.array([(begin + index * stride) / denominator for index in range(first, end)])
+
+    def __iter__(self) -> Iterator[Point]:
+        begin, stride, denominator = self._fractions()
         step = float(self.step_size)
         for index in range(self.steps):
             yield Point(index, (begin + index * stride) / denominator, step)
@@ -97,10 +132,12 @@ class Report:
     Attributes:
         instance_time: wall time spent in each instance's steps [s].
         log: the latest warnings and errors that each instance logged.
+        loop: which one ran, "python" or "native".
     """
 
     instance_time: dict[str, float] = field(default_factory=dict)
     log: dict[str, list[str]] = field(default_factory=dict)
+    loop: str = ""
 
 
 class _Stop:
@@ -138,33 +175,84 @@ def simulate(
     grid: Grid,
     observers: Iterable[Observer] = (),
     report: Report | None = None,
+    *,
+    loop: str = "auto",
 ) -> None:
     """Run a system.
 
     Observers see every communication point, before the step that begins there: values belong to that instant.
+    The native loop shows them up to 4096 points at once, after the steps that begin there.
 
     Args:
         observers: called with the point and the signals; signals are new at every point and may be kept.
         report: filled also when the run fails.
-    Raises: ConfigError if the master cannot run the system; StepError if an FMU fails or an iteration does
-        not converge; FmuError if an FMU cannot be loaded; KeyboardInterrupt, between two steps, if the user
-        asks for it.
+        loop: "python", "native" (machine code; the same results to the bit) or "auto": native where that is
+            possible and faster.
+    Raises: ConfigError if the master, or the native loop that is asked for, cannot run the system; StepError
+        if an FMU fails or an iteration does not converge; FmuError if an FMU cannot be loaded;
+        KeyboardInterrupt, between two steps, if the user asks for it.
     """
     observers = tuple(observers)
+    report = report or Report()
     problems = master.check(system)
     if problems:
         raise ConfigError(problems)
     with _held_interrupts() as stop, instantiate(system, Layout.of(system)) as instances:
         try:
+            report.loop = choose_loop(loop, instances, master, grid.steps)
             signals = instances.initialise(float(grid.start), float(grid.stop))
-            for point in grid:
-                for observe in observers:
-                    observe(point, signals)
-                if stop.requested:
-                    raise KeyboardInterrupt
-                if not point.last:
-                    signals, info = master.step(system, instances, point, signals)
-                    info.raise_on_failure(point)
+            if report.loop == "native":
+                _loop_natively(instances, master, grid, observers, stop)
+            else:
+                _loop(instances, master, grid, observers, stop, signals)
         finally:
-            if report is not None:
-                report.instance_time, report.log = instances.elapsed(), instances.warnings()
+            report.instance_time, report.log = instances.elapsed(), instances.warnings()
+
+
+def _loop(
+    instances: Instances,
+    master: MasterAlgorithm,
+    grid: Grid,
+    observers: tuple[Observer, ...],
+    stop: _Stop,
+    signals: Signals,
+) -> None:
+    for point in grid:
+        for observe in observers:
+            observe(point, signals)
+        if stop.requested:
+            raise KeyboardInterrupt
+        if not point.last:
+            signals, info = master.step(instances.system, instances, point, signals)
+            info.raise_on_failure(point)
+
+
+def _loop_natively(
+    instances: Instances, master: MasterAlgorithm, grid: Grid, observers: tuple[Observer, ...], stop: _Stop
+) -> None:
+    # numba takes longer to import than a short run takes.
+    from .native.loop import run_native
+
+    step_size = float(grid.step_size)
+    blockwise = [one for one in observers if isinstance(one, BlockObserver)]
+
+    def observe_blocks(first: int, times: Array, values: Array) -> None:
+        for one in blockwise:
+            one.observe_block(first, times, values)
+
+    def observe_points(first: int, times: Array, values: Array) -> None:
+        # All take turns at every point, so that where one raises the others have seen what they would have.
+        for index, (time, row) in enumerate(zip(times.tolist(), values, strict=True), start=first):
+            signals = Signals(row.copy())
+            for observe in observers:
+                observe(Point(index, time, step_size), signals)
+
+    seen = observe_blocks if len(blockwise) == len(observers) else observe_points
+    reached = run_native(instances, master, grid, seen if observers else None, lambda: stop.requested)
+    time = float(grid.times(reached, reached + 1)[0])
+    point = Point(reached, time, step_size, reached == grid.steps)
+    signals = instances.signals(time)
+    for observe in observers:
+        observe(point, signals)
+    if stop.requested:
+        raise KeyboardInterrupt

@@ -14,8 +14,8 @@ PACKAGE = ROOT / "orchestrator"
 LAYERS = [
     "errors", "bundled", "units", "config", "fmi", "graph", "fixed_point", "system", "checks", "assembly",
     "signals", "initialisation", "instances",
-    "master", "simulate", "formats", "results", "progress", "measures", "plotting", "run", "compare", "table",
-    "translate", "frequency", "docking", "diagnosis", "campaign", "__main__",
+    "master", "native", "simulate", "formats", "results", "progress", "measures", "plotting", "run",
+    "compare", "table", "translate", "frequency", "docking", "diagnosis", "campaign", "__main__",
 ]  # fmt: skip
 
 

@@ -58,6 +58,11 @@ class RunModel(_Model):
         "all", description="Signals to record, as instance.variable; all outputs by default."
     )
     record_every: int = Field(1, ge=1, strict=True, description="Record every n-th communication point.")
+    loop: Literal["auto", "python", "native"] = Field(
+        "auto",
+        description="What runs the steps: the interpreter, or machine code, which only compiled FMUs and the "
+        "masters jacobi and gauss-seidel can use; results are the same. auto: whichever is faster.",
+    )
 
     @field_validator("step_size", "stop_time", "start_time", mode="before")
     @classmethod

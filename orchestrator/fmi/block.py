@@ -19,6 +19,8 @@ class Block:
 
     Attributes:
         name: of the FMI function that gets or sets them.
+        address: of that function; 0 until it is known.
+        ctype: of a value.
         call: that function with its arguments; gives the FMI status.
         refill: gets what the FMU has into `values`; only where inputs are elements of a larger array.
         references: value references, one of each variable.
@@ -46,6 +48,8 @@ class Block:
                 offsets[variable.reference] = count
                 count += variable.elements
         self.name = name
+        self.address = 0
+        self.ctype = ctype
         self.references = (c_uint * len(offsets))(*offsets)
         self.memory = memory
         self.positions = [position for position, _ in ports]
@@ -63,6 +67,11 @@ class Block:
         self.real = fmi_type in ("Real", "Float64", "Float32")
         self.call: Callable[[], int] = lambda: 0
         self.refill: Callable[[], int] | None = None
+
+    @property
+    def plain(self) -> bool:
+        """Whether `values` holds the ports in order and nothing else."""
+        return self._plain
 
     def fetch(self) -> None:
         """Buffer -> memory."""

@@ -14,7 +14,7 @@ from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from .handling import Handling, Interface
 from .instance import Array, FmuInstance, Point, StepStatus
 from .variable import Kind, Value, Variable
 
-__all__ = ["CompiledFmu", "CompiledInstance", "load_fmu"]
+__all__ = ["Block", "CompiledFmu", "CompiledInstance", "NativeCalls", "load_fmu"]
 
 STATUS = {0: "ok", 1: "warning", 2: "discard", 3: "error", 4: "fatal", 5: "pending"}
 FATAL = 4
@@ -107,6 +107,27 @@ def load_fmu(path: Path, handling: Handling = Handling()) -> CompiledFmu:  # noq
     return _load(path.resolve(), found.st_mtime_ns, found.st_size, handling)
 
 
+class NativeCalls(NamedTuple):
+    """What a loop outside the interpreter has to call; memory and functions live as long as the instance.
+
+    Attributes:
+        version: of FMI, 2 or 3.
+        component: the FMU's handle.
+        step: address of the step function.
+        no_rollback: whether no state is kept.
+        returned: addresses where an FMI 3 step tells: event, terminate, early return, time reached.
+        inputs, outputs: what is set before a step and read after it.
+    """
+
+    version: int
+    component: int
+    step: int
+    no_rollback: bool
+    returned: tuple[int, int, int, int]
+    inputs: tuple[Block, ...]
+    outputs: tuple[Block, ...]
+
+
 class CompiledInstance(ABC):
     """What instances of all versions of FMI have in common; see the FmuInstance protocol."""
 
@@ -166,6 +187,31 @@ class CompiledInstance(ABC):
     def do_step(self, point: Point) -> StepStatus:
         """Step from `point` by its step size."""
 
+    # For loops outside the interpreter.
+
+    def native_calls(self) -> NativeCalls | None:
+        """What `write_inputs`, `do_step` and `read_outputs` call; None if they do more than that."""
+        return None
+
+    def judge_step(self, status: int, point: Point) -> StepStatus:
+        """What a status that the step function returned means; only where there are native calls.
+
+        Raises: StepError.
+        """
+        raise NotImplementedError
+
+    def _moves_plainly(self) -> bool:
+        """Whether every bound port is moved as it is: no aliases that negate, no parts of arrays."""
+        return all(block.plain for block in (*self._inputs, *self._outputs))
+
+    def stand_at(self, time: float) -> None:
+        """Note that the last step taken began at `time` [s]."""
+        self._time = time
+
+    def fail_block(self, block: Block, status: int) -> None:
+        """Raises: StepError for a get or set function that returned `status`."""
+        self._fail(block.name, status)
+
     # Calls and their failures.
 
     def _function(self, name: str) -> Any:
@@ -216,6 +262,7 @@ class CompiledInstance(ABC):
         for fmi_type, ports in groups.items():
             ctype, function = self._accessor(ports[0][1], verb)
             block = Block(fmi_type, ctype, function.__name__, ports, memory)
+            block.address = cast(function, c_void_p).value or 0
             block.call = self._bare(function, block)
             if verb == "Set" and block.partial:
                 block.refill = self._bare(self._accessor(ports[0][1], "Get")[1], block)

@@ -6,7 +6,8 @@ from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_size_t, c_void
 from time import sleep
 from typing import Any
 
-from .compiled import CompiledInstance
+from ..errors import StepError
+from .compiled import CompiledInstance, NativeCalls
 from .instance import Array, Point, StepStatus
 from .library import callbacks_for
 from .variable import Variable
@@ -58,10 +59,37 @@ class Fmi2Instance(CompiledInstance):
         status = self._do_step(self._handle, point.time, point.step_size, self._saved_states == 0)
         if status == _PENDING:
             status = self._wait()
+        return self.judge_step(status, point)
+
+    def native_calls(self) -> NativeCalls | None:
+        """See CompiledInstance.native_calls."""
+        if self.handling.event_mode or not self._moves_plainly():
+            return None
+        return NativeCalls(
+            version=2,
+            component=self._handle.value or 0,
+            step=cast(self._do_step, c_void_p).value or 0,
+            no_rollback=self._saved_states == 0,
+            returned=(0, 0, 0, 0),
+            inputs=tuple(self._inputs),
+            outputs=tuple(self._outputs),
+        )
+
+    def judge_step(self, status: int, point: Point) -> StepStatus:
+        """See CompiledInstance.judge_step."""
         if status <= 1:
             return StepStatus.WARNING if status else StepStatus.OK
         if status == _DISCARD:
             return StepStatus.TERMINATED if self._asks_to_terminate() else StepStatus.DISCARD
+        if status == _PENDING:
+            raise StepError(
+                "fmi2DoStep goes on asynchronously",
+                instance=self.name,
+                time=point.time,
+                status="pending",
+                log=self.log_lines(),
+                remedy="Set run.loop to python: it waits for such FMUs.",
+            )
         self._fail("fmi2DoStep", status)
         raise AssertionError("unreachable")
 

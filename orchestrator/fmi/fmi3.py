@@ -27,7 +27,7 @@ from ctypes import (
 from typing import Any
 
 from ..errors import StepError
-from .compiled import CompiledInstance
+from .compiled import CompiledInstance, NativeCalls
 from .instance import Point, StepStatus
 from .variable import Value, Variable
 
@@ -170,6 +170,40 @@ class Fmi3Instance(CompiledInstance):
             status="event iteration",
             log=self.log_lines(),
         )
+
+    def native_calls(self) -> NativeCalls | None:
+        """See CompiledInstance.native_calls."""
+        if self.handling.event_mode or not self._moves_plainly():
+            return None
+        event, terminate, early, reached = (one.value or 0 for one in self._returned)
+        return NativeCalls(
+            version=3,
+            component=self._handle.value or 0,
+            step=cast(self._do_step, c_void_p).value or 0,
+            no_rollback=self._saved_states == 0,
+            returned=(event, terminate, early, reached),
+            inputs=tuple(self._inputs),
+            outputs=tuple(self._outputs),
+        )
+
+    def judge_step(self, status: int, point: Point) -> StepStatus:
+        """See CompiledInstance.judge_step."""
+        if status == _DISCARD:
+            return StepStatus.DISCARD
+        if status > 1:
+            self._fail("fmi3DoStep", status)
+        if self._terminate.value:
+            return StepStatus.TERMINATED
+        if self._early.value and self._reached.value < point.time + (1.0 - _CLOSE) * point.step_size:
+            raise StepError(
+                f"fmi3DoStep returned early without leave, at {self._reached.value!r} s",
+                instance=self.name,
+                time=point.time,
+                status="early return",
+                log=self.log_lines(),
+                remedy="Set run.loop to python: it makes such FMUs finish their step.",
+            )
+        return StepStatus.WARNING if status else StepStatus.OK
 
     def last_successful_time(self) -> float | None:
         """See FmuInstance.last_successful_time."""

@@ -1,0 +1,83 @@
+"""Columns of the tables that tell the native loop what to call, and codes in them."""
+
+from __future__ import annotations
+
+from enum import IntEnum, auto
+
+__all__ = ["Call", "Code", "Outcome", "Phase", "Step"]
+
+
+class _Column(IntEnum):
+    @staticmethod
+    def _generate_next_value_(name: str, start: int, count: int, last: list[int]) -> int:
+        return count
+
+
+class Call(_Column):
+    """Columns of the table of get and set functions; addresses unless told otherwise."""
+
+    FUNCTION = auto()
+    COMPONENT = auto()
+    REFERENCES = auto()
+    COUNT = auto()  # of references
+    VALUES = auto()
+    CODE = auto()  # type of the values
+    PLACE = auto()  # where the list of their places in memory begins
+    VALUE_COUNT = auto()
+
+
+class Step(_Column):
+    """Columns of the table of instances; addresses unless told otherwise."""
+
+    VERSION = auto()  # of FMI
+    FUNCTION = auto()
+    COMPONENT = auto()
+    NO_ROLLBACK = auto()  # whether no state is kept
+    EVENT = auto()  # FMI 3: where the step's results go
+    TERMINATE = auto()
+    EARLY = auto()
+    REACHED = auto()
+    FIRST_SET = auto()  # rows of the table of calls
+    END_SET = auto()
+    FIRST_GET = auto()
+    END_GET = auto()
+    FIRST_INPUT = auto()  # places in the vector of inputs
+    END_INPUT = auto()
+    CONVERTS = auto()  # whether gains and offsets apply
+
+
+class Code(_Column):
+    """Types of values; DIRECT: doubles that are moved where they lie."""
+
+    DIRECT = auto()
+    F64 = auto()
+    F32 = auto()
+    I8 = auto()
+    U8 = auto()
+    I16 = auto()
+    U16 = auto()
+    I32 = auto()
+    U32 = auto()
+    I64 = auto()
+    U64 = auto()
+    BOOL = auto()
+
+
+class Phase(_Column):
+    """Where a chunk ended."""
+
+    DONE = auto()
+    SET = auto()
+    ADVANCE = auto()
+    GET = auto()
+    FINITE = auto()  # a signal is not finite
+    CONVERT = auto()  # an input that is no number has to become an integer
+
+
+class Outcome(_Column):
+    """Entries of what a chunk tells of its end."""
+
+    WHO = auto()  # position of the instance
+    PHASE = auto()
+    BLOCK = auto()  # row of the table of calls
+    STATUS = auto()

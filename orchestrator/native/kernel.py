@@ -1,0 +1,305 @@
+"""A chunk of communication steps in machine code."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+
+from .codes import Call, Code, Outcome, Phase, Step
+from .foreign import (
+    call_fmi2_step,
+    call_fmi2_values,
+    call_fmi3_step,
+    call_fmi3_values,
+    call_timer,
+    load,
+    store,
+)
+
+__all__ = ["run_steps"]
+
+# numba keeps what it compiled until this file changes; those that it is made from count as well.
+_MADE_OF = (Path(__file__).with_name(name) for name in ("codes.py", "foreign.py"))
+_SOURCES = crc32(b"".join(path.read_bytes() for path in _MADE_OF))
+
+# numba takes plain whole numbers for constants.
+_C_FUNCTION, _C_COMPONENT, _REFERENCES, _COUNT, _VALUES, _CODE, _PLACE, _VALUE_COUNT = map(int, Call)
+_VERSION, _FUNCTION, _COMPONENT, _NO_ROLLBACK, _EVENT, _TERMINATE, _EARLY, _REACHED = map(int, list(Step)[:8])
+_FIRST_SET, _END_SET, _FIRST_GET, _END_GET, _FIRST_INPUT, _END_INPUT, _CONVERTS = map(int, list(Step)[8:])
+_DIRECT, _F64, _F32, _I8, _U8, _I16, _U16, _I32, _U32, _I64, _U64, _BOOL = map(int, Code)
+_DONE, _SET, _ADVANCE, _GET, _FINITE, _CONVERT = map(int, Phase)
+_WHO, _PHASE, _BLOCK, _STATUS = map(int, Outcome)
+_CALL_ROW, _STEP_ROW = 8 * len(Call), 8 * len(Step)  # bytes
+
+# Of a step: how near its end an early return counts as its end, as in fmi3.py.
+_CLOSE = 1e-9
+
+# The bits of a double that are all ones in infinities and NaNs only.
+_EXPONENT = 0x7FF0000000000000
+_BIGGEST, _WRAP = 2.0**63, 2.0**64
+
+
+# Helpers take addresses instead of arrays: numba counts the references of every array that is passed on, with
+# atomic operations that cost as much as a small FMU's step.
+
+
+@register_jitable
+def _word(row, column):
+    """An entry of a row of a table, by the row's address."""
+    return load(row + 8 * column, np.int64(0))
+
+
+@register_jitable
+def _call_values(row, version):
+    """Call a get or set function."""
+    if version == 3:
+        return call_fmi3_values(
+            _word(row, _C_FUNCTION),
+            _word(row, _C_COMPONENT),
+            _word(row, _REFERENCES),
+            _word(row, _COUNT),
+            _word(row, _VALUES),
+            _word(row, _VALUE_COUNT),
+        )
+    return call_fmi2_values(
+        _word(row, _C_FUNCTION),
+        _word(row, _C_COMPONENT),
+        _word(row, _REFERENCES),
+        _word(row, _COUNT),
+        _word(row, _VALUES),
+    )
+
+
+@register_jitable
+def _stopped(row, end):
+    """Whether the last step asks to end the simulation, or returned before its end."""
+    if load(_word(row, _TERMINATE), np.uint8(0)) != 0:
+        return True
+    return load(_word(row, _EARLY), np.uint8(0)) != 0 and load(_word(row, _REACHED), 0.0) < end
+
+
+@register_jitable
+def _step(row, time, step_size):
+    """Call a step function."""
+    if _word(row, _VERSION) == 3:
+        return call_fmi3_step(
+            _word(row, _FUNCTION),
+            _word(row, _COMPONENT),
+            time,
+            step_size,
+            np.int32(_word(row, _NO_ROLLBACK)),
+            _word(row, _EVENT),
+            _word(row, _TERMINATE),
+            _word(row, _EARLY),
+            _word(row, _REACHED),
+        )
+    return call_fmi2_step(
+        _word(row, _FUNCTION),
+        _word(row, _COMPONENT),
+        time,
+        step_size,
+        np.int32(_word(row, _NO_ROLLBACK)),
+    )
+
+
+@register_jitable
+def _unsigned(value):
+    """A whole number modulo 2**64, as ctypes and C convert."""
+    if -_BIGGEST <= value < _BIGGEST:
+        return np.uint64(np.int64(value))
+    value -= np.floor(value / _WRAP) * _WRAP  # exact: all three are multiples of the value's last bit
+    if value < _BIGGEST:
+        return np.uint64(np.int64(value))
+    return np.uint64(np.int64(value - _BIGGEST)) + np.uint64(1 << 63)
+
+
+@register_jitable
+def _send(row, places, memory):
+    """Memory -> buffer; whether all values could be converted."""
+    code = _word(row, _CODE)
+    address = _word(row, _VALUES)
+    places += 8 * _word(row, _PLACE)
+    for index in range(_word(row, _VALUE_COUNT)):
+        value = load(memory + 8 * _word(places, index), np.float64(0))
+        if code == _F64:
+            store(address + 8 * index, value)
+            continue
+        if code == _F32:
+            store(address + 4 * index, np.float32(value))
+            continue
+        if not math.isfinite(value):
+            return False
+        whole = _unsigned(np.rint(value))
+        if code == _I64 or code == _U64:
+            store(address + 8 * index, whole)
+        elif code == _I32 or code == _U32:
+            store(address + 4 * index, np.uint32(whole))
+        elif code == _I16 or code == _U16:
+            store(address + 2 * index, np.uint16(whole))
+        elif code == _I8 or code == _U8:
+            store(address + index, np.uint8(whole))
+        else:
+            store(address + index, np.uint8(np.rint(value) != 0.0))
+    return True
+
+
+@register_jitable
+def _fetch(row, places, memory):
+    """Buffer -> memory."""
+    code = _word(row, _CODE)
+    address = _word(row, _VALUES)
+    places += 8 * _word(row, _PLACE)
+    for index in range(_word(row, _VALUE_COUNT)):
+        if code == _F64:
+            value = load(address + 8 * index, np.float64(0))
+        elif code == _F32:
+            value = np.float64(load(address + 4 * index, np.float32(0)))
+        elif code == _I64:
+            value = np.float64(load(address + 8 * index, np.int64(0)))
+        elif code == _U64:
+            value = np.float64(load(address + 8 * index, np.uint64(0)))
+        elif code == _I32:
+            value = np.float64(load(address + 4 * index, np.int32(0)))
+        elif code == _U32:
+            value = np.float64(load(address + 4 * index, np.uint32(0)))
+        elif code == _I16:
+            value = np.float64(load(address + 2 * index, np.int16(0)))
+        elif code == _U16:
+            value = np.float64(load(address + 2 * index, np.uint16(0)))
+        elif code == _I8:
+            value = np.float64(load(address + index, np.int8(0)))
+        elif code == _U8:
+            value = np.float64(load(address + index, np.uint8(0)))
+        else:
+            value = 1.0 if load(address + index, np.uint8(0)) != 0 else 0.0
+        store(memory + 8 * _word(places, index), value)
+
+
+@register_jitable
+def _transfer(row, source, gain, offset, values, inputs):
+    """Feed an instance's inputs; where no connection converts, bits are not touched."""
+    if _word(row, _CONVERTS) != 0:
+        for index in range(_word(row, _FIRST_INPUT), _word(row, _END_INPUT)):
+            value = load(values + 8 * _word(source, index), np.float64(0))
+            value = value * load(gain + 8 * index, np.float64(0)) + load(offset + 8 * index, np.float64(0))
+            store(inputs + 8 * index, value)
+    else:
+        for index in range(_word(row, _FIRST_INPUT), _word(row, _END_INPUT)):
+            store(inputs + 8 * index, load(values + 8 * _word(source, index), np.float64(0)))
+
+
+@register_jitable
+def _now(timer):
+    """Nanoseconds of the clock; 0 without one."""
+    if _word(timer, 0) == 0:
+        return 0
+    call_timer(_word(timer, 0), _word(timer, 1), timer + 16)
+    return _word(timer, 2) * 1_000_000_000 + _word(timer, 3)
+
+
+@register_jitable
+def _end(outcome, who, phase, row, status):
+    store(outcome + 8 * _WHO, np.int64(who))
+    store(outcome + 8 * _PHASE, np.int64(phase))
+    store(outcome + 8 * _BLOCK, np.int64(row))
+    store(outcome + 8 * _STATUS, np.int64(status))
+
+
+def _compile(sources: int) -> Callable[..., int]:
+    """The function below; numba keeps it under its source and the values that it closes over."""
+
+    def run_steps(
+        order, late, steps, calls, places, source, gain, offset, values, inputs, times, step_size, rows,
+        elapsed, timed_every, timer, outcome,
+    ):  # fmt: skip
+        """Take the steps that begin at `times`, or those until one fails.
+
+        Args:
+            order: positions of instances in the order of stepping, shape (i,).
+            late: whether an instance's inputs are fed right before it steps (Gauss-Seidel), not at the begin.
+            steps, calls: tables, shapes (i, len(Step)) and (c, len(Call)).
+            places: of values that go by way of a buffer, in `inputs` or `values`.
+            source, gain, offset: of each input: input = gain * values[source] + offset, shape (u,).
+            values: the signals, shape (y,), bound to the FMUs' outputs; updated.
+            inputs: bound to the FMUs' inputs, shape (u,).
+            times: communication points, shape (n,) [s]; step_size: [s].
+            rows: where the signals at each point go, shape (n, y), or (0, y) to record nothing.
+            elapsed: time in each instance's steps, shape (i,) [ns]; updated.
+            timed_every: time the first of so many steps.
+            timer: address of clock_gettime, its clock, and two words for it to write, shape (4,).
+            outcome: how it ended, shape (4,).
+        Returns: the number of steps that were finished.
+        """
+        _end(outcome.ctypes.data, 0, _DONE, 0, sources)
+        steps_at, calls_at, places_at = steps.ctypes.data, calls.ctypes.data, places.ctypes.data
+        source_at, gain_at, offset_at = source.ctypes.data, gain.ctypes.data, offset.ctypes.data
+        values_at, inputs_at, timer_at = values.ctypes.data, inputs.ctypes.data, timer.ctypes.data
+        outcome_at = outcome.ctypes.data
+        record = rows.shape[0] > 0
+        countdown = 1
+        for point in range(times.shape[0]):
+            time = times[point]
+            begin = np.int64(0)
+            countdown -= 1
+            timed = countdown == 0
+            if timed:
+                countdown = timed_every
+            if record:
+                for index in range(values.shape[0]):
+                    rows[point, index] = values[index]
+            if not late:
+                for who in order:
+                    step = steps_at + _STEP_ROW * who
+                    _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
+            for who in order:
+                step = steps_at + _STEP_ROW * who
+                if late:
+                    _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
+                if timed:
+                    begin = _now(timer_at)
+                version = _word(step, _VERSION)
+                for index in range(_word(step, _FIRST_SET), _word(step, _END_SET)):
+                    call = calls_at + _CALL_ROW * index
+                    if _word(call, _CODE) != _DIRECT and not _send(call, places_at, inputs_at):
+                        _end(outcome_at, who, _CONVERT, index, 0)
+                        return point
+                    status = _call_values(call, version)
+                    if status > 1:
+                        _end(outcome_at, who, _SET, index, status)
+                        return point
+                status = _step(step, time, step_size)
+                if status > 1 or (version == 3 and _stopped(step, time + (1.0 - _CLOSE) * step_size)):
+                    _end(outcome_at, who, _ADVANCE, 0, status)
+                    return point
+                for index in range(_word(step, _FIRST_GET), _word(step, _END_GET)):
+                    call = calls_at + _CALL_ROW * index
+                    status = _call_values(call, version)
+                    if status > 1:
+                        _end(outcome_at, who, _GET, index, status)
+                        return point
+                    if _word(call, _CODE) != _DIRECT:
+                        _fetch(call, places_at, values_at)
+                if timed:
+                    elapsed[who] += _now(timer_at) - begin
+            bad = False
+            for index in range(values.shape[0]):
+                bad |= (_word(values_at, index) & _EXPONENT) == _EXPONENT
+            if bad:
+                _end(outcome_at, 0, _FINITE, 0, 0)
+                return point
+        return times.shape[0]
+
+    options = {"nogil": True, "error_model": "numpy"}
+    try:
+        return njit(cache=True, **options)(run_steps)
+    except RuntimeError:  # nowhere to keep it, neither beside this file nor in the user's cache folder
+        return njit(**options)(run_steps)
+
+
+run_steps = _compile(_SOURCES)

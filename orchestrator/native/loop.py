@@ -1,0 +1,141 @@
+"""The communication loop in chunks of native steps, with Python between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter_ns
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import StepError
+from ..fmi import Array, Point
+from ..fmi.compiled import CompiledInstance
+from ..instances import Instances
+from ..master import MasterAlgorithm
+from ..master.base import failure
+from .choice import schedule
+from .codes import Outcome, Phase
+from .kernel import run_steps
+from .tables import Tables
+
+if TYPE_CHECKING:
+    from ..simulate import Grid
+
+__all__ = ["run_native"]
+
+# Steps of a chunk. Python between two chunks takes some 50 us.
+_FEWEST, _MOST = 16, 4096
+# Numbers of a block of memory for rows, from which chunks are cut. First touching memory costs more than the
+# steps themselves, and far less in blocks of this size, for which numpy asks for huge pages.
+_BLOCK = 1 << 20
+# A chunk lasts about this long, so that interrupts, progress and files are not kept waiting [ns].
+_LONGEST = 50_000_000
+# Reading the clock costs as much as the step of a small FMU: where steps are short, one in so many is timed;
+# where they last longer than this, each is [ns].
+_TIMED_EVERY, _SHORT = 64, 2_000
+
+
+def run_native(
+    instances: Instances,
+    master: MasterAlgorithm,
+    grid: Grid,
+    seen: Callable[[int, Array, Array], None] | None,
+    check: Callable[[], bool],
+) -> int:
+    """Take all steps of a grid; what happens, and what fails, is the same as with `master.step`.
+
+    Args:
+        instances: initialised; `choose_loop` has found them fit.
+        seen: called after each chunk with the index of its first point, the times, shape (n,) [s], and the
+            signals, shape (n, layout.size), of the points at which its steps began; both may be kept. None:
+            nobody looks.
+        check: called before each chunk; whether to stop there.
+    Returns: the index of the point that was reached.
+    Raises: StepError.
+    """
+    running = [one for one in instances.running if isinstance(one, CompiledInstance)]
+    native = [calls for one in running if (calls := one.native_calls()) is not None]
+    planned = schedule(instances, master)
+    if planned is None or len(native) != len(instances):
+        raise ValueError("these instances, or this master, cannot be run by the native loop")
+    tables = Tables.of(instances, native, *planned)
+    step_size = float(grid.step_size)
+    elapsed = np.zeros(len(running), np.int64)
+    outcome = np.zeros(len(Outcome), np.int64)
+    width = instances.layout.size
+    rows_per_block = max(_BLOCK // max(width, 1), 1)
+    largest = min(_MOST, rows_per_block)
+    block, used = np.empty((0, width)), 0
+    index, size, timed_every = 0, min(_FEWEST, largest), 1
+    while index < grid.steps and not check():
+        times = grid.times(index, min(index + size, grid.steps))
+        if seen is not None and len(block) - used < len(times):
+            block, used = np.empty((min(rows_per_block, grid.steps - index), width)), 0
+        rows = block[used : used + len(times)] if seen is not None else block
+        used += len(rows)
+        begin = perf_counter_ns()
+        done = run_steps(
+            tables.order,
+            tables.late,
+            tables.steps,
+            tables.calls,
+            tables.places,
+            tables.source,
+            tables.gain,
+            tables.offset,
+            tables.values,
+            tables.inputs,
+            times,
+            step_size,
+            rows,
+            elapsed,
+            timed_every,
+            tables.timer,
+            outcome,
+        )
+        took = perf_counter_ns() - begin
+        total = int(elapsed.sum())
+        if total:
+            # A step that was timed may by chance have been interrupted: they did not take longer than all.
+            factor = min(float(timed_every), took / total)
+            instances.add_elapsed([round(factor * part) for part in elapsed.tolist()])
+            elapsed[:] = 0
+        failed = outcome[Outcome.PHASE] != Phase.DONE
+        if seen is not None:
+            count = done + failed
+            seen(index, times[:count], rows[:count])
+        if done:
+            last = float(times[done - 1])
+            for one in running:
+                one.stand_at(last)
+        index += done
+        if failed:
+            _raise(instances, tables, outcome, Point(index, float(times[done]), step_size))
+        timed_every = _TIMED_EVERY if took < done * len(running) * _SHORT else 1
+        size = min(2 * size, largest) if took < _LONGEST else max(size // 2, 1)
+    return index
+
+
+def _raise(instances: Instances, tables: Tables, outcome: NDArray[np.int64], point: Point) -> None:
+    """Tell of a failed step what the interpreter's loop would. Raises: StepError."""
+    who, phase, row, status = outcome.tolist()
+    if phase == Phase.FINITE:
+        instances.signals(point.time + point.step_size)
+    one = instances.running[who]
+    assert isinstance(one, CompiledInstance)
+    try:
+        if phase == Phase.CONVERT:
+            tables.blocks[row].send()
+        if phase == Phase.SET:
+            one.fail_block(tables.blocks[row], status)
+        one.stand_at(point.time)
+        if phase == Phase.GET:
+            one.fail_block(tables.blocks[row], status)
+        judged = one.judge_step(status, point)
+    except StepError as error:
+        instances.blame_inputs(who, point, error)
+        raise
+    failure(instances, who, judged).raise_on_failure(point)
+    raise AssertionError("a step that did not fail ended the native loop")

@@ -1,0 +1,85 @@
+"""CPU time of a communication step, for this package, a plain C master and other tools that are installed.
+
+    python -m tests.benchmarks.step_cost [--rounds N]
+
+All take turns in every round, so that a change of the machine's speed meets all alike; the median of the
+rounds is printed. Times are CPU times of all threads, without loading and initialising.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+
+from .contenders import CONTENDERS
+from .systems import CASES, Plant, build
+
+# Neither records as another way of recording what another row shows.
+_ONLY_RECORDED = ("orchestrator, native loop, as columns", "orchestrator, native loop, to CSV")
+
+
+def measure(
+    plant: Plant, rounds: int
+) -> tuple[dict[tuple[str, bool], list[float]], dict[str, str], list[str]]:
+    """Times of each contender, without and with recording [us per step]; who cannot run; disagreements."""
+    times: dict[tuple[str, bool], list[float]] = defaultdict(list)
+    absent: dict[str, str] = {}
+    differing: dict[str, None] = {}
+    for _ in range(rounds):
+        for name, (run, steps) in CONTENDERS.items():
+            for record in (False, True):
+                if name in absent or (name in _ONLY_RECORDED and not record):
+                    continue
+                try:
+                    seconds, outputs = run(plant, record, steps)
+                except (ImportError, OSError) as error:
+                    absent[name] = str(error)
+                    continue
+                times[name, record].append(seconds / steps * 1e6)
+                _, expected = CONTENDERS["plain C master"][0](plant, False, steps)
+                if outputs is not None and not all(map(_close, outputs, expected)):
+                    differing[f"{name} ends at {outputs[:3]} ..., the C master at {expected[:3]} ..."] = None
+    return times, absent, list(differing)
+
+
+def _close(one: float, other: float) -> bool:
+    return math.isclose(one, other, rel_tol=1e-9)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=7, help="of which the median is taken")
+    rounds = parser.parse_args(arguments).rounds
+    for case in CASES:
+        with tempfile.TemporaryDirectory() as folder:
+            times, absent, differing = measure(build(case, Path(folder)), rounds)
+        print(f"{case.name}: CPU time per step [us], median of {rounds}; ratio to the plain C master")
+        print(f"  {'':38}{'recording off':>22}{'all recorded':>22}")
+        for name in CONTENDERS:
+            if name in absent:
+                print(f"  {name:38}  not run: {absent[name]}")
+                continue
+            print(f"  {name:38}{_cell(times, name, False)}{_cell(times, name, True)}")
+        for line in differing:
+            print(f"  different results: {line}")
+        print()
+
+
+def _cell(times: dict[tuple[str, bool], list[float]], name: str, record: bool) -> str:
+    found = times.get((name, record))
+    if not found:
+        return f"{'':22}"
+    ratio = median(
+        one / reference for one, reference in zip(found, times["plain C master", record], strict=True)
+    )
+    return f"{median(found):12.3f} {ratio:7.2f} x"
+
+
+if __name__ == "__main__":
+    main()

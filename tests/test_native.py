@@ -1,0 +1,348 @@
+"""The native loop against the interpreter's: the same bits, the same errors, whatever happens in a run."""
+
+from __future__ import annotations
+
+import ctypes
+import signal
+import subprocess
+import sys
+import threading
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from doubles import mass
+from unruly import WAYS, unruly_fmu
+
+from orchestrator.assembly import Part, assemble
+from orchestrator.errors import ConfigError, StepError
+from orchestrator.fmi import load_fmu
+from orchestrator.master import create_master
+from orchestrator.master.jacobi import Jacobi
+from orchestrator.native import choice
+from orchestrator.results import Recorder
+from orchestrator.run import prepare, run
+from orchestrator.simulate import Grid, Report, simulate
+
+pytest.importorskip("numba")
+# The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
+pytest.importorskip("pythonfmu")
+
+MASTERS = ("jacobi", "gauss-seidel")
+every_master = pytest.mark.parametrize("master", MASTERS)
+every_version = pytest.mark.parametrize("version", [2, 3])
+
+
+def ring(version: int, units: tuple[str, str] = ("mm", "m"), **of_second):
+    """Three integrators in a chain, with unit conversions that round between; `of_second`: start values."""
+    fmu = load_fmu(unruly_fmu(version, *units))
+    return assemble(
+        [Part("one", fmu), Part("two", fmu, of_second), Part("three", fmu, {"rate": f"0.1 {units[0]}"})],
+        ["three.level -> one.rate", "one.level -> two.rate"],
+    )
+
+
+class Kept:
+    """What a run showed: times, values to the bit, error, log."""
+
+    def __init__(self, system, master: str, steps: int, loop: str, step=Fraction(1, 700)) -> None:
+        self.recorder, self.report, self.error = Recorder(system), Report(), None
+        try:
+            grid = Grid(Fraction(1, 3), step, steps)
+            simulate(system, create_master(master), grid, [self.recorder], self.report, loop=loop)
+        except StepError as error:
+            self.error = (str(error), error.instance, error.time, error.status, error.log)
+        self.results = self.recorder.results()
+        values = {name: column.tobytes() for name, column in self.results.signals.items()}
+        self.seen = (self.results.time.tobytes(), values, self.error, self.report.log)
+
+
+def both(system, master: str, steps: int = 2500, **options) -> Kept:
+    """The native run, after it has been compared with the interpreter's."""
+    native = Kept(system, master, steps, "native", **options)
+    python = Kept(system, master, steps, "python", **options)
+    assert (native.report.loop, python.report.loop) == ("native", "python")
+    assert native.seen == python.seen
+    return native
+
+
+@every_master
+@every_version
+@pytest.mark.parametrize("units", [("mm", "m"), ("m", "m"), ("K", "degC")])
+def test_bits_are_the_same_across_chunks_units_and_types(master, version, units):
+    kept = both(ring(version, units), master)
+    assert kept.error is None and len(kept.results) == 2501
+    level = kept.results["two.level"]
+    assert len(np.unique(level)) > 2400 and kept.results["one.count"][-1] == 2500
+
+
+@every_master
+@every_version
+@pytest.mark.parametrize("steps_before", [0, 1, 1300])
+@pytest.mark.parametrize("way", WAYS[2:8])
+def test_failures_are_the_same(way, steps_before, master, version):
+    at = float(Fraction(1, 3) + steps_before * Fraction(1, 700))
+    kept = both(ring(version, way=WAYS.index(way), at=at), master)
+    assert kept.error is not None and kept.error[1] == "two"
+    assert steps_before < len(kept.results) <= steps_before + 2
+
+
+@every_master
+@every_version
+def test_warnings_are_logged_and_the_run_goes_on(master, version):
+    kept = both(ring(version, way=WAYS.index("warn"), at=2.0), master)
+    assert kept.error is None
+    assert kept.report.log["two"][-1].endswith("goes on with a warning")
+
+
+@every_version
+def test_an_fmu_that_fails_on_what_it_was_given_is_not_blamed(version):
+    fmu = load_fmu(unruly_fmu(version))
+    parts = [
+        Part("sick", fmu, {"rate": "1 m", "way": WAYS.index("nan level"), "at": 2.0}),
+        Part("victim", fmu, {"way": WAYS.index("complains")}),
+    ]
+    kept = both(assemble(parts, ["sick.level -> victim.rate"]), "gauss-seidel")
+    assert kept.error[1] == "sick" and kept.error[3] == "not finite"
+
+
+def test_every_type_is_converted_as_ctypes_does(c_fmu):
+    fmu = load_fmu(c_fmu)
+    connected = [
+        ("single_out", "single_in"),
+        ("byte_out", "count_in"),
+        ("count_out", "byte_in"),
+        ("level_out", "level_in"),
+        ("flag_out", "flag_in"),
+    ]
+    start = {
+        "real_in": "1.7 m/s", "single_in": "0.1 rad/s", "byte_in": 3, "count_in": 2**32 - 2, "level_in": 2,
+        "flag_in": True, "word_in": "none", "limit": "1e9 mm",
+    }  # fmt: skip
+    fed = {target for _, target in connected}
+    unfed = {name: value for name, value in start.items() if name not in fed}
+    parts = [Part("a", fmu, start), Part("b", fmu, unfed)]
+    system = assemble(parts, [f"a.{source} -> b.{target}" for source, target in connected])
+    kept = both(system, "gauss-seidel", 40)
+    assert kept.error is None
+    assert kept.results["b.byte_out"][-1] != 0
+    assert kept.results["b.count_out"][-1] == 2**32 - 3 + 1  # a negative byte in an unsigned count
+
+
+def test_whole_numbers_of_any_size_wrap_as_in_ctypes():
+    from numba import njit
+
+    from orchestrator.native.codes import Call, Code
+    from orchestrator.native.kernel import _fetch, _send
+    from orchestrator.native.tables import _CODES
+
+    send, fetch = njit(_send), njit(_fetch)
+    values = [0.5, 1.5, -2.5, 1e10, -1e10, 2.0**63, -(2.0**70) - 2.0**30, 1e300, 255.49, 0.3, -0.3]
+    places = np.arange(len(values))
+    for ctype, code in _CODES.items():
+        if code in (Code.F64, Code.F32):
+            continue
+        buffer, memory = (ctype * len(values))(), np.array(values)
+        row = np.zeros((1, len(Call)), np.int64)
+        row[0, Call.VALUES], row[0, Call.CODE] = ctypes.addressof(buffer), code
+        row[0, Call.VALUE_COUNT] = len(values)
+        assert send(row.ctypes.data, places.ctypes.data, memory.ctypes.data)
+        assert list(buffer) == [ctype(round(value)).value for value in values], ctype
+        backwards = places[::-1].copy()
+        fetch(row.ctypes.data, backwards.ctypes.data, memory.ctypes.data)
+        assert memory[::-1].tolist() == [float(value) for value in buffer], ctype
+        memory[:] = np.nan
+        assert not send(row.ctypes.data, places.ctypes.data, memory.ctypes.data)
+
+
+@pytest.mark.parametrize("name", ["docking-1d", "docking-1d-uncompensated"])
+@every_master
+def test_docking_gives_the_same_bits(name, master):
+    def ran(loop):
+        changes = [f"run.loop={loop}", f"run.master={master}", "run.stop_time=0.4 s"]
+        result = run(name, overrides=changes, halving=False)
+        assert result.summary["run"]["loop"] == loop
+        return result.results.time.tobytes(), {k: v.tobytes() for k, v in result.results.signals.items()}
+
+    assert ran("native") == ran("python")
+
+
+def test_python_fmus_run_in_it_and_other_threads_go_on(python_fmu):
+    fmu = load_fmu(python_fmu("misbehaving"))
+    system = assemble(
+        [Part("one", fmu, {"rate": 0.1}), Part("two", fmu, {"way": "error", "at": 2.0})],
+        ["one.level -> two.rate"],
+    )
+    turns, done = [], threading.Event()
+
+    def spin() -> None:
+        while not done.is_set():
+            turns.append(1)
+            done.wait(1e-4)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    kept = both(system, "jacobi", 2000)
+    done.set()
+    thread.join()
+    assert kept.error[1:4] == ("two", pytest.approx(2.0, abs=2e-3), "fatal") and turns
+    assert any("the tank is empty" in line for line in kept.error[4])
+
+
+def test_recording_every_nth_point_some_signals_and_a_stream(tmp_path):
+    fmu = load_fmu(unruly_fmu(3))
+    system = assemble(
+        [Part("one", fmu, {"rate": "1 m"}), Part("two", fmu)],
+        ["one.level -> two.rate"],
+        record=["two.level", "one.count"],
+    )
+    texts = []
+    for loop in ("native", "python"):
+        path = tmp_path / f"{loop}.csv"
+        recorder = Recorder(system, every=7, path=path)
+        grid = Grid(Fraction(0), Fraction(1, 700), 2500)
+        simulate(system, create_master("jacobi"), grid, [recorder], loop=loop)
+        recorder.close()
+        results = recorder.results()
+        texts.append(path.read_text())
+        assert len(results) == 358 and results["one.count"][-1] == 2499
+    assert texts[0] == texts[1]
+
+
+def test_observers_that_take_points_see_them_in_turn_until_one_raises():
+    system, grid = ring(3), Grid(Fraction(0), Fraction(1, 10), 5000)
+    for loop in ("native", "python"):
+        seen = []
+
+        def stop_at(point, signals):
+            if point.index == 1200:
+                raise RuntimeError("enough")
+
+        recorder = Recorder(system)
+        observers = [recorder, lambda point, signals, seen=seen: seen.append((point, signals)), stop_at]
+        with pytest.raises(RuntimeError, match="enough"):
+            simulate(system, Jacobi(), grid, observers, loop=loop)
+        assert [point.index for point, _ in seen] == list(range(1201)) and len(recorder.results()) == 1201
+        levels = [signals.values[0] for _, signals in seen]
+        assert np.array_equal(levels, recorder.results()["one.level"])
+
+
+def test_points_are_the_grids():
+    for loop in ("native", "python"):
+        points = []
+        grid = Grid(Fraction(-1, 3), Fraction(1, 10**15), 40)
+        simulate(ring(2), Jacobi(), grid, [lambda point, _, to=points: to.append(point)], loop=loop)
+        assert points == list(grid)
+
+
+@pytest.mark.parametrize("denominator", [3, 700, 10**6, 10**15, 3**40])
+def test_times_of_a_stretch_are_rounded_once(denominator):
+    grid = Grid(Fraction(-5, 7), Fraction(1, denominator), 3000)
+    assert grid.times(0, 3001).tolist() == [point.time for point in grid]
+    assert grid.times(17, 18).tolist() == [float(grid.start + 17 * grid.step_size)]
+
+
+def test_an_interrupt_ends_it_between_chunks_and_keeps_what_was_seen():
+    system, recorder = ring(2), Recorder(ring(2))
+
+    def interrupt(point, signals):
+        if point.index == 500:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(
+            system,
+            create_master("jacobi"),
+            Grid(Fraction(0), Fraction(1, 700), 10**6),
+            [recorder, interrupt],
+            loop="native",
+        )
+    kept = recorder.results()
+    assert 501 <= len(kept) < 5000
+    whole = Recorder(system)
+    grid = Grid(Fraction(0), Fraction(1, 700), len(kept) - 1)
+    simulate(system, create_master("jacobi"), grid, [whole], loop="python")
+    assert kept["two.level"].tobytes() == whole.results()["two.level"].tobytes()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_time_is_divided_among_the_instances(python_fmu):
+    slow = load_fmu(python_fmu("misbehaving"))
+    fast = load_fmu(unruly_fmu(2))
+    system = assemble([Part("slow", slow, {"rate": 0.1}), Part("fast", fast, {"rate": "1 m"})])
+    kept = Kept(system, "jacobi", 2000, "native")
+    times = kept.report.instance_time
+    assert times["slow"] > 5 * times["fast"] > 0
+
+
+class _Other(Jacobi):
+    pass
+
+
+def test_what_it_cannot_run_is_refused_or_left_to_python():
+    system = assemble([Part("mass", mass(), {"force": "0 N"})])
+    grid, report = Grid(Fraction(0), Fraction(1, 10**6), 10), Report()
+    with pytest.raises(ConfigError) as caught:
+        simulate(system, Jacobi(), grid, loop="native")
+    assert str(caught.value).splitlines() == [
+        "run.loop: the native loop cannot run this: instance mass is stepped by Python code",
+        "  Use loop: auto.",
+    ]
+    with pytest.raises(ConfigError, match="the master _Other, or its extrapolation, works in Python"):
+        simulate(ring(2), _Other(), grid, loop="native")
+    with pytest.raises(ConfigError, match="the master Jacobi, or its extrapolation, works in Python"):
+        simulate(ring(2), Jacobi(extrapolation=1), grid, loop="native")
+    fmu = load_fmu(unruly_fmu(2))
+    slow = assemble([Part("slow", fmu, {"rate": "1 m"}, ratio=Fraction(2))])
+    with pytest.raises(ConfigError, match="instance slow has a step size of its own"):
+        simulate(slow, Jacobi(), grid, loop="native")
+    simulate(system, Jacobi(), grid, report=report)
+    assert report.loop == "python"
+
+
+def test_strings_are_left_to_python(c_fmu):
+    fmu = load_fmu(c_fmu)
+    start = {"real_in": "1 m/s", "single_in": "1 rad/s", "byte_in": 1, "count_in": 1, "level_in": 1}
+    start["flag_in"] = True
+    parts = [Part("a", fmu, {**start, "word_in": "x"}), Part("b", fmu, start)]
+    system = assemble(parts, ["a.word_out -> b.word_in"])
+    with pytest.raises(ConfigError, match="strings of instance a are connected"):
+        simulate(system, Jacobi(), Grid(Fraction(0), Fraction(1, 8), 10), loop="native")
+
+
+def test_auto_weighs_what_is_saved_against_the_start(monkeypatch):
+    chosen = []
+    for start in (1e-9, 1e9):
+        monkeypatch.setattr(choice, "_start_up", lambda start=start: start)
+        report = Report()
+        simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 1000), report=report)
+        chosen.append(report.loop)
+    assert chosen == ["native", "python"]
+
+
+def test_without_numba_everything_runs_in_python(monkeypatch):
+    monkeypatch.setattr(choice, "find_spec", lambda name: None)
+    monkeypatch.setattr(choice, "_start_up", lambda: 0.0)
+    report = Report()
+    simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10), report=report)
+    assert report.loop == "python"
+    with pytest.raises(ConfigError, match="the package numba is not installed"):
+        simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10), loop="native")
+
+
+def test_a_loop_that_there_is_not_is_refused():
+    with pytest.raises(ConfigError) as caught:
+        prepare("docking-1d", ["run.loop=fast"])
+    assert "--set run.loop=fast: run.loop: input should be 'auto', 'python' or 'native', got 'fast'" in str(
+        caught.value
+    )
+
+
+def test_numba_is_imported_for_long_runs_only():
+    code = (
+        "import sys; from orchestrator.run import run;"
+        "r = run('docking-1d', overrides=['run.stop_time=1 ms'], halving=False);"
+        "assert r.summary['run']['loop'] == 'python' and 'numba' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[1])
