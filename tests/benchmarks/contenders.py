@@ -61,7 +61,8 @@ def _orchestrator(
                 return process_time() - begin
 
             observers = [Recorder(plant.system)] if record else []
-            start = spent(1)  # loading, initialising, and for the native loop numba
+            spent(1)  # importing numba, once
+            start = spent(1)  # loading and initialising
             observers = [recorder] if record else []
             seconds = spent(steps) - start
             recorder.close()
