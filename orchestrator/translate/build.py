@@ -154,7 +154,9 @@ def translate(
         )
         return written.xml, written.notes
 
-    token = content_token([code.encode(), description(TOKEN_MARK)[0], *(sources[key] for key in sorted(sources))])
+    token = content_token(
+        [code.encode(), description(TOKEN_MARK)[0], *(sources[key] for key in sorted(sources))]
+    )
     xml, notes = description(token)
     sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
     if fmi_version == "3.0":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import replace
 from typing import Any
 
@@ -37,6 +37,27 @@ def declared_shapes(flat: Json) -> dict[str, tuple[int, ...]]:
     }
 
 
+def declared_integers(flat: Json) -> dict[str, Json]:
+    """Expression of the value of every scalar Integer parameter and constant, by name."""
+    return {
+        name: body["binding"] or body["start"]
+        for name, body in flat["variables"].items()
+        if _type(flat, body) is Type.INTEGER
+        and _keyword(body["variability"]) in ("Parameter", "Constant")
+        and not body["dims"]
+        and (body["binding"] or body["start"])
+    }
+
+
+def structural_names(flat: Json) -> set[str]:
+    """Parameters whose value the compiler has used to choose equations, such as the size of an array."""
+    return {
+        ".".join(reference)
+        for selection in flat.get("parameter_branch_selections", ())
+        for reference in selection["references"]
+    }
+
+
 def read_variables(
     flat: Json, expressions: ExpressionReader, place: Callable[[Json], Location]
 ) -> list[tuple[Variable, Node | None]]:
@@ -57,36 +78,31 @@ def read_variables(
             raise BuildError(
                 f"{variable.location}: the input {variable.name} has a value of its own; give it as start"
             )
-    used = structural_parameters(flat, [variable for variable, _ in found])
-    return [
-        (replace(variable, final=True) if variable.name in used else variable, binding)
-        for variable, binding in found
-    ]
+    return found
 
 
-def structural_parameters(flat: Json, variables: Sequence[Variable]) -> tuple[str, ...]:
-    """Parameters whose value the compiler has used, such as the size of an array, and what they are made of.
+def fix_structural(variables: Sequence[Variable], used: Set[str]) -> tuple[list[Variable], tuple[str, ...]]:
+    """Make parameters final whose value decides which equations there are, and what they are made of.
 
     Another value would need another set of equations, so nobody may set them.
 
     Args:
-        flat: the flat representation.
         variables: the declared variables.
+        used: names of the parameters whose value was used.
+    Returns: the variables, and the names of the parameters concerned in order of declaration.
     """
-    used = {
-        ".".join(reference)
-        for selection in flat.get("parameter_branch_selections", ())
-        for reference in selection["references"]
-    }
     bindings = {variable.name: variable.binding for variable in variables if variable.binding is not None}
-    queue = sorted(used)
+    found = {name for name in bindings if name in used or name.partition("[")[0] in used}
+    queue = sorted(found)
     while queue:
-        binding = bindings.get(queue.pop())
+        binding = bindings[queue.pop()]
         for node in walk(binding) if binding is not None else ():
-            if isinstance(node, Reference) and node.name not in used:
-                used.add(node.name)
+            if isinstance(node, Reference) and node.name in bindings and node.name not in found:
+                found.add(node.name)
                 queue.append(node.name)
-    return tuple(name for name in bindings if name in used or name.partition("[")[0] in used)
+    fixed = [replace(item, final=True) if item.name in found else item for item in variables]
+    parameters = {variable.name for variable in variables if variable.role is Role.PARAMETER}
+    return fixed, tuple(name for name in bindings if name in found & parameters)
 
 
 def _type(flat: Json, body: Json) -> Type | None:

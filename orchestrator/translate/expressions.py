@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import reduce
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 
 from orchestrator.errors import BuildError
 
-from .flat import Delay, Derivative, If, Literal, Node, NoEvent, Operation, Reference
+from .flat import Delay, Derivative, If, Literal, Node, NoEvent, Operation, Reference, render, walk
+from .interpreter import evaluate
 from .sources import DELAY, Location
 
 Nodes = np.ndarray  # of Node objects; shape () for a scalar
@@ -34,14 +36,33 @@ class ExpressionReader:
     Args:
         shapes: name of every variable -> its dimensions.
         place: span of the representation -> line of the source.
+        integers: name of every Integer parameter and constant -> expression of its value.
     Attributes:
         delays: source and byte offset of every delay that was read.
+        structural: parameters whose value went into a subscript or size.
     """
 
-    def __init__(self, shapes: Mapping[str, tuple[int, ...]], place: Callable[[Json], Location]) -> None:
+    def __init__(
+        self,
+        shapes: Mapping[str, tuple[int, ...]],
+        place: Callable[[Json], Location],
+        integers: Mapping[str, Json],
+    ) -> None:
         self._shapes = shapes
         self._place = place
+        self._integers_declared = integers
+        self._indices: dict[str, int] = {}
         self.delays: set[tuple[int, int]] = set()
+        self.structural: set[str] = set()
+
+    @contextmanager
+    def loop(self, indices: Mapping[str, int]) -> Iterator[None]:
+        """Within it, the names of a for-loop's indices stand for these values."""
+        outer, self._indices = self._indices, {**self._indices, **indices}
+        try:
+            yield
+        finally:
+            self._indices = outer
 
     def scalar(self, json: Json, where: Location) -> Node:
         """Read an expression that has to be scalar. Raises: BuildError."""
@@ -79,6 +100,8 @@ class ExpressionReader:
     def _read_varref(self, body: Json, where: Location) -> Nodes:
         _known(body, {"name", "subscripts", "span"}, "reference", where)
         name = body["name"]["name"]
+        if name in self._indices and not body["subscripts"]:
+            return _scalar(Literal(float(self._indices[name])))
         if name == "time":
             return _scalar(Reference("time"))
         if name not in self._shapes:
@@ -126,10 +149,26 @@ class ExpressionReader:
 
     def _integers(self, json: Json, where: Location) -> np.ndarray:
         nodes = self.read(json, where)
-        values = [node.value if isinstance(node, Literal) else None for node in nodes.flat]
-        if any(value is None or value != int(value) for value in values):
-            raise BuildError(f"{where}: a subscript or size has to be a constant Integer")
-        return np.array([int(value) for value in values if value is not None], dtype=int).reshape(nodes.shape)
+        try:
+            values = [float(evaluate(node, self._known_integers(node))) for node in nodes.flat]
+        except (KeyError, ArithmeticError, ValueError):
+            values = [0.5]
+        if any(value != int(value) for value in values):
+            raise BuildError(
+                f"{where}: a subscript or size has to be an Integer of constants and parameters, got "
+                f"{', '.join(map(render, nodes.flat))}"
+            )
+        return np.array(values, dtype=int).reshape(nodes.shape)
+
+    def _known_integers(self, node: Node) -> dict[str, float]:
+        """Values of the Integer parameters in an expression; they become structural."""
+        known: dict[str, float] = {}
+        for part in walk(node):
+            if isinstance(part, Reference) and part.name in self._integers_declared:
+                inner = self.scalar(self._integers_declared[part.name], Location(part.name, 0))
+                known[part.name] = float(evaluate(inner, self._known_integers(inner)))
+                self.structural.add(part.name)
+        return known
 
     def _read_binary(self, body: Json, where: Location) -> Nodes:
         _known(body, {"op", "lhs", "rhs", "span"}, "operator", where)

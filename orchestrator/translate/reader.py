@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from typing import Any
+
+import numpy as np
 
 from orchestrator.errors import BuildError
 
 from .audit import audit_flattened, audit_sources, experiment
-from .declarations import declared_shapes, read_variables, structural_parameters
+from .declarations import (
+    declared_integers,
+    declared_shapes,
+    fix_structural,
+    read_variables,
+    structural_names,
+)
 from .expressions import ExpressionReader, Json
 from .flat import (
     Assertion,
+    Delay,
     Equation,
     FlatModel,
     Literal,
     Operation,
     Reference,
     Variable,
+    render,
     walk,
 )
 from .flatten import RUMOCA_VERSION, flatten
@@ -37,6 +48,10 @@ _EMPTY = {
     "potential_roots": "overconstrained connections",
     "is_partial": "a partial model",
 }
+_LOOP = frozenset(
+    "domain first_equation_index equations_per_point origin span regular template "
+    "interiors_materialized".split()
+)
 # Types, instances and names that the sections above already carry.
 _REDUNDANT = frozenset(
     "predefined_string_declaration predefined_types effective_types enumeration_types type_ids_by_def_id "
@@ -69,7 +84,7 @@ class _FlatReader:
         self._flat = flat
         self._files = files
         self._where = Location(tree.shown(tree.main), 1)
-        self._expressions = ExpressionReader(declared_shapes(flat), self._place)
+        self._expressions = ExpressionReader(declared_shapes(flat), self._place, declared_integers(flat))
 
     def model(self, name: str, experiment: dict[str, float]) -> FlatModel:
         self._check_sections()
@@ -79,9 +94,16 @@ class _FlatReader:
             variables.append(variable)
             if binding is not None:
                 equations.append(Equation(Reference(variable.name), binding, variable.location))
-        for body in self._flat["equations"]:
-            equations.extend(self._equations(body))
+        unrolled = self._unrolled_loops()
+        for number, body in enumerate(self._flat["equations"]):
+            if number not in unrolled:
+                equations.extend(self._equations(body))
+            elif unrolled[number] is not None:
+                equations.extend(self._loop(unrolled[number]))
         assertions = [self._assertion(body) for body in self._flat["assert_equations"]]
+        variables, structural = fix_structural(
+            variables, structural_names(self._flat) | self._expressions.structural
+        )
         return FlatModel(
             name=name,
             description=self._flat["model_description"] or "",
@@ -89,7 +111,7 @@ class _FlatReader:
             equations=tuple(equations),
             assertions=(*assertions, *_limits(variables, equations)),
             experiment=experiment,
-            structural=structural_parameters(self._flat, variables),
+            structural=structural,
         )
 
     def delay_places(self) -> Iterator[tuple[str, int]]:
@@ -117,11 +139,6 @@ class _FlatReader:
                     "known; "
                     f"use rumoca {RUMOCA_VERSION}"
                 )
-        for family in flat["structured_equations"]:
-            if not family.get("interiors_materialized"):
-                raise BuildError(
-                    f"{self._first_place(family)}: this for-loop is not unrolled by the compiler"
-                )
         if flat["class_type"] not in ("Model", "Block", "Class"):
             raise BuildError(
                 f"{self._where}: a {flat['class_type'].lower()} cannot be translated, only a model or block"
@@ -139,6 +156,37 @@ class _FlatReader:
                 queue.extend(item)
         return self._where
 
+    def _unrolled_loops(self) -> dict[int, Json | None]:
+        """The numbers of equations that stand for a for-loop, the first of each with the loop itself.
+
+        Where the compiler keeps a loop, most of its equations are there in number only (der(x) = 0).
+        """
+        found: dict[int, Json | None] = {}
+        for family in self._flat["structured_equations"]:
+            if family.get("interiors_materialized") is True:
+                continue
+            template = family.get("template") or {}
+            if (
+                set(family) - _LOOP
+                or set(template) != {"body"}
+                or len(template["body"]) != family["equations_per_point"]
+            ):
+                raise BuildError(
+                    f"{self._first_place(family)}: the compiler keeps this loop or array equation in a form "
+                    "that is not known; write its equations one by one"
+                )
+            first = family["first_equation_index"]
+            count = len(list(_points(family))) * family["equations_per_point"]
+            found |= dict.fromkeys(range(first, first + count))
+            found[first] = family
+        return found
+
+    def _loop(self, family: Json) -> Iterator[Equation]:
+        for point in _points(family):
+            with self._expressions.loop(point):
+                for residual in family["template"]["body"]:
+                    yield from self._sides(residual, self._place(family["span"]), None)
+
     def _equations(self, body: Json) -> Iterator[Equation]:
         where = self._place(body["span"])
         unknown = set(body) - {"residual", "span", "origin", "scalar_count"}
@@ -147,7 +195,13 @@ class _FlatReader:
                 f"{where}: the compiler describes this equation by {', '.join(sorted(unknown))}, which is "
                 "not supported"
             )
-        residual = body["residual"]
+        yield from self._sides(body["residual"], where, body["scalar_count"])
+
+    def _sides(self, residual: Json, where: Location, count: int | None) -> Iterator[Equation]:
+        """The scalar equations of left - right = 0; `count` is what the compiler counts."""
+        inner = next(iter(residual.values())).get("span")
+        if inner is not None and self._files.get(inner["source"]) in self._tree.texts:
+            where = self._place(inner)  # of the equation itself, not of the loop around it
         if "Binary" in residual and residual["Binary"]["op"] == "Sub":
             left = self._expressions.read(residual["Binary"]["lhs"], where)
             right = self._expressions.read(residual["Binary"]["rhs"], where)
@@ -157,13 +211,9 @@ class _FlatReader:
         shape = left.shape or right.shape
         if any(side.shape not in ((), shape) for side in (left, right)):
             raise BuildError(f"{where}: the sides have shapes {list(left.shape)} and {list(right.shape)}")
-        import numpy as np
-
-        if body["scalar_count"] != int(np.prod(shape)):
-            raise BuildError(
-                f"{where}: the compiler counts {body['scalar_count']} scalar equations here, "
-                f"{int(np.prod(shape))} were read"
-            )
+        read = int(np.prod(shape))
+        if count is not None and count != read:
+            raise BuildError(f"{where}: the compiler counts {count} scalar equations here, {read} were read")
         for index in np.ndindex(shape):
             yield Equation(left[index if left.shape else ()], right[index if right.shape else ()], where)
 
@@ -189,8 +239,6 @@ class _FlatReader:
 
     def _message(self, body: Json, where: Location) -> str:
         """Text of an assertion; a value in it is shown as the expression it comes from, in brackets."""
-        from .flat import render
-
         match body:
             case {"Literal": {"value": {"String": text}}}:
                 return str(text)
@@ -203,10 +251,19 @@ class _FlatReader:
         )
 
 
+def _points(family: Json) -> Iterator[dict[str, int]]:
+    """Values of a loop's indices, by name, over the whole loop."""
+    binders = family["domain"]["binders"]
+    ranges = []
+    for binder in binders:
+        step = binder["step"]
+        ranges.append(range(binder["lower"], binder["upper"] + (1 if step > 0 else -1), step))
+    for values in product(*ranges):
+        yield dict(zip((binder["display_name"] for binder in binders), values, strict=True))
+
+
 def _limits(variables: list[Variable], equations: list[Equation]) -> Iterator[Assertion]:
     """delay(x, t, t_max) promises t <= t_max; the promise is checked while the model runs."""
-    from .flat import Delay, render
-
     seen = set()
     for equation in equations:
         for side in (equation.left, equation.right):

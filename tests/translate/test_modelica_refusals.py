@@ -99,6 +99,10 @@ REFUSALS = {
         "Real x;\nequation\nx = noEvent(if time == 1 then 1 else 0);",
         "{f}:4: time == 1 compares Reals for equality, which Modelica does not allow; use <= or >=",
     ),
+    "subscript": (
+        "input Integer i;\nReal w[2] = {1, time};\nReal x;\nequation\nx = w[i];",
+        "{f}:6: a subscript or size has to be an Integer of constants and parameters, got i",
+    ),
     "string": (
         'parameter String name = "a";\nReal x = time;\nequation\n',
         "{f}:2: name has the type String; only Real, Integer and Boolean are supported",

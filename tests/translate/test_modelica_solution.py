@@ -112,6 +112,31 @@ def test_arrays_loops_and_components(tmp_path):
     assert not table["n"].settable and table["part[1].k"].settable
 
 
+def test_loops_that_the_compiler_keeps_are_unrolled(tmp_path):
+    """It gives der(x[3]) = 0 for all but the first equations of the second and third loop."""
+    text = (
+        "parameter Integer n = 5;\nparameter Integer m = 2;\ninput Real u;\nReal x[n](each start=0);\n"
+        "Real f[n];\nReal c[m, 3](each start=0);\noutput Real y;\nequation\nf[1] = u - x[1];\n"
+        "for i in 2:n loop\nf[i] = 2*(x[i-1] - x[i]);\nend for;\n"
+        "for i in 1:n-1 loop\nder(x[i]) = f[i] - f[i+1];\nend for;\nder(x[n]) = f[n];\n"
+        "for i in 1:m loop\nfor j in 1:3 loop\nder(c[i, j]) = i*u - 10*j*c[i, j];\nend for;\nend for;\n"
+        "y = x[n - m + 1];"
+    )
+    item = program(tmp_path, text)
+    x, c = np.array([5.0, 7.0, 1.0, -2.0, 4.0]), np.arange(6.0) + 1
+    found = values(item, u=[3.0], x=[*x, *c])
+    f = np.array([3.0 - x[0], *(2 * (x[:-1] - x[1:]))])
+    assert [found[f"der(x[{i + 1}])"] for i in range(5)] == pytest.approx([*(f[:-1] - f[1:]), f[-1]])
+    expected = [i * 3.0 - 10 * j * c[3 * (i - 1) + j - 1] for i in (1, 2) for j in (1, 2, 3)]
+    assert [found[f"der(c[{i},{j}])"] for i in (1, 2) for j in (1, 2, 3)] == expected
+    assert found["y"] == -2.0
+    # Both sizes went into subscripts.
+    assert {entry.name for entry in variable_table(item) if entry.kind == "PARAMETER"} == {"n", "m"}
+    assert not any(entry.settable for entry in variable_table(item) if entry.kind == "PARAMETER")
+    lines = {equation.location.line for equation in item.model.symbols.flat.equations}
+    assert lines == {10, 12, 15, 17, 20, 23}
+
+
 def test_relations_become_modes_but_not_within_no_event(tmp_path):
     item = program(
         tmp_path,
