@@ -10,9 +10,10 @@ import numpy as np
 
 from orchestrator.errors import BuildError
 
-from .expressions import ExpressionReader, Json, element_name
+from .expressions import ExpressionReader, Json
 from .flat import Literal, Node, Reference, Role, Type, Variable, walk
 from .interpreter import evaluate
+from .node_arrays import element_name
 from .sources import Location
 
 _VARIABLE_READ = frozenset(

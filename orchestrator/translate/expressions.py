@@ -13,9 +13,21 @@ from orchestrator.errors import BuildError
 
 from .flat import Delay, Derivative, If, Literal, Node, NoEvent, Operation, Reference, render, walk
 from .interpreter import evaluate
+from .node_arrays import (
+    Nodes,
+    as_nodes,
+    element_name,
+    elementwise,
+    mapped,
+    matrix,
+    negate,
+    plus,
+    product,
+    scalar_node,
+    times,
+)
 from .sources import DELAY, Location
 
-Nodes = np.ndarray  # of Node objects; shape () for a scalar
 Json = dict[str, Any]
 
 _BINARY = {"Add": "+", "Sub": "-", "Div": "/", "Exp": "^"} | {
@@ -92,18 +104,18 @@ class ExpressionReader:
         _known(body, {"value", "span"}, "literal", where)
         kind, value = _only_item(body["value"], where)
         if kind == "Boolean":
-            return _scalar(Literal(bool(value)))
+            return scalar_node(Literal(bool(value)))
         if kind in ("Real", "Integer"):
-            return _scalar(Literal(float(value)))
+            return scalar_node(Literal(float(value)))
         raise BuildError(f"{where}: literals of type {kind} are not supported here")
 
     def _read_varref(self, body: Json, where: Location) -> Nodes:
         _known(body, {"name", "subscripts", "span"}, "reference", where)
         name = body["name"]["name"]
         if name in self._indices and not body["subscripts"]:
-            return _scalar(Literal(float(self._indices[name])))
+            return scalar_node(Literal(float(self._indices[name])))
         if name == "time":
-            return _scalar(Reference("time"))
+            return scalar_node(Reference("time"))
         if name not in self._shapes:
             raise BuildError(
                 f"{where}: {name} is no variable of Real, Integer or Boolean type; enumerations and "
@@ -145,7 +157,7 @@ class ExpressionReader:
             selector = selectors[axis]
             if not isinstance(selector, slice):
                 result = np.take(result, selector, axis=axis)
-        return _as_nodes(result)
+        return as_nodes(result)
 
     def _integers(self, json: Json, where: Location) -> np.ndarray:
         nodes = self.read(json, where)
@@ -175,12 +187,12 @@ class ExpressionReader:
         left, right = self.read(body["lhs"], where), self.read(body["rhs"], where)
         name = body["op"]
         if name == "Mul":
-            return _product(left, right, where)
+            return product(left, right, where)
         if name not in _BINARY:
             raise BuildError(f"{where}: the operator {name} is not supported")
         if name == "Exp" and (left.ndim or right.ndim):
             raise BuildError(f"{where}: a power of a matrix is not supported; use .^ for elements")
-        return _elementwise(_BINARY[name], where, left, right)
+        return elementwise(_BINARY[name], where, left, right)
 
     def _read_unary(self, body: Json, where: Location) -> Nodes:
         _known(body, {"op", "rhs", "span"}, "operator", where)
@@ -189,9 +201,9 @@ class ExpressionReader:
             case "Plus" | "DotPlus":
                 return operand
             case "Minus" | "DotMinus":
-                return _map(_negate, operand)
+                return mapped(negate, operand)
             case "Not":
-                return _elementwise("not", where, operand)
+                return elementwise("not", where, operand)
         raise BuildError(f"{where}: the operator {body['op']} is not supported")
 
     def _read_if(self, body: Json, where: Location) -> Nodes:
@@ -204,7 +216,7 @@ class ExpressionReader:
                 raise BuildError(
                     f"{where}: the branches have shapes {list(values.shape)} and {list(result.shape)}"
                 )
-            result = _map(lambda one, other, test=test: If(test, one, other), values, result)
+            result = mapped(lambda one, other, test=test: If(test, one, other), values, result)
         return result
 
     def _read_array(self, body: Json, where: Location) -> Nodes:
@@ -213,11 +225,11 @@ class ExpressionReader:
         try:
             match body["kind"]:
                 case "Array":
-                    return _as_nodes(np.stack(elements))
+                    return as_nodes(np.stack(elements))
                 case "Horizontal":
-                    return _as_nodes(np.concatenate([_matrix(element) for element in elements], axis=1))
+                    return as_nodes(np.concatenate([matrix(element) for element in elements], axis=1))
                 case "Vertical":
-                    return _as_nodes(np.concatenate([_matrix(element) for element in elements], axis=0))
+                    return as_nodes(np.concatenate([matrix(element) for element in elements], axis=0))
         except ValueError as error:
             shapes = ", ".join(str(list(element.shape)) for element in elements)
             raise BuildError(f"{where}: array elements of shapes {shapes} do not fit together") from error
@@ -229,7 +241,7 @@ class ExpressionReader:
         start, end = int(self._integers(body["start"], where)), int(self._integers(body["end"], where))
         if step == 0:
             raise BuildError(f"{where}: the step of a range is zero")
-        return _as_nodes(
+        return as_nodes(
             np.array([Literal(float(i)) for i in range(start, end + (1 if step > 0 else -1), step)], object)
         )
 
@@ -252,7 +264,7 @@ class ExpressionReader:
             limit = None  # the default of the function that stands for delay()
         if time.shape != () or (limit is not None and limit.shape != ()):
             raise BuildError(f"{where}: the delay time has to be a scalar")
-        return _map(lambda one: Delay(one, time[()], None if limit is None else limit[()], where), operand)
+        return mapped(lambda one: Delay(one, time[()], None if limit is None else limit[()], where), operand)
 
     def _read_builtincall(self, body: Json, where: Location) -> Nodes:
         _known(body, {"function", "args", "span"}, "function call", where)
@@ -265,10 +277,10 @@ class ExpressionReader:
             return self._size(arguments, where)
         values = [self.read(argument, where) for argument in arguments]
         if name in _FUNCTIONS and len(values) == _FUNCTIONS[name]:
-            return _elementwise(name.lower(), where, *values)
+            return elementwise(name.lower(), where, *values)
         match name, values:
             case "NoEvent", [value]:
-                return _map(NoEvent, value)
+                return mapped(NoEvent, value)
             # An expression that is smooth needs no event, but an event does no harm.
             case "Smooth", [_, value]:
                 return value
@@ -276,13 +288,15 @@ class ExpressionReader:
             case "Homotopy", [value, _]:
                 return value
             case (("Min" | "Max"), [value]) if value.size:
-                return _scalar(reduce(lambda one, other: Operation(name.lower(), (one, other)), value.flat))
+                return scalar_node(
+                    reduce(lambda one, other: Operation(name.lower(), (one, other)), value.flat)
+                )
             case (("Min" | "Max"), [_, _]):
-                return _elementwise(name.lower(), where, *values)
+                return elementwise(name.lower(), where, *values)
             case "Sum", [value]:
-                return _scalar(reduce(_plus, value.flat, Literal(0.0)))
+                return scalar_node(reduce(plus, value.flat, Literal(0.0)))
             case "Product", [value]:
-                return _scalar(reduce(_times, value.flat, Literal(1.0)))
+                return scalar_node(reduce(times, value.flat, Literal(1.0)))
             case "Transpose", [value] if value.ndim == 2:
                 return value.T
             case "Fill", [value, *_] if value.shape == ():
@@ -306,11 +320,11 @@ class ExpressionReader:
     def _size(self, arguments: list[Json], where: Location) -> Nodes:
         shape = self.read(arguments[0], where).shape
         if len(arguments) == 1:
-            return _as_nodes(np.array([Literal(float(length)) for length in shape], object))
+            return as_nodes(np.array([Literal(float(length)) for length in shape], object))
         axis = int(self._integers(arguments[1], where))
         if not 1 <= axis <= len(shape):
             raise BuildError(f"{where}: size() of dimension {axis} of an array {list(shape)}")
-        return _scalar(Literal(float(shape[axis - 1])))
+        return scalar_node(Literal(float(shape[axis - 1])))
 
     def _filled(self, node: Node, sizes: list[Json], where: Location) -> Nodes:
         shape = tuple(int(self._integers(size, where)) for size in sizes)
@@ -318,78 +332,6 @@ class ExpressionReader:
         for index in np.ndindex(shape):
             result[index] = node
         return result
-
-
-def element_name(name: str, index: tuple[int, ...]) -> str:
-    """Name of an array's element, counted from 1: w[2,1]; the name itself for a scalar."""
-    return f"{name}[{','.join(str(i + 1) for i in index)}]" if index else name
-
-
-def _scalar(node: Node) -> Nodes:
-    result = np.empty((), dtype=object)
-    result[()] = node
-    return result
-
-
-def _as_nodes(values: Any) -> Nodes:
-    if isinstance(values, np.ndarray):
-        return values
-    return _scalar(values)
-
-
-def _matrix(value: Nodes) -> Nodes:
-    if value.ndim > 2:
-        raise ValueError
-    return value if value.ndim == 2 else value.reshape((-1, 1))
-
-
-def _map(function: Callable[..., Node], *values: Nodes) -> Nodes:
-    result = np.empty(values[0].shape, dtype=object)
-    for index in np.ndindex(values[0].shape):
-        result[index] = function(*(value[index] for value in values))
-    return result
-
-
-def _elementwise(name: str, where: Location, *values: Nodes) -> Nodes:
-    shapes = {value.shape for value in values if value.shape != ()}
-    if len(shapes) > 1:
-        raise BuildError(
-            f"{where}: arrays of unlike shapes {', '.join(str(list(s)) for s in sorted(shapes))} meet in "
-            f"{name}"
-        )
-    shape = shapes.pop() if shapes else ()
-    result = np.empty(shape, dtype=object)
-    for index in np.ndindex(shape):
-        result[index] = Operation(name, tuple(value[index] if value.shape else value[()] for value in values))
-    return result
-
-
-def _plus(one: Node, other: Node) -> Node:
-    return other if one == Literal(0.0) else Operation("+", (one, other))
-
-
-def _times(one: Node, other: Node) -> Node:
-    return other if one == Literal(1.0) else Operation("*", (one, other))
-
-
-def _negate(node: Node) -> Node:
-    if isinstance(node, Literal) and not isinstance(node.value, bool):
-        return Literal(-node.value)
-    return Operation("negate", (node,))
-
-
-def _product(left: Nodes, right: Nodes, where: Location) -> Nodes:
-    if not left.shape or not right.shape:
-        return _elementwise("*", where, left, right)
-    if left.ndim > 2 or right.ndim > 2 or left.shape[-1] != right.shape[0]:
-        raise BuildError(f"{where}: arrays {list(left.shape)} and {list(right.shape)} cannot be multiplied")
-    rows = left.reshape((-1, left.shape[-1]))
-    columns = right.reshape((right.shape[0], -1))
-    result = np.empty((rows.shape[0], columns.shape[1]), dtype=object)
-    for row, column in np.ndindex(result.shape):
-        terms = [Operation("*", pair) for pair in zip(rows[row], columns[:, column], strict=True)]
-        result[row, column] = reduce(_plus, terms, Literal(0.0))
-    return result.reshape(left.shape[:-1] + right.shape[1:])
 
 
 def _only_item(json: Any, where: Location) -> tuple[str, Any]:
