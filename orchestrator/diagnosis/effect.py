@@ -1,0 +1,162 @@
+"""What an unmodelled effect is: where it acts, by which law, with which parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+from numba import cfunc, types
+
+from ..units import UnitError, parse_unit
+
+__all__ = ["Context", "Effect", "Parameter", "Site", "law"]
+
+
+class Site(IntEnum):
+    """Places in the chain of signals at which an effect can act; the value it is given and returns.
+
+    Attributes:
+        COMMAND: command received at a tick [m].
+        DELAY: delay of the command on its way to the servo [s].
+        ACCELERATION: acceleration of the servo, to add disturbances to [m/s2].
+        LIMIT: acceleration of the servo, to bound [m/s2].
+        RATE: velocity of the servo [m/s].
+        POSITION: position of the robot, seen by the encoder and by the contact [m].
+        STRUCTURE: position of the contact point, not seen by the encoder [m].
+        CONTACT: force that a frame pushes with, before it is kept from pulling [N]; positive.
+        FORCE: force on the rod, before the sensor [N]; negative at the front frame.
+        DELAYED: the force behind the sensor's delay and low-pass [N].
+        SAMPLE: force sampled at a tick [N].
+        BODY: force on the satellite over a tick [N].
+    """
+
+    COMMAND = 0
+    DELAY = 1
+    ACCELERATION = 2
+    LIMIT = 3
+    RATE = 4
+    POSITION = 5
+    STRUCTURE = 6
+    CONTACT = 7
+    FORCE = 8
+    DELAYED = 9
+    SAMPLE = 10
+    BODY = 11
+
+
+class Context(IntEnum):
+    """What a law can read beside the value that it changes; SI units.
+
+    Attributes:
+        POSITION, VELOCITY, ACCELERATION: of the robot's servo; of the satellite at BODY.
+        COMMAND: that acts on the servo.
+        FORCE: on the rod, at the latest instant.
+        DEPTH, DEPTH_RATE: of the penetration; zero out of contact.
+        SIDE: 1 at the front frame, -1 at the rear frame, 0 out of contact.
+        STIFFNESS, DAMPING: of the contact, as calibrated.
+        TICK: number of the tick.
+        MASS: of the satellite software.
+    """
+
+    POSITION = 0
+    VELOCITY = 1
+    ACCELERATION = 2
+    COMMAND = 3
+    FORCE = 4
+    DEPTH = 5
+    DEPTH_RATE = 6
+    SIDE = 7
+    STIFFNESS = 8
+    DAMPING = 9
+    TICK = 10
+    MASS = 11
+
+
+_POINTER = types.CPointer(types.float64)
+_SIGNATURE = types.float64(types.float64, types.float64, types.float64, _POINTER, _POINTER, _POINTER)
+
+
+def law(function: Callable[..., float]) -> Any:
+    """Compile the law of an effect: law(time, step, value, context, memory, theta) -> value.
+
+    Args:
+        function: of time [s], step since the last call [s], the value at the site, and three arrays: the
+            context (by `Context`), the effect's memory (zeros at the start) and its parameters.
+    """
+    return cfunc(_SIGNATURE, cache=True)(function)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect.
+
+    Attributes:
+        name, unit: SI.
+        scale: standard deviation of its prior about zero, at which the effect is absent.
+        low, high: bounds.
+        starts: values that a fit begins from; the effect's size is not convex in all of them.
+        shape: whether it only shapes the effect: then zero is nothing special, and `scale` is the standard
+            deviation of its logarithm about the first start.
+        whole: whether it is a whole number; then all from `low` to `high` are tried.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    low: float = float("-inf")
+    high: float = float("inf")
+    starts: tuple[float, ...] = ()
+    shape: bool = False
+    whole: bool = False
+
+    def __post_init__(self) -> None:
+        try:
+            parse_unit(self.unit)
+        except UnitError as error:
+            raise ValueError(f"parameter {self.name}: {error}") from None
+        if not self.scale > 0 or not self.low < self.high:
+            raise ValueError(f"parameter {self.name}: scale {self.scale} and bounds {self.low}, {self.high}")
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A candidate cause of the gap.
+
+    An effect either has a law that acts at a site, or changes calibrated parameters, or, where it is
+    stochastic, is known by statistics alone.
+
+    Attributes:
+        id: place and name, as in `contact.hertz`.
+        equation: the law in plain text.
+        source: where it stands in the literature.
+        parameters: see `Parameter`.
+        site, apply, memory: of the law; how many numbers it keeps.
+        changes: calibrated parameters that it changes, by the parameter that is added to them; relative ones
+            are marked by a leading "*".
+        statistic: name of the statistic that tells a stochastic effect, "" for others.
+        modelica: the law as a Modelica model, for the augmented system.
+    """
+
+    id: str
+    equation: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    site: Site | None = None
+    apply: Any = None
+    memory: int = 0
+    changes: Mapping[str, str] = field(default_factory=dict)
+    statistic: str = ""
+    modelica: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.site is None) != (self.apply is None):
+            raise ValueError(f"effect {self.id}: a law needs a site, and a site a law")
+        if self.apply is None and not self.changes and not self.statistic:
+            raise ValueError(f"effect {self.id} does nothing")
+
+    @property
+    def place(self) -> str:
+        """The component that it belongs to."""
+        return self.id.partition(".")[0]

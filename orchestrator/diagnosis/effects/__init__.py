@@ -1,0 +1,1 @@
+"""The effects that come with the product, one a file."""

@@ -1,0 +1,24 @@
+"""Front and rear stiffness differ."""
+
+from __future__ import annotations
+
+from ..effect import Context, Effect, Parameter, Site, law
+
+_SIDE = int(Context.SIDE)
+_STIFFNESS = int(Context.STIFFNESS)
+_DEPTH = int(Context.DEPTH)
+
+
+@law
+def _law(time, step, value, context, memory, theta):
+    return value - theta[0] * context[_SIDE] * context[_STIFFNESS] * context[_DEPTH]
+
+
+EFFECT = Effect(
+    id='contact.asymmetry',
+    equation='k = k_0 (1 - a) at the front frame, k_0 (1 + a) at the rear',
+    source='Eq. 20 of the docking source, per frame',
+    parameters=(Parameter('asymmetry', '1', 0.08, low=-0.9, high=0.9),),
+    site=Site.CONTACT,
+    apply=_law,
+)

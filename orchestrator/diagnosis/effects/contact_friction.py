@@ -1,0 +1,24 @@
+"""A force against the direction of penetration."""
+
+from __future__ import annotations
+
+import math
+
+from ..effect import Context, Effect, Parameter, Site, law
+
+_DEPTH_RATE = int(Context.DEPTH_RATE)
+
+
+@law
+def _law(time, step, value, context, memory, theta):
+    return value * (1.0 + theta[0] * math.tanh(context[_DEPTH_RATE] / 1e-3))
+
+
+EFFECT = Effect(
+    id='contact.friction',
+    equation="F = F_0 (1 + f tanh(d'/v_0)), v_0 = 1 mm/s",
+    source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994',
+    parameters=(Parameter('coefficient', '1', 0.05, low=-0.9, high=0.9),),
+    site=Site.CONTACT,
+    apply=_law,
+)

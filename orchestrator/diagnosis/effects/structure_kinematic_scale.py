@@ -1,0 +1,20 @@
+"""The kinematic model is off by a factor."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Parameter, Site, law
+
+
+@law
+def _law(time, step, value, context, memory, theta):
+    return (1.0 + theta[0]) * value
+
+
+EFFECT = Effect(
+    id='structure.kinematic-scale',
+    equation='x_c = (1 + s) x',
+    source='Mooring, Roth, Driels: Fundamentals of Manipulator Calibration, 1991',
+    parameters=(Parameter('scale', '1', 0.01, low=-0.3, high=0.3),),
+    site=Site.STRUCTURE,
+    apply=_law,
+)

@@ -1,0 +1,20 @@
+"""The contact point is off by a constant (sag)."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Parameter, Site, law
+
+
+@law
+def _law(time, step, value, context, memory, theta):
+    return value - theta[0]
+
+
+EFFECT = Effect(
+    id='structure.offset',
+    equation='x_c = x - o',
+    source='Mooring, Roth, Driels: Fundamentals of Manipulator Calibration, 1991',
+    parameters=(Parameter('offset', 'm', 0.0002, low=-0.005, high=0.005),),
+    site=Site.STRUCTURE,
+    apply=_law,
+)

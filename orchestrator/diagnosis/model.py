@@ -1,0 +1,187 @@
+"""The rig's model as a diagnosis uses it: replayed open loop from logs, with effects and other parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from .effect import Effect, Site
+from .rig import CHANNELS, HISTORY, Calibrated, State, run_rig
+from .study import Array, Run, Study
+
+__all__ = ["CALIBRATED", "Laws", "RigModel", "nominal_parameters"]
+
+# Calibrated numbers of a study that the replay of robot, contact and sensor depends on.
+CALIBRATED = (
+    "natural_frequency",
+    "damping_ratio",
+    "response_delay",
+    "contact_stiffness",
+    "contact_damping",
+    "front_wall",
+    "rear_wall",
+    "sensor_delay",
+    "sensor_cutoff",
+    "force_bias",
+)
+
+
+def nominal_parameters(study: Study, run: Run) -> Array:
+    """Parameters of the rig by `Calibrated`, as its lab believes them, shape (16,)."""
+    p = np.zeros(len(Calibrated))
+    for name in CALIBRATED:
+        p[Calibrated[name.upper()]] = study.nominal[name].value
+    cutoff = study.nominal["sensor_cutoff"].value
+    p[Calibrated.LEAD] = study.nominal["sensor_delay"].value + (1.0 / cutoff if cutoff > 0 else 0.0)
+    p[Calibrated.TICK], p[Calibrated.MASS] = study.tick, run.mass
+    p[Calibrated.NOMINAL_STIFFNESS] = study.nominal["contact_stiffness"].value
+    p[Calibrated.NOMINAL_DAMPING] = study.nominal["contact_damping"].value
+    return p
+
+
+@dataclass(frozen=True)
+class Laws:
+    """The laws of some effects, laid out for the rig.
+
+    Attributes:
+        sites: first law of each site, and the end, shape (len(Site) + 1,).
+        addresses: shape (l,); at: of each law's memory and parameters, shape (l, 2).
+        memory: how many numbers they keep; theta: how many parameters all effects have.
+    """
+
+    effects: tuple[Effect, ...]
+    sites: np.ndarray
+    addresses: np.ndarray
+    at: np.ndarray
+    memory: int
+    theta: int
+
+    @staticmethod
+    @lru_cache(maxsize=4096)
+    def of(effects: tuple[Effect, ...]) -> Laws:
+        """The layout; laws of one site act in the order of the effects."""
+        order = []
+        memory = theta = 0
+        for effect in effects:
+            if effect.site is not None:
+                order.append((effect.site, effect.apply.address, memory, theta))
+                memory += effect.memory
+            theta += len(effect.parameters)
+        order.sort(key=lambda law: law[0])
+        firsts = [sum(law[0] < site for law in order) for site in range(len(Site) + 1)]
+        return Laws(
+            effects,
+            np.array(firsts, np.int64),
+            np.array([law[1] for law in order], np.int64),
+            np.array([law[2:] for law in order], np.int64).reshape(-1, 2),
+            memory,
+            theta,
+        )
+
+
+def apply_changes(p: Array, effects: Sequence[Effect], theta: Array) -> None:
+    """Add to parameters what effects change of them."""
+    first = 0
+    for effect in effects:
+        values = {one.name: value for one, value in zip(effect.parameters, theta[first:], strict=False)}
+        first += len(effect.parameters)
+        for target, name in effect.changes.items():
+            if target.startswith("*"):
+                p[Calibrated[target[1:].upper()]] *= 1.0 + values[name]
+            else:
+                p[Calibrated[target.upper()]] += values[name]
+
+
+def _begin(study: Study, run: Run) -> Array:
+    """State at the first tick: the robot already moves at the approach speed."""
+    nominal = study.nominal
+    lag = 2.0 * nominal["damping_ratio"].value / nominal["natural_frequency"].value
+    state = np.zeros(len(State))
+    state[State.POSITION] = -(lag + nominal["response_delay"].value) * run.approach_speed
+    state[State.VELOCITY] = run.approach_speed
+    state[State.DESIRED_VELOCITY] = run.approach_speed
+    state[State.LAST_POSITION] = state[State.POSITION]
+    state[State.POSITION_RATE] = run.approach_speed
+    state[State.STIFFNESS] = nominal["contact_stiffness"].value
+    state[State.DAMPING] = nominal["contact_damping"].value
+    state[State.P00] = (0.15 * nominal["contact_stiffness"].value) ** 2
+    state[State.P11] = 60.0**2
+    return state
+
+
+class RigModel:
+    """Replays of a study's runs.
+
+    Args:
+        runs: those to replay.
+    """
+
+    def __init__(self, study: Study, runs: Sequence[Run]) -> None:
+        self.study = study
+        self.runs = tuple(runs)
+        self._nominal = [nominal_parameters(study, run) for run in runs]
+        self._begin = [_begin(study, run) for run in runs]
+        self._commands = [self._sent(run) for run in runs]
+        self.correction = [np.zeros(len(run) + 1) for run in runs]
+        self._none = np.zeros(0)
+
+    def _sent(self, run: Run) -> Array:
+        """Commands by tick; before the first the rod moved at the approach speed already."""
+        tick = self.study.tick
+        before = run.approach_speed * tick * np.arange(1 - HISTORY, 1)
+        last = run["desired_position"][-1] + tick * run["desired_velocity"][-1]
+        return np.concatenate([before, run["desired_position"][1:], [last]])
+
+    def parameters(
+        self, index: int, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
+    ) -> Array:
+        """Parameters of a run, shape (16,)."""
+        p = self._nominal[index].copy()
+        for name, value in calibrated.items():
+            p[Calibrated[name.upper()]] = value
+        apply_changes(p, effects, theta)
+        return p
+
+    def replay(
+        self, index: int, calibrated: Mapping[str, float], effects: tuple[Effect, ...] = (), theta: Array | None = None
+    ) -> Array:
+        """Replay link, robot, structure, contact and sensor from the logged commands.
+
+        Args:
+            index: of the run.
+            calibrated: values that replace the nominal ones.
+            effects, theta: what acts beside, and all their parameters one after the other.
+        Returns: channels by `CHANNELS`, shape (8, n); those of the software are zero.
+        """
+        laws = Laws.of(effects)
+        theta = np.zeros(laws.theta) if theta is None else theta
+        out = np.zeros((len(CHANNELS), len(self.runs[index])))
+        inject = np.zeros((4, len(self.runs[index]) + 1))
+        inject[0] = self.correction[index]
+        run_rig(
+            self.parameters(index, calibrated, effects, theta), False, self._commands[index],
+            self._begin[index].copy(), laws.sites, laws.addresses, laws.at, np.zeros(max(laws.memory, 1)),
+            np.ascontiguousarray(theta, dtype=float) if theta.size else np.zeros(1), inject, 0, out,
+        )  # fmt: skip
+        return out
+
+    def closed_loop(
+        self, index: int, calibrated: Mapping[str, float], effects: tuple[Effect, ...] = (), theta: Array | None = None,
+        ticks: int | None = None,
+    ) -> Array:  # fmt: skip
+        """Run the whole rig from its start, shape (8, n)."""
+        laws = Laws.of(effects)
+        theta = np.zeros(laws.theta) if theta is None else theta
+        n = ticks or len(self.runs[index])
+        out = np.zeros((len(CHANNELS), n))
+        commands = np.zeros(HISTORY + n)
+        commands[:HISTORY] = self._commands[index][:HISTORY]
+        run_rig(
+            self.parameters(index, calibrated, effects, theta), True, commands, self._begin[index].copy(),
+            laws.sites, laws.addresses, laws.at, np.zeros(max(laws.memory, 1)),
+            np.ascontiguousarray(theta, dtype=float) if theta.size else np.zeros(1), np.zeros((4, n + 1)), 0, out,
+        )  # fmt: skip
+        return out

@@ -1,0 +1,211 @@
+"""What a diagnosis is given: a rig as its lab believes it to be, and logs of its runs."""
+
+from __future__ import annotations
+
+import gzip
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+import yaml
+from numpy.typing import NDArray
+
+from ..errors import ConfigError, Problem, listed, nearest
+from ..units import UnitError, convert, parse_unit
+
+__all__ = ["Nominal", "Role", "Run", "Study", "load_study"]
+
+Array = NDArray[np.float64]
+
+_COLUMNS = {
+    "time": "s",
+    "desired_position": "m",
+    "desired_velocity": "m/s",
+    "encoder_position": "m",
+    "sensor_force": "N",
+    "compensated_force": "N",
+    "stiffness_estimate": "N/m",
+}
+_NOMINAL = {
+    "contact_stiffness": "N/m",
+    "contact_damping": "N.s/m",
+    "front_wall": "m",
+    "rear_wall": "m",
+    "natural_frequency": "rad/s",
+    "damping_ratio": "1",
+    "response_delay": "s",
+    "sensor_delay": "s",
+    "sensor_cutoff": "rad/s",
+    "force_bias": "N",
+    "force_noise": "N",
+    "force_resolution": "N",
+    "encoder_noise": "m",
+    "encoder_resolution": "m",
+}
+
+
+class Role(Enum):
+    """What a run may be used for: fits see only train."""
+
+    TRAIN = "train"
+    HELDOUT = "heldout"
+    REPEAT = "repeat"
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """A number of the rig and the standard deviation of its calibration, SI."""
+
+    value: float
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """One logged run.
+
+    Attributes:
+        name: of the file.
+        mass: of the satellite software [kg]; approach_speed: [m/s].
+        columns: logged signals by name, each of shape (n,), SI, one value per tick.
+    """
+
+    name: str
+    role: Role
+    mass: float
+    approach_speed: float
+    columns: Mapping[str, Array]
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def __len__(self) -> int:
+        return len(self.columns["time"])
+
+
+@dataclass(frozen=True)
+class Study:
+    """A rig and its runs.
+
+    Attributes:
+        tick: of the rig's software [s].
+        nominal: by name, SI (angular frequencies in rad/s).
+    """
+
+    name: str
+    tick: float
+    nominal: Mapping[str, Nominal]
+    runs: tuple[Run, ...]
+
+    def of(self, role: Role) -> tuple[Run, ...]:
+        """The runs of a role."""
+        return tuple(run for run in self.runs if run.role is role)
+
+
+def load_study(folder: Path) -> Study:
+    """Read a case folder: case.yaml and its logs.
+
+    Raises: ConfigError with all problems at once: missing files, columns, units, numbers that are not finite.
+    """
+    path = folder / "case.yaml"
+    if not path.is_file():
+        raise ConfigError(
+            [Problem(str(folder), "no case.yaml", "a folder with case.yaml and its logs is needed")]
+        )
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ConfigError([Problem(str(path), f"is no YAML: {error}")]) from None
+    problems: list[Problem] = []
+    if not isinstance(data, dict) or data.get("format") != "gap-case/1":
+        got = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise ConfigError([Problem(f"{path}: format", f"got {got!r}", "gap-case/1")])
+    tick = data.get("tick")
+    if not isinstance(tick, int | float) or not tick > 0:
+        problems.append(Problem(f"{path}: tick", f"got {tick!r}", "a positive number of seconds"))
+    nominal = _nominal(data.get("nominal") or {}, path, problems)
+    runs = []
+    for number, entry in enumerate(data.get("runs") or []):
+        run = _run(folder, entry, f"{path}: runs[{number}]", problems)
+        if run is not None:
+            runs.append(run)
+    if not any(run.role is Role.TRAIN for run in runs) and not problems:
+        problems.append(Problem(f"{path}: runs", "no run has the role train", "at least one"))
+    if problems:
+        raise ConfigError(problems)
+    return Study(folder.name, float(tick), nominal, tuple(runs))
+
+
+def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> dict[str, Nominal]:
+    found = {}
+    for name, entry in data.items():
+        place = f"{path}: nominal.{name}"
+        if name not in _NOMINAL:
+            problems.append(Problem(place, "unknown", listed(tuple(_NOMINAL)), nearest(name, tuple(_NOMINAL))))
+            continue
+        try:
+            if str(entry["unit"]) == "Hz" and _NOMINAL[name] == "rad/s":
+                factor = 2.0 * np.pi  # frequencies of oscillations and filters, which turn once per period
+            else:
+                factor = convert(parse_unit(str(entry["unit"])), parse_unit(_NOMINAL[name]))[0]
+            found[name] = Nominal(float(entry["value"]) * factor, float(entry.get("tolerance", 0)) * factor)
+        except (KeyError, TypeError, ValueError, UnitError) as error:
+            problems.append(Problem(place, str(error), "value, unit and tolerance"))
+    problems += [Problem(f"{path}: nominal", f"{name} is missing") for name in _NOMINAL if name not in data]
+    return found
+
+
+def _run(folder: Path, entry: Any, place: str, problems: list[Problem]) -> Run | None:
+    try:
+        file, role = str(entry["file"]), Role(entry["role"])
+        mass, speed = float(entry["mass"]), float(entry["approach_speed"])
+    except (KeyError, TypeError, ValueError) as error:
+        problems.append(Problem(place, f"{error}", "file, role (train, heldout, repeat), mass, approach_speed"))
+        return None
+    if not mass > 0:
+        problems.append(Problem(f"{place}.mass", f"got {mass}", "a positive mass [kg]"))
+        return None
+    path = folder / file
+    if not path.is_file() or path.resolve().parent != folder.resolve():
+        problems.append(Problem(f"{place}.file", f"no file {file} in {folder}"))
+        return None
+    columns = _columns(path, problems)
+    return None if columns is None else Run(file.partition(".")[0], role, mass, speed, columns)
+
+
+def _columns(path: Path, problems: list[Problem]) -> dict[str, Array] | None:
+    try:
+        raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+        table = pyarrow.csv.read_csv(pyarrow.BufferReader(raw))
+    except (OSError, EOFError, pyarrow.ArrowException) as error:
+        problems.append(Problem(str(path), f"cannot be read: {error}"))
+        return None
+    found: dict[str, Array] = {}
+    before = len(problems)
+    for header in table.column_names:
+        match = re.fullmatch(r"\s*(\w+)\s*\[(.+)\]\s*", header)
+        if match is None or match[1] not in _COLUMNS:
+            problems.append(Problem(f"{path}: column {header!r}", "unknown", listed(tuple(_COLUMNS))))
+            continue
+        name, unit = match[1], match[2]
+        try:
+            factor = convert(parse_unit(unit), parse_unit(_COLUMNS[name]))[0]
+        except UnitError as error:
+            problems.append(Problem(f"{path}: column {header!r}", str(error)))
+            continue
+        try:
+            values = table[header].to_numpy().astype(float)
+        except (TypeError, ValueError):
+            problems.append(Problem(f"{path}: column {name}", "holds values that are no numbers"))
+            continue
+        found[name] = values if factor == 1.0 else values * factor
+        if not np.isfinite(values).all():
+            row = int(np.flatnonzero(~np.isfinite(values))[0])
+            problems.append(Problem(f"{path}: column {name}", f"row {row} is not finite"))
+    problems += [Problem(str(path), f"no column {name}") for name in _COLUMNS if name not in found]
+    return found if len(problems) == before else None
