@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from .effect import Effect
 from .model import CALIBRATED, RigModel
 from .study import Array
 
-__all__ = ["Fit", "Fitter"]
+__all__ = ["Base", "Fit", "Fitter"]
 
 _MAX_ITERATIONS = 12
 # A fit has converged when the cost falls by less.
@@ -34,6 +35,7 @@ class Fit:
         log_determinant: of the Hessian in normalised parameters; Laplace's volume.
         residuals: normalised, per run and channel: encoder, force.
         sigma: standard deviations of theta.
+        z: all parameters, normalised by their priors.
     """
 
     effects: tuple[Effect, ...]
@@ -45,6 +47,7 @@ class Fit:
     log_determinant: float
     residuals: tuple[tuple[Array, Array], ...]
     sigma: Array
+    z: Array
 
     @property
     def log_evidence(self) -> float:
@@ -53,6 +56,19 @@ class Fit:
         Parameters are normalised by their priors, whose volumes are one.
         """
         return -0.5 * self.cost - 0.5 * self.log_determinant
+
+
+class Base(NamedTuple):
+    """A point about which effects are screened.
+
+    Attributes:
+        z: normalised parameters; r: stacked residuals there; jacobian: their derivatives.
+    """
+
+    effects: tuple[Effect, ...]
+    z: Array
+    r: Array
+    jacobian: Array
 
 
 class Fitter:
@@ -122,76 +138,130 @@ class Fitter:
                 choices.append([value / one.scale for value in one.starts] or [0.05])
         return [np.array(start) for start in product(*choices)]
 
-    def fit(self, effects: tuple[Effect, ...], begin: Array | None = None, start: Array | None = None) -> Fit:
+    def fit(
+        self,
+        effects: tuple[Effect, ...],
+        begin: Array | None = None,
+        start: Array | None = None,
+        known: Array | None = None,
+    ) -> Fit:
         """Fit effects and calibration.
 
         Args:
             begin: normalised calibration to begin from; zero, the nominal one, by default.
             start: normalised parameters of the effects to begin from.
+            known: derivatives of the stacked residuals by the calibration where the fit begins, if at hand,
+                shape (residuals, calibrated).
         """
         count = len(self._names)
-        size = count + sum(len(effect.parameters) for effect in effects)
-        z = np.zeros(size)
+        parameters = [one for effect in effects for one in effect.parameters]
+        z = np.zeros(count + len(parameters))
         if begin is not None:
             z[:count] = begin
         if start is not None:
             z[count:] = start
-        fixed = [
-            count + place
-            for place, one in enumerate(one for effect in effects for one in effect.parameters)
-            if one.whole
-        ]
-        free = np.array([place for place in range(size) if place not in fixed])
+        free = np.array([place for place in range(len(z)) if place < count or not parameters[place - count].whole])
         r = self._stacked(effects, z)
-        cost = r @ r + z @ z
-        damping = 1e-3
-        jacobian = np.empty((r.size, size))
+        cost = _cost(r, z)
+        jacobian = self.jacobian(effects, z, r, range(len(z)) if known is None else range(count, len(z)))
+        if known is not None:
+            jacobian[:, :count] = known
+        fresh, damping = known is None, 1e-3
         for _ in range(_MAX_ITERATIONS):
-            jacobian[:] = 0.0
-            for place in free:
-                step = 0.02 if place < count else 0.01
-                ahead = z.copy()
-                ahead[place] += step
-                jacobian[:, place] = (self._stacked(effects, ahead) - r) / step
-            hessian = jacobian.T @ jacobian + np.eye(size)
+            hessian = jacobian.T @ jacobian + np.eye(len(z))
             slope = jacobian.T @ r + z
             gain = 0.0
-            for _ in range(7):
+            for _ in range(6):
                 damped = hessian + damping * np.diag(np.diag(hessian))
-                move = np.zeros(size)
-                move[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
-                ahead = self._bounded(effects, z + move)
+                ahead = z.copy()
+                ahead[free] -= np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+                ahead = self._bounded(effects, ahead)
                 r_ahead = self._stacked(effects, ahead)
-                cost_ahead = r_ahead @ r_ahead + ahead @ ahead
+                cost_ahead = _cost(r_ahead, ahead)
                 if cost_ahead < cost:
-                    gain = cost - cost_ahead
+                    move = ahead - z
+                    # Broyden's update: the derivatives along the step just taken are known.
+                    jacobian += np.outer(r_ahead - r - jacobian @ move, move / (move @ move))
+                    gain, fresh = cost - cost_ahead, False
                     z, r, cost = ahead, r_ahead, cost_ahead
                     damping = max(damping / 10.0, 1e-9)
                     break
                 damping *= 10.0
-            if gain < _CONVERGED:
-                break
+            if gain < max(_CONVERGED, 2e-4 * cost):
+                if fresh or gain >= _CONVERGED and gain < 1e-3:
+                    break
+                jacobian, fresh, damping = self.jacobian(effects, z, r, range(len(z))), True, 1e-3
+                if gain < _CONVERGED and self._predicted(jacobian, r, z, free) < _CONVERGED:
+                    break
+        hessian = jacobian.T @ jacobian + np.eye(len(z))
         _, log_determinant = np.linalg.slogdet(hessian)
-        spread = np.sqrt(np.diag(np.linalg.inv(hessian)))[count:]
-        scales = np.array(
-            [
-                one.scale * (value if one.shape else 1.0)
-                for one, value in zip(
-                    (one for effect in effects for one in effect.parameters), self._theta(effects, z), strict=True
-                )
-            ]
-        )
+        theta = self._theta(effects, z)
+        scales = [one.scale * (value if one.shape else 1.0) for one, value in zip(parameters, theta, strict=True)]
         return Fit(
             effects,
             self._calibrated(z),
-            self._theta(effects, z),
+            theta,
             dict(zip(self._names, z[:count].tolist(), strict=True)),
             float(cost),
             float(r @ r),
             float(log_determinant),
             tuple(self.residuals(effects, z)),
-            spread * scales if len(scales) else np.zeros(0),
+            np.sqrt(np.diag(np.linalg.inv(hessian)))[count:] * np.array(scales),
+            z,
         )
+
+    def jacobian(self, effects: tuple[Effect, ...], z: Array, r: Array, places: Iterable[int]) -> Array:
+        """Derivatives of the stacked residuals by normalised parameters, by differences; others are zero."""
+        found = np.zeros((r.size, len(z)), order="F")
+        for place in places:
+            ahead = z.copy()
+            ahead[place] += 0.02
+            found[:, place] = (self._stacked(effects, ahead) - r) / 0.02
+        return found
+
+    @staticmethod
+    def _predicted(jacobian: Array, r: Array, z: Array, free: Array) -> float:
+        """By how much a step to the minimum of the linearised problem would lower the cost."""
+        hessian = (jacobian.T @ jacobian + np.eye(len(z)))[np.ix_(free, free)]
+        slope = (jacobian.T @ r + z)[free]
+        return float(slope @ np.linalg.solve(hessian, slope))
+
+    def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
+        """How well an effect could do, from one replay per start: the cost of the problem linearised about it.
+
+        Returns: the least cost, the base and the start that give it.
+        """
+        count = len(self._names)
+        best: tuple[float, Base, Array] | None = None
+        for base in bases:
+            effects = (*base.effects, effect)
+            for start in self.starts(effect):
+                z = np.concatenate([base.z, start])
+                r = self._stacked(effects, z)
+                if not np.isfinite(r).all():
+                    continue
+                columns = base.jacobian
+                offset = z.copy()
+                if not effect.parameters[0].whole and not effect.parameters[0].shape:
+                    # The first parameter is the size; the replay without the effect gives the derivative.
+                    amplitude = (r - base.r) / start[0]
+                    columns = np.column_stack([columns, amplitude])
+                    offset = z[: columns.shape[1]]
+                hessian = columns.T @ columns + np.eye(columns.shape[1])
+                offset = offset[: columns.shape[1]]
+                slope = columns.T @ r + offset
+                cost = _cost(r, z) - float(slope @ np.linalg.solve(hessian, slope))
+                if best is None or cost < best[0]:
+                    best = cost, base, start
+        if best is None:
+            return math.inf, bases[0], self.starts(effect)[0]
+        assert count <= best[1].z.size
+        return best
+
+    def base(self, effects: tuple[Effect, ...], z: Array) -> Base:
+        """A point to screen from."""
+        r = self._stacked(effects, z)
+        return Base(effects, z, r, self.jacobian(effects, z, r, range(len(z))))
 
     def _bounded(self, effects: tuple[Effect, ...], z: Array) -> Array:
         place = len(self._names)
@@ -206,23 +276,12 @@ class Fitter:
                 place += 1
         return z
 
-    def best(self, effect: Effect, base: Sequence[Effect] = (), begin: Array | None = None, head: Array | None = None) -> Fit:
-        """The best fit of an effect, on top of others, over all its starts.
 
-        Every start is tried without refitting the calibration, and the two best are fitted.
-        """
-        effects = (*base, effect)
-        count = len(self._names)
-        head = np.zeros(0) if head is None else head
-        tried = []
-        for start in self.starts(effect):
-            z = np.concatenate([np.zeros(count) if begin is None else begin, head, start])
-            r = self._stacked(effects, z)
-            tried.append((float(r @ r), start))
-        tried.sort(key=lambda pair: pair[0])
-        keep = len(tried) if all(one.whole for one in effect.parameters) and len(tried) <= 2 else 2
-        fits = [self.fit(effects, begin, np.concatenate([head, start])) for _, start in tried[:keep]]
-        return min(fits, key=lambda one: one.cost)
+
+def _cost(r: Array, z: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        cost = float(r @ r + z @ z)
+    return cost if math.isfinite(cost) else math.inf
 
 
 def _shape_centre(one: object) -> float:
