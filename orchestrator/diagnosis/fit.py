@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from .effect import Effect
-from .model import CALIBRATED, RigModel
+from .effect import Effect, Parameter
 from .study import Array
 
-__all__ = ["Base", "Fit", "Fitter"]
+__all__ = ["Base", "Fit", "Fitter", "Replay"]
 
 _MAX_ITERATIONS = 12
 # A fit has converged when the cost falls by less.
@@ -33,7 +32,7 @@ class Fit:
         cost: sum of squared normalised residuals and priors.
         chi2: of the residuals alone.
         log_determinant: of the Hessian in normalised parameters; Laplace's volume.
-        residuals: normalised, per run and channel: encoder, force.
+        residuals: normalised, per run and channel, as the replay gives them.
         sigma: standard deviations of theta.
         z: all parameters, normalised by their priors.
     """
@@ -45,7 +44,7 @@ class Fit:
     cost: float
     chi2: float
     log_determinant: float
-    residuals: tuple[tuple[Array, Array], ...]
+    residuals: tuple[Array, ...]
     sigma: Array
     z: Array
 
@@ -71,71 +70,66 @@ class Base(NamedTuple):
     jacobian: Array
 
 
+class Replay(Protocol):
+    """A component, or a chain of them, that is driven by its measured inputs and compared at its outputs.
+
+    Attributes:
+        tolerances: of the calibrated parameters that it depends on, by name: nominal value and standard
+            deviation, SI.
+    """
+
+    @property
+    def tolerances(self) -> Mapping[str, tuple[float, float]]: ...
+
+    def residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        """Measured minus replayed outputs over their noise, per run and channel."""
+
+
 class Fitter:
-    """Fits effects to the replayed runs of a model.
+    """Fits effects to replays.
 
     Args:
         inflation: by which squared residuals are divided: autocorrelated residuals, and what no model holds,
             carry less information than their number.
     """
 
-    def __init__(self, model: RigModel, inflation: float = 1.0) -> None:
-        self.model = model
+    def __init__(self, replay: Replay, inflation: float = 1.0) -> None:
+        self.replay = replay
         self.inflation = inflation
-        nominal = model.study.nominal
-        self._names = tuple(name for name in CALIBRATED if nominal[name].tolerance > 0)
-        self._centre = np.array([nominal[name].value for name in self._names])
-        self._tolerance = np.array([nominal[name].tolerance for name in self._names])
-        self._noise = (
-            math.hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / math.sqrt(12.0)),
-            math.hypot(nominal["force_noise"].value, nominal["force_resolution"].value / math.sqrt(12.0)),
-        )
+        self._names = tuple(replay.tolerances)
+        self._centre = np.array([one[0] for one in replay.tolerances.values()])
+        self._tolerance = np.array([one[1] for one in replay.tolerances.values()])
 
     # Normalised parameters: the calibration in tolerances, then the effects' in prior scales.
 
     def _theta(self, effects: tuple[Effect, ...], z: Array) -> Array:
-        first = len(self._names)
-        theta = []
-        for effect in effects:
-            for one in effect.parameters:
-                value = _shape_centre(one) * math.exp(one.scale * z[first]) if one.shape else one.scale * z[first]
-                theta.append(min(max(value, one.low), one.high))
-                first += 1
-        return np.array(theta)
+        parameters = [one for effect in effects for one in effect.parameters]
+        return np.array(
+            [_value(one, value) for one, value in zip(parameters, z[len(self._names) :], strict=True)]
+        )
 
     def _calibrated(self, z: Array) -> dict[str, float]:
         values = self._centre + self._tolerance * z[: len(self._names)]
         return dict(zip(self._names, values.tolist(), strict=True))
 
-    def residuals(self, effects: tuple[Effect, ...], z: Array) -> list[tuple[Array, Array]]:
-        """Normalised residuals of encoder and force, per run."""
-        calibrated, theta = self._calibrated(z), self._theta(effects, z)
-        found = []
-        for index, run in enumerate(self.model.runs):
-            out = self.model.replay(index, calibrated, effects, theta)
-            found.append(
-                (
-                    (run["encoder_position"] - out[2]) / self._noise[0],
-                    (run["sensor_force"] - out[3]) / self._noise[1],
-                )
-            )
-        return found
+    def residuals(self, effects: tuple[Effect, ...], z: Array) -> list[Array]:
+        """Normalised residuals, per run and channel, at normalised parameters."""
+        return self.replay.residuals(self._calibrated(z), effects, self._theta(effects, z))
 
     def _stacked(self, effects: tuple[Effect, ...], z: Array) -> Array:
-        scale = 1.0 / math.sqrt(self.inflation)
-        return scale * np.concatenate([part for pair in self.residuals(effects, z) for part in pair])
+        return np.concatenate(self.residuals(effects, z)) / math.sqrt(self.inflation)
 
     def starts(self, effect: Effect) -> list[Array]:
         """Where fits of an effect begin, in normalised parameters."""
         choices = []
         for one in effect.parameters:
             if one.whole:
-                choices.append([value / one.scale for value in range(int(one.low), int(one.high) + 1)])
-            elif one.shape:
-                centre = _shape_centre(one)
-                choices.append([math.log(value / centre) / one.scale for value in one.starts])
+                values: Sequence[float] = range(int(one.low), int(one.high) + 1)
             else:
-                choices.append([value / one.scale for value in one.starts] or [0.05])
+                values = one.starts or (0.05 * one.scale,)
+            choices.append([_normalised(one, value) for value in values])
         return [np.array(start) for start in product(*choices)]
 
     def fit(
@@ -160,7 +154,10 @@ class Fitter:
             z[:count] = begin
         if start is not None:
             z[count:] = start
-        free = np.array([place for place in range(len(z)) if place < count or not parameters[place - count].whole])
+        free = np.array(
+            [place for place in range(len(z)) if place < count or not parameters[place - count].whole],
+            np.intp,
+        )
         r = self._stacked(effects, z)
         cost = _cost(r, z)
         jacobian = self.jacobian(effects, z, r, range(len(z)) if known is None else range(count, len(z)))
@@ -170,7 +167,7 @@ class Fitter:
         for _ in range(_MAX_ITERATIONS):
             hessian = jacobian.T @ jacobian + np.eye(len(z))
             slope = jacobian.T @ r + z
-            gain = 0.0
+            gain, fresh_before = 0.0, fresh
             for _ in range(6):
                 damped = hessian + damping * np.diag(np.diag(hessian))
                 ahead = z.copy()
@@ -187,16 +184,16 @@ class Fitter:
                     damping = max(damping / 10.0, 1e-9)
                     break
                 damping *= 10.0
-            if gain < max(_CONVERGED, 2e-4 * cost):
-                if fresh or gain >= _CONVERGED and gain < 1e-3:
-                    break
+            if gain < _CONVERGED and fresh_before:
+                break
+            if gain < max(_CONVERGED, 2e-4 * cost) and not fresh_before:
                 jacobian, fresh, damping = self.jacobian(effects, z, r, range(len(z))), True, 1e-3
-                if gain < _CONVERGED and self._predicted(jacobian, r, z, free) < _CONVERGED:
-                    break
         hessian = jacobian.T @ jacobian + np.eye(len(z))
         _, log_determinant = np.linalg.slogdet(hessian)
         theta = self._theta(effects, z)
-        scales = [one.scale * (value if one.shape else 1.0) for one, value in zip(parameters, theta, strict=True)]
+        scales = [
+            one.scale * (value if one.shape else 1.0) for one, value in zip(parameters, theta, strict=True)
+        ]
         return Fit(
             effects,
             self._calibrated(z),
@@ -215,23 +212,15 @@ class Fitter:
         found = np.zeros((r.size, len(z)), order="F")
         for place in places:
             ahead = z.copy()
-            ahead[place] += 0.02
-            found[:, place] = (self._stacked(effects, ahead) - r) / 0.02
+            ahead[place] += 0.05
+            found[:, place] = (self._stacked(effects, ahead) - r) / 0.05
         return found
-
-    @staticmethod
-    def _predicted(jacobian: Array, r: Array, z: Array, free: Array) -> float:
-        """By how much a step to the minimum of the linearised problem would lower the cost."""
-        hessian = (jacobian.T @ jacobian + np.eye(len(z)))[np.ix_(free, free)]
-        slope = (jacobian.T @ r + z)[free]
-        return float(slope @ np.linalg.solve(hessian, slope))
 
     def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
         """How well an effect could do, from one replay per start: the cost of the problem linearised about it.
 
         Returns: the least cost, the base and the start that give it.
         """
-        count = len(self._names)
         best: tuple[float, Base, Array] | None = None
         for base in bases:
             effects = (*base.effects, effect)
@@ -255,7 +244,6 @@ class Fitter:
                     best = cost, base, start
         if best is None:
             return math.inf, bases[0], self.starts(effect)[0]
-        assert count <= best[1].z.size
         return best
 
     def base(self, effects: tuple[Effect, ...], z: Array) -> Base:
@@ -265,17 +253,10 @@ class Fitter:
 
     def _bounded(self, effects: tuple[Effect, ...], z: Array) -> Array:
         place = len(self._names)
-        for effect in effects:
-            for one in effect.parameters:
-                low, high = one.low, one.high
-                if one.shape:
-                    centre = _shape_centre(one)
-                    low = math.log(max(low, 1e-300) / centre) * 1.0
-                    high = math.log(high / centre)
-                z[place] = min(max(z[place], low / one.scale), high / one.scale)
-                place += 1
+        for one in (one for effect in effects for one in effect.parameters):
+            z[place] = min(max(z[place], _normalised(one, one.low)), _normalised(one, one.high))
+            place += 1
         return z
-
 
 
 def _cost(r: Array, z: Array) -> float:
@@ -284,6 +265,18 @@ def _cost(r: Array, z: Array) -> float:
     return cost if math.isfinite(cost) else math.inf
 
 
-def _shape_centre(one: object) -> float:
-    starts = one.starts  # type: ignore[attr-defined]
-    return starts[len(starts) // 2]
+def _centre(one: Parameter) -> float:
+    return one.starts[len(one.starts) // 2]
+
+
+def _value(one: Parameter, z: float) -> float:
+    """A parameter from its normalised value, within its bounds."""
+    value = _centre(one) * math.exp(min(one.scale * z, 700.0)) if one.shape else one.scale * z
+    return min(max(value, one.low), one.high)
+
+
+def _normalised(one: Parameter, value: float) -> float:
+    """The inverse of `_value`."""
+    if not one.shape:
+        return value / one.scale
+    return math.log(value / _centre(one)) / one.scale if value > 0 else -math.inf

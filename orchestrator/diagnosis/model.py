@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from .effect import Effect, Site
 from .rig import CHANNELS, HISTORY, Calibrated, State, run_rig
 from .study import Array, Run, Study
 
-__all__ = ["CALIBRATED", "Laws", "RigModel", "nominal_parameters"]
+__all__ = ["CALIBRATED", "Laws", "RigModel", "apply_changes", "begin_state", "nominal_parameters"]
 
 # Calibrated numbers of a study that the replay of robot, contact and sensor depends on.
 CALIBRATED = (
@@ -59,6 +60,16 @@ class Laws:
     memory: int
     theta: int
 
+    @property
+    def table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As machine code takes it."""
+        return self.sites, self.addresses, self.at
+
+    def room(self, theta: Array) -> tuple[Array, Array]:
+        """Fresh memory, and the parameters; neither is empty, since addresses are taken of them."""
+        filled = np.ascontiguousarray(theta, dtype=float) if theta.size else np.zeros(1)
+        return np.zeros(max(self.memory, 1)), filled
+
     @staticmethod
     @lru_cache(maxsize=4096)
     def of(effects: tuple[Effect, ...]) -> Laws:
@@ -95,7 +106,7 @@ def apply_changes(p: Array, effects: Sequence[Effect], theta: Array) -> None:
                 p[Calibrated[target.upper()]] += values[name]
 
 
-def _begin(study: Study, run: Run) -> Array:
+def begin_state(study: Study, run: Run) -> Array:
     """State at the first tick: the robot already moves at the approach speed."""
     nominal = study.nominal
     lag = 2.0 * nominal["damping_ratio"].value / nominal["natural_frequency"].value
@@ -113,7 +124,9 @@ def _begin(study: Study, run: Run) -> Array:
 
 
 class RigModel:
-    """Replays of a study's runs.
+    """Link, robot, structure, contact and sensor of a study's runs, replayed from the logged commands.
+
+    Channels: encoder position and sensor force of each run.
 
     Args:
         runs: those to replay.
@@ -123,10 +136,30 @@ class RigModel:
         self.study = study
         self.runs = tuple(runs)
         self._nominal = [nominal_parameters(study, run) for run in runs]
-        self._begin = [_begin(study, run) for run in runs]
         self._commands = [self._sent(run) for run in runs]
         self.correction = [np.zeros(len(run) + 1) for run in runs]
-        self._none = np.zeros(0)
+        nominal = study.nominal
+        self._noise = (
+            hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0)),
+            hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0)),
+        )
+
+    @property
+    def tolerances(self) -> dict[str, tuple[float, float]]:
+        """See `Replay`."""
+        nominal = {name: self.study.nominal[name] for name in CALIBRATED}
+        return {name: (one.value, one.tolerance) for name, one in nominal.items() if one.tolerance > 0}
+
+    def residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        """See `Replay`."""
+        found = []
+        for index, run in enumerate(self.runs):
+            out = self.replay(index, calibrated, effects, theta)
+            found.append((run["encoder_position"] - out[2]) / self._noise[0])
+            found.append((run["sensor_force"] - out[3]) / self._noise[1])
+        return found
 
     def _sent(self, run: Run) -> Array:
         """Commands by tick; before the first the rod moved at the approach speed already."""
@@ -146,7 +179,11 @@ class RigModel:
         return p
 
     def replay(
-        self, index: int, calibrated: Mapping[str, float], effects: tuple[Effect, ...] = (), theta: Array | None = None
+        self,
+        index: int,
+        calibrated: Mapping[str, float],
+        effects: tuple[Effect, ...] = (),
+        theta: Array | None = None,
     ) -> Array:
         """Replay link, robot, structure, contact and sensor from the logged commands.
 
@@ -158,30 +195,33 @@ class RigModel:
         """
         laws = Laws.of(effects)
         theta = np.zeros(laws.theta) if theta is None else theta
-        out = np.zeros((len(CHANNELS), len(self.runs[index])))
-        inject = np.zeros((4, len(self.runs[index]) + 1))
+        n = len(self.runs[index])
+        inject, out = np.zeros((4, n + 1)), np.zeros((len(CHANNELS), n))
         inject[0] = self.correction[index]
-        run_rig(
-            self.parameters(index, calibrated, effects, theta), False, self._commands[index],
-            self._begin[index].copy(), laws.sites, laws.addresses, laws.at, np.zeros(max(laws.memory, 1)),
-            np.ascontiguousarray(theta, dtype=float) if theta.size else np.zeros(1), inject, 0, out,
-        )  # fmt: skip
+        p = self.parameters(index, calibrated, effects, theta)
+        state = begin_state(self.study, self.runs[index])
+        run_rig(p, False, self._commands[index], state, laws.table, *laws.room(theta), inject, 0, out)
         return out
 
     def closed_loop(
-        self, index: int, calibrated: Mapping[str, float], effects: tuple[Effect, ...] = (), theta: Array | None = None,
+        self,
+        index: int,
+        calibrated: Mapping[str, float],
+        effects: tuple[Effect, ...] = (),
+        theta: Array | None = None,
         ticks: int | None = None,
-    ) -> Array:  # fmt: skip
-        """Run the whole rig from its start, shape (8, n)."""
+    ) -> Array:
+        """Run the whole rig from its start; arguments as in `replay`.
+
+        Returns: channels by `CHANNELS`, shape (8, n).
+        """
         laws = Laws.of(effects)
         theta = np.zeros(laws.theta) if theta is None else theta
         n = ticks or len(self.runs[index])
-        out = np.zeros((len(CHANNELS), n))
         commands = np.zeros(HISTORY + n)
         commands[:HISTORY] = self._commands[index][:HISTORY]
-        run_rig(
-            self.parameters(index, calibrated, effects, theta), True, commands, self._begin[index].copy(),
-            laws.sites, laws.addresses, laws.at, np.zeros(max(laws.memory, 1)),
-            np.ascontiguousarray(theta, dtype=float) if theta.size else np.zeros(1), np.zeros((4, n + 1)), 0, out,
-        )  # fmt: skip
+        inject, out = np.zeros((4, n + 1)), np.zeros((len(CHANNELS), n))
+        p = self.parameters(index, calibrated, effects, theta)
+        state = begin_state(self.study, self.runs[index])
+        run_rig(p, True, commands, state, laws.table, *laws.room(theta), inject, 0, out)
         return out

@@ -1,6 +1,6 @@
 """The docking rig in machine code: the model that is compared with a rig's logs, effects included.
 
-It takes the rig tick by tick, as its software does, and the robot, the contact and the sensor in sub-steps
+It takes the rig tick by tick, as its software does, and robot, contact and sensor in sub-steps
 between the ticks. The servo is linear but for effects, and is advanced by its exact transition over a sub-step.
 """
 
@@ -15,9 +15,20 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from .effect import Site
+from .effect import Context, Site
 
-__all__ = ["CHANNELS", "HISTORY", "SUBSTEPS", "Calibrated", "Inject", "State", "run_rig"]
+__all__ = [
+    "CHANNELS",
+    "HISTORY",
+    "SUBSTEPS",
+    "Calibrated",
+    "Inject",
+    "State",
+    "control",
+    "move_body",
+    "pass_site",
+    "run_rig",
+]
 
 CHANNELS = (
     "desired_position",
@@ -110,16 +121,25 @@ _OMEGA, _XI, _TAU, _K, _C, _FRONT, _REAR, _TAU_S, _CUTOFF, _BIAS, _LEAD, _GAIN, 
 _X, _V, _Y, _XD, _VD, _G, _U, _FP, _XP, _KE, _CE, _P00, _P01, _P11, _IN, _X0, _OUT = map(int, State)
 _AT_COMMAND, _AT_DELAY, _AT_ACCELERATION, _AT_LIMIT, _AT_RATE, _AT_POSITION = map(int, list(Site)[:6])
 _AT_STRUCTURE, _AT_CONTACT, _AT_FORCE, _AT_DELAYED, _AT_SAMPLE, _AT_BODY = map(int, list(Site)[6:])
+_POSITION, _VELOCITY, _ACCELERATION, _COMMAND, _FORCE, _DEPTH = map(int, list(Context)[:6])
+_DEPTH_RATE, _SIDE, _STIFFNESS, _DAMPING, _NUMBER, _BODY_MASS = map(int, list(Context)[6:])
 _RING = 4096  # sub-steps of force that are kept for the sensor's delay
 _HISTORY, _SUBSTEPS = HISTORY, SUBSTEPS
 
 
-@njit(cache=True, error_model="numpy")
-def _apply(first, end, laws, at, time, step, value, context, memory, theta):
-    """Pass a value through the laws of a site."""
-    for one in range(first, end):
+@njit(cache=True, error_model="numpy", inline="always")
+def pass_site(site, laws, time, step, value, known, memory, theta):
+    """Pass a value through the laws of a site; laws are `sites`, `addresses` and `at` of `Laws`."""
+    sites, addresses, at = laws
+    for one in range(sites[site], sites[site + 1]):
         value = _call_law(
-            laws[one], time, step, value, context, memory + 8 * at[one, 0], theta + 8 * at[one, 1]
+            addresses[one],
+            time,
+            step,
+            value,
+            known.ctypes.data,
+            memory.ctypes.data + 8 * at[one, 0],
+            theta.ctypes.data + 8 * at[one, 1],
         )
     return value
 
@@ -147,7 +167,7 @@ def _transition(omega, xi, step):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def run_rig(p, closed, commands, state, sites, laws, at, memory, theta, inject, begin, out):
+def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out):
     """Run the rig over the ticks of `out`.
 
     Args:
@@ -156,183 +176,131 @@ def run_rig(p, closed, commands, state, sites, laws, at, memory, theta, inject, 
         commands: commands sent, shape (HISTORY + n,) [m]; entry HISTORY + i is desired_position[i + 1], sent
             at tick i. In closed loop those from HISTORY on are written.
         state: by `State`, shape (17,); left as it is at the end.
-        sites: first law of each site, and the end, shape (len(Site) + 1,).
-        laws: addresses, shape (l,); at: of each law's memory and parameters, shape (l, 2).
+        laws: first law of each site and the end, shape (len(Site) + 1,); addresses, shape (l,); places of
+            each law's memory and parameters, shape (l, 2).
         memory, theta: of all laws.
         inject: by `Inject`, shape (4, n + 1).
         begin: number of the first tick.
         out: by `CHANNELS`, shape (8, n); written.
     """
-    h, m = p[_TICK], p[_MASS]
-    ticks = out.shape[1]
+    h = p[_TICK]
     dt = h / _SUBSTEPS
-    omega, xi, front, rear = p[_OMEGA], p[_XI], p[_FRONT], p[_REAR]
-    k, c = p[_K], p[_C]
-    e11, e12, e21, e22, b1, b2 = _transition(omega, xi, dt)
+    transition = _transition(p[_OMEGA], p[_XI], dt)
     lag = math.exp(-dt * p[_CUTOFF]) if p[_CUTOFF] > 0.0 else 0.0
     back = p[_TAU_S] / dt
-    context_array = np.zeros(16)
-    context_array[8], context_array[9], context_array[11] = k, c, m
-    context, memory_at, theta_at = context_array.ctypes.data, memory.ctypes.data, theta.ctypes.data
+    known = np.zeros(16)
+    known[_STIFFNESS], known[_DAMPING], known[_BODY_MASS] = p[_K], p[_C], p[_MASS]
     ring = np.zeros(_RING)
     received = commands.copy()
-    if sites[_AT_COMMAND] < sites[_AT_COMMAND + 1]:
-        for i in range(_HISTORY):
-            context_array[10] = begin + i - _HISTORY
-            received[i] = _apply(
-                sites[_AT_COMMAND], sites[_AT_COMMAND + 1], laws, at, (begin + i - _HISTORY) * h, h,
-                commands[i], context, memory_at, theta_at,
-            )  # fmt: skip
-    x, v, y = state[_X], state[_V], state[_Y]
-    seen, contact = x, x
-    started = False
-    force = 0.0
-    for n in range(ticks):
-        tick = begin + n
-        time = tick * h
-        context_array[10] = tick
-        encoder = seen + (inject[0, n] if closed else 0.0)
-        if not started and sites[_AT_POSITION] < sites[_AT_POSITION + 1]:
-            context_array[0], context_array[1] = x, v
-            seen = _apply(
-                sites[_AT_POSITION], sites[_AT_POSITION + 1], laws, at, time, 0.0, x, context, memory_at, theta_at
-            )  # fmt: skip
-            encoder = seen + (inject[0, n] if closed else 0.0)
-        sample = y
-        if sites[_AT_DELAYED] < sites[_AT_DELAYED + 1]:
-            sample = _apply(
-                sites[_AT_DELAYED], sites[_AT_DELAYED + 1], laws, at, time, 0.0, y, context, memory_at, theta_at
-            )  # fmt: skip
-        sample += p[_BIAS]
-        if sites[_AT_SAMPLE] < sites[_AT_SAMPLE + 1]:
-            sample = _apply(
-                sites[_AT_SAMPLE], sites[_AT_SAMPLE + 1], laws, at, time, h, sample, context, memory_at, theta_at
-            )  # fmt: skip
-        sample += inject[1, n]
+    for i in range(_HISTORY):
+        known[_NUMBER] = begin + i - _HISTORY
+        time = (begin + i - _HISTORY) * h
+        received[i] = pass_site(_AT_COMMAND, laws, time, h, commands[i], known, memory, theta)
+    servo = np.array([state[_X], state[_V], state[_X], state[_V], 0.0])
+    known[_POSITION], known[_VELOCITY] = servo[0], servo[1]
+    servo[2] = pass_site(_AT_POSITION, laws, begin * h, 0.0, servo[0], known, memory, theta)
+    servo[4] = servo[2] - servo[0]
+    y, contact, force = state[_Y], servo[2], 0.0
+    shift = pass_site(_AT_STRUCTURE, laws, begin * h, 0.0, contact, known, memory, theta) - contact
+    for n in range(out.shape[1]):
+        time = (begin + n) * h
+        known[_NUMBER] = begin + n
+        encoder = servo[2] + (inject[0, n] if closed else 0.0)
+        sample = pass_site(_AT_DELAYED, laws, time, 0.0, y, known, memory, theta) + p[_BIAS]
+        sample = pass_site(_AT_SAMPLE, laws, time, h, sample, known, memory, theta) + inject[1, n]
         out[2, n], out[3, n], out[6, n], out[7, n] = encoder, sample, force, contact
         if closed:
-            _control(p, state, sample, encoder)
-            compensated = state[_OUT] + inject[2, n]
+            control(p, state, sample, encoder)
             out[0, n], out[1, n] = state[_XD], state[_VD]
-            out[4, n], out[5, n] = compensated, state[_KE]
-            body = compensated
-            if sites[_AT_BODY] < sites[_AT_BODY + 1]:
-                context_array[0], context_array[1] = state[_XD], state[_VD]
-                body = _apply(
-                    sites[_AT_BODY], sites[_AT_BODY + 1], laws, at, time, h, body, context, memory_at, theta_at
-                )  # fmt: skip
+            out[4, n], out[5, n] = state[_OUT] + inject[2, n], state[_KE]
             state[_VD] += inject[3, n]
-            for _ in range(4):
-                state[_VD] += 0.25 * h * body / m
-                state[_XD] += 0.25 * h * state[_VD]
+            known[_POSITION], known[_VELOCITY] = state[_XD], state[_VD]
+            move_body(laws, time, h, out[4, n], known, memory, theta)
+            state[_XD], state[_VD] = known[_POSITION], known[_VELOCITY]
             commands[_HISTORY + n] = state[_XD]
-        received[_HISTORY + n] = commands[_HISTORY + n]
-        if sites[_AT_COMMAND] < sites[_AT_COMMAND + 1]:
-            received[_HISTORY + n] = _apply(
-                sites[_AT_COMMAND], sites[_AT_COMMAND + 1], laws, at, time, h, commands[_HISTORY + n],
-                context, memory_at, theta_at,
-            )  # fmt: skip
+        sent = commands[_HISTORY + n]
+        received[_HISTORY + n] = pass_site(_AT_COMMAND, laws, time, h, sent, known, memory, theta)
         for sub in range(_SUBSTEPS):
-            end = (sub + 1) * dt
-            tau = p[_TAU]
-            if sites[_AT_DELAY] < sites[_AT_DELAY + 1]:
-                tau = _apply(
-                    sites[_AT_DELAY], sites[_AT_DELAY + 1], laws, at, time + end, dt, tau, context, memory_at,
-                    theta_at,
-                )  # fmt: skip
-            command = _delayed(received, n, end - tau, h, dt)
-            acceleration = omega * omega * (command - x) - 2.0 * xi * omega * v
-            extra = 0.0
-            if sites[_AT_ACCELERATION] < sites[_AT_ACCELERATION + 1]:
-                context_array[0], context_array[1], context_array[2] = x, v, acceleration
-                context_array[3], context_array[4] = command, force
-                changed = _apply(
-                    sites[_AT_ACCELERATION], sites[_AT_ACCELERATION + 1], laws, at, time + end, dt, acceleration,
-                    context, memory_at, theta_at,
-                )  # fmt: skip
-                extra = changed - acceleration
-                acceleration = changed
-            limited = acceleration
-            if sites[_AT_LIMIT] < sites[_AT_LIMIT + 1]:
-                limited = _apply(
-                    sites[_AT_LIMIT], sites[_AT_LIMIT + 1], laws, at, time + end, dt, acceleration, context,
-                    memory_at, theta_at,
-                )  # fmt: skip
-            if limited != acceleration:
-                acceleration = limited
-                v_next = v + dt * limited
-                x_next = x + 0.5 * dt * (v + v_next)
-            else:
-                off = x - command
-                x_next = command + e11 * off + e12 * v + b1 * extra
-                v_next = e21 * off + e22 * v + b2 * extra
-            if sites[_AT_RATE] < sites[_AT_RATE + 1]:
-                limited = _apply(
-                    sites[_AT_RATE], sites[_AT_RATE + 1], laws, at, time + end, dt, v_next, context, memory_at,
-                    theta_at,
-                )  # fmt: skip
-                if limited != v_next:
-                    x_next = x + 0.5 * dt * (v + limited)
-                    v_next = limited
-            x, v = x_next, v_next
-            context_array[0], context_array[1], context_array[2] = x, v, acceleration
-            seen_rate = v
-            before = seen
-            seen = x
-            if sites[_AT_POSITION] < sites[_AT_POSITION + 1]:
-                seen = _apply(
-                    sites[_AT_POSITION], sites[_AT_POSITION + 1], laws, at, time + end, dt, x, context, memory_at,
-                    theta_at,
-                )  # fmt: skip
-                seen_rate = (seen - before) / dt
-            part = (sub + 1) / _SUBSTEPS
-            correction = inject[0, n] + part * (inject[0, n + 1] - inject[0, n])
-            contact_before = contact
-            contact = seen + correction
-            rate = seen_rate + (inject[0, n + 1] - inject[0, n]) / h
-            if sites[_AT_STRUCTURE] < sites[_AT_STRUCTURE + 1]:
-                contact = _apply(
-                    sites[_AT_STRUCTURE], sites[_AT_STRUCTURE + 1], laws, at, time + end, dt, contact, context,
-                    memory_at, theta_at,
-                )  # fmt: skip
-                if started:
-                    rate = (contact - contact_before) / dt
-            started = True
-            side, depth = 0.0, 0.0
-            if contact > front:
-                side, depth = 1.0, contact - front
-            elif contact < rear:
-                side, depth = -1.0, rear - contact
-            force = 0.0
-            if side != 0.0:
-                push = k * depth + c * side * rate
-                if sites[_AT_CONTACT] < sites[_AT_CONTACT + 1]:
-                    context_array[5], context_array[6], context_array[7] = depth, side * rate, side
-                    push = _apply(
-                        sites[_AT_CONTACT], sites[_AT_CONTACT + 1], laws, at, time + end, dt, push, context,
-                        memory_at, theta_at,
-                    )  # fmt: skip
-                force = -side * max(push, 0.0)
-            elif sites[_AT_CONTACT] < sites[_AT_CONTACT + 1]:
-                context_array[5], context_array[6], context_array[7] = 0.0, 0.0, 0.0
-                _apply(
-                    sites[_AT_CONTACT], sites[_AT_CONTACT + 1], laws, at, time + end, dt, 0.0, context, memory_at,
-                    theta_at,
-                )  # fmt: skip
-            if sites[_AT_FORCE] < sites[_AT_FORCE + 1]:
-                context_array[5], context_array[6], context_array[7] = depth, side * rate, side
-                force = _apply(
-                    sites[_AT_FORCE], sites[_AT_FORCE + 1], laws, at, time + end, dt, force, context, memory_at,
-                    theta_at,
-                )  # fmt: skip
-            context_array[4] = force
+            now = time + (sub + 1) * dt
+            tau = pass_site(_AT_DELAY, laws, now, dt, p[_TAU], known, memory, theta)
+            known[_COMMAND] = _delayed(received, n, (sub + 1) * dt - tau, h, dt)
+            _move_servo(p, transition, servo, laws, now, dt, known, memory, theta)
+            slope = (inject[0, n + 1] - inject[0, n]) / h
+            unshifted = servo[2] + inject[0, n] + (sub + 1) * dt * slope
+            contact = pass_site(_AT_STRUCTURE, laws, now, dt, unshifted, known, memory, theta)
+            # Laws move positions; only what they add is differentiated, so that none adds nothing.
+            rate = servo[3] + slope + (contact - unshifted - shift) / dt
+            shift = contact - unshifted
+            force = _push(p, contact, rate, laws, now, dt, known, memory, theta)
+            known[_FORCE] = force
             index = n * _SUBSTEPS + sub + 1
             ring[index % _RING] = force
             y = lag * y + (1.0 - lag) * 0.5 * (_behind(ring, index - 1, back) + _behind(ring, index, back))
-    state[_X], state[_V], state[_Y] = x, v, y
+    state[_X], state[_V], state[_Y] = servo[0], servo[1], y
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _move_servo(p, transition, servo, laws, now, dt, known, memory, theta):
+    """Advance position and velocity of the servo, and what the encoder sees of them, by a sub-step."""
+    x, v, command = servo[0], servo[1], known[_COMMAND]
+    linear = p[_OMEGA] * p[_OMEGA] * (command - x) - 2.0 * p[_XI] * p[_OMEGA] * v
+    known[_POSITION], known[_VELOCITY], known[_ACCELERATION] = x, v, linear
+    disturbed = pass_site(_AT_ACCELERATION, laws, now, dt, linear, known, memory, theta)
+    acceleration = pass_site(_AT_LIMIT, laws, now, dt, disturbed, known, memory, theta)
+    if acceleration != disturbed:
+        v_next = v + dt * acceleration
+        x_next = x + 0.5 * dt * (v + v_next)
+    else:
+        e11, e12, e21, e22, b1, b2 = transition
+        x_next = command + e11 * (x - command) + e12 * v + b1 * (disturbed - linear)
+        v_next = e21 * (x - command) + e22 * v + b2 * (disturbed - linear)
+    limited = pass_site(_AT_RATE, laws, now, dt, v_next, known, memory, theta)
+    if limited != v_next:
+        x_next, v_next = x + 0.5 * dt * (v + limited), limited
+    known[_POSITION], known[_VELOCITY], known[_ACCELERATION] = x_next, v_next, acceleration
+    seen = pass_site(_AT_POSITION, laws, now, dt, x_next, known, memory, theta)
+    servo[3] = v_next + (seen - x_next - servo[4]) / dt
+    servo[0], servo[1], servo[2], servo[4] = x_next, v_next, seen, seen - x_next
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _push(p, contact, rate, laws, now, dt, known, memory, theta):
+    """Force of the frames on the rod."""
+    side, depth = 0.0, 0.0
+    if contact > p[_FRONT]:
+        side, depth = 1.0, contact - p[_FRONT]
+    elif contact < p[_REAR]:
+        side, depth = -1.0, p[_REAR] - contact
+    known[_DEPTH], known[_DEPTH_RATE], known[_SIDE] = depth, side * rate, side
+    # The damping's jump at the onset is spread over the sub-step in which it falls: otherwise the force would
+    # jump as a wall is moved across a sub-step, and no derivative would tell.
+    crossing = side * rate * dt
+    share = depth / crossing if depth < crossing else 1.0
+    plain = p[_K] * depth + share * p[_C] * side * rate
+    push = pass_site(_AT_CONTACT, laws, now, dt, plain, known, memory, theta)
+    force = -side * max(push, 0.0) if side != 0.0 else 0.0
+    return pass_site(_AT_FORCE, laws, now, dt, force, known, memory, theta)
 
 
 @njit(cache=True, error_model="numpy")
+def move_body(laws, time, tick, force, known, memory, theta):
+    """Satellite software over a tick: four semi-implicit sub-steps, velocity first.
+
+    Position and velocity stand in `known`, and are left there.
+
+    Returns: the mean force, laws included [N].
+    """
+    total = 0.0
+    for sub in range(4):
+        now = time + 0.25 * sub * tick
+        body = pass_site(_AT_BODY, laws, now, 0.25 * tick, force, known, memory, theta)
+        known[_VELOCITY] += 0.25 * tick * body / known[_BODY_MASS]
+        known[_POSITION] += 0.25 * tick * known[_VELOCITY]
+        total += 0.25 * body
+    return total
+
+
+@njit(cache=True, error_model="numpy", inline="always")
 def _delayed(received, n, since, h, dt):
     """The command that acts on the servo over a sub-step, which ends `since` after tick n, delay included.
 
@@ -346,7 +314,7 @@ def _delayed(received, n, since, h, dt):
     return share * received[index] + (1.0 - share) * received[index - 1]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _behind(ring, index, back):
     """Force `back` sub-steps before an index, linear between sub-steps; zero before the run."""
     at = index - back
@@ -360,7 +328,7 @@ def _behind(ring, index, back):
 
 
 @njit(cache=True, error_model="numpy")
-def _control(p, state, force, position):
+def control(p, state, force, position):
     """The controller software at a tick; its output is left in the state."""
     h = p[_TICK]
     state[_G] += 0.35 * ((force - state[_FP]) / h - state[_G])
@@ -391,7 +359,5 @@ def _control(p, state, force, position):
         state[_KE] = min(max(state[_KE], 0.4 * p[_K0]), 2.0 * p[_K0])
         state[_CE] = min(max(state[_CE], 0.0), 600.0)
     state[_OUT] = (
-        led
-        - (1.0 + p[_GAIN]) * state[_KE] * (state[_XD] - position)
-        - state[_CE] * (state[_VD] - state[_U])
+        led - (1.0 + p[_GAIN]) * state[_KE] * (state[_XD] - position) - state[_CE] * (state[_VD] - state[_U])
     )

@@ -146,7 +146,9 @@ def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> di
     for name, entry in data.items():
         place = f"{path}: nominal.{name}"
         if name not in _NOMINAL:
-            problems.append(Problem(place, "unknown", listed(tuple(_NOMINAL)), nearest(name, tuple(_NOMINAL))))
+            problems.append(
+                Problem(place, "unknown", listed(tuple(_NOMINAL)), nearest(name, tuple(_NOMINAL)))
+            )
             continue
         try:
             if str(entry["unit"]) == "Hz" and _NOMINAL[name] == "rad/s":
@@ -165,7 +167,9 @@ def _run(folder: Path, entry: Any, place: str, problems: list[Problem]) -> Run |
         file, role = str(entry["file"]), Role(entry["role"])
         mass, speed = float(entry["mass"]), float(entry["approach_speed"])
     except (KeyError, TypeError, ValueError) as error:
-        problems.append(Problem(place, f"{error}", "file, role (train, heldout, repeat), mass, approach_speed"))
+        problems.append(
+            Problem(place, f"{error}", "file, role (train, heldout, repeat), mass, approach_speed")
+        )
         return None
     if not mass > 0:
         problems.append(Problem(f"{place}.mass", f"got {mass}", "a positive mass [kg]"))

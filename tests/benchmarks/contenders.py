@@ -166,9 +166,7 @@ def ecos(plant: Plant, record: bool, steps: int) -> Outcome:
             begin = process_time()
             simulation.step(steps - 1)
             seconds = process_time() - begin
-            last = [
-                simulation.get_real(f"s{s}::y{p}") for s in range(case.slaves) for p in range(case.ports)
-            ]
+            last = [simulation.get_real(f"s{s}::y{p}") for s in range(case.slaves) for p in range(case.ports)]
     return seconds * steps / (steps - 1), last
 
 

@@ -15,10 +15,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.adhesion',
-    equation='F = max(0, k d) - A while in contact',
-    source='Johnson: Contact Mechanics, ch. 5',
-    parameters=(Parameter('force', 'N', 2.0, low=0.0, high=100.0, starts=(1.0,)),),
+    id="contact.adhesion",
+    equation="F = max(0, k d) - A while in contact",
+    source="Johnson: Contact Mechanics, ch. 5",
+    parameters=(Parameter("force", "N", 2.0, low=0.0, high=100.0, starts=(1.0,)),),
     site=Site.FORCE,
     apply=_law,
 )

@@ -15,10 +15,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.asymmetry',
-    equation='k = k_0 (1 - a) at the front frame, k_0 (1 + a) at the rear',
-    source='Eq. 20 of the docking source, per frame',
-    parameters=(Parameter('asymmetry', '1', 0.08, low=-0.9, high=0.9),),
+    id="contact.asymmetry",
+    equation="k = k_0 (1 - a) at the front frame, k_0 (1 + a) at the rear",
+    source="Eq. 20 of the docking source, per frame",
+    parameters=(Parameter("asymmetry", "1", 0.08, low=-0.9, high=0.9),),
     site=Site.CONTACT,
     apply=_law,
 )

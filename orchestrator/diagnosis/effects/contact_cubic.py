@@ -15,10 +15,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.cubic',
-    equation='F = k d (1 + a (d/d_0)^2), d_0 = 1 mm',
-    source='Nayfeh, Mook: Nonlinear Oscillations, Duffing',
-    parameters=(Parameter('hardening', '1', 0.2, low=-0.5, high=5.0),),
+    id="contact.cubic",
+    equation="F = k d (1 + a (d/d_0)^2), d_0 = 1 mm",
+    source="Nayfeh, Mook: Nonlinear Oscillations, Duffing",
+    parameters=(Parameter("hardening", "1", 0.2, low=-0.5, high=5.0),),
     site=Site.CONTACT,
     apply=_law,
 )

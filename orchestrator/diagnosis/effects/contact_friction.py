@@ -15,10 +15,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.friction',
+    id="contact.friction",
     equation="F = F_0 (1 + f tanh(d'/v_0)), v_0 = 1 mm/s",
-    source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994',
-    parameters=(Parameter('coefficient', '1', 0.05, low=-0.9, high=0.9),),
+    source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+    parameters=(Parameter("coefficient", "1", 0.05, low=-0.9, high=0.9),),
     site=Site.CONTACT,
     apply=_law,
 )

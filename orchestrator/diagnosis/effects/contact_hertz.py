@@ -13,14 +13,14 @@ def _law(time, step, value, context, memory, theta):
     depth = context[_DEPTH]
     if depth <= 0.0:
         return value
-    return value + context[_STIFFNESS] * (5e-4 * (depth / 5e-4) ** (1.0 + theta[0]) - depth)
+    return value + context[_STIFFNESS] * depth * ((depth / 5e-4) ** theta[0] - 1.0)
 
 
 EFFECT = Effect(
-    id='contact.hertz',
-    equation='F = k d_0 (d/d_0)^(1 + e), d_0 = 0.5 mm',
-    source='Johnson: Contact Mechanics, ch. 4',
-    parameters=(Parameter('exponent', '1', 0.3, low=-0.5, high=2.0, starts=(0.2, -0.2)),),
+    id="contact.hertz",
+    equation="F = k d_0 (d/d_0)^(1 + e), d_0 = 0.5 mm",
+    source="Johnson: Contact Mechanics, ch. 4",
+    parameters=(Parameter("exponent", "1", 0.3, low=-0.5, high=2.0, starts=(0.2, -0.2)),),
     site=Site.CONTACT,
     apply=_law,
 )

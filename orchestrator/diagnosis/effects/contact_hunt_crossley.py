@@ -14,10 +14,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.hunt-crossley',
+    id="contact.hunt-crossley",
     equation="F = k d + h d d'",
-    source='Hunt, Crossley, J. Applied Mechanics 42, 1975',
-    parameters=(Parameter('damping', 'N.s/m2', 150000.0, low=-500000.0, high=5000000.0),),
+    source="Hunt, Crossley, J. Applied Mechanics 42, 1975",
+    parameters=(Parameter("damping", "N.s/m2", 150000.0, low=-500000.0, high=5000000.0),),
     site=Site.CONTACT,
     apply=_law,
 )

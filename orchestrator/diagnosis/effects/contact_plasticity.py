@@ -21,10 +21,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.plasticity',
-    equation='unloading from d_m: F = k d_m (d - p d_m)/(d_m (1 - p))',
-    source='Johnson: Contact Mechanics, ch. 6',
-    parameters=(Parameter('set', '1', 0.05, low=0.0, high=0.9, starts=(0.03,)),),
+    id="contact.plasticity",
+    equation="unloading from d_m: F = k d_m (d - p d_m)/(d_m (1 - p))",
+    source="Johnson: Contact Mechanics, ch. 6",
+    parameters=(Parameter("set", "1", 0.05, low=0.0, high=0.9, starts=(0.03,)),),
     site=Site.CONTACT,
     apply=_law,
     memory=1,

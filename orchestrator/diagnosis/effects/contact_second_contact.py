@@ -14,10 +14,13 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.second-contact',
-    equation='F = k d + r k max(0, d - d_2)',
-    source='Piecewise linear contact',
-    parameters=(Parameter('relative', '1', 0.4, low=-0.9, high=10.0, starts=(0.4,)), Parameter('depth', 'm', 0.6, low=2e-05, high=0.005, starts=(0.0002, 0.0005, 0.0008), shape=True),),
+    id="contact.second-contact",
+    equation="F = k d + r k max(0, d - d_2)",
+    source="Piecewise linear contact",
+    parameters=(
+        Parameter("relative", "1", 0.4, low=-0.9, high=10.0, starts=(0.4,)),
+        Parameter("depth", "m", 0.6, low=2e-05, high=0.005, starts=(0.0002, 0.0005, 0.0008), shape=True),
+    ),
     site=Site.CONTACT,
     apply=_law,
 )

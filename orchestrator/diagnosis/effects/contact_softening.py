@@ -14,10 +14,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.softening',
-    equation='k = k_0 (1 - s t)',
-    source='Fatigue or warming of an elastomer',
-    parameters=(Parameter('rate', '1/s', 0.06, low=-0.3, high=0.3),),
+    id="contact.softening",
+    equation="k = k_0 (1 - s t)",
+    source="Fatigue or warming of an elastomer",
+    parameters=(Parameter("rate", "1/s", 0.06, low=-0.3, high=0.3),),
     site=Site.CONTACT,
     apply=_law,
 )

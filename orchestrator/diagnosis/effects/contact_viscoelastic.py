@@ -22,10 +22,13 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='contact.viscoelastic',
+    id="contact.viscoelastic",
     equation="z' = d' - z/T, F = k d + r k z",
-    source='Flugge: Viscoelasticity, ch. 1',
-    parameters=(Parameter('relative', '1', 0.3, low=-0.9, high=5.0, starts=(0.2,)), Parameter('time', 's', 0.8, low=0.001, high=2.0, starts=(0.01, 0.03, 0.1), shape=True),),
+    source="Flugge: Viscoelasticity, ch. 1",
+    parameters=(
+        Parameter("relative", "1", 0.3, low=-0.9, high=5.0, starts=(0.2,)),
+        Parameter("time", "s", 0.8, low=0.001, high=2.0, starts=(0.01, 0.03, 0.1), shape=True),
+    ),
     site=Site.CONTACT,
     apply=_law,
     memory=1,

@@ -13,10 +13,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='dynamics.cable',
-    equation='F = F_0 - k x',
-    source='Hooke',
-    parameters=(Parameter('stiffness', 'N/m', 1000.0, low=-100000.0, high=100000.0),),
+    id="dynamics.cable",
+    equation="F = F_0 - k x",
+    source="Hooke",
+    parameters=(Parameter("stiffness", "N/m", 1000.0, low=-100000.0, high=100000.0),),
     site=Site.BODY,
     apply=_law,
 )

@@ -13,10 +13,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='dynamics.drag',
+    id="dynamics.drag",
     equation="F = F_0 - b x'",
-    source='Stokes',
-    parameters=(Parameter('damping', 'N.s/m', 60.0, low=-10000.0, high=10000.0),),
+    source="Stokes",
+    parameters=(Parameter("damping", "N.s/m", 60.0, low=-10000.0, high=10000.0),),
     site=Site.BODY,
     apply=_law,
 )

@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='dynamics.mass',
-    equation='m = m_0 (1 + r)',
-    source='Eq. 6 of the docking source',
-    parameters=(Parameter('relative', '1', 0.05, low=-0.5, high=2.0),),
+    id="dynamics.mass",
+    equation="m = m_0 (1 + r)",
+    source="Eq. 6 of the docking source",
+    parameters=(Parameter("relative", "1", 0.05, low=-0.5, high=2.0),),
     site=Site.BODY,
     apply=_law,
 )

@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='dynamics.mass-offset',
-    equation='1/m_e = (1 + (o/r)^2)/m, r = 1 m',
-    source='Eqs. 6 and 7 of the docking source',
-    parameters=(Parameter('offset', 'm', 0.4, low=0.0, high=5.0, starts=(0.2,)),),
+    id="dynamics.mass-offset",
+    equation="1/m_e = (1 + (o/r)^2)/m, r = 1 m",
+    source="Eqs. 6 and 7 of the docking source",
+    parameters=(Parameter("offset", "m", 0.4, low=0.0, high=5.0, starts=(0.2,)),),
     site=Site.BODY,
     apply=_law,
 )

@@ -13,10 +13,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='dynamics.residual-gravity',
-    equation='F = F_0 + m g',
-    source='Newton',
-    parameters=(Parameter('acceleration', 'm/s2', 0.002, low=-1.0, high=1.0),),
+    id="dynamics.residual-gravity",
+    equation="F = F_0 + m g",
+    source="Newton",
+    parameters=(Parameter("acceleration", "m/s2", 0.002, low=-1.0, high=1.0),),
     site=Site.BODY,
     apply=_law,
 )

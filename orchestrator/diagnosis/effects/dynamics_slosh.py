@@ -15,22 +15,21 @@ def _law(time, step, value, context, memory, theta):
     if memory[2] == 0.0:
         memory[0], memory[1], memory[2] = context[_POSITION], context[_VELOCITY], 1.0
     mass = theta[0] * context[_MASS]
-    total = 0.0
-    for _ in range(20):
-        stretch, rate = memory[0] - context[_POSITION], memory[1] - context[_VELOCITY]
-        pull = -mass * (w * w * stretch + 0.1 * w * rate)
-        if mass > 0.0:
-            memory[1] += 0.05 * step * pull / mass
-        memory[0] += 0.05 * step * memory[1]
-        total += 0.05 * pull
-    return value - total
+    stretch, rate = memory[0] - context[_POSITION], memory[1] - context[_VELOCITY]
+    pull = -(w * w * stretch + 0.24 * w * rate)
+    memory[1] += step * pull
+    memory[0] += step * memory[1]
+    return (value - mass * pull) / (1.0 - theta[0])
 
 
 EFFECT = Effect(
-    id='dynamics.slosh',
-    equation="m_a (q'' + 2 z w q' + w^2 q) = -m_a x'', F = F_0 - m_a (x'' + q''), z = 0.05",
-    source='Abramson: NASA SP-106, ch. 6',
-    parameters=(Parameter('mass', '1', 0.1, low=0.0, high=0.9, starts=(0.05,)), Parameter('frequency', 'rad/s', 0.8, low=0.5, high=400.0, starts=(1.5, 3.0, 6.0), shape=True),),
+    id="dynamics.slosh",
+    equation="m_a (q'' + 2 z w q' + w^2 q) = -m_a x'', (m - m_a) x'' = F - m_a (x'' + q''), z = 0.12",
+    source="Abramson: NASA SP-106, ch. 6",
+    parameters=(
+        Parameter("mass", "1", 0.1, low=0.0, high=0.9, starts=(0.05,)),
+        Parameter("frequency", "rad/s", 0.8, low=0.5, high=400.0, starts=(1.5, 3.0, 6.0), shape=True),
+    ),
     site=Site.BODY,
     apply=_law,
     memory=3,

@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='link.clock-skew',
-    equation='tau(t) = tau_m + s*t',
-    source='Mills: RFC 5905, skew of clocks',
-    parameters=(Parameter('skew', '1', 0.0003, low=-0.005, high=0.005, starts=(0.0001, -0.0001)),),
+    id="link.clock-skew",
+    equation="tau(t) = tau_m + s*t",
+    source="Mills: RFC 5905, skew of clocks",
+    parameters=(Parameter("skew", "1", 0.0003, low=-0.005, high=0.005, starts=(0.0001, -0.0001)),),
     site=Site.DELAY,
     apply=_law,
 )

@@ -7,8 +7,8 @@ from ..effect import Effect, Parameter, Site, law
 
 @law
 def _law(time, step, value, context, memory, theta):
-    every = int(round(theta[0]))
-    tick = int(round(time / step))
+    every = round(theta[0])
+    tick = round(time / step)
     if memory[1] == 0.0 or (tick + 1) % every == 0:
         memory[0] = value
         memory[1] = 1.0
@@ -16,10 +16,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='link.sample-and-hold',
-    equation='c[n] = command[N*floor((n + 1)/N) - 1]',
-    source='Astrom, Wittenmark: Computer-Controlled Systems, ch. 1',
-    parameters=(Parameter('every', '1', 1.0, low=2.0, high=12.0, whole=True),),
+    id="link.sample-and-hold",
+    equation="c[n] = command[N*floor((n + 1)/N) - 1]",
+    source="Astrom, Wittenmark: Computer-Controlled Systems, ch. 1",
+    parameters=(Parameter("every", "1", 1.0, low=2.0, high=12.0, whole=True),),
     site=Site.COMMAND,
     apply=_law,
     memory=2,

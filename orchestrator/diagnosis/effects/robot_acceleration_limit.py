@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='robot.acceleration-limit',
+    id="robot.acceleration-limit",
     equation="|x''| <= A",
-    source='Slotine, Li: Applied Nonlinear Control, ch. 5',
-    parameters=(Parameter('limit', 'm/s2', 1.0, low=0.01, high=1000.0, starts=(0.1, 0.3, 0.8), shape=True),),
+    source="Slotine, Li: Applied Nonlinear Control, ch. 5",
+    parameters=(Parameter("limit", "m/s2", 1.0, low=0.01, high=1000.0, starts=(0.1, 0.3, 0.8), shape=True),),
     site=Site.LIMIT,
     apply=_law,
 )

@@ -15,10 +15,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='robot.backlash',
-    equation='|x_out - x| <= b/2, x_out moves only when pushed',
-    source='Nordin, Gutman: Controlling mechanical systems with backlash, Automatica 38, 2002',
-    parameters=(Parameter('width', 'm', 0.0002, low=0.0, high=0.005, starts=(2e-05, 0.0001, 0.0003)),),
+    id="robot.backlash",
+    equation="|x_out - x| <= b/2, x_out moves only when pushed",
+    source="Nordin, Gutman: Controlling mechanical systems with backlash, Automatica 38, 2002",
+    parameters=(Parameter("width", "m", 0.0002, low=0.0, high=0.005, starts=(2e-05, 0.0001, 0.0003)),),
     site=Site.POSITION,
     apply=_law,
     memory=2,

@@ -13,10 +13,20 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='robot.command-quantisation',
-    equation='c = q round(command/q)',
-    source='Widrow, Kollar: Quantization Noise, 2008',
-    parameters=(Parameter('step', 'm', 1e-05, low=2e-06, high=0.0002, starts=(5e-06, 1e-05, 2e-05, 5e-05, 0.0001), shape=True),),
+    id="robot.command-quantisation",
+    equation="c = q round(command/q)",
+    source="Widrow, Kollar: Quantization Noise, 2008",
+    parameters=(
+        Parameter(
+            "step",
+            "m",
+            1e-05,
+            low=2e-06,
+            high=0.0002,
+            starts=(5e-06, 1e-05, 2e-05, 5e-05, 0.0001),
+            shape=True,
+        ),
+    ),
     site=Site.COMMAND,
     apply=_law,
 )

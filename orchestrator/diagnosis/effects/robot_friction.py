@@ -17,10 +17,13 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='robot.friction',
+    id="robot.friction",
     equation="x'' = u - a tanh(x'/v0) (1 + s exp(-(x'/v_s)^2)), v0 = 0.2 mm/s, v_s = 2 mm/s",
-    source='Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994',
-    parameters=(Parameter('coulomb', 'm/s2', 1.0, low=0.0, high=50.0, starts=(0.5,)), Parameter('stribeck', '1', 0.5, low=0.0, high=3.0, starts=(0.3,), shape=True),),
+    source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994",
+    parameters=(
+        Parameter("coulomb", "m/s2", 1.0, low=0.0, high=50.0, starts=(0.5,)),
+        Parameter("stribeck", "1", 0.5, low=0.0, high=3.0, starts=(0.3,), shape=True),
+    ),
     site=Site.ACCELERATION,
     apply=_law,
 )

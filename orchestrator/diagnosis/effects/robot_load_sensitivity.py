@@ -13,10 +13,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='robot.load-sensitivity',
+    id="robot.load-sensitivity",
     equation="x'' = u + g F",
-    source='Siciliano, Sciavicco, Villani, Oriolo: Robotics, sec. 9.2',
-    parameters=(Parameter('gain', 'm/(s2.N)', 0.05, low=-1.0, high=1.0),),
+    source="Siciliano, Sciavicco, Villani, Oriolo: Robotics, sec. 9.2",
+    parameters=(Parameter("gain", "m/(s2.N)", 0.05, low=-1.0, high=1.0),),
     site=Site.ACCELERATION,
     apply=_law,
 )

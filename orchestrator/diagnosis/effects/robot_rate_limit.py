@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='robot.rate-limit',
+    id="robot.rate-limit",
     equation="|x'| <= V",
-    source='Slotine, Li: Applied Nonlinear Control, ch. 5',
-    parameters=(Parameter('limit', 'm/s', 1.0, low=0.001, high=10.0, starts=(0.015, 0.022), shape=True),),
+    source="Slotine, Li: Applied Nonlinear Control, ch. 5",
+    parameters=(Parameter("limit", "m/s", 1.0, low=0.001, high=10.0, starts=(0.015, 0.022), shape=True),),
     site=Site.RATE,
     apply=_law,
 )

@@ -17,10 +17,15 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='robot.resonance',
+    id="robot.resonance",
     equation="q'' + 2 z w q' + w^2 q = -g x'', x_out = x + q, z = 0.03",
-    source='Spong: Modeling and control of elastic joint robots, 1987',
-    parameters=(Parameter('gain', '1', 0.5, low=-5.0, high=5.0, starts=(0.2,)), Parameter('frequency', 'rad/s', 0.6, low=12.0, high=600.0, starts=(40.0, 85.0, 160.0, 300.0), shape=True),),
+    source="Spong: Modeling and control of elastic joint robots, 1987",
+    parameters=(
+        Parameter("gain", "1", 0.5, low=-5.0, high=5.0, starts=(0.2,)),
+        Parameter(
+            "frequency", "rad/s", 0.6, low=12.0, high=600.0, starts=(40.0, 85.0, 160.0, 300.0), shape=True
+        ),
+    ),
     site=Site.POSITION,
     apply=_law,
     memory=2,

@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='sensor.drift',
-    equation='F_m = F + d t',
-    source='ISO/IEC Guide 98-3 (GUM)',
-    parameters=(Parameter('rate', 'N/s', 0.5, low=-20.0, high=20.0),),
+    id="sensor.drift",
+    equation="F_m = F + d t",
+    source="ISO/IEC Guide 98-3 (GUM)",
+    parameters=(Parameter("rate", "N/s", 0.5, low=-20.0, high=20.0),),
     site=Site.SAMPLE,
     apply=_law,
 )

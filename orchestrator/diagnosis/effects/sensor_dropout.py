@@ -5,9 +5,9 @@ from __future__ import annotations
 from ..effect import Effect, Parameter
 
 EFFECT = Effect(
-    id='sensor.dropout',
-    equation='F_m[n] = F_m[n-1] with probability p',
-    source='Gilbert: Capacity of a burst-noise channel, memoryless case',
-    parameters=(Parameter('probability', '1', 0.15, low=0.0, high=1.0),),
-    statistic='dropout',
+    id="sensor.dropout",
+    equation="F_m[n] = F_m[n-1] with probability p",
+    source="Gilbert: Capacity of a burst-noise channel, memoryless case",
+    parameters=(Parameter("probability", "1", 0.15, low=0.0, high=1.0),),
+    statistic="dropout",
 )

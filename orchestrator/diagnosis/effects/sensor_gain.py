@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='sensor.gain',
-    equation='F_m = (1 + g) F',
-    source='ISO/IEC Guide 98-3 (GUM)',
-    parameters=(Parameter('gain', '1', 0.1, low=-0.9, high=3.0),),
+    id="sensor.gain",
+    equation="F_m = (1 + g) F",
+    source="ISO/IEC Guide 98-3 (GUM)",
+    parameters=(Parameter("gain", "1", 0.1, low=-0.9, high=3.0),),
     site=Site.SAMPLE,
     apply=_law,
 )

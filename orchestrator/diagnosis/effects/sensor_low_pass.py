@@ -18,10 +18,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='sensor.low-pass',
+    id="sensor.low-pass",
     equation="T F_m' + F_m = F",
-    source='Oppenheim, Willsky: Signals and Systems, ch. 6',
-    parameters=(Parameter('time_constant', 's', 0.001, low=0.0, high=0.02, starts=(0.0003, 0.0015)),),
+    source="Oppenheim, Willsky: Signals and Systems, ch. 6",
+    parameters=(Parameter("time_constant", "s", 0.001, low=0.0, high=0.02, starts=(0.0003, 0.0015)),),
     site=Site.FORCE,
     apply=_law,
     memory=2,

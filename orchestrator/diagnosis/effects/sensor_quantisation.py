@@ -5,9 +5,9 @@ from __future__ import annotations
 from ..effect import Effect, Parameter
 
 EFFECT = Effect(
-    id='sensor.quantisation',
-    equation='F_m = q round(F/q)',
-    source='Widrow, Kollar: Quantization Noise, 2008',
-    parameters=(Parameter('step', 'N', 1.0, low=0.2, high=20.0),),
-    statistic='quantisation',
+    id="sensor.quantisation",
+    equation="F_m = q round(F/q)",
+    source="Widrow, Kollar: Quantization Noise, 2008",
+    parameters=(Parameter("step", "N", 1.0, low=0.2, high=20.0),),
+    statistic="quantisation",
 )

@@ -13,10 +13,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='sensor.tool-inertia',
+    id="sensor.tool-inertia",
     equation="F_m = F - m x''",
-    source='Kubus, Kroger, Wahl: On-line estimation of inertial parameters, IROS 2008',
-    parameters=(Parameter('mass', 'kg', 5.0, low=-50.0, high=50.0),),
+    source="Kubus, Kroger, Wahl: On-line estimation of inertial parameters, IROS 2008",
+    parameters=(Parameter("mass", "kg", 5.0, low=-50.0, high=50.0),),
     site=Site.FORCE,
     apply=_law,
 )

@@ -13,10 +13,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='structure.compliance',
-    equation='F = F_0/(1 + k e)',
-    source='Springs in series',
-    parameters=(Parameter('compliance', 'm/N', 5e-07, low=0.0, high=5e-05, starts=(1e-07, 1e-06)),),
+    id="structure.compliance",
+    equation="F = F_0/(1 + k e)",
+    source="Springs in series",
+    parameters=(Parameter("compliance", "m/N", 5e-07, low=0.0, high=5e-05, starts=(1e-07, 1e-06)),),
     site=Site.CONTACT,
     apply=_law,
 )

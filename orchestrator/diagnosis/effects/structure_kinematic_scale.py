@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='structure.kinematic-scale',
-    equation='x_c = (1 + s) x',
-    source='Mooring, Roth, Driels: Fundamentals of Manipulator Calibration, 1991',
-    parameters=(Parameter('scale', '1', 0.01, low=-0.3, high=0.3),),
+    id="structure.kinematic-scale",
+    equation="x_c = (1 + s) x",
+    source="Mooring, Roth, Driels: Fundamentals of Manipulator Calibration, 1991",
+    parameters=(Parameter("scale", "1", 0.01, low=-0.3, high=0.3),),
     site=Site.STRUCTURE,
     apply=_law,
 )

@@ -11,10 +11,10 @@ def _law(time, step, value, context, memory, theta):
 
 
 EFFECT = Effect(
-    id='structure.offset',
-    equation='x_c = x - o',
-    source='Mooring, Roth, Driels: Fundamentals of Manipulator Calibration, 1991',
-    parameters=(Parameter('offset', 'm', 0.0002, low=-0.005, high=0.005),),
+    id="structure.offset",
+    equation="x_c = x - o",
+    source="Mooring, Roth, Driels: Fundamentals of Manipulator Calibration, 1991",
+    parameters=(Parameter("offset", "m", 0.0002, low=-0.005, high=0.005),),
     site=Site.STRUCTURE,
     apply=_law,
 )

@@ -1,0 +1,70 @@
+"""What a diagnosis finds, as its parts hand it on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from .effect import Effect
+from .study import Array
+
+__all__ = ["Augmented", "Candidate", "Finding"]
+
+
+@dataclass(frozen=True)
+class Augmented:
+    """The model with effects added and its calibration refitted.
+
+    Attributes:
+        calibrated: parameters by name, SI, those of the calibration that moved.
+        effects, theta: what was added, and all parameters one after the other.
+    """
+
+    calibrated: Mapping[str, float]
+    effects: tuple[Effect, ...]
+    theta: Array
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One answer to which effects cause the gap.
+
+    Attributes:
+        effects: ids; none for "no effect", ("outside",) for one that the catalogue does not hold.
+        parameters: fitted, by "effect-id.parameter", SI.
+        ties: effects that the data cannot tell from these.
+        log_evidence: over that of no effect [nats].
+        model: what it was fitted as; None for "outside".
+    """
+
+    effects: tuple[str, ...]
+    probability: float
+    parameters: Mapping[str, float]
+    ties: tuple[str, ...]
+    log_evidence: float
+    model: Augmented | None = None
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Which effects cause the gap.
+
+    Attributes:
+        candidates: most probable first; probabilities add up to 1.
+        effects, places: the answer given.
+        outside_place: where an effect outside the catalogue acts; "" if there is none.
+        answer_set: ids of the smallest set of answers that holds 95 % of the probability.
+        recalibrated: the model without effects, its calibration refitted.
+        doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow, while no
+            effect explains it.
+        misfit: mean square of what the answer leaves, normalised by the noise, by place.
+    """
+
+    candidates: tuple[Candidate, ...]
+    effects: tuple[str, ...]
+    places: tuple[str, ...]
+    outside_place: str
+    answer_set: tuple[str, ...]
+    recalibrated: Augmented
+    doubtful_tolerances: bool = False
+    misfit: Mapping[str, float] = field(default_factory=dict)

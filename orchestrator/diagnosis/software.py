@@ -1,0 +1,133 @@
+"""The rig's software, replayed from its logged inputs: exact to the log's digits where nothing is hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numba import njit
+
+from .effect import Effect
+from .model import Laws, apply_changes, begin_state, nominal_parameters
+from .rig import control, move_body
+from .study import Array, Run, Study
+
+__all__ = ["ControllerReplay", "DynamicsReplay", "resolution"]
+
+
+def resolution(values: Array) -> float:
+    """The last digit that a column was logged with, in its unit."""
+    finite = values[np.isfinite(values)]
+    for digits in range(16):
+        if np.allclose(finite, np.round(finite, digits), rtol=0.0, atol=1e-6 * 10.0**-digits):
+            return 10.0**-digits
+    return 1e-15
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _bodies(force, position, velocity, mass, tick, laws, memory, theta, out):
+    """Mean force on the satellite over each tick, laws included, from logged force and motion."""
+    known = np.zeros(16)
+    known[11] = mass
+    for n in range(out.shape[0]):
+        known[0], known[1], known[10] = position[n], velocity[n], n
+        out[n] = move_body(laws, n * tick, tick, force[n], known, memory, theta)
+
+
+class DynamicsReplay:
+    """Satellite software: the change of the desired velocity over each tick, from the logged force."""
+
+    def __init__(self, study: Study, runs: Sequence[Run]) -> None:
+        self.study = study
+        self.runs = tuple(runs)
+        self._noise = [
+            np.hypot(
+                resolution(run["desired_velocity"]) / np.sqrt(6.0),
+                study.tick / run.mass * resolution(run["compensated_force"]) / np.sqrt(12.0),
+            )
+            for run in runs
+        ]
+
+    @property
+    def tolerances(self) -> dict[str, tuple[float, float]]:
+        """See `Replay`: software has no calibration."""
+        return {}
+
+    def residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        """See `Replay`."""
+        laws = Laws.of(effects)
+        found = []
+        for run, noise in zip(self.runs, self._noise, strict=True):
+            body = run["compensated_force"].copy()
+            if len(laws.addresses):
+                _bodies(
+                    run["compensated_force"],
+                    run["desired_position"],
+                    run["desired_velocity"],
+                    run.mass,
+                    self.study.tick,
+                    laws.table,
+                    *laws.room(theta),
+                    body,
+                )
+            change = np.diff(run["desired_velocity"])
+            found.append((change - self.study.tick / run.mass * body[:-1]) / noise)
+        return found
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _controls(p, state, force, position, desired, rate, out):
+    """Compensated force and stiffness estimate at each tick, from logged inputs."""
+    for n in range(force.shape[0]):
+        state[3], state[4] = desired[n], rate[n]
+        control(p, state, force[n], position[n])
+        out[0, n], out[1, n] = state[16], state[9]
+
+
+class ControllerReplay:
+    """Compliance controller software: its output and stiffness estimate, from the logged inputs."""
+
+    def __init__(self, study: Study, runs: Sequence[Run]) -> None:
+        self.study = study
+        self.runs = tuple(runs)
+        # Rounded inputs pass through differences, the filter and thresholds: a part of the sensor's last digit
+        # remains of them, and that much of the stiffness at half a millimetre.
+        floor = 0.02 * study.nominal["force_resolution"].value
+        self._noise = [
+            (
+                float(np.hypot(3.0 * resolution(run["compensated_force"]), floor)),
+                float(np.hypot(3.0 * resolution(run["stiffness_estimate"]), floor / 5e-4)),
+            )
+            for run in runs
+        ]
+
+    @property
+    def tolerances(self) -> dict[str, tuple[float, float]]:
+        """See `Replay`: software has no calibration."""
+        return {}
+
+    def replay(self, index: int, effects: tuple[Effect, ...], theta: Array) -> tuple[Array, Array]:
+        """Compensated force [N] and stiffness estimate [N/m] at each tick; and the state at the end."""
+        run = self.runs[index]
+        p = nominal_parameters(self.study, run)
+        apply_changes(p, effects, theta)
+        state = begin_state(self.study, run)
+        out = np.zeros((2, len(run)))
+        _controls(
+            p, state, run["sensor_force"], run["encoder_position"], run["desired_position"],
+            run["desired_velocity"], out,
+        )  # fmt: skip
+        return out, state
+
+    def residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        """See `Replay`."""
+        found = []
+        for index, (run, noise) in enumerate(zip(self.runs, self._noise, strict=True)):
+            out, _ = self.replay(index, effects, theta)
+            found.append((run["compensated_force"] - out[0]) / noise[0])
+            found.append((run["stiffness_estimate"] - out[1]) / noise[1])
+        return found

@@ -1,0 +1,100 @@
+"""The rig's model replays its own logs exactly, and effects of size zero change no bit of it."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.effect import Site
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
+from orchestrator.diagnosis.study import Role, load_study
+from orchestrator.errors import ConfigError
+from tests.diagnosis.rigs import study
+
+GAP = Path(__file__).parents[3] / "shared" / "gap"
+needs_gap = pytest.mark.skipif(not GAP.is_dir(), reason="the labelled cases are not beside the checkout")
+
+
+def test_the_model_replays_its_own_log_to_the_bit():
+    own = study()
+    model = RigModel(own, own.runs)
+    for index, run in enumerate(own.runs):
+        out = model.replay(index, {})
+        assert np.array_equal(out[2], run["encoder_position"])
+        assert np.array_equal(out[3], run["sensor_force"])
+        assert np.abs(run["sensor_force"]).max() > 50.0
+
+
+def test_software_replays_its_own_log():
+    own = study()
+    for replay in (DynamicsReplay(own, own.runs), ControllerReplay(own, own.runs)):
+        worst = max(np.abs(part).max() for part in replay.residuals({}, (), np.zeros(0)))
+        assert worst < 1.0  # of the log's last digit
+
+
+LAWS = [one for one in catalogue().values() if one.site not in (None, Site.BODY)]
+
+
+@pytest.mark.parametrize("effect", LAWS, ids=lambda one: one.id)
+def test_an_effect_of_size_zero_changes_no_bit(effect):
+    if effect.parameters[0].shape or effect.parameters[0].whole:
+        pytest.skip("its first parameter is no size: it has no zero")
+    own = study(ticks=600)
+    model = RigModel(own, own.runs)
+    theta = np.array([one.starts[0] if one.shape else 0.0 for one in effect.parameters])
+    for index in range(len(own.runs)):
+        assert np.array_equal(model.replay(index, {}, (effect,), theta), model.replay(index, {}))
+
+
+@pytest.mark.parametrize("effect", LAWS, ids=lambda one: one.id)
+def test_an_effect_of_prior_size_shows(effect):
+    own = study(ticks=1500)
+    model = RigModel(own, own.runs)
+    fitter = Fitter(model)
+    z = np.concatenate([np.zeros(len(model.tolerances)), fitter.starts(effect)[0]])
+    if effect.id == "robot.rate-limit":
+        assert len(fitter.starts(effect)) > 1
+    shown = sum(float(part @ part) for part in fitter.residuals((effect,), z))
+    assert shown > 1.0
+
+
+@needs_gap
+@pytest.mark.parametrize("case", [f"case-{number:03d}" for number in range(1, 63)])
+def test_software_of_the_labelled_cases_is_exact_unless_it_is_the_cause(case):
+    truth = json.loads((GAP / "cases" / "truth.json").read_text())[case]
+    one = load_study(GAP / "cases" / case)
+    for replay, place in ((DynamicsReplay, "dynamics"), (ControllerReplay, "controller")):
+        parts = replay(one, one.of(Role.TRAIN)).residuals({}, (), np.zeros(0))
+        square = np.mean([np.mean(part**2) for part in parts])
+        assert (square < 3.0) == (place not in truth["places"]), (place, square)
+
+
+def test_bad_cases_are_refused_with_all_their_problems(tmp_path):
+    (tmp_path / "case.yaml").write_text(
+        "format: gap-case/1\ntick: 0.001\nnominal: {stiffness: {value: 1, unit: N/m}}\n"
+        "runs: [{file: a.csv.gz, role: train, mass: -1, approach_speed: 0.02}, {file: b.csv.gz, role: other}]\n"
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_study(tmp_path)
+    text = str(caught.value)
+    assert "nominal.stiffness: unknown" in text and "contact_stiffness is missing" in text
+    assert "runs[0].mass: got -1.0" in text and "runs[1]" in text
+
+
+def test_a_column_in_a_wrong_unit_is_refused(tmp_path):
+    header = "time [s],sensor_force [m],nonsense\n0,1,2\n"
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(header.encode()))
+    (tmp_path / "case.yaml").write_text(
+        "format: gap-case/1\ntick: 0.001\nnominal: {}\n"
+        "runs: [{file: a.csv.gz, role: train, mass: 1, approach_speed: 0.02}]\n"
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_study(tmp_path)
+    assert "cannot be converted" in str(caught.value) and "nonsense" in str(caught.value)
