@@ -217,7 +217,7 @@ class Fitter:
         return found
 
     def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
-        """How well an effect could do, from one replay per start: the cost of the problem linearised about it.
+        """How well an effect could do, by one replay per start: the cost of the problem linearised there.
 
         Returns: the least cost, the base and the start that give it.
         """

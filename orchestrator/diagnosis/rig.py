@@ -1,7 +1,7 @@
 """The docking rig in machine code: the model that is compared with a rig's logs, effects included.
 
-It takes the rig tick by tick, as its software does, and robot, contact and sensor in sub-steps
-between the ticks. The servo is linear but for effects, and is advanced by its exact transition over a sub-step.
+It takes the rig tick by tick, as its software does, and robot, contact and sensor in sub-steps between the
+ticks. The servo is linear but for effects, and is advanced by its exact transition over a sub-step.
 """
 
 from __future__ import annotations

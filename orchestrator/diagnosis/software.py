@@ -92,8 +92,8 @@ class ControllerReplay:
     def __init__(self, study: Study, runs: Sequence[Run]) -> None:
         self.study = study
         self.runs = tuple(runs)
-        # Rounded inputs pass through differences, the filter and thresholds: a part of the sensor's last digit
-        # remains of them, and that much of the stiffness at half a millimetre.
+        # Rounded inputs pass through differences, the filter and thresholds: a part of the sensor's last
+        # digit remains of them, and that much of the stiffness at half a millimetre.
         floor = 0.02 * study.nominal["force_resolution"].value
         self._noise = [
             (

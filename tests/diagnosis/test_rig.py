@@ -79,7 +79,7 @@ def test_software_of_the_labelled_cases_is_exact_unless_it_is_the_cause(case):
 def test_bad_cases_are_refused_with_all_their_problems(tmp_path):
     (tmp_path / "case.yaml").write_text(
         "format: gap-case/1\ntick: 0.001\nnominal: {stiffness: {value: 1, unit: N/m}}\n"
-        "runs: [{file: a.csv.gz, role: train, mass: -1, approach_speed: 0.02}, {file: b.csv.gz, role: other}]\n"
+        "runs: [{file: a.csv.gz, role: train, mass: -1, approach_speed: 0.02}, {file: b.csv, role: other}]\n"
     )
     with pytest.raises(ConfigError) as caught:
         load_study(tmp_path)
