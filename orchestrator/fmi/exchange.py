@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import FmuError, StepError
-from .compiled import CompiledInstance
 from .instance import Array, Point, StepStatus
+from .running import CompiledInstance
 from .solver import Integrator, Model
 from .variable import Value
 
-__all__ = ["MOST_ITERATIONS", "Exchange"]
+__all__ = ["Exchange"]
 
 _MOST_STEPS = 100_000
-MOST_ITERATIONS = 10_000
 # Part of a step within which an event counts as being at its end.
 _CLOSE = 1e-9
 
@@ -56,6 +55,18 @@ class Exchange(CompiledInstance):
         return self.description.states, self.description.event_indicators
 
     # Life.
+
+    def _find_functions(self) -> None:
+        """There are none that are called in every step."""
+
+    def _enter(self, start_time: float, stop_time: float | None) -> None:
+        super()._enter(start_time, stop_time)
+        self._start_time = start_time
+
+    def exit_initialisation(self) -> None:
+        """See FmuInstance.exit_initialisation."""
+        super().exit_initialisation()
+        self._begin(self._start_time)
 
     def bind(self, inputs: Any, u: Array, outputs: Any, y: Array) -> None:
         """See FmuInstance.bind."""
@@ -187,15 +198,6 @@ class Exchange(CompiledInstance):
         if self._integrator is not None and not stop:
             self._integrator.reset(time)
         return stop
-
-    def _unsettled(self, function: str) -> StepError:
-        return StepError(
-            f"its discrete states do not settle: {function} wants a {MOST_ITERATIONS + 1}th call",
-            instance=self.name,
-            time=self._time,
-            status="event iteration",
-            log=self.log_lines(),
-        )
 
     def last_successful_time(self) -> float | None:
         """See FmuInstance.last_successful_time."""

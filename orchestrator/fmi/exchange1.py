@@ -6,8 +6,9 @@ from ctypes import byref, c_char, c_double
 
 from fmpy.fmi1 import fmi1EventInfo
 
-from .exchange import MOST_ITERATIONS, Exchange
+from .exchange import Exchange
 from .fmi1 import Fmi1Base
+from .running import MOST_ITERATIONS
 
 __all__ = ["Fmi1Exchange"]
 
@@ -25,12 +26,6 @@ class Fmi1Exchange(Exchange, Fmi1Base):
         self._info = fmi1EventInfo()
         self._call("fmi1Initialize", b"\x00", c_double(0.0), byref(self._info))
         self._note_event()
-
-    def exit_initialisation(self) -> None:
-        """See FmuInstance.exit_initialisation."""
-        super().exit_initialisation()
-        assert self._started is not None
-        self._begin(self._started[0])
 
     def _note_event(self) -> bool:
         defined = self._info.upcomingTimeEvent != b"\x00"

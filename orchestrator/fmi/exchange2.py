@@ -6,8 +6,9 @@ from ctypes import byref, c_int
 
 from fmpy.fmi2 import fmi2EventInfo
 
-from .exchange import MOST_ITERATIONS, Exchange
+from .exchange import Exchange
 from .fmi2 import Fmi2Instance
+from .running import MOST_ITERATIONS
 
 __all__ = ["Fmi2Exchange"]
 
@@ -18,17 +19,6 @@ class Fmi2Exchange(Exchange, Fmi2Instance):
     _SET_TIME, _GET_STATES, _SET_STATES = "fmi2SetTime", "fmi2GetContinuousStates", "fmi2SetContinuousStates"
     _DERIVATIVES, _INDICATORS = "fmi2GetDerivatives", "fmi2GetEventIndicators"
     _NOMINALS = "fmi2GetNominalsOfContinuousStates"
-
-    def _find_functions(self) -> None: ...
-
-    def _enter(self, start_time: float, stop_time: float | None) -> None:
-        super()._enter(start_time, stop_time)
-        self._start_time = start_time
-
-    def exit_initialisation(self) -> None:
-        """See FmuInstance.exit_initialisation."""
-        super().exit_initialisation()
-        self._begin(self._start_time)
 
     def _enter_event_mode(self) -> None:
         self._call("fmi2EnterEventMode")

@@ -21,17 +21,6 @@ class Fmi3Exchange(Exchange, Fmi3Instance):
     def _modes(self) -> dict[str, bool]:
         return {}
 
-    def _find_functions(self) -> None: ...
-
-    def _enter(self, start_time: float, stop_time: float | None) -> None:
-        super()._enter(start_time, stop_time)
-        self._start_time = start_time
-
-    def exit_initialisation(self) -> None:
-        """See FmuInstance.exit_initialisation."""
-        super().exit_initialisation()
-        self._begin(self._start_time)
-
     def _sizes(self) -> tuple[int, int]:
         found = []
         for name, declared in zip(

@@ -8,14 +8,13 @@ inputs which do not wait for an output of the same FMU are set before it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from ctypes import byref, c_char_p, c_double, c_int, c_uint8
-from time import sleep
+from ctypes import c_char_p, c_double, c_int, c_uint8
 from typing import Any
 
 from ..errors import FmuError
-from .compiled import CompiledInstance
 from .instance import Point, StepStatus
 from .library import callbacks1
+from .running import PENDING, CompiledInstance
 from .variable import Value, Variable
 
 __all__ = ["Fmi1Base", "Fmi1Instance"]
@@ -27,8 +26,7 @@ _TYPES = {
     "Boolean": (c_uint8, "Boolean"),
     "String": (c_char_p, "String"),
 }
-_DO_STEP_STATUS, _LAST_SUCCESSFUL_TIME = 0, 2
-_DISCARD, _PENDING = 2, 5
+_DISCARD = 2
 _TRUE, _FALSE = b"\x01", b"\x00"
 
 
@@ -87,6 +85,7 @@ class Fmi1Instance(Fmi1Base):
 
     _INSTANTIATE, _TERMINATE = "fmi1InstantiateSlave", "fmi1TerminateSlave"
     _FREE = "fmi1FreeSlaveInstance"
+    _STATUS, _REAL_STATUS = "fmi1GetStatus", "fmi1GetRealStatus"
 
     def _find_functions(self) -> None:
         self._do_step = self._function("fmi1DoStep")
@@ -99,31 +98,10 @@ class Fmi1Instance(Fmi1Base):
         """See FmuInstance.do_step."""
         self._time = point.time
         status = self._do_step(self._component, point.time, point.step_size, _TRUE)
-        if status == _PENDING:
+        if status == PENDING:
             status = self._wait()
         if status <= 1:
             return StepStatus.WARNING if status else StepStatus.OK
         if status == _DISCARD:
             return StepStatus.DISCARD
         self._fail("fmi1DoStep", status)
-        raise AssertionError("unreachable")
-
-    def _wait(self) -> int:
-        """The status of a step that is computed asynchronously, once it is known."""
-        function = self._function("fmi1GetStatus")
-        status, pause = c_int(_PENDING), 1e-5
-        while status.value == _PENDING:
-            sleep(pause)
-            pause = min(2 * pause, 1e-3)
-            got = function(self._component, _DO_STEP_STATUS, byref(status))
-            if got > 1:
-                self._fail("fmi1GetStatus", got)
-        return status.value
-
-    def last_successful_time(self) -> float | None:
-        """See FmuInstance.last_successful_time."""
-        function = self._slave._functions.get("fmi1GetRealStatus")
-        value = c_double(0.0)
-        if function is None or function(self._component, _LAST_SUCCESSFUL_TIME, byref(value)) > 1:
-            return None
-        return value.value

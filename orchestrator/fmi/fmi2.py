@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_size_t, c_void_p, cast, create_string_buffer
-from time import sleep
 from typing import Any
 
 from ..errors import StepError
-from .compiled import CompiledInstance, NativeCalls
 from .instance import Array, Point, StepStatus
 from .library import callbacks_for
+from .running import PENDING, CompiledInstance, NativeCalls
 from .variable import Variable
 
 __all__ = ["Fmi2Instance"]
@@ -21,14 +20,14 @@ _TYPES = {
     "Boolean": (c_int, "Boolean"),
     "String": (c_char_p, "String"),
 }
-_DO_STEP_STATUS, _LAST_SUCCESSFUL_TIME, _TERMINATED = 0, 2, 3
-_DISCARD, _PENDING = 2, 5
+_DISCARD, _TERMINATED = 2, 3
 
 
 class Fmi2Instance(CompiledInstance):
     """A running FMI 2.0 FMU."""
 
     _EXIT, _TERMINATE, _FREE = "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2FreeInstance"
+    _STATUS, _REAL_STATUS = "fmi2GetStatus", "fmi2GetRealStatus"
 
     def _instantiate(self) -> None:
         self._callbacks = callbacks_for(self._log)
@@ -57,7 +56,7 @@ class Fmi2Instance(CompiledInstance):
         """See FmuInstance.do_step."""
         self._time = point.time
         status = self._do_step(self._handle, point.time, point.step_size, self._saved_states == 0)
-        if status == _PENDING:
+        if status == PENDING:
             status = self._wait()
         return self.judge_step(status, point)
 
@@ -81,7 +80,7 @@ class Fmi2Instance(CompiledInstance):
             return StepStatus.WARNING if status else StepStatus.OK
         if status == _DISCARD:
             return StepStatus.TERMINATED if self._asks_to_terminate() else StepStatus.DISCARD
-        if status == _PENDING:
+        if status == PENDING:
             raise StepError(
                 "fmi2DoStep goes on asynchronously",
                 instance=self.name,
@@ -91,19 +90,6 @@ class Fmi2Instance(CompiledInstance):
                 remedy="Set run.loop to python: it waits for such FMUs.",
             )
         self._fail("fmi2DoStep", status)
-        raise AssertionError("unreachable")
-
-    def _wait(self) -> int:
-        """The status of a step that is computed asynchronously, once it is known."""
-        function = self._function("fmi2GetStatus")
-        status, pause = c_int(_PENDING), 1e-5
-        while status.value == _PENDING:
-            sleep(pause)
-            pause = min(2 * pause, 1e-3)
-            got = function(self._component, _DO_STEP_STATUS, byref(status))
-            if got > 1:
-                self._fail("fmi2GetStatus", got)
-        return status.value
 
     def _asks_to_terminate(self) -> bool:
         function = self._slave._functions.get("fmi2GetBooleanStatus")
@@ -111,14 +97,6 @@ class Fmi2Instance(CompiledInstance):
         return (
             function is not None and function(self._component, _TERMINATED, byref(value)) <= 1 and bool(value)
         )
-
-    def last_successful_time(self) -> float | None:
-        """See FmuInstance.last_successful_time."""
-        function = self._slave._functions.get("fmi2GetRealStatus")
-        value = c_double(0.0)
-        if function is None or function(self._component, _LAST_SUCCESSFUL_TIME, byref(value)) > 1:
-            return None
-        return value.value
 
     def write_input_derivatives(self, order: int, values: Array) -> None:
         """See FmuInstance.write_input_derivatives."""

@@ -27,8 +27,8 @@ from ctypes import (
 from typing import Any
 
 from ..errors import StepError
-from .compiled import CompiledInstance, NativeCalls
 from .instance import Point, StepStatus
+from .running import MOST_ITERATIONS, CompiledInstance, NativeCalls
 from .variable import Value, Variable
 
 __all__ = ["Fmi3Instance"]
@@ -125,16 +125,13 @@ class Fmi3Instance(CompiledInstance):
         self._time = point.time
         time, length = point.time, point.step_size
         end = point.time + point.step_size
-        worst = 0
+        worst = StepStatus.OK
         for _ in range(_MOST_RETURNS):
             status = self._do_step(self._handle, time, length, self._saved_states == 0, *self._returned)
-            if status == _DISCARD:
-                return StepStatus.DISCARD
-            if status > 1:
-                self._fail("fmi3DoStep", status)
-            worst = max(worst, status)
-            if self._terminate.value:
-                return StepStatus.TERMINATED
+            judged = self._judge(status)
+            if judged > StepStatus.WARNING:
+                return judged
+            worst = max(worst, judged)
             if self.handling.event_mode and self._event.value:
                 self._call("fmi3EnterEventMode")
                 stop = self._update_discrete_states()
@@ -143,7 +140,7 @@ class Fmi3Instance(CompiledInstance):
                     return StepStatus.TERMINATED
             # FMUs are met that return early without leave: they are made to finish their step as well.
             if not self._early.value or self._reached.value >= end - _CLOSE * point.step_size:
-                return StepStatus.WARNING if worst else StepStatus.OK
+                return worst
             time, length = self._reached.value, end - self._reached.value
         raise StepError(
             f"fmi3DoStep returned early {_MOST_RETURNS} times within one step, it came to {time!r} s",
@@ -158,18 +155,12 @@ class Fmi3Instance(CompiledInstance):
         more, stop, nominals, values, defined = (c_bool() for _ in range(5))
         time = c_double()
         arguments = [byref(one) for one in (more, stop, nominals, values, defined, time)]
-        for _ in range(_MOST_RETURNS):
+        for _ in range(MOST_ITERATIONS):
             self._call("fmi3UpdateDiscreteStates", *arguments)
             if stop.value or not more.value:
                 self._next_event = time.value if defined.value else None
                 return stop.value
-        raise StepError(
-            f"its discrete states do not settle: fmi3UpdateDiscreteStates wants a {_MOST_RETURNS + 1}th call",
-            instance=self.name,
-            time=self._time,
-            status="event iteration",
-            log=self.log_lines(),
-        )
+        raise self._unsettled("fmi3UpdateDiscreteStates")
 
     def native_calls(self) -> NativeCalls | None:
         """See CompiledInstance.native_calls."""
@@ -188,13 +179,12 @@ class Fmi3Instance(CompiledInstance):
 
     def judge_step(self, status: int, point: Point) -> StepStatus:
         """See CompiledInstance.judge_step."""
-        if status == _DISCARD:
-            return StepStatus.DISCARD
-        if status > 1:
-            self._fail("fmi3DoStep", status)
-        if self._terminate.value:
-            return StepStatus.TERMINATED
-        if self._early.value and self._reached.value < point.time + (1.0 - _CLOSE) * point.step_size:
+        judged = self._judge(status)
+        if (
+            judged <= StepStatus.WARNING
+            and self._early.value
+            and self._reached.value < point.time + (1.0 - _CLOSE) * point.step_size
+        ):
             raise StepError(
                 f"fmi3DoStep returned early without leave, at {self._reached.value!r} s",
                 instance=self.name,
@@ -203,6 +193,16 @@ class Fmi3Instance(CompiledInstance):
                 log=self.log_lines(),
                 remedy="Set run.loop to python: it makes such FMUs finish their step.",
             )
+        return judged
+
+    def _judge(self, status: int) -> StepStatus:
+        """What a status means, be the step complete or not. Raises: StepError."""
+        if status == _DISCARD:
+            return StepStatus.DISCARD
+        if status > 1:
+            self._fail("fmi3DoStep", status)
+        if self._terminate.value:
+            return StepStatus.TERMINATED
         return StepStatus.WARNING if status else StepStatus.OK
 
     def last_successful_time(self) -> float | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..errors import StepError
 from ..fmi import Array, Point
-from ..fmi.compiled import CompiledInstance
+from ..fmi.running import CompiledInstance
 from ..instances import Instances
 from ..master import MasterAlgorithm
 from ..master.base import failure

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..fmi import Array
-from ..fmi.compiled import Block, NativeCalls
+from ..fmi.block import Block
+from ..fmi.running import NativeCalls
 from ..instances import Instances
 from .codes import Call, Code, Step
 
