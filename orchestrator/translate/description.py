@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from .declared_units import UnitTable, derivative_unit, used_units
@@ -141,6 +141,31 @@ def _description(entry: TableEntry) -> str:
     return entry.variable.description
 
 
+def _attributes(
+    entry: TableEntry, number: int, port: _Port, position: Mapping[str, int]
+) -> tuple[dict[str, str], dict[str, str]]:
+    """What identifies a variable and what is said of its values, which FMI 2 writes into two elements.
+
+    Args:
+        position: of each variable, in the numbers by which the version refers to others.
+    """
+    identity = {"name": entry.name, "valueReference": str(number)}
+    if _description(entry):
+        identity["description"] = _description(entry)
+    identity["causality"] = port.causality
+    identity["variability"] = port.variability
+    if port.initial is not None:
+        identity["initial"] = port.initial
+    value = _real_attributes(entry, port) if entry.type is Type.REAL else {}
+    value.update(_limits(entry))
+    start = _start(entry, port)
+    if start is not None:
+        value["start"] = start
+    if entry.kind == "DERIVATIVE" and entry.variable is not None:
+        value["derivative"] = str(position[entry.variable.name])
+    return identity, value
+
+
 def _head(program: Program, identifier: str, token_name: str, token: str, version: str) -> ET.Element:
     flat = program.model.symbols.flat
     attributes = {"fmiVersion": version, "modelName": flat.name, token_name: token}
@@ -149,6 +174,17 @@ def _head(program: Program, identifier: str, token_name: str, token: str, versio
     attributes["generationTool"] = "orchestrator"
     attributes["variableNamingConvention"] = "structured"
     return ET.Element("fmiModelDescription", attributes)
+
+
+def _preamble(root: ET.Element, program: Program, units: UnitTable) -> None:
+    """What stands between the interface and the variables."""
+    definitions = units.element()
+    if definitions is not None:
+        root.append(definitions)
+    categories = ET.SubElement(root, "LogCategories")
+    for name, text in LOG_CATEGORIES.items():
+        ET.SubElement(categories, "Category", name=name, description=text)
+    _experiment(root, program)
 
 
 def _experiment(root: ET.Element, program: Program) -> None:
@@ -191,33 +227,13 @@ def _fmi2(
     files = ET.SubElement(simulation, "SourceFiles")
     for name in source_files:
         ET.SubElement(files, "File", name=name)
-    definitions = units.element()
-    if definitions is not None:
-        root.append(definitions)
-    categories = ET.SubElement(root, "LogCategories")
-    for name, text in LOG_CATEGORIES.items():
-        ET.SubElement(categories, "Category", name=name, description=text)
-    _experiment(root, program)
+    _preamble(root, program, units)
     variables = ET.SubElement(root, "ModelVariables")
     position = {entry.name: number + 1 for number, entry in enumerate(table)}
     for number, (entry, port) in enumerate(zip(table, ports, strict=True)):
-        attributes = {"name": entry.name, "valueReference": str(number)}
-        if _description(entry):
-            attributes["description"] = _description(entry)
-        attributes["causality"] = port.causality
-        attributes["variability"] = port.variability
-        if port.initial is not None:
-            attributes["initial"] = port.initial
-        scalar = ET.SubElement(variables, "ScalarVariable", attributes)
-        value = ET.SubElement(scalar, entry.type.value)
-        if entry.type is Type.REAL:
-            value.attrib.update(_real_attributes(entry, port))
-        value.attrib.update(_limits(entry))
-        start = _start(entry, port)
-        if start is not None:
-            value.set("start", start)
-        if entry.kind == "DERIVATIVE" and entry.variable is not None:
-            value.set("derivative", str(position[entry.variable.name]))
+        identity, value = _attributes(entry, number, port, position)
+        scalar = ET.SubElement(variables, "ScalarVariable", identity)
+        ET.SubElement(scalar, entry.type.value, value)
     model_structure_element = ET.SubElement(root, "ModelStructure")
     for name, unknowns in (
         ("Outputs", structure.outputs),
@@ -255,33 +271,13 @@ def _fmi3(
         canHandleVariableCommunicationStepSize="true",
         maxOutputDerivativeOrder="0",
     )
-    definitions = units.element()
-    if definitions is not None:
-        root.append(definitions)
-    categories = ET.SubElement(root, "LogCategories")
-    for name, text in LOG_CATEGORIES.items():
-        ET.SubElement(categories, "Category", name=name, description=text)
-    _experiment(root, program)
+    _preamble(root, program, units)
     variables = ET.SubElement(root, "ModelVariables")
     position = {entry.name: number for number, entry in enumerate(table)}
     element_names = {Type.REAL: "Float64", Type.INTEGER: "Int32", Type.BOOLEAN: "Boolean"}
     for number, (entry, port) in enumerate(zip(table, ports, strict=True)):
-        attributes = {"name": entry.name, "valueReference": str(number)}
-        if _description(entry):
-            attributes["description"] = _description(entry)
-        attributes["causality"] = port.causality
-        attributes["variability"] = port.variability
-        if port.initial is not None:
-            attributes["initial"] = port.initial
-        if entry.type is Type.REAL:
-            attributes.update(_real_attributes(entry, port))
-        attributes.update(_limits(entry))
-        start = _start(entry, port)
-        if start is not None:
-            attributes["start"] = start
-        if entry.kind == "DERIVATIVE" and entry.variable is not None:
-            attributes["derivative"] = str(position[entry.variable.name])
-        ET.SubElement(variables, element_names[entry.type], attributes)
+        identity, value = _attributes(entry, number, port, position)
+        ET.SubElement(variables, element_names[entry.type], {**identity, **value})
     model_structure_element = ET.SubElement(root, "ModelStructure")
     for name, unknowns in (
         ("Output", structure.outputs),
