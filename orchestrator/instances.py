@@ -69,6 +69,7 @@ class Instances:
         self._elapsed = [0] * len(system.instances)
         self._slopes: dict[int, list[Array]] = {}
         self._direct: dict[int, NDArray[np.bool_]] = {}
+        self._followed: dict[int, NDArray[np.bool_]] = {}
         # An instance's own step is `every` communication steps, or a communication step is `parts` of it.
         self._every = [one.ratio.numerator for one in system.instances]
         self._parts = [one.ratio.denominator for one in system.instances]
@@ -97,7 +98,7 @@ class Instances:
     def transfer(self, index: int, curve: Curve | None = None) -> None:
         """Feed an instance's inputs from the vector as it stands; the FMU gets them in `advance`.
 
-        With a curve, an FMU that interpolates its inputs is given value and derivatives at the beginning.
+        With a curve, an input whose course the FMU follows is given value and derivatives at the beginning.
         Any other holds one value over the step: where the input acts on an output at once, that of the end,
         at which outputs are read; elsewhere that of the middle, whose effect is the mean's to second order.
         """
@@ -114,14 +115,23 @@ class Instances:
 
     def _feed(self, index: int, curve: Curve) -> None:
         source, u, gain, _ = self._transfers[index]
-        if not self.running[index].description.capabilities.interpolate_inputs:
-            u[:] = np.where(self._through(index), curve.end[source], curve.middle[source])
-            return
         begin, middle, end = (values[source] for values in curve[:3])
+        follows = self._follows(index)
+        u[:] = np.where(follows, begin, np.where(self._through(index), end, middle))
+        if not follows.any():
+            return
         bend = 2.0 * (begin + end - 2.0 * middle)
         slopes = [(end - begin - bend) / curve.step_size, 2.0 * bend / curve.step_size**2][: curve.order]
-        u[:] = begin
+        slopes = [np.where(follows, slope, 0.0) for slope in slopes]
         self._slopes[index] = [slope if gain is None else gain * slope for slope in slopes]
+
+    def _follows(self, index: int) -> NDArray[np.bool_]:
+        """Whether the FMU follows the course of each input over a step."""
+        if index not in self._followed:
+            followed = self.running[index].description.followed
+            names = self.layout.inputs[index].names
+            self._followed[index] = np.array([name in followed for name in names], np.bool_)
+        return self._followed[index]
 
     def _through(self, index: int) -> NDArray[np.bool_]:
         """Which inputs an output of the instance depends on directly."""

@@ -63,3 +63,11 @@ def wild(path: Path, capabilities: str = 'canHandleVariableCommunicationStepSize
 def arrays(path: Path, more: str = "") -> Path:
     """The FMU of arrays.c; `more` are further variables."""
     return pack(path, "arrays.c", 3, "Arrays", document("arrays").replace("MORE", more))
+
+
+WITHIN = 'providesIntermediateUpdate="true" canReturnEarlyAfterIntermediateUpdate="true"'
+
+
+def within(path: Path, capabilities: str = WITHIN) -> Path:
+    """The FMU of within.c."""
+    return pack(path, "within.c", 3, "Within", document("within").replace("CAPABILITIES", capabilities))

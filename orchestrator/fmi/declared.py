@@ -70,7 +70,11 @@ def _kind(fmi_type: str) -> Kind:
 
 
 def read_variable(
-    item: Any, units: Mapping[str, Unit], display_units: Mapping[str, dict[str, Unit]], negated: bool = False
+    item: Any,
+    units: Mapping[str, Unit],
+    display_units: Mapping[str, dict[str, Unit]],
+    negated: bool = False,
+    intermediate: bool = False,
 ) -> Variable:
     """A variable; an array is still whole."""
     declared = item.declaredType
@@ -103,6 +107,7 @@ def read_variable(
         shape=tuple(item.shape or ()),
         description=item.description or "",
         negated=negated,
+        intermediate=intermediate,
     )
 
 

@@ -26,6 +26,8 @@ class Capabilities:
         variable_step_size: whether the step size may change during a run.
         execution_tool: whether the tool that made the FMU must be installed.
         fixed_internal_step: of the FMU itself [s]; None where it has none or does not say.
+        intermediate_update: whether inputs and outputs can be reached within a step (FMI 3.0).
+        return_on_request: whether a step can be cut short there, and is so only on request.
     """
 
     variable_step_size: bool = False
@@ -38,6 +40,8 @@ class Capabilities:
     execution_tool: bool = False
     fixed_internal_step: float | None = None
     event_mode: bool = False
+    intermediate_update: bool = False
+    return_on_request: bool = False
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,16 @@ class ModelDescription:
         return tuple(v for v in self.variables.values() if v.causality is Causality.INPUT)
 
     @cached_property
+    def followed(self) -> frozenset[str]:
+        """Inputs whose course over a step the FMU follows, where it is given one: FMI 2's interpolation of
+        inputs, FMI 3's intermediate update."""
+        if self.capabilities.interpolate_inputs:
+            return frozenset(v.name for v in self.inputs)
+        if not self.capabilities.intermediate_update:
+            return frozenset()
+        return frozenset(v.name for v in self.inputs if v.intermediate and v.kind is Kind.REAL)
+
+    @cached_property
     def outputs(self) -> tuple[Variable, ...]:
         """Variables of causality output."""
         return tuple(v for v in self.variables.values() if v.causality is Causality.OUTPUT)
@@ -125,7 +139,13 @@ def read_description(path: Path, interface: Interface | None = None) -> ModelDes
         from .description1 import complete
 
         negated = complete(raw, root)
-    found = _reduce(raw, chosen, _directional(root, chosen), deviations, negated)
+    # fmpy does not read what may change within a step.
+    within = frozenset(
+        item.get("name")
+        for item in root.findall("ModelVariables/*[@intermediateUpdate]")
+        if item.get("intermediateUpdate") in ("true", "1")
+    )
+    found = _reduce(raw, chosen, _directional(root, chosen), deviations, negated, within)
     clocks = [v.name for v in found.variables.values() if v.kind is Kind.CLOCK]
     if clocks:
         raise FmuError(f"{path}: uses clocks, which are not supported: {listed(clocks, 5)}")
@@ -187,13 +207,19 @@ def _indented(error: Exception) -> str:
 
 
 def _reduce(
-    raw: Any, chosen: Interface, directional: bool, deviations: tuple[str, ...], negated: frozenset[str]
+    raw: Any,
+    chosen: Interface,
+    directional: bool,
+    deviations: tuple[str, ...],
+    negated: frozenset[str],
+    within: frozenset[str],
 ) -> ModelDescription:
     units, display_units = read_units(raw)
     variables: dict[str, Variable] = {}
     ports: dict[str, tuple[str, ...]] = {}
     for item in raw.modelVariables:
-        made = elements(read_variable(item, units, display_units, item.name in negated), item.start)
+        whole = read_variable(item, units, display_units, item.name in negated, item.name in within)
+        made = elements(whole, item.start)
         variables.update({one.name: one for one in made})
         ports[item.name] = tuple(one.name for one in made)
     exchange = chosen is Interface.MODEL_EXCHANGE
@@ -236,6 +262,10 @@ def _reduce(
             execution_tool=bool(interface.needsExecutionTool),
             fixed_internal_step=internal,
             event_mode=not exchange and bool(interface.hasEventMode),
+            intermediate_update=not exchange and bool(interface.providesIntermediateUpdate),
+            return_on_request=not exchange
+            and bool(interface.canReturnEarlyAfterIntermediateUpdate)
+            and not interface.mightReturnEarlyFromDoStep,
         ),
         description=raw.description or "",
         deviations=deviations,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ctypes import byref, c_bool, c_size_t
+from typing import Any
 
 from .exchange import Exchange
 from .fmi3 import Fmi3Instance
@@ -18,7 +19,7 @@ class Fmi3Exchange(Exchange, Fmi3Instance):
     _DERIVATIVES, _INDICATORS = "fmi3GetContinuousStateDerivatives", "fmi3GetEventIndicators"
     _NOMINALS = "fmi3GetNominalsOfContinuousStates"
 
-    def _modes(self) -> dict[str, bool]:
+    def _modes(self) -> dict[str, Any]:
         return {}
 
     def _sizes(self) -> tuple[int, int]:

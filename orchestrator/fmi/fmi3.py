@@ -2,12 +2,14 @@
 
 Where event mode is asked for, an instance returns from a step at its events, has them handled, and goes on to
 the end of the step: a communication point that is an event shows the values after it.
+
+Where the FMU provides intermediate update, inputs follow the master's curve within a step: intermediate.py.
 """
 
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from ctypes import (
     CFUNCTYPE,
@@ -27,7 +29,8 @@ from ctypes import (
 from typing import Any
 
 from ..errors import StepError
-from .instance import Point, StepStatus
+from .instance import Array, Point, StepStatus
+from .intermediate import Intermediate, Watcher
 from .running import MOST_ITERATIONS, CompiledInstance, NativeCalls
 from .variable import Value, Variable
 
@@ -55,6 +58,7 @@ class Fmi3Instance(CompiledInstance):
     _EXIT, _TERMINATE, _FREE = "fmi3ExitInitializationMode", "fmi3Terminate", "fmi3FreeInstance"
     _INSTANTIATE = "fmi3InstantiateCoSimulation"
     _stepping = False
+    _intermediate: Intermediate | None = None
 
     def _instantiate(self) -> None:
         def log(environment: Any, status: int, category: Any, message: Any) -> None:
@@ -68,9 +72,51 @@ class Fmi3Instance(CompiledInstance):
         self._component = self._slave.component
         self._find_functions()
 
-    def _modes(self) -> dict[str, bool]:
-        wanted = self.handling.event_mode
-        return {"eventModeUsed": wanted, "earlyReturnAllowed": wanted}
+    def _modes(self) -> dict[str, Any]:
+        wanted, able = self.handling.event_mode, self.description.capabilities
+        modes = {"eventModeUsed": wanted, "earlyReturnAllowed": wanted}
+        if able.intermediate_update:
+            self._intermediate = Intermediate(self)
+            ports = (*self.description.inputs, *self.description.outputs)
+            references = dict.fromkeys(v.reference for v in ports if v.intermediate and v.kind.numeric)
+            modes |= {
+                "earlyReturnAllowed": wanted or able.return_on_request,
+                "intermediateUpdate": self._intermediate.update,
+                "requiredIntermediateVariables": list(references),
+            }
+        return modes
+
+    def bind(self, inputs: Sequence[str], u: Array, outputs: Sequence[str], y: Array) -> None:
+        """See FmuInstance.bind."""
+        super().bind(inputs, u, outputs, y)
+        self._u = u
+        if self._intermediate is not None:
+            self._intermediate.bind(inputs, outputs, self._blocks)
+
+    def watch(self, watcher: Watcher | None) -> None:
+        """Have the bound outputs shown at the points within a step at which the FMU lets them be got.
+
+        What the watcher raises ends the step, early where the FMU can, and is raised by `do_step`.
+
+        Args:
+            watcher: called with the time [s] and the outputs, shape (outputs,), NaN where the FMU does not
+                declare that they can be got within a step; None: no more.
+        Raises: FmuError if the FMU does not provide intermediate update.
+        """
+        self._need("intermediate_update", "providesIntermediateUpdate")
+        assert self._intermediate is not None
+        self._intermediate.watcher = watcher
+
+    def write_input_derivatives(self, order: int, values: Array) -> None:
+        """See FmuInstance.write_input_derivatives."""
+        self._need("intermediate_update", "providesIntermediateUpdate")
+        assert self._intermediate is not None
+        self._intermediate.follow(order, self._u, values)
+
+    def _complete_arrays(self) -> None:
+        super()._complete_arrays()
+        for block in self._intermediate.blocks if self._intermediate is not None else ():
+            self._refill(block)
 
     def _find_functions(self) -> None:
         self._handle = c_void_p(self._component)
@@ -101,6 +147,8 @@ class Fmi3Instance(CompiledInstance):
 
     def write_inputs(self) -> None:
         """See FmuInstance.write_inputs; discrete inputs may change in event mode only."""
+        if self._intermediate is not None:
+            self._intermediate.hold()
         with self._event_mode():
             super().write_inputs()
 
@@ -126,8 +174,13 @@ class Fmi3Instance(CompiledInstance):
         time, length = point.time, point.step_size
         end = point.time + point.step_size
         worst = StepStatus.OK
+        between = self._intermediate
+        if between is not None:
+            between.begin(time)
         for _ in range(_MOST_RETURNS):
             status = self._do_step(self._handle, time, length, self._saved_states == 0, *self._returned)
+            if between is not None:
+                between.raise_failure()
             judged = self._judge(status)
             if judged > StepStatus.WARNING:
                 return judged
@@ -164,7 +217,8 @@ class Fmi3Instance(CompiledInstance):
 
     def native_calls(self) -> NativeCalls | None:
         """See CompiledInstance.native_calls."""
-        if self.handling.event_mode or not self._moves_plainly():
+        watched = self._intermediate is not None and self._intermediate.watcher is not None
+        if self.handling.event_mode or watched or not self._moves_plainly():
             return None
         event, terminate, early, reached = (one.value or 0 for one in self._returned)
         return NativeCalls(

@@ -113,7 +113,7 @@ class FmuInstance(Protocol):
     def write_input_derivatives(self, order: int, values: Array) -> None:
         """Send time derivatives of the bound inputs, of an order from 1, shape (inputs,), before `do_step`.
 
-        Only where the FMU interpolates its inputs; values of inputs that are no real numbers are left out.
+        Only where description.followed names inputs; values of the others are left out.
         """
 
     def output_derivatives(self, outputs: Sequence[str], inputs: Sequence[str]) -> Array:

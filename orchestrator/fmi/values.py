@@ -77,10 +77,13 @@ class Values(ABC):
     def _complete_arrays(self) -> None:
         """Elements of input arrays that are fed by nothing keep their start values."""
         for block in self._inputs:
-            if block.refill is not None:
-                status = block.refill()
-                if status > 1:
-                    self._fail(block.name.replace("Set", "Get"), status)
+            self._refill(block)
+
+    def _refill(self, block: Block) -> None:
+        if block.refill is not None:
+            status = block.refill()
+            if status > 1:
+                self._fail(block.name.replace("Set", "Get"), status)
 
     def write_inputs(self) -> None:
         """Send the bound inputs to the FMU."""

@@ -79,6 +79,7 @@ class Variable:
         shape: dimensions of an array that is kept whole, () for a scalar and for an element of an array.
         element: place of an element in its array, row by row from 0; elements: length of that array.
         negated: whether the value is the negative of what the reference stands for (FMI 1.0's negatedAlias).
+        intermediate: whether it may be set or got within a step (FMI 3.0's intermediateUpdate).
     """
 
     name: str
@@ -101,6 +102,7 @@ class Variable:
     element: int = 0
     elements: int = 1
     negated: bool = False
+    intermediate: bool = False
 
     @property
     def settable(self) -> bool:
