@@ -293,20 +293,6 @@ def test_an_interrupted_run_keeps_its_results(config, tmp_path):
     assert loads_strictly(out / "summary.json")["error"]["kind"] == "Interrupted"
 
 
-def test_importing_the_package_loads_nothing_heavy():
-    code = (
-        "import sys, orchestrator, orchestrator.run, orchestrator.__main__;"
-        "print([m for m in ('matplotlib', 'scipy', 'pyarrow', 'tqdm', 'control') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-    done = subprocess.run(
-        [sys.executable, "-c", "import sys, orchestrator; print('numpy' in sys.modules)"],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    assert done.stdout.strip() == "False"
-
-
 def test_several_systems_are_run_and_compared(tmp_path):
     from orchestrator.__main__ import main
 
