@@ -16,7 +16,7 @@ from orchestrator.fmi import load_fmu
 from orchestrator.system import System
 from orchestrator.translate.package import write_fmu
 
-__all__ = ["CASES", "STEP_SIZE", "Case", "Plant", "build"]
+__all__ = ["CASES", "STEP_SIZE", "Case", "Plant", "build", "ring"]
 
 HERE = Path(__file__).parent
 STEP_SIZE = 1e-3  # [s]
@@ -49,7 +49,7 @@ class Case:
         ]
 
 
-def _ring(slaves: int, ports: int) -> tuple[int, ...]:
+def ring(slaves: int, ports: int) -> tuple[int, ...]:
     """Each slave is fed by the one before it, port by port, shifted by one so that all ports mix."""
     return tuple(
         (slave - 1) % slaves * ports + (port + 1) % ports for slave in range(slaves) for port in range(ports)
@@ -58,7 +58,7 @@ def _ring(slaves: int, ports: int) -> tuple[int, ...]:
 
 CASES = (
     Case("(a) chain of 2 feed-through FMUs, 8 ports each", 2, 8, False, (-1,) * 8 + tuple(range(8))),
-    Case("(b) closed loop of 4 FMUs, 4 ports each", 4, 4, True, _ring(4, 4)),
+    Case("(b) closed loop of 4 FMUs, 4 ports each", 4, 4, True, ring(4, 4)),
 )
 
 
