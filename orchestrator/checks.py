@@ -170,7 +170,9 @@ def _real(label: str, variable: Variable, value: Scalar, place: str) -> float | 
     if variable.unit is None:
         return _unknown_unit(label, variable, value, place)
     try:
-        return quantity_in(value, variable.unit, variable.display_units)
+        # The unit's own name, too, is the FMU's to define: "dimensionless", "radian".
+        own = {variable.unit_name: variable.unit} if variable.unit_name else {}
+        return quantity_in(value, variable.unit, {**own, **variable.display_units})
     except UnitError as error:
         allowed = f"its unit is {variable.unit_name}"
         if variable.display_units:
