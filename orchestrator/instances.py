@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
@@ -46,6 +47,7 @@ class Instances:
         system, layout: what runs, and where its signals stand.
         running: the instances in the config's order.
         started: how many of them have left initialisation mode.
+        terminated: whether all were told that the run went well.
         texts: String outputs as they stand.
         memory: what a master keeps from one step to the next, so that one master serves several runs.
     """
@@ -66,6 +68,8 @@ class Instances:
             (inputs.source, u, inputs.gain, inputs.offset)
             for inputs, u in zip(layout.inputs, self._u, strict=True)
         ]
+        self.terminated = False
+        self._complaints: dict[str, str] = {}
         self._elapsed = [0] * len(system.instances)
         self._slopes: dict[int, list[Array]] = {}
         self._direct: dict[int, NDArray[np.bool_]] = {}
@@ -268,9 +272,13 @@ class Instances:
         return self.signals(start_time)
 
     def terminate(self) -> None:
-        """End a run that went well."""
+        """End a run that went well; an FMU that fails at that changes no result, and is told as a warning."""
+        self.terminated = True
         for one in self.running:
-            one.terminate()
+            try:
+                one.terminate()
+            except StepError as error:
+                self._complaints[one.name] = f"[{error.status}] {error.what}"
 
     def warnings(self) -> dict[str, list[str]]:
         """What each instance logged beyond mere information; instances that did not are left out."""
@@ -278,6 +286,8 @@ class Instances:
             one.name: [line for line in one.log_lines() if not line.startswith("[ok]")]
             for one in self.running
         }
+        for name, line in self._complaints.items():
+            told[name].append(line)
         return {name: lines for name, lines in told.items() if lines}
 
     def elapsed(self) -> dict[str, float]:
@@ -343,14 +353,17 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
     Raises: FmuError if an FMU cannot be loaded.
     """
     instances = Instances(system, layout or Layout.of(system))
+    directory = _directory()
     failed: str | None = None
     finished = False
     try:
         for instance in system.instances:
             instances.running.append(instance.fmu.instantiate(instance.name))
+            _return_to(directory)
         yield instances
         finished = True
-        instances.terminate()
+        if not instances.terminated:
+            instances.terminate()
     except StepError as error:
         failed = error.instance
         raise
@@ -361,3 +374,17 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
                     one.terminate()
             with suppress(OrchestratorError):
                 one.free()
+        _return_to(directory)
+
+
+def _directory() -> str | None:
+    try:
+        return os.getcwd()
+    except FileNotFoundError:  # it was removed
+        return None
+
+
+def _return_to(directory: str | None) -> None:
+    """FMUs are met that change the working directory, on which everybody's relative paths depend."""
+    if directory is not None and _directory() != directory:
+        os.chdir(directory)

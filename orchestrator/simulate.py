@@ -95,6 +95,15 @@ class Grid:
         """The last instant [s]."""
         return self.start + self.steps * self.step_size
 
+    @property
+    def latest(self) -> float:
+        """The last instant as FMUs add it up: the last step's begin plus its size, if beyond `stop` [s].
+
+        It may be so by a rounding, and FMUs are met that refuse to go beyond the stop time they are told.
+        """
+        begin = float(self.start + (self.steps - 1) * self.step_size)
+        return max(float(self.stop), begin + float(self.step_size))
+
     def __len__(self) -> int:
         return self.steps + 1
 
@@ -200,11 +209,12 @@ def simulate(
     with _held_interrupts() as stop, instantiate(system, Layout.of(system)) as instances:
         try:
             report.loop = choose_loop(loop, instances, master, grid.steps)
-            signals = instances.initialise(float(grid.start), float(grid.stop))
+            signals = instances.initialise(float(grid.start), grid.latest)
             if report.loop == "native":
                 _loop_natively(instances, master, grid, observers, stop)
             else:
                 _loop(instances, master, grid, observers, stop, signals)
+            instances.terminate()
         finally:
             report.instance_time, report.log = instances.elapsed(), instances.warnings()
 

@@ -7,7 +7,7 @@ import sys
 import zipfile
 from functools import lru_cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory, mkdtemp
 
 import fmpy
 
@@ -71,3 +71,60 @@ WITHIN = 'providesIntermediateUpdate="true" canReturnEarlyAfterIntermediateUpdat
 def within(path: Path, capabilities: str = WITHIN) -> Path:
     """The FMU of within.c."""
     return pack(path, "within.c", 3, "Within", document("within").replace("CAPABILITIES", capabilities))
+
+
+@lru_cache
+def _quirky_libraries(helped: bool) -> tuple[bytes, bytes]:
+    """The library of quirks.c and, where it is `helped`, the one it needs."""
+    with TemporaryDirectory() as folder:
+        suffix = fmpy.sharedLibraryExtension
+        library, helper = Path(folder, f"Quirks{suffix}"), Path(folder, f"libhelper{suffix}")
+        command = [
+            sys.executable,
+            "-m",
+            "ziglang",
+            "cc",
+            "-shared",
+            "-fPIC",
+            "-O1",
+            "-fno-sanitize=all",
+            "-w",
+        ]
+        sources = [str(SOURCES / "quirks.c")]
+        if helped:
+            soname = ["-Wl,-soname,libhelper.so"] if sys.platform == "linux" else []
+            make = [*command, *soname, "-o", str(helper), str(SOURCES / "helper.c")]
+            subprocess.run(make, check=True, capture_output=True)
+            sources += ["-DNEEDS_HELPER", f"-L{folder}", "-lhelper"]
+        subprocess.run([*command, "-o", str(library), *sources], check=True, capture_output=True)
+        return library.read_bytes(), helper.read_bytes() if helped else b""
+
+
+def quirks(
+    path: Path,
+    habit: str = "",
+    *,
+    encoding: str = "utf-8",
+    declared: str | None = None,
+    helped: bool = False,
+    resources: bool = False,
+) -> Path:
+    """The FMU of quirks.c with a habit.
+
+    Args:
+        encoding: of the model description; declared: what its first line says of it, nothing if empty.
+        helped: whether its library needs another one that stands beside it.
+        resources: whether it has any.
+    """
+    library, helper = _quirky_libraries(helped)
+    said = encoding if declared is None else declared
+    line = f'<?xml version="1.0" encoding="{said}"?>\n' if said else ""
+    xml = line + document("quirks").replace("GUID", habit)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", xml.encode(encoding))
+        archive.writestr(f"binaries/{fmpy.platform}/Quirks{fmpy.sharedLibraryExtension}", library)
+        if helped:
+            archive.writestr(f"binaries/{fmpy.platform}/libhelper{fmpy.sharedLibraryExtension}", helper)
+        if resources:
+            archive.writestr("resources/table.txt", "17\n")
+    return path

@@ -385,3 +385,18 @@ def test_kinds_survive_the_splitting_of_arrays(tmp_path):
     variables = load_fmu(foreign.arrays(tmp_path / "A.fmu")).description.variables
     assert variables["y[1]"].kind is Kind.REAL and variables["y[1]"].shape == ()
     assert (variables["gain[2,3]"].element, variables["gain[2,3]"].elements) == (5, 6)
+
+
+@pytest.mark.parametrize("loop", ["auto", "native"])
+def test_model_exchange_is_left_to_the_python_loop(loop, ball):
+    config = {
+        "run": {"master": "jacobi", "step_size": "0.5 ms", "stop_time": "0.4 s", "loop": loop},
+        "instances": {"ball": {"fmu": str(ball), "start": {"u": -GRAVITY}, "tolerance": TOLERANCE}},
+    }
+    if loop == "native":
+        with pytest.raises(ConfigError, match="instance ball is stepped by Python code"):
+            run(config, halving=False)
+    else:
+        import orchestrator.native.kernel  # noqa: F401 (once it is there, auto takes the native loop at once)
+
+        assert run(config, halving=False).summary["run"]["loop"] == "python"

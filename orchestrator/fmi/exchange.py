@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import FmuError, StepError
 from .instance import Array, Point, StepStatus
-from .running import CompiledInstance
+from .running import CompiledInstance, NativeCalls
 from .solver import Integrator, Model
 from .variable import Value
 
@@ -140,6 +140,10 @@ class Exchange(CompiledInstance):
         self._sent = self._u.copy()
 
     # Steps.
+
+    def native_calls(self) -> NativeCalls | None:
+        """See CompiledInstance.native_calls; integration is Python's."""
+        return None
 
     def do_step(self, point: Point) -> StepStatus:
         """See FmuInstance.do_step."""

@@ -8,7 +8,7 @@ import os
 import re
 import typing
 from collections import deque
-from ctypes import POINTER, byref, c_char_p, c_int, c_uint8, cast, memmove, sizeof
+from ctypes import CDLL, POINTER, byref, c_char_p, c_int, c_uint8, cast, memmove, sizeof
 from pathlib import Path
 from types import UnionType
 from typing import Any
@@ -59,7 +59,7 @@ class LogBook:
         book = cls._open.get(environment or 0)
         if book is None:  # some FMUs hand back no environment: go by the instance's name
             wanted = (name or b"").decode("utf-8", errors="replace")
-            book = next((other for other in cls._open.values() if other.name == wanted), None)
+            book = next((one for one in reversed(cls._open.values()) if one.name == wanted), None)
         if book is not None:
             book.add(status, message)
 
@@ -225,15 +225,41 @@ def load_library(path: Path, folder: Path, description: ModelDescription, name: 
     identifier = description.model_identifier
     # fmpy changes the working directory while it loads, and does not come back from a failure.
     directory = os.getcwd()
-    try:
-        return kind(
-            guid=description.token, modelIdentifier=identifier, unzipDirectory=str(folder), instanceName=name
-        )
-    except Exception as error:
-        message = _loading_message(path, identifier, str(error.__cause__ or error))
-        raise FmuError(message) from error
-    finally:
-        os.chdir(directory)
+    tried: set[Path] = set()
+    while True:
+        try:
+            return kind(
+                guid=description.token,
+                modelIdentifier=identifier,
+                unzipDirectory=str(folder),
+                instanceName=name,
+            )
+        except Exception as error:
+            reason = str(error.__cause__ or error)
+            if not _load_neighbour(folder, reason, tried):
+                raise FmuError(_loading_message(path, identifier, reason)) from error
+        finally:
+            os.chdir(directory)
+
+
+def _load_neighbour(folder: Path, reason: str, tried: set[Path]) -> bool:
+    """Load a library that another one needs, if it stands beside it in the FMU; whether it was loaded.
+
+    Linux looks there only if the library says so, which exporters forget; Windows looks there anyway. Once
+    loaded it is found by its name, whoever needs it.
+    """
+    missing = re.search(r"([^\s:/]+): cannot open shared object file", reason)
+    found = [] if missing is None else sorted(folder.glob(f"binaries/*/{missing[1]}"))
+    if not found or found[0] in tried:
+        return False
+    tried.add(found[0])
+    while True:
+        try:
+            CDLL(str(found[0]))
+            return True
+        except OSError as error:
+            if not _load_neighbour(folder, str(error), tried):
+                return False
 
 
 def _loading_message(path: Path, identifier: str, reason: str) -> str:

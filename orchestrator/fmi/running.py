@@ -211,9 +211,9 @@ class CompiledInstance(Values):
 
     def terminate(self) -> None:
         """End a run that went well."""
-        if self._unpacked.corrupt:
-            return
-        self._call(self._TERMINATE)
+        # Some FMUs have nothing to end, and no function for it.
+        if not self._unpacked.corrupt and self._TERMINATE in self._slave._functions:
+            self._call(self._TERMINATE)
 
     def free(self) -> None:
         """Release the instance, its library and, after the last instance, the unpacked files."""
@@ -222,7 +222,7 @@ class CompiledInstance(Values):
         self._freed = True
         try:
             if not self._unpacked.corrupt:
-                if self._component is not None:
+                if self._component is not None and self._FREE in self._slave._functions:
                     self._function(self._FREE)(self._component)
                 if self._slave is not None:
                     self._slave.freeLibrary()

@@ -1,0 +1,193 @@
+"""Habits of exporters, each imitated by quirks.c: what threads about their FMUs tell.
+
+A strict end of time: 20-sim and MapleSim (modelica/fmi-cross-check, thread 64). A stop time that is read
+whether or not it is defined: EnergyPlus (lbl-srg/EnergyPlusToFMU, 10). No folder of resources:
+Simulink (CATIA-Systems/FMU-Standalone-App, 1). A crash when a run ends: OpenModelica with CVODE (16319).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import foreign
+import numpy as np
+import pytest
+from archives import repack
+
+from orchestrator.errors import FmuError, StepError
+from orchestrator.fmi import Kind, Point, load_fmu
+from orchestrator.run import prepare, run
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="how Linux looks for libraries")
+
+
+def config(path, step="0.1 s", stop="0.6 s", **instance):
+    start = {"u": 1, "level": "low", "Verstärkung": 1, **instance.pop("start", {})}
+    return {
+        "run": {"master": "jacobi", "step_size": step, "stop_time": stop, "loop": "python"},
+        "instances": {"one": {"fmu": str(path), "start": start, **instance}},
+    }
+
+
+@pytest.fixture
+def quirky(tmp_path):
+    return lambda habit="", **options: foreign.quirks(tmp_path / "an FMU.fmu", habit, **options)
+
+
+def seen(path, **options):
+    made = run(config(path, **options), halving=False)
+    assert made.results["one.y"] == pytest.approx(made.results.time)
+    return int(made.results["one.seen"][-1]), made.summary["run"]["log"]
+
+
+@pytest.mark.parametrize("habit", ["{strict guid}", "bare guid"])
+def test_the_guid_is_handed_over_as_it_is_written(habit, quirky):
+    seen(quirky(habit))
+
+
+def test_a_stop_time_is_told_as_defined(quirky):
+    assert seen(quirky("stop"))[0] == 1
+
+
+@pytest.mark.parametrize(("step", "stop"), [("0.1 s", "0.3 s"), ("0.1 s", "0.8 s"), ("0.7 ms", "2.1 ms")])
+def test_no_step_goes_beyond_the_stop_time_that_was_told(step, stop, quirky):
+    # 0.2 + 0.1 is more than 0.3 by a rounding.
+    seen(quirky("strict stop"), step=step, stop=stop)
+
+
+def test_a_step_that_is_too_long_is_told_with_how_far_it_came(quirky):
+    with pytest.raises(StepError) as caught:
+        run(config(quirky("short steps")), halving=False)
+    assert str(caught.value) == (
+        "one at time 0 s: refused a step of 0.1 s, it came to 0.05 s\n  Take a smaller step size."
+    )
+    assert seen(quirky("short steps"), step="50 ms")[0] == 0
+
+
+@pytest.mark.parametrize("habit", ["resources", "naive resources"])
+def test_resources_are_found_from_a_path_with_spaces(habit, quirky):
+    assert seen(quirky(habit, resources=True))[0] == 17
+
+
+def test_resources_are_found_where_temporary_files_have_spaces_and_umlauts(quirky, tmp_path, monkeypatch):
+    folder = tmp_path / "temporäre Dateien"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    assert seen(quirky("resources", resources=True))[0] == 17
+    assert list(folder.iterdir()) == []
+
+
+def test_the_folder_of_resources_is_there_without_any(quirky):
+    instance = load_fmu(quirky()).instantiate("one")
+    assert (Path(instance._slave.unzipDirectory) / "resources").is_dir()
+    instance.free()
+
+
+def test_an_fmu_that_changes_the_working_directory_moves_no_results(quirky, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    quirky("changes directory")
+    run(config("an FMU.fmu"), out="out")
+    assert os.getcwd() == str(tmp_path)
+    assert {"results.csv", "summary.json"} <= {one.name for one in (tmp_path / "out").iterdir()}
+
+
+def test_relative_paths_hold_for_instances_made_after_such_an_fmu(quirky, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    quirky("changes directory")
+    foreign.quirks(tmp_path / "other.fmu")
+    both = config("an FMU.fmu")
+    both["instances"]["two"] = config("other.fmu")["instances"]["one"]
+    results = run(both, halving=False).results
+    assert results["two.y"].tolist() == results["one.y"].tolist()
+
+
+@linux
+def test_a_library_that_stands_beside_the_one_that_needs_it_is_found(quirky):
+    assert seen(quirky(helped=True))[0] == 42
+    assert seen(quirky(helped=True), isolate="process")[0] == 42
+
+
+@linux
+def test_a_library_that_is_nowhere_is_told(quirky, tmp_path):
+    path = repack(
+        quirky(helped=True),
+        tmp_path / "X.fmu",
+        lambda name, data: (name.replace("libhelper", "libother"), data),
+    )
+    # Another name than above: what a process has loaded once it finds again.
+    path = repack(
+        path,
+        tmp_path / "Y.fmu",
+        lambda name, data: (name, data.replace(b"libhelper.so", b"libabsent.so")),
+    )
+    with pytest.raises(FmuError) as caught:
+        load_fmu(path).instantiate("one")
+    assert str(caught.value) == (
+        f"{path}: needs the library libabsent.so, which is not installed\n  Install it."
+    )
+
+
+def test_log_messages_with_arguments_are_written_out(quirky):
+    instance = load_fmu(quirky("talks")).instantiate("one")
+    instance.enter_initialisation(0.0, {})
+    instance.exit_initialisation()
+    instance.do_step(Point(0, 0.25, 0.1))
+    lines = instance.log_lines()
+    assert lines[0] == "[ok] at 0.25 s: 3 of four,  75.0% done"
+    assert lines[1] == "[warning] no environment, no category"
+    assert set(lines[2].removeprefix("[ok] ")) == {"x"}  # a long one may be cut, and harms nothing
+    instance.free()
+
+
+def test_warnings_of_every_call_are_no_errors(quirky):
+    assert seen(quirky("warns"))[0] == 0
+
+
+def test_an_error_at_the_end_changes_no_result_and_is_told(quirky):
+    assert seen(quirky("fails at the end"))[1] == {"one": ["[error] fmi2Terminate returned error"]}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
+def test_a_crash_at_the_end_changes_no_result_if_it_is_isolated(quirky):
+    log = seen(quirky("dies at the end"), isolate="process")[1]
+    assert log["one"][-1] == "[crashed] its process died in terminate: SIGABRT (Aborted)"
+
+
+ENCODINGS = {
+    "utf-8": ("utf-8", "UTF-8"),
+    "a byte order mark": ("utf-8-sig", "utf-8"),
+    "a byte order mark and no declaration": ("utf-8-sig", ""),
+    "utf-16": ("utf-16", "UTF-16"),
+    "Latin 1": ("iso-8859-1", "ISO-8859-1"),
+    "Windows": ("cp1252", "windows-1252"),
+    "no declaration": ("utf-8", ""),
+}
+
+
+@pytest.mark.parametrize("name", ENCODINGS)
+def test_model_descriptions_in_any_encoding(name, quirky):
+    encoding, declared = ENCODINGS[name]
+    path = quirky(encoding=encoding, declared=declared)
+    level = load_fmu(path).description.variables["level"]
+    assert level.kind is Kind.ENUMERATION and level.items == {"low": -1, "höher": 5}
+    made = run(config(path, start={"Verstärkung": 2, "level": "höher"}), halving=False)
+    assert made.results["one.y"] == pytest.approx(2.0 * made.results.time)
+
+
+def test_variables_without_start_values_are_told_and_run(quirky):
+    path = quirky()
+    assert load_fmu(path).description.variables["u"].start is None
+    notes = prepare(config(path)).system.notes
+    assert len(notes) == 1 and "breaks a rule of FMI" in notes[0]
+    assert np.isfinite(run(config(path), halving=False).results["one.y"]).all()
+
+
+def test_optional_functions_may_be_missing(quirky):
+    instance = load_fmu(quirky()).instantiate("one")
+    absent = {"fmi2GetTypesPlatform", "fmi2SetDebugLogging", "fmi2Reset", "fmi2GetString", "fmi2GetStatus"}
+    assert not absent & set(instance._slave._functions)
+    instance.free()
+    seen(quirky())
