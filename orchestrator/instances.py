@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
+from math import ulp
 from time import perf_counter_ns
 from typing import Any, NamedTuple
 
@@ -261,7 +262,10 @@ class Instances:
                 self.layout.outputs[index],
                 self._values[self.layout.spans[index]],
             )
-            one.enter_initialisation(start_time, instance.start, stop_time)
+            stop = stop_time
+            if stop is not None and instance.ratio != 1:  # the ends of own steps are rounded once more
+                stop += 2.0 * ulp(stop)
+            one.enter_initialisation(start_time, instance.start, stop)
         settle(self.system, self.running, start_time, self._check_initial)
         for one in self.running:
             one.exit_initialisation()

@@ -58,6 +58,14 @@ def test_no_step_goes_beyond_the_stop_time_that_was_told(step, stop, quirky):
     seen(quirky("strict stop"), step=step, stop=stop)
 
 
+@pytest.mark.parametrize("own", ["0.1 ms", "4.9 ms"])
+def test_no_step_of_its_own_goes_beyond_it_either(own, quirky):
+    path = quirky("strict stop")
+    for count in range(7, 70, 7):
+        made = run(config(path, step="0.7 ms", stop=f"{0.7 * count:.1f} ms", step_size=own), halving=False)
+        assert made.results["one.y"][-1] == pytest.approx(made.results.time[-1])
+
+
 def test_a_step_that_is_too_long_is_told_with_how_far_it_came(quirky):
     with pytest.raises(StepError) as caught:
         run(config(quirky("short steps")), halving=False)
@@ -191,3 +199,32 @@ def test_optional_functions_may_be_missing(quirky):
     assert not absent & set(instance._slave._functions)
     instance.free()
     seen(quirky())
+
+
+def test_an_fmu_that_fails_at_the_end_is_freed(quirky):
+    instance = load_fmu(quirky("fails at the end")).instantiate("one")
+    instance.enter_initialisation(0.0, {})
+    instance.exit_initialisation()
+    with pytest.raises(StepError, match="fmi2Terminate returned error"):
+        instance.terminate()
+    free, freed = instance._slave._functions["fmi2FreeInstance"], []
+    instance._slave._functions["fmi2FreeInstance"] = lambda component: freed.append(free(component))
+    instance.free()
+    assert len(freed) == 1
+
+
+def test_functions_that_end_things_may_be_missing(quirky):
+    def rename(name, data):
+        return name, data.replace(b"fmi2Terminate\0", b"fmi2Terminatx\0").replace(
+            b"fmi2FreeInstance\0", b"fmi2FreeInstanxe\0"
+        )
+
+    path = quirky()
+    renamed = repack(path, path.with_name("X.fmu"), rename)
+    instance = load_fmu(renamed).instantiate("one")
+    instance.enter_initialisation(0.0, {})
+    instance.exit_initialisation()
+    if "fmi2Terminate" in instance._slave._functions:
+        pytest.skip("names of functions are hashed here, which finds them under their old names alone")
+    instance.terminate()
+    instance.free()

