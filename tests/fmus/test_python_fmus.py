@@ -168,8 +168,9 @@ sys.modules["filterpy"] = None
 log = []
 try:
     conftest.Instance(fmpy.read_model_description(sys.argv[1]), sys.argv[2], "controller", log)
-finally:
-    print(log[-1][1])
+except Exception:
+    print(log[-1][1], flush=True)
+    os._exit(1)  # past pythonfmu's fault at exit, of which FMPy does not know
 """,
         path,
         tmp_path,
@@ -182,7 +183,7 @@ finally:
 
 
 def _run(program: str, *paths: Path) -> subprocess.CompletedProcess[str]:
-    head = f"import atexit, sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import conftest, fmpy\n"
+    head = f"import atexit, os, sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import conftest, fmpy\n"
     command = [sys.executable, "-c", head + program, *map(str, paths)]
     return subprocess.run(command, capture_output=True, text=True)
 
