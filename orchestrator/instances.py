@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from .errors import OrchestratorError, StepError
 from .fmi import Array, FmuInstance, Point, StepStatus
+from .fmi.directory import return_to, working_directory
 from .initialisation import settle
 from .signals import Layout, Signals
 from .system import Port, System
@@ -357,13 +357,13 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
     Raises: FmuError if an FMU cannot be loaded.
     """
     instances = Instances(system, layout or Layout.of(system))
-    directory = _directory()
+    directory = working_directory()
     failed: str | None = None
     finished = False
     try:
         for instance in system.instances:
             instances.running.append(instance.fmu.instantiate(instance.name))
-            _return_to(directory)
+            return_to(directory)
         yield instances
         finished = True
         if not instances.terminated:
@@ -378,17 +378,4 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
                     one.terminate()
             with suppress(OrchestratorError):
                 one.free()
-        _return_to(directory)
-
-
-def _directory() -> str | None:
-    try:
-        return os.getcwd()
-    except FileNotFoundError:  # it was removed
-        return None
-
-
-def _return_to(directory: str | None) -> None:
-    """FMUs are met that change the working directory, on which everybody's relative paths depend."""
-    if directory is not None and _directory() != directory:
-        os.chdir(directory)
+        return_to(directory)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import itertools
-import os
 import re
 import typing
 from collections import deque
@@ -17,6 +16,7 @@ from fmpy import fmi1, fmi2, fmi3
 
 from ..errors import FmuError
 from .description import ModelDescription
+from .directory import return_to, working_directory
 from .handling import Interface
 
 __all__ = ["LogBook", "load_library", "release_python_state"]
@@ -224,7 +224,7 @@ def load_library(path: Path, folder: Path, description: ModelDescription, name: 
     kind = _LIBRARIES[description.fmi_version[0]][exchange]
     identifier = description.model_identifier
     # fmpy changes the working directory while it loads, and does not come back from a failure.
-    directory = os.getcwd()
+    directory = working_directory()
     tried: set[Path] = set()
     while True:
         try:
@@ -239,7 +239,7 @@ def load_library(path: Path, folder: Path, description: ModelDescription, name: 
             if not _load_neighbour(folder, reason, tried):
                 raise FmuError(_loading_message(path, identifier, reason)) from error
         finally:
-            os.chdir(directory)
+            return_to(directory)
 
 
 def _load_neighbour(folder: Path, reason: str, tried: set[Path]) -> bool:

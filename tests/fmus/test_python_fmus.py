@@ -183,7 +183,9 @@ except Exception:
 
 
 def _run(program: str, *paths: Path) -> subprocess.CompletedProcess[str]:
-    head = f"import atexit, os, sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import conftest, fmpy\n"
+    head = (
+        f"import atexit, os, sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import conftest, fmpy\n"
+    )
     command = [sys.executable, "-c", head + program, *map(str, paths)]
     return subprocess.run(command, capture_output=True, text=True)
 
