@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections.abc import Sequence
 from html import escape
@@ -22,6 +21,7 @@ from .package import (
     write_fmu,
 )
 from .python_fmu import described_model
+from .shared_source import assembled
 
 __all__ = ["build_native_fmu"]
 
@@ -115,7 +115,7 @@ def _documentation(root: Any, script: Path) -> bytes:
             variable.get("description"),
         )
         rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-    source = re.sub(r"\r\n", "\n", script.read_text(encoding="utf-8"))
+    source = assembled(script)
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title></head><body>\n'
         f"<h1>{title}</h1>\n<p>{about}</p>\n<p>Native form: C generated from the Python source below; no "

@@ -1,7 +1,8 @@
 """Python model -> FMI 2.0 co-simulation FMU: pythonfmu's builder, then completed and made reproducible.
 
 A model is one Python file with one subclass of pythonfmu's Fmi2Slave, declared `class Name(Fmi2Slave):` (the
-FMU's loader looks for exactly that). Beyond what pythonfmu reads, an instance of it may carry
+FMU's loader looks for exactly that); what it imports from shared/ is put before it (see shared_source).
+Beyond what pythonfmu reads, an instance of it may carry
 
 - `type_attributes`: variable -> attributes of its FMI type element (unit, displayUnit, quantity, min, max);
 - `enumerations`: variable -> (type name, value by item name), for a variable registered as an Integer;
@@ -27,6 +28,7 @@ from typing import Any
 
 from orchestrator.errors import BuildError, listed
 from orchestrator.translate.package import write_fmu
+from orchestrator.translate.shared_source import assembled
 from orchestrator.units import BASE_NAMES, Unit, UnitError, parse_unit
 
 try:
@@ -119,7 +121,7 @@ _GUARDED = (
 
 
 def build_python_fmu(script: Path, output: Path) -> Path:
-    """Build the FMU of a Python model; its bytes depend on the script and on pythonfmu's version alone.
+    """Build the FMU of a Python model; its bytes depend on its sources and on pythonfmu's version alone.
 
     Args:
         script: Python file with one class `class Name(Fmi2Slave):`; Name becomes the model's name.
@@ -151,10 +153,7 @@ def described_model(script: Path) -> tuple[dict[str, bytes], Any, Any]:
         an identifier of its content; an instance of the model.
     Raises: BuildError as `build_python_fmu`.
     """
-    try:
-        source = script.read_bytes().replace(b"\r\n", b"\n")
-    except OSError as error:
-        raise BuildError(f"{script}: cannot be read: {error.strerror}") from error
+    source = assembled(script).encode("utf-8")
     names = _CLASS.findall(source.decode("utf-8"))
     if len(names) != 1:
         raise BuildError(

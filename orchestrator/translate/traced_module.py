@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import importlib.util
 import inspect
 import math
 import sys
@@ -17,30 +16,33 @@ from typing import Any
 from orchestrator.errors import BuildError
 
 from .explore import Explorer
+from .shared_source import pieces
 from .traced_library import SHADOWS, TracedMath
 
 __all__ = ["instrument", "loaded_copy", "source_line"]
 
 
 def source_line(error: BaseException, script: Path) -> str:
-    """The script's line that an error comes from, as ":12"; "" if none."""
+    """The line that an error comes from: ":12" of the script, ", shared/x.py:12" of a module; "" if none."""
+    labels = {str(piece.path): piece.label for piece in pieces(script)}
     frames = traceback.extract_tb(error.__traceback__)
-    lines = [frame.lineno for frame in frames if frame.filename == str(script)]
-    return f":{lines[-1]}" if lines else ""
+    places = [(frame.filename, frame.lineno) for frame in frames if frame.filename in labels]
+    if not places:
+        return ""
+    file, line = places[-1]
+    return f":{line}" if file == str(script) else f", {labels[file]}:{line}"
 
 
 @contextmanager
 def loaded_copy(script: Path) -> Iterator[ModuleType]:
-    """A copy of the module of its own, in which `math` and some builtins take traced numbers."""
+    """A copy of the model, with what it shares, in which `math` and some builtins take traced numbers."""
     name = f"traced_{script.stem}"
-    spec = importlib.util.spec_from_file_location(name, script)
-    if spec is None or spec.loader is None:
-        raise BuildError(f"{script.name}: cannot be loaded: not a Python file")
-    module = importlib.util.module_from_spec(spec)
+    module = ModuleType(name)
     before, sys.modules[name] = sys.modules.get(name), module
     try:
         try:
-            spec.loader.exec_module(module)
+            for piece in pieces(script):
+                exec(compile(piece.text, str(piece.path), "exec", dont_inherit=True), vars(module))
         except Exception as error:
             raise BuildError(f"{script.name}: cannot be loaded: {type(error).__name__}: {error}") from error
         yield module
