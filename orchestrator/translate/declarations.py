@@ -121,6 +121,13 @@ def _keyword(value: Any) -> str:
     return value if isinstance(value, str) else next(iter(value))
 
 
+def _text(value: str | Sequence[str] | None, index: tuple[int, ...]) -> str:
+    """An attribute's text for one element; a list gives it element by element."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    return value[index[0]]
+
+
 class _VariableReader:
     def __init__(self, flat: Json, expressions: ExpressionReader, place: Callable[[Json], Location]) -> None:
         self._flat = flat
@@ -174,9 +181,9 @@ class _VariableReader:
                     minimum=numbers["min"],
                     maximum=numbers["max"],
                     nominal=numbers["nominal"],
-                    unit=body["unit"] or "",
-                    display_unit=body["display_unit"] or "",
-                    quantity=body["quantity"] or "",
+                    unit=_text(body["unit"], index),
+                    display_unit=_text(body["display_unit"], index),
+                    quantity=_text(body["quantity"], index),
                     description=body["description"] or "",
                     final=bool(self._flat["variable_final_flags"].get(name)),
                     protected=body["is_protected"],

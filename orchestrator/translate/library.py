@@ -33,6 +33,8 @@ LIBRARY: tuple[LibraryFmu, ...] = tuple(
         ("RobotResponse", "DockingHIL/RobotResponse.mo"),
         ("DockingContact", "DockingHIL/DockingContact.mo"),
         ("ForceSensor", "DockingHIL/ForceSensor.mo"),
+        ("JointServos", "DockingHIL/JointServos.mo"),
+        ("CartesianResponse", "DockingHIL/CartesianResponse.mo"),
         ("UncompensatedDocking", "DockingHIL/Examples/UncompensatedDocking.mo"),
     )
     for version in ("2.0", "3.0")

@@ -33,6 +33,7 @@ from .flat import (
 )
 from .flatten import RUMOCA_VERSION, flatten
 from .sources import Location, SourceTree
+from .unit_arrays import keep_unit_arrays
 
 _READ = {"variables", "equations", "assert_equations", "model_description", "variable_final_flags"}
 _EMPTY = {
@@ -72,6 +73,7 @@ def read_model(tree: SourceTree, model: str) -> FlatModel:
     """
     used = audit_sources(tree, model)
     flat, files = flatten(tree, model)
+    keep_unit_arrays(tree, flat, files)
     reader = _FlatReader(tree, flat, files)
     result = reader.model(model, experiment(tree.classes[model]))
     audit_flattened(tree, used, set(reader.delay_places()), reader.assert_places())

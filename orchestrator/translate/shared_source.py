@@ -56,9 +56,7 @@ def assembled(script: Path) -> str:
     return "".join(parts)
 
 
-def _collect(
-    path: Path, label: str, folder: Path, found: dict[Path, Piece], outer: tuple[Path, ...]
-) -> None:
+def _collect(path: Path, label: str, folder: Path, found: dict[Path, Piece], outer: tuple[Path, ...]) -> None:
     try:
         text = path.read_bytes().replace(b"\r\n", b"\n").decode("utf-8")
         tree = ast.parse(text)

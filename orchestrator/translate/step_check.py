@@ -20,7 +20,8 @@ TOLERANCE = 1e-9
 """Largest difference, relative to the largest size that the number has had. Matrix products of numpy round in
 an order of their own; so much may such a difference grow in a few hundred steps."""
 RUNS, STEPS = 6, 500
-# How often an input jumps, by run, and how far, in nominal values: components look at thresholds, and wait.
+# How often an input jumps, by run, and how far from its start value, in nominal values: components look at
+# thresholds, and wait.
 _JUMPS = (0.1, 0.02, 0.005)
 _SIZES = (0.02, 0.3, 1.0)
 _STEP_SIZE = 5e-4
@@ -58,14 +59,15 @@ def check_component(script: Path, cls: Any, program: ComponentProgram, seed: int
             ) from error
         pair.take(program.setup, start, 0.0)
         pair.take(program.initialise, start, 0.0)
-        values = [0.0] * len(pair.u)
+        base = list(pair.u)
+        values = list(base)
         nominal = pair.nominal_inputs(getattr(model, "type_attributes", {}))
         for number in range(STEPS):
             for index in range(len(values)):
                 if source.random() < _JUMPS[run % len(_JUMPS)]:
-                    values[index] = nominal[index] * source.gauss(0.0, source.choice(_SIZES))
+                    values[index] = base[index] + nominal[index] * source.gauss(0.0, source.choice(_SIZES))
                 else:
-                    values[index] += 0.05 * source.gauss(0.0, 1.0) * abs(values[index])
+                    values[index] += 0.05 * source.gauss(0.0, 1.0) * abs(values[index] - base[index])
             pair.set_inputs(values)
             time = start + number * _STEP_SIZE
             failed = False
