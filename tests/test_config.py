@@ -140,7 +140,7 @@ def test_text_that_is_no_yaml(tmp_path):
 def test_missing_config_with_suggestion():
     assert refusal("docking-1").splitlines() == [
         "no config 'docking-1'",
-        "  neither a file nor a bundled system; bundled: docking-1d, docking-1d-uncompensated. "
+        "  neither a file nor a bundled system; bundled: arm-tracking, docking-1d, docking-1d-uncompensated. "
         "Did you mean docking-1d?",
     ]
 
@@ -231,7 +231,7 @@ def test_extends_in_a_circle_or_nothing(tmp_path):
     (tmp_path / "c.yaml").write_text("extends: docking\n")
     assert refusal(tmp_path / "c.yaml").splitlines() == [
         "c.yaml:1: extends: no config 'docking'",
-        f"  no file {tmp_path / 'docking'}; bundled: docking-1d, docking-1d-uncompensated. "
+        f"  no file {tmp_path / 'docking'}; bundled: arm-tracking, docking-1d, docking-1d-uncompensated. "
         "Did you mean docking-1d?",
     ]
 

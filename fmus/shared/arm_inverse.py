@@ -77,11 +77,10 @@ def branch(
     Returns: joints; where the pose cannot be reached, those of the arm stretched or folded towards it.
     """
     backward, low, negative = way
-    x, y, z = wrist
-    shoulder = math.hypot(x, y)
-    theta_1 = math.atan2(y, x) + (math.pi if backward else 0.0)
+    shoulder = math.hypot(wrist[0], wrist[1])
+    theta_1 = math.atan2(wrist[1], wrist[0]) + (math.pi if backward else 0.0)
     forward = (-shoulder if backward else shoulder) - geometry.a_1
-    height = z - geometry.d_1
+    height = wrist[2] - geometry.d_1
     reach = math.hypot(forward, height)
     link = math.hypot(geometry.d_4, geometry.a_3)
     bend = (reach * reach - geometry.a_2 * geometry.a_2 - link * link) / (2.0 * geometry.a_2 * link)
@@ -97,17 +96,13 @@ def branch(
     normal = mix(math.sin(q_2 + q_3), heading, math.cos(q_2 + q_3), up)
     approach = turned(orientation, up)
     across, above = dot(approach, left), dot(approach, normal)
-    half = math.pi if negative else 0.0
     sine = math.hypot(across, above)
-    q_4 = -(math.atan2(across, -above) + half)
+    q_4 = -(math.atan2(across, -above) + (math.pi if negative else 0.0))
     q_5 = math.atan2(-sine if negative else sine, dot(approach, forearm))
-    q_6 = -(
-        math.atan2(
-            dot(turned(orientation, (0.0, 1.0, 0.0)), forearm),
-            -dot(turned(orientation, (1.0, 0.0, 0.0)), forearm),
-        )
-        + half
-    )
+    # From the axis of A5 as A4 turns it, so that the pose is met in the singularity, too.
+    left_4 = mix(math.cos(q_4), left, -math.sin(q_4), normal)
+    x, y = turned(orientation, (1.0, 0.0, 0.0)), turned(orientation, (0.0, 1.0, 0.0))
+    q_6 = -math.atan2(dot(x, left_4), dot(y, left_4))
     angles = (-theta_1, q_2, q_3, q_4, q_5, q_6)
     near = [nearest_turn(angle, reference) for angle, reference in zip(angles, present[1:], strict=True)]
     return Solution((rail, *near), reach, shoulder, math.sin(elbow), sine)

@@ -40,7 +40,7 @@ MARGINS = {
 
 
 def wrong_limits(slave: Any) -> str:
-    """What is wrong with limits and margins, a line for each."""
+    """What is wrong with limits and margins."""
     text = ""
     for name, units in (("joint_lower", "m or rad"), ("joint_upper", "m or rad")):
         text = text + not_finite(name, getattr(slave, name), units)
@@ -63,7 +63,7 @@ def wrong_limits(slave: Any) -> str:
 
 
 def singularities(slave: Any, geometry: Geometry, found: Solution) -> str:
-    """A line if the pose cannot be reached, and one for each singularity that is too near."""
+    """A sentence if the pose cannot be reached, and one for each singularity that is too near."""
     link = math.hypot(geometry.d_4, geometry.a_3)
     low, high = abs(geometry.a_2 - link), geometry.a_2 + link
     reached = (found.reach >= low) & (found.reach <= high)
@@ -91,7 +91,7 @@ def singularities(slave: Any, geometry: Geometry, found: Solution) -> str:
 
 
 def stops(slave: Any, joints: Joints, rates: Joints) -> str:
-    """A line for each joint beyond a stop and each faster than it can be."""
+    """A sentence for each joint beyond a stop and each faster than it can be."""
     text = ""
     for index, axis in enumerate(AXES):
         value, low, high = joints[index], slave.joint_lower[index], slave.joint_upper[index]
@@ -110,7 +110,7 @@ def stops(slave: Any, joints: Joints, rates: Joints) -> str:
 
 
 def jumps(slave: Any, before: Joints, joints: Joints, step_size: float) -> str:
-    """A line for each joint that would have to go further in a step than its rate allows."""
+    """A sentence for each joint that would have to go further in a step than its rate allows."""
     text = ""
     for index, axis in enumerate(AXES):
         way, most = abs(joints[index] - before[index]), slave.joint_rate_limit[index] * step_size

@@ -163,20 +163,20 @@ def frames_of(slave: Any) -> Frames:
 
 
 def problem(right: bool, sentence: str) -> str:
-    """A line of a refusal unless the condition holds; then ""."""
+    """A sentence of a refusal unless the condition holds; then ""."""
     if right:
         return ""
-    return f"\n  {sentence}"
+    return f" {sentence}."
 
 
 def refuse(slave: Any, what: str, problems: str) -> None:
-    """Raise ValueError with all problems, each a line, if there are any."""
+    """Raise ValueError with all problems if there are any."""
     if problems:
         raise ValueError(f"{slave.instance_name}: {what}:{problems}")
 
 
 def not_finite(name: str, value: tuple[float, ...], unit: str) -> str:
-    """A line for each element of an array that is not a finite number."""
+    """A sentence for each element of an array that is not a finite number."""
     text = ""
     for index, one in enumerate(value):
         text = text + problem(
@@ -186,7 +186,7 @@ def not_finite(name: str, value: tuple[float, ...], unit: str) -> str:
 
 
 def no_turn(name: str, value: Quaternion) -> str:
-    """A line unless a quaternion has length one, but for rounding and drift."""
+    """A sentence unless a quaternion has length one, but for rounding and drift."""
     size = length(value)
     return problem(
         abs(size - 1.0) <= ORIENTATION_TOLERANCE,
@@ -196,7 +196,7 @@ def no_turn(name: str, value: Quaternion) -> str:
 
 
 def wrong_frames(slave: Any) -> str:
-    """What is wrong with the parameters that `register_frames` registers, a line for each."""
+    """What is wrong with the parameters that `register_frames` registers."""
     text = ""
     for name in LENGTHS:
         value = getattr(slave, name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import functools
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -21,15 +21,18 @@ from fmpy.fmi2 import (
     fmi2CallbackLoggerTYPE,
 )
 
+from orchestrator.translate.shared_source import assembled
+
 FMUS = Path(__file__).parents[2] / "fmus"
 
 
+@functools.cache
 def load_model(name: str) -> ModuleType:
-    """Import fmus/<name>/model.py under a name of its own: both files are called model."""
-    spec = importlib.util.spec_from_file_location(f"model_{name}", FMUS / name / "model.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
+    """fmus/<name>/model.py with what it shares, as a module of its own: all files are called model."""
+    module = ModuleType(f"model_{name}")
+    sys.modules[module.__name__] = module
+    text = assembled(FMUS / name / "model.py")
+    exec(compile(text, f"<{name}>", "exec", dont_inherit=True), vars(module))
     return module
 
 

@@ -9,8 +9,10 @@ import csv
 from pathlib import Path
 from typing import Any
 
+import golden_arm
+
 FMUS = Path(__file__).parents[2] / "fmus"
-# The step of both references [s].
+# The step of all references [s].
 STEP = 5e-4
 INPUTS = {
     "SatelliteDynamics": ("force",),
@@ -42,7 +44,23 @@ START = {
     "SatelliteDynamics": {"velocity": 0.02},
     "ComplianceController": {"tau_s": 1e-3},
 }
-UNITS = {"force": "N", "measured_force": "N", "velocity": "m/s", "desired_velocity": "m/s"}
+# Other parameters than those of START.
+OTHER = {
+    "SatelliteDynamics": {"mass": 5.0},
+    "ComplianceController": {"sample_period": 1e-3},
+}
+UNITS = {
+    "force": "N",
+    "measured_force": "N",
+    "velocity": "m/s",
+    "desired_velocity": "m/s",
+    "torque": "N.m",
+    **golden_arm.UNITS,
+}
+for _table in ("INPUTS", "OUTPUTS", "START", "OTHER"):
+    globals()[_table].update(getattr(golden_arm, _table))
+# Their outputs follow the inputs of the same instant.
+ALGEBRAIC = tuple(golden_arm.INPUTS)
 
 
 def read(name: str) -> list[dict[str, float]]:
@@ -55,7 +73,10 @@ def read(name: str) -> list[dict[str, float]]:
 
 def write(name: str, rows: list[dict[str, Any]]) -> None:
     """Write a reference; inputs hold at their communication point, outputs are those read there."""
-    units = {"time": "s", **{signal: UNITS.get(signal, "m") for signal in INPUTS[name]}}
+    units = {
+        "time": "s",
+        **{signal: UNITS.get(signal, UNITS.get(signal.split("[")[0], "m")) for signal in INPUTS[name]},
+    }
     units |= {signal: unit for signal, (_, unit) in OUTPUTS[name].items()}
     with (FMUS / name / "reference.csv").open("w", newline="") as stream:
         writer = csv.writer(stream, lineterminator="\n")
@@ -110,14 +131,16 @@ def _controller_inputs(model: Any) -> list[dict[str, float]]:
 
 
 def main() -> None:
-    """Write both references."""
+    """Write all references."""
     from conftest import load_model
 
-    satellite, controller = (load_model(name) for name in INPUTS)
-    model = satellite.SatelliteDynamics(instance_name="golden")
-    write("SatelliteDynamics", replay("SatelliteDynamics", model, _satellite_inputs()))
-    model = controller.ComplianceController(instance_name="golden")
-    write("ComplianceController", replay("ComplianceController", model, _controller_inputs(controller)))
+    controller = load_model("ComplianceController")
+    for name, inputs in (
+        ("SatelliteDynamics", _satellite_inputs()),
+        ("ComplianceController", _controller_inputs(controller)),
+        *((name, golden_arm.inputs(name)) for name in golden_arm.INPUTS),
+    ):
+        write(name, replay(name, getattr(load_model(name), name)(instance_name="golden"), inputs))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import zipfile
 import fmpy
 import golden
 import pytest
-from conftest import FMUS
+from conftest import FMUS, load_model
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
@@ -87,9 +87,41 @@ def controller_inputs(seed: int, steps: int):
         }, golden.STEP  # fmt: skip
 
 
+def arm_inputs(seed: int, steps: int):
+    """A swing in all six directions, random in size, phase and frequency; the joints swing likewise."""
+    source = random.Random(seed)
+    waves = [(source.uniform(0.3, 1.0), source.uniform(5.0, 15.0), source.uniform(-3, 3)) for _ in range(7)]
+    for number in range(steps):
+        t = number * golden.STEP
+        place = [a * math.sin(w * t + p) - a * math.sin(p) for a, w, p in waves]
+        speed = [a * w * math.cos(w * t + p) for a, w, p in waves]
+        yield (place, speed), golden.STEP
+
+
+def inverse_inputs(seed: int, steps: int):
+    """Poses within 40 mm and 0.12 rad of where the arm starts; velocities that need not belong to them."""
+    for (place, speed), step in arm_inputs(seed, steps):
+        half = [0.03 * one for one in place[3:6]]
+        turn = (math.sqrt(1.0 - sum(one * one for one in half)), *half)
+        values = {f"orientation[{i + 1}]": one for i, one in enumerate(turn)}
+        for i in range(3):
+            values[f"position[{i + 1}]"], values[f"velocity[{i + 1}]"] = 0.02 * place[i], 0.02 * speed[i]
+            values[f"angular_velocity[{i + 1}]"] = 0.03 * speed[i + 3]
+        yield values, step
+
+
+def forward_inputs(seed: int, steps: int):
+    """Joints of any size."""
+    for (place, speed), step in arm_inputs(seed, steps):
+        values = {f"joint_position[{i + 1}]": 2.0 * one for i, one in enumerate(place)}
+        yield values | {f"joint_velocity[{i + 1}]": 2.0 * one for i, one in enumerate(speed)}, step
+
+
 @pytest.mark.parametrize(
     ("name", "start"),
     [
+        ("ArmInverse", golden.START["ArmInverse"]),
+        ("ArmForward", golden.START["ArmForward"]),
         ("SatelliteDynamics", {"mass": 123.4, "velocity": 0.02}),
         ("ComplianceController", {"tau_s": 1e-3}),
         ("ComplianceController", {"mode": 2, "lead_filter_time": 0.0, "tau_s": 2e-3, "transfer_delay": 1e-3}),
@@ -97,11 +129,14 @@ def controller_inputs(seed: int, steps: int):
     ],
 )
 @pytest.mark.parametrize("seed", [1, 2])
-def test_forms_agree_over_long_random_input(
-    name, start, seed, instantiate, satellite_model, controller_model
-):
-    module = {"SatelliteDynamics": satellite_model, "ComplianceController": controller_model}[name]
-    inputs = {"SatelliteDynamics": satellite_inputs, "ComplianceController": controller_inputs}[name]
+def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
+    module = load_model(name)
+    inputs = {
+        "SatelliteDynamics": satellite_inputs,
+        "ComplianceController": controller_inputs,
+        "ArmInverse": inverse_inputs,
+        "ArmForward": forward_inputs,
+    }[name]
     native = instantiate(name, "-native").initialise(**start)
     model = getattr(module, name)(instance_name="python")
     python = {variable.name: variable for variable in model.vars.values()}
@@ -118,7 +153,7 @@ def test_forms_agree_over_long_random_input(
         native.set(**values)
         assert model.do_step(time, step)
         native.fmu.doStep(time, step)
-        time = time + step if name == "SatelliteDynamics" else (number + 1) * step
+        time = (number + 1) * step if name == "ComplianceController" else time + step
         for signal, variable in python.items():
             sizes[signal] = max(sizes[signal], abs(float(variable.getter())))
         if number % 5 == 0:
@@ -128,8 +163,10 @@ def test_forms_agree_over_long_random_input(
                 assert difference <= TOLERANCE * sizes[signal], (number, signal, value, variable.getter())
     if name == "ComplianceController":
         assert model.state.updates > 80  # the filter has been at work
-    else:
+    elif name == "SatelliteDynamics":
         assert abs(model.velocity) > 0.03
+    else:
+        assert min(sizes[signal] for signal in golden.OUTPUTS[name]) > 1e-3  # every output has moved
 
 
 def refusal(instance, action) -> list[str]:
@@ -148,6 +185,9 @@ def refusal(instance, action) -> list[str]:
         ("ComplianceController", {"forgetting_factor": 1.0, "release_threshold": 6.0}),
         ("ComplianceController", {"identification_period": 1.1e-3}),
         ("ComplianceController", {"restoration_time": 1.0 / 3.0 * 1e-3}),
+        ("ArmForward", {"a_2": -1.0, "target_orientation[2]": 0.5}),
+        ("ArmInverse", {"position[1]": 5.0}),
+        ("ArmInverse", {"joint_lower[3]": 1.0, "wrist_margin": 0.0}),
     ],
 )
 def test_parameters_are_refused_in_the_same_words(name, start, instantiate):
@@ -308,6 +348,5 @@ def test_a_form_that_does_not_exist_is_refused(fmu):
         load_system(load_config(config))
     assert str(caught.value).splitlines() == [
         f"config: instances.one.form: {fmu!r} comes in one form only, there is no form to choose",
-        "  bundled FMUs in the forms python and native: ComplianceController, SatelliteDynamics. "
-        "Leave form out.",
+        f"  bundled FMUs in the forms python and native: {', '.join(sorted(NAMES))}. Leave form out.",
     ]

@@ -16,6 +16,7 @@ import fmpy
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
+from scipy.spatial.transform import Rotation
 
 ROOT = Path(__file__).parents[2]
 FMUS = ROOT / "fmus"
@@ -95,7 +96,22 @@ def instance(path: Path, **start: float) -> Iterator[Instance]:
 
 # Golden signals ---------------------------------------------------------------------------------------------
 
+
+def elements(name: str, size: int) -> tuple[str, ...]:
+    """Names of an array's elements."""
+    return tuple(f"{name}[{index}]" for index in range(1, size + 1))
+
+
 UNITS = {
+    **{
+        f"{name}[{axis}]": ("m" if axis == 1 else "rad") + ("/s" if name.endswith("velocity") else "")
+        for name in ("joint_command", "joint_position", "joint_velocity", "measured_position")
+        for axis in range(1, 8)
+    },
+    **{name: "m" for base in ("position_command", "position") for name in elements(base, 3)},
+    **{name: "1" for base in ("orientation_command", "orientation") for name in elements(base, 4)},
+    **dict.fromkeys(elements("velocity", 3), "m/s"),
+    **dict.fromkeys(elements("angular_velocity", 3), "rad/s"),
     "time": "s",
     "command": "m",
     "position": "m",
@@ -108,21 +124,58 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "RobotResponse": ("command",),
     "DockingContact": ("position", "velocity"),
     "ForceSensor": ("force",),
+    "JointServos": elements("joint_command", 7),
+    "CartesianResponse": elements("position_command", 3) + elements("orientation_command", 4),
     "UncompensatedDocking": (),
 }
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "RobotResponse": ("position", "velocity"),
     "DockingContact": ("force", "penetration"),
     "ForceSensor": ("measured_force",),
+    "JointServos": tuple(
+        f"{name}[{axis}]"
+        for name in ("joint_position", "joint_velocity", "measured_position")
+        for axis in range(1, 8)
+    ),
+    "CartesianResponse": (
+        *elements("position", 3),
+        *elements("orientation", 4),
+        *elements("velocity", 3),
+        *elements("angular_velocity", 3),
+    ),
     "UncompensatedDocking": ("position", "velocity", "force"),
 }
 START: dict[str, dict[str, float]] = {
     "RobotResponse": {"tau_m": 2.3e-3},
     "DockingContact": {"damping": 500.0},
     "ForceSensor": {"tau_s": 1.3e-3, "cutoff": 100.0, "resolution": 0.5},
+    "JointServos": {
+        "tau_m": 2.3e-3,
+        "omega_n[3]": 300.0,
+        "xi_n[5]": 0.6,
+        "rail_resolution": 1e-5,
+        "angle_resolution": 1e-4,
+    },
+    "CartesianResponse": {
+        "tau_m": 2.3e-3,
+        "omega_n[2]": 300.0,
+        "rotation_xi_n[3]": 0.6,
+        "reference_orientation[1]": 0.8,
+        "reference_orientation[3]": 0.6,
+        "rotation_vector[2]": 0.2,
+    },
     "UncompensatedDocking": {"robot.tau_m": 6e-3},
 }
-STEPS = {"RobotResponse": 5e-4, "DockingContact": 1e-3, "ForceSensor": 5e-4, "UncompensatedDocking": 1e-3}
+STEPS = {
+    "RobotResponse": 5e-4,
+    "DockingContact": 1e-3,
+    "ForceSensor": 5e-4,
+    "JointServos": 1e-3,
+    "CartesianResponse": 1e-3,
+    "UncompensatedDocking": 1e-3,
+}
+# Where the joints of JointServos stand at the start.
+JOINTS = (0.0, 0.0, -1.7453292519943295, 2.2689280275926285, 0.0, -0.5235987755982988, 0.0)
 
 
 def inputs(name: str) -> list[dict[str, float]]:
@@ -142,7 +195,39 @@ def inputs(name: str) -> list[dict[str, float]]:
         ]
     if name == "ForceSensor":
         return [{"force": 0.0 if i <= 4 else -140.2 if i <= 44 else 33.1} for i in range(121)]
+    if name == "JointServos":
+        # A jump of each axis by a size of its own, one after the other.
+        return [
+            {
+                f"joint_command[{k + 1}]": JOINTS[k] + (1e-3 * (k + 1) if i > 5 * (k + 1) else 0.0)
+                for k in range(7)
+            }
+            for i in range(81)
+        ]
+    if name == "CartesianResponse":
+        # From the reference turned by 0.2 rad about y to 1 rad about a slanted axis; the position jumps, too.
+        return [cartesian_command(0 if i <= 5 else 1 if i <= 40 else 2) for i in range(81)]
     return [{} for _ in range(1001)]
+
+
+# Commanded position [m] and rotation vector from the reference orientation [rad].
+CARTESIAN = (
+    ((0.0, 0.0, 0.0), (0.0, 0.2, 0.0)),
+    ((1e-3, -2e-3, 5e-3), (0.6, 0.0, 0.8)),
+    ((0.0, 1e-3, 0.0), (0.0, 0.0, 0.0)),
+)
+
+
+def cartesian_command(number: int) -> dict[str, float]:
+    """Inputs of CartesianResponse for an entry of CARTESIAN."""
+    position, rotation = CARTESIAN[number]
+    start = START["CartesianResponse"]
+    reference = Rotation.from_quat(
+        [start.get(f"reference_orientation[{k}]", 0.0) for k in (1, 2, 3, 4)], scalar_first=True
+    )
+    turn = (reference * Rotation.from_rotvec(rotation)).as_quat(scalar_first=True)
+    values = {f"position_command[{k + 1}]": position[k] for k in range(3)}
+    return values | {f"orientation_command[{k + 1}]": float(turn[k]) for k in range(4)}
 
 
 def run(name: str, path: Path | None = None) -> list[dict[str, float]]:

@@ -65,15 +65,24 @@ def test_shipped_fmus_are_valid_and_complete(item):
 
 @pytest.mark.parametrize("item", LIBRARY, ids=lambda item: item.file)
 def test_every_port_and_parameter_is_in_the_readme(item):
+    """Scalars by their names, arrays in one row: `name[size]`, and the units of the elements."""
     readme = (bench.FMUS / item.name / "README.md").read_text(encoding="utf-8")
+    arrays: dict[tuple[str, str], list[str]] = {}
     for variable in fmpy.read_model_description(str(bench.FMUS / item.file)).modelVariables:
         if variable.causality in ("input", "output", "parameter"):
-            assert f"| `{variable.name}` | {variable.causality} | {variable.unit} |" in readme
+            name, bracket, _ = variable.name.partition("[")
+            if bracket:
+                arrays.setdefault((name, variable.causality), []).append(variable.unit)
+            else:
+                assert f"| `{variable.name}` | {variable.causality} | {variable.unit} |" in readme
+    for (name, causality), units in arrays.items():
+        assert f"| `{name}[{len(units)}]` | {causality} | {', '.join(dict.fromkeys(units))} |" in readme
 
 
 def test_unknown_name():
     with pytest.raises(BuildError) as caught:
         build_library(bench.ROOT, names=["Robot"])
     assert str(caught.value) == (
-        "no shipped FMU Robot; shipped: RobotResponse, DockingContact, ForceSensor, UncompensatedDocking"
+        "no shipped FMU Robot; shipped: RobotResponse, DockingContact, ForceSensor, JointServos, "
+        "CartesianResponse, UncompensatedDocking"
     )
