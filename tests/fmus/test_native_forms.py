@@ -186,7 +186,7 @@ def refusal(instance, action) -> list[str]:
         ("ComplianceController", {"identification_period": 1.1e-3}),
         ("ComplianceController", {"restoration_time": 1.0 / 3.0 * 1e-3}),
         ("ArmForward", {"a_2": -1.0, "target_orientation[2]": 0.5}),
-        ("ArmInverse", {"position[1]": 5.0}),
+        ("ArmInverse", {"position[3]": 0.6}),
         ("ArmInverse", {"joint_lower[3]": 1.0, "wrist_margin": 0.0}),
     ],
 )
