@@ -1,0 +1,274 @@
+"""The loop as a co-simulation computes it: inputs held over communication steps, a controller that samples.
+
+Every component is discretised exactly for inputs that are held over a step, and the steps are put together in the
+order in which the master takes them. What comes out is linear and periodic with the controller's sample period, or
+the step where there is none; its eigenvalues z give the roots log(z)/period.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ConfigError, Problem, listed
+from .gain import growth_per_contact
+from .loop import Loop
+from .plant import ACTIVE, OFF
+from .transfer import Array
+
+__all__ = ["SampledLoop", "sample"]
+
+_MASTERS = ("jacobi", "gauss-seidel")
+
+
+@dataclass(frozen=True)
+class SampledLoop:
+    """A sampled loop in state space, opened at the satellite's force: x+ = A x + B u, back = C x.
+
+    Attributes:
+        step_size: communication step [s].
+        period: after which everything repeats: sample period of the controller, or the step [s].
+        a, b, c: shapes (n, n), (n,), (n,); the force is held over the period.
+        ahead: whether the satellite is given the force of the step's end, since its source steps before it.
+        closed: A of the closed loop, shape (n, n).
+    """
+
+    step_size: float
+    period: float
+    a: Array
+    b: Array
+    c: Array
+    ahead: bool
+    closed: Array
+
+    def gain(self, omega: ArrayLike) -> NDArray[np.complex128]:
+        """L(exp(j omega period)) for negative feedback.
+
+        Args: omega: shape (n,), up to pi/period [rad/s].
+        """
+        z = np.exp(1j * np.atleast_1d(np.asarray(omega, np.float64)) * self.period)
+        hessenberg, turn = scipy.linalg.hessenberg(self.a, calc_q=True)
+        b, c, eye = turn.T @ self.b, self.c @ turn, np.eye(len(self.a))
+        value = np.array([c @ np.linalg.solve(one * eye - hessenberg, b) for one in z])
+        return -value * (z if self.ahead else 1.0)
+
+    def roots(self) -> NDArray[np.complex128]:
+        """log(z)/period of the closed loop's eigenvalues, rightmost first [rad/s]; those at z = 0 left out."""
+        z = np.linalg.eigvals(self.closed)
+        z = z[np.abs(z) > 1e-9]
+        s = np.log(z.astype(np.complex128)) / self.period
+        return s[np.argsort(-s.real)]
+
+    def growth(self) -> float:
+        """exp(pi sigma/omega) of the rightmost root that oscillates, below half the sampling rate."""
+        for root in self.roots():
+            if 0.0 < root.imag < 0.99 * np.pi / self.period:
+                return growth_per_contact(complex(root))
+        return float("nan")
+
+    def margins(self) -> tuple[float, float]:
+        """Phase margin [deg] and delay margin [s] at the loop's last crossover; NaN where |L| never is one."""
+        omega = np.geomspace(1e-3, 0.999, 4000) * np.pi / self.period
+        value = self.gain(omega)
+        crossing = np.flatnonzero((np.abs(value[:-1]) > 1.0) & (np.abs(value[1:]) <= 1.0))
+        if not crossing.size:
+            return float("nan"), float("nan")
+        low, high = omega[crossing[-1]], omega[crossing[-1] + 1]
+        for _ in range(60):
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if np.abs(self.gain(middle)[0]) > 1.0 else (low, middle)
+        angle = float(np.angle(-self.gain(low)[0]))
+        return np.degrees(angle), angle / low
+
+
+def sample(loop: Loop, master: str, step_size: float) -> SampledLoop:
+    """A loop under a master and a communication step.
+
+    Args:
+        loop: with numbers for parameters.
+        master: "jacobi" or "gauss-seidel", without extrapolation.
+        step_size: [s].
+    Raises: ConfigError if the master's steps are not known here, the step is not positive or no part of the
+        controller's sample period, or an instance on the loop is of an unknown model.
+    """
+    problems = []
+    if master not in _MASTERS:
+        problems.append(Problem(loop.name, f"master {master!r} is not analysed", f"known: {listed(_MASTERS)}"))
+    if not (np.isfinite(step_size) and step_size > 0.0):
+        problems.append(Problem(loop.name, f"step size is {step_size!r} s", "allowed: finite and positive"))
+    if problems:
+        raise ConfigError(problems)
+    loop.gain()
+    count = 1
+    for name in loop.named("ComplianceController"):
+        ratio = float(loop.parameters[f"{name}.sample_period"]) / step_size
+        count = round(ratio)
+        if count < 1 or abs(ratio - count) > 1e-6:
+            what = f"{name}.sample_period is {ratio:.6g} steps"
+            raise ConfigError([Problem(loop.name, what, "a whole number of steps is needed")])
+    return _Steps(loop, master, step_size, count).assembled()
+
+
+class _Part(Protocol):
+    """One instance over a step, on many columns at once."""
+
+    size: int
+    outputs: tuple[str, ...]
+
+    def step(self, x: Array, u: Mapping[str, Array], last: bool) -> tuple[Array, list[Array]]:
+        """State and outputs at the step's end."""
+
+
+class _Held:
+    """x' = A x + B u(t - delay), y = C x + D u(t - delay), with u held over each step: exact."""
+
+    def __init__(
+        self,
+        matrices: tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike],
+        inputs: tuple[str, ...],
+        outputs: tuple[str, ...],
+        step: float,
+        delay: float = 0.0,
+    ) -> None:
+        a, b, c, d = (np.atleast_2d(np.asarray(one, np.float64)) for one in matrices)
+        self.inputs, self.outputs = inputs, outputs
+        n, m = len(a) if a.size else 0, len(inputs)
+        whole = int(np.floor(delay / step + 1e-9))
+        fraction = max(delay - whole * step, 0.0)
+        self.states, self.width, self.whole = n, m, whole
+        self.split = fraction > 1e-9 * step
+        self.buffer = whole + (1 if self.split else 0)
+        self.size = n + m * self.buffer
+        self.c, self.d = (c if n else np.zeros((len(outputs), 0))), d
+        old_transition, old_input = _discretised(a, b, fraction if self.split else 0.0, n, m)
+        new_transition, new_input = _discretised(a, b, step - (fraction if self.split else 0.0), n, m)
+        self.transition = new_transition @ old_transition
+        self.from_new, self.from_old = new_input, new_transition @ old_input
+
+    def step(self, x: Array, u: Mapping[str, Array], last: bool) -> tuple[Array, list[Array]]:
+        """See _Part."""
+        now = np.array([u[name] for name in self.inputs])
+        line = [now, *x[self.states :].reshape(self.buffer, self.width, -1)]
+        new, old = line[self.whole], line[-1]
+        state = self.transition @ x[: self.states] + self.from_new @ new
+        if self.split:
+            state = state + self.from_old @ old
+        outputs = self.c @ state + self.d @ new
+        kept = np.array(line[: self.buffer]).reshape(self.buffer * self.width, x.shape[1])
+        return np.concatenate([state, kept]), list(outputs)
+
+
+def _discretised(a: Array, b: Array, time: float, n: int, m: int) -> tuple[Array, Array]:
+    whole = np.zeros((n + m, n + m))
+    if n:
+        whole[:n, :n], whole[:n, n:] = a, b
+    exponential = scipy.linalg.expm(whole * time)
+    return exponential[:n, :n], exponential[:n, n:]
+
+
+class _Controller:
+    """The compliance controller in contact: samples at the end of the last step of its period."""
+
+    outputs = ("force", "compensated_force")
+    size = 4  # reading one sample ago, filtered difference, force, compensated force
+
+    def __init__(self, p: Mapping[str, Any]) -> None:
+        period, filter_time = p["sample_period"], p["lead_filter_time"]
+        self.p, self.period = p, period
+        self.keep = float(np.exp(-period / filter_time)) if filter_time > 0.0 else 0.0
+
+    def step(self, x: Array, u: Mapping[str, Array], last: bool) -> tuple[Array, list[Array]]:
+        """See _Part."""
+        if not last:
+            return x, [x[2], x[3]]
+        p, reading = self.p, u["measured_force"]
+        rate = self.keep * x[1] + (1.0 - self.keep) * (reading - x[0]) / self.period
+        compensated = reading + p["tau_s"] * rate
+        force = reading if int(p["mode"]) == OFF else compensated
+        if int(p["mode"]) == ACTIVE:
+            ahead = p["transfer_delay"] + (0.5 * self.period if p["hold_compensation"] else 0.0)
+            stretch = u["desired_position"] + u["desired_velocity"] * ahead - u["position"]
+            rate_of_it = u["desired_velocity"] - u["velocity"]
+            force = force - p["stiffness_estimate"] * stretch - max(p["damping_estimate"], 0.0) * rate_of_it
+        return np.array([reading, rate, force, compensated]), [force, compensated]
+
+
+def _part(model: str, p: Mapping[str, Any], step: float) -> _Part:
+    if model == "SatelliteDynamics":
+        matrices = ([[0, 1], [0, 0]], [[0], [1 / p["mass"]]], np.eye(2), np.zeros((2, 1)))
+        return _Held(matrices, ("force",), ("position", "velocity"), step)
+    if model == "RobotResponse":
+        w, xi = p["omega_n"], p["xi_n"]
+        matrices = ([[0, 1], [-w * w, -2 * xi * w]], [[0], [w * w]], np.eye(2), np.zeros((2, 1)))
+        return _Held(matrices, ("command",), ("position", "velocity"), step, p["tau_m"])
+    if model == "DockingContact":
+        law = [[-p["stiffness"], -p["damping"]], [1.0, 0.0]]
+        empty = (np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), law)
+        return _Held(empty, ("position", "velocity"), ("force", "penetration"), step)
+    if model == "ForceSensor":
+        cut = 2.0 * np.pi * p["cutoff"]
+        static = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1.0]])
+        lagging = ([[-cut]], [[cut]], [[1.0]], [[0.0]])
+        return _Held(lagging if cut > 0 else static, ("force",), ("measured_force",), step, p["tau_s"])
+    return _Controller(p)
+
+
+class _Steps:
+    """All parts of a loop under a master."""
+
+    def __init__(self, loop: Loop, master: str, step_size: float, count: int) -> None:
+        self.satellite, self.step_size, self.count = loop.only("SatelliteDynamics"), step_size, count
+        self.sequential = master == "gauss-seidel"
+        order = [name for name in loop.order or loop.models if name in loop.models]
+        self.parts = {name: _part(loop.models[name], loop.parameters_of(name), step_size) for name in order}
+        self.wires = {wire.target: wire for wire in loop.wires if wire.source[0] in self.parts}
+        back = self.wires[self.satellite, "force"]
+        self.ahead = self.sequential and order.index(back.source[0]) < order.index(self.satellite)
+        self.places: dict[Any, slice | int] = {}
+        size = 0
+        for name, part in self.parts.items():
+            self.places[name] = slice(size, size + part.size)
+            size += part.size
+            for output in part.outputs:
+                self.places[name, output] = size
+                size += 1
+        self.size = size
+
+    def period(self, z: Array, force: Array | None) -> Array:
+        """The whole state after a period, column by column; the satellite's force is given, or fed back."""
+        for number in range(self.count):
+            begin = z.copy()
+            z = z.copy()
+            for name, part in self.parts.items():
+                seen = z if self.sequential else begin
+                inputs = {}
+                for (target, variable), wire in self.wires.items():
+                    if target == name:
+                        inputs[variable] = wire.gain * seen[self.places[wire.source]]
+                if name == self.satellite and force is not None:
+                    inputs["force"] = force
+                fed = {key: inputs.get(key, np.zeros(z.shape[1])) for key in (*inputs, *_INPUTS)}
+                state, outputs = part.step(begin[self.places[name]], fed, number == self.count - 1)
+                z[self.places[name]] = state
+                for output, value in zip(part.outputs, outputs, strict=True):
+                    z[self.places[name, output]] = value
+        return z
+
+    def assembled(self) -> SampledLoop:
+        """The open and the closed loop."""
+        eye = np.eye(self.size)
+        back = self.wires[self.satellite, "force"]
+        c = np.zeros(self.size)
+        c[self.places[back.source]] = back.gain
+        open_loop = self.period(eye, np.zeros(self.size))
+        given = self.period(np.zeros((self.size, 1)), np.ones(1))[:, 0]
+        period = self.count * self.step_size
+        return SampledLoop(self.step_size, period, open_loop, given, c, self.ahead, self.period(eye, None))
+
+
+_INPUTS = ("force", "command", "position", "velocity", "measured_force", "desired_position", "desired_velocity")
