@@ -80,6 +80,14 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     _add_config(check)
     check.set_defaults(command_function=_check)
 
+    stability = commands.add_parser(
+        "stability",
+        help="margins, critical delays, characteristic roots and growth of a docking system's loop",
+    )
+    _add_config(stability)
+    stability.add_argument("--out", metavar="DIR", help="write stability.json and figures to this folder")
+    stability.set_defaults(command_function=_stability)
+
     schema = commands.add_parser("schema", help="print the JSON Schema of configs")
     schema.set_defaults(command_function=_schema)
 
@@ -154,6 +162,12 @@ def _check(args: argparse.Namespace) -> int:
     for note in system.notes:
         print(f"note: {note}")
     return 0
+
+
+def _stability(args: argparse.Namespace) -> int:
+    from .frequency import report
+
+    return report.main(args)
 
 
 def _schema(args: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
 """Stability charts over any two parameters, for all points at once.
 
-A loop with one delay is judged exactly (Walton, Marshall, IEE Proc. D 134, 1987): the roots without delay are counted
+A loop with one delay is judged exactly (Walton, Marshall, IEE Proc. D 134, 1987): the roots without delay
+are counted
 by Routh's scheme, and each crossing of the imaginary axis, of which |a(jw)|^2 = |b(jw)|^2 tells frequency and
 direction, adds or takes away a pair. A loop with several delays is judged by the argument principle.
 """
@@ -64,7 +65,9 @@ def chart(loop: Loop, x: tuple[str, ArrayLike], y: tuple[str, ArrayLike]) -> Cha
     (x_name, across), (y_name, up) = x, y
     across, up = np.asarray(across, np.float64), np.asarray(up, np.float64)
     if x_name == y_name:
-        raise ConfigError([Problem(loop.name, f"both axes are {x_name}", "two different parameters are needed")])
+        raise ConfigError(
+            [Problem(loop.name, f"both axes are {x_name}", "two different parameters are needed")]
+        )
     grid = loop.with_parameters(dict(zip((x_name, y_name), np.meshgrid(across, up), strict=True)))
     equation = grid.characteristic()
     unstable = unstable_roots(equation)
@@ -81,7 +84,11 @@ def first_order_damping(loop: Loop) -> Array | None:
     for name in loop.named("ForceSensor"):
         sensor = loop.parameters_of(name)
         cutoff = np.asarray(sensor["cutoff"], np.float64)
-        late = late + sensor["tau_s"] + np.where(cutoff > 0, 1 / (2 * np.pi * np.where(cutoff > 0, cutoff, 1)), 0)
+        late = (
+            late
+            + sensor["tau_s"]
+            + np.where(cutoff > 0, 1 / (2 * np.pi * np.where(cutoff > 0, cutoff, 1)), 0)
+        )
     return np.asarray(contact["damping"] - contact["stiffness"] * late)
 
 
@@ -89,12 +96,16 @@ def unstable_roots(equation: QuasiPolynomial) -> Count:
     """Number of roots with positive real part of each quasi-polynomial of a batch, shape (*batch)."""
     batch = equation.coefficients.shape[2:]
     flat = QuasiPolynomial(
-        equation.coefficients.reshape(*equation.coefficients.shape[:2], -1), equation.delays.reshape(len(equation.delays), -1)
+        equation.coefficients.reshape(*equation.coefficients.shape[:2], -1),
+        equation.delays.reshape(len(equation.delays), -1),
     )
     rows = len(flat.delays)
-    if rows == 1:
-        return _routh(flat.coefficients[0]).reshape(batch)
-    counts = _one_delay(flat) if rows == 2 else np.full(flat.delays.shape[1], -1)
+    counts = np.full(flat.delays.shape[1], -1)
+    # A batch may hold loops of lower order, such as one without a low-pass; they are judged one by one.
+    full = flat.coefficients[0, -1] != 0.0
+    if rows <= 2 and full.any():
+        whole = flat.pick(full)
+        counts[full] = _routh(whole.coefficients[0]) if rows == 1 else _one_delay(whole)
     for index in np.flatnonzero(counts < 0):
         counts[index] = count_right_of(flat.pick(index))
     return counts.reshape(batch)
@@ -173,7 +184,11 @@ def _positive_roots(polynomial: Array) -> list[tuple[Array, NDArray[np.bool_]]]:
     degree, count = len(polynomial) - 1, polynomial.shape[1]
     monic = polynomial / polynomial[-1]
     magnitude = np.abs(monic[:-1])
-    scale = np.max((degree * magnitude) ** (1.0 / (degree - np.arange(degree)))[:, None], axis=0) if degree else None
+    scale = (
+        np.max((degree * magnitude) ** (1.0 / (degree - np.arange(degree)))[:, None], axis=0)
+        if degree
+        else None
+    )
     if scale is None:
         return []
     scaled = monic * scale ** (np.arange(degree + 1)[:, None] - degree)
@@ -235,14 +250,18 @@ def _growth(loop: Loop, equation: QuasiPolynomial, unstable: Count) -> Array:
     contact, satellite = (loop.parameters_of(loop.only(m)) for m in ("DockingContact", "SatelliteDynamics"))
     mass, decay = np.asarray(satellite["mass"]), 0.5 * np.asarray(contact["damping"]) / satellite["mass"]
     square = contact["stiffness"] / mass - np.square(decay)
-    start = np.broadcast_to(np.where(square > 0.0, -decay + 1j * np.sqrt(np.abs(square)), np.nan), unstable.shape)
+    start = np.broadcast_to(
+        np.where(square > 0.0, -decay + 1j * np.sqrt(np.abs(square)), np.nan), unstable.shape
+    )
     root = newton_batch(equation, start, 8)
     # What disagrees with the count has gone to another root: once more, with the delays growing step by step.
     wrong = ~np.isfinite(root) | ((root.real > 0.0) & (unstable == 0)) | (root.imag <= 0.0)
     if wrong.any() and not wrong.all():
         followed = start
         for part in np.linspace(0.1, 1.0, 10):
-            followed = newton_batch(QuasiPolynomial(equation.coefficients, equation.delays * part), followed, 6)
+            followed = newton_batch(
+                QuasiPolynomial(equation.coefficients, equation.delays * part), followed, 6
+            )
         root = np.where(wrong, followed, root)
     with np.errstate(all="ignore"):
         growth = np.exp(np.pi * root.real / root.imag)

@@ -1,4 +1,4 @@
-"""Energy gain per contact from the rightmost roots: of an endless contact, and of one that begins and ends."""
+"""Energy gain per contact from the rightmost roots, of an endless contact and of one that ends."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class Contact:
 
     Attributes:
         velocity_ratio: speed after over speed before; its square is the gain of energy.
-        duration: from the rod's onset to its release, or with an active controller to the end of its force [s].
+        duration: from the rod's onset to its release, or with an active controller to the end of its force
+        [s].
         peak_force: largest force on the satellite's side of the loop over the approach speed [N.s/m].
         roots: number of roots in the sum.
     """
@@ -57,8 +58,10 @@ def predict_contact(loop: Loop, count: int = 12) -> Contact:
 
     Until the rod touches, it follows the satellite at the lag T = tau_m + 2 xi_n/omega_n. From then on the
     force is, at unit speed, F(s) = F_0(s)/(1 + L(s)), with F_0 the force of the undisturbed approach:
-    F_0 = B/s^2 + E (1/s^2 + T/s), B and E the paths from the rod's and the satellite's position to the force. Its
-    poles are the characteristic roots, so the force is a sum of exponentials, each weighed with F_0/L' at its root.
+    F_0 = B/s^2 + E (1/s^2 + T/s), B and E the paths from the rod's and the satellite's position to the
+    force. Its
+    poles are the characteristic roots, so the force is a sum of exponentials, each weighed with F_0/L' at
+    its root.
     The contact ends where it would turn into a pull; the impulse until then is
 
         F(0) + sum of r_i exp(s_i t)/s_i,
@@ -84,7 +87,9 @@ def predict_contact(loop: Loop, count: int = 12) -> Contact:
     gap = loop.force_from({(satellite, "position"): one, (satellite, "velocity"): Transfer(), **still})
     approach = rod * square + desired * square + gap * step * lag
     gain = loop.gain()
-    active = any(int(loop.parameters[f"{name}.mode"]) == ACTIVE for name in loop.named("ComplianceController"))
+    active = any(
+        int(loop.parameters[f"{name}.mode"]) == ACTIVE for name in loop.named("ComplianceController")
+    )
     if active:
         return _contact(gain, approach, loop, count)
     # The frame releases the rod; what the force then still has to go through has unit gain.

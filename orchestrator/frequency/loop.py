@@ -37,7 +37,8 @@ class Loop:
         models: instance -> model name, one of `plant.MODELS`; instances of other models are left out.
         wires: connections.
         parameters: "instance.parameter" -> value, SI. Arrays of one shape make a chart of loops. Where a
-            controller is active, its `stiffness_estimate` and `damping_estimate` are the contact's own unless set.
+            controller is active, its `stiffness_estimate` and `damping_estimate` are the contact's own
+            unless set.
         notes: what of the system the linear loop leaves out.
         others: instances of models that are unknown here, with the model's name.
         order: of all instances, in which the master gauss-seidel steps them.
@@ -67,7 +68,7 @@ class Loop:
         for one in system.instances:
             model = one.fmu.description.name.rpartition(".")[2]
             (models if model in MODELS else others)[one.name] = model
-        wires = tuple(Wire(tuple(one.source), tuple(one.target), one.gain) for one in system.connections)  # type: ignore[arg-type]
+        wires = tuple(Wire((*one.source,), (*one.target,), one.gain) for one in system.connections)
         order = tuple(system.instances[index].name for index in system.order)
         loop = Loop(name, models, wires, parameters_of(system), (), others, order)
         loop = replace(loop, notes=tuple(loop._left_out()))
@@ -83,8 +84,14 @@ class Loop:
 
         Raises: ConfigError if one does not exist.
         """
-        known = [*self.parameters, *(f"{name}.{kind}_estimate" for name in self.named("ComplianceController")
-                                     for kind in ("stiffness", "damping"))]
+        known = [
+            *self.parameters,
+            *(
+                f"{name}.{kind}_estimate"
+                for name in self.named("ComplianceController")
+                for kind in ("stiffness", "damping")
+            ),
+        ]
         problems = [
             Problem(self.name, f"no parameter {name}", f"there are {listed(known)}", nearest(name, known))
             for name in changes
@@ -99,7 +106,13 @@ class Loop:
         found = self.named(model)
         if len(found) != 1:
             raise ConfigError(
-                [Problem(self.name, f"{len(found)} instances of {model}: {listed(found)}", "exactly one is needed")]
+                [
+                    Problem(
+                        self.name,
+                        f"{len(found)} instances of {model}: {listed(found)}",
+                        "exactly one is needed",
+                    )
+                ]
             )
         return found[0]
 
@@ -120,14 +133,17 @@ class Loop:
         """Per instance, the transfers between its ports. Raises: ConfigError for parameters out of range."""
         parameters = {name: self.parameters_of(name) for name in self.models}
         problems = [
-            problem for name, model in self.models.items() for problem in problems_of(name, model, parameters[name])
+            problem
+            for name, model in self.models.items()
+            for problem in problems_of(name, model, parameters[name])
         ]
         if problems:
             raise ConfigError(problems)
         return {name: MODELS[model](parameters[name]) for name, model in self.models.items()}
 
     def gain(self) -> Transfer:
-        """L(s), the loop opened at the satellite's force: force that comes back = -L(s) * force that is given.
+        """L(s), the loop opened at the satellite's force: force that comes back = -L(s) * force that is
+        given.
 
         Raises: ConfigError if there is no loop, if it runs through an unknown model, or if a part of it is a
             loop of its own.
@@ -169,7 +185,9 @@ class Loop:
                 begin = under_way.index(wire.source)
                 told = " -> ".join(".".join(one) for one in [wire.source, *reversed(under_way[begin:])])
                 what = f"algebraic loop, or one that does not pass through the satellite: {told}"
-                raise ConfigError([Problem(self.name, what, "only the loop through the satellite can be analysed")])
+                raise ConfigError(
+                    [Problem(self.name, what, "only the loop through the satellite can be analysed")]
+                )
             if wire.source not in seen:
                 under_way.append(wire.source)
                 seen[wire.source] = through(*wire.source)
@@ -201,9 +219,12 @@ class Loop:
                 notes.append(f"{name}.resolution: rounding is not linear and is left out")
         for name in self.named("ComplianceController"):
             notes.append(
-                f"{name}: its sample hold counts as a delay of half a period; estimates stand still, by default at "
-                "the true values"
+                f"{name}: its sample hold counts as a delay of half a period; estimates stand still, "
+                "by default at the true values"
             )
-            if int(self.parameters[f"{name}.mode"]) == ACTIVE and self.parameters[f"{name}.switching_compensation"]:
+            if (
+                int(self.parameters[f"{name}.mode"]) == ACTIVE
+                and self.parameters[f"{name}.switching_compensation"]
+            ):
                 notes.append(f"{name}.switching_compensation is not linear and is left out")
         return notes

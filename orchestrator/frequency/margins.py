@@ -11,7 +11,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from .quasi import characteristic
 from .roots import count_right_of
-from .transfer import Array, Transfer
+from .transfer import Array, Term, Transfer
 
 __all__ = ["CriticalDelay", "Crossover", "Margins", "critical_delays", "gain_crossovers", "margins", "span"]
 
@@ -44,7 +44,8 @@ class Margins:
     Attributes:
         unstable: closed-loop roots with positive real part.
         crossovers: where |L| = 1, ascending.
-        phase_crossovers: (omega [rad/s], factor by which the gain may grow there) where L is real and negative.
+        phase_crossovers: (omega [rad/s], factor by which the gain may grow there) where L is real and
+        negative.
         modulus_margin: least distance of L from -1, and where [rad/s].
         sensitivity_peak, complementary_peak: largest |1/(1 + L)| and |L/(1 + L)|.
         complementary_peak_at: [rad/s].
@@ -92,19 +93,23 @@ class Margins:
 
 def span(loop: Transfer) -> Array:
     """Frequencies that show all of a loop: up to where |L| stays below one, 6 decades, shape (n,) [rad/s]."""
-    high = characteristic(loop).reach(0.0) * 1.01
+    # Each term with a delay of its own, so that none cancels another: the bound is to hold for all phases.
+    apart = tuple(
+        Term(term.numerator, term.factors, np.asarray(1.0 + index)) for index, term in enumerate(loop.terms)
+    )
+    high = characteristic(Transfer(apart)).reach(0.0) * 1.01
     return np.geomspace(1e-6 * high, high, 6 * _PER_DECADE + 1)
 
 
 def margins(loop: Transfer) -> Margins:
     """All margins of a loop with negative feedback: of 1 + L(s).
 
-    Raises: ConfigError if the loop is improper, algebraic or neutral; OrchestratorError if it stands exactly on
+    Raises: ConfigError if the loop is improper, algebraic or neutral; OrchestratorError if it stands exactly
+    on
         the border.
     """
     equation = characteristic(loop)
     omega = span(loop)
-    value = loop(1j * omega)
     crossovers = tuple(
         Crossover(
             w,
@@ -115,11 +120,14 @@ def margins(loop: Transfer) -> Margins:
         for w, falling in gain_crossovers(loop, omega)
     )
     real = []
-    # Where L is real but for rounding, as with a double integrator at low frequency, a change of sign says nothing.
+    wide = _beyond(omega, loop.longest_delay)
+    value = loop(1j * wide)
+    # Where L is real but for rounding, as with a double integrator at low frequency, a change of sign says
+    # nothing.
     sign = np.where(np.abs(value.imag) > 1e-9 * np.abs(value), np.sign(value.imag), 0.0)
     for index in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
         if value.real[index] < 0.0 and value.real[index + 1] < 0.0:
-            w = brentq(lambda w: loop(1j * w).imag, omega[index], omega[index + 1], xtol=1e-14, rtol=1e-14)
+            w = brentq(lambda w: loop(1j * w).imag, wide[index], wide[index + 1], xtol=1e-14, rtol=1e-14)
             real.append((w, float(-1.0 / loop(1j * w).real)))
     least_at, least = _lowest(lambda w: np.abs(1.0 + loop(1j * w)), omega)
     peak_at, peak = _lowest(lambda w: -np.abs(loop(1j * w) / (1.0 + loop(1j * w))), omega)
@@ -129,11 +137,12 @@ def margins(loop: Transfer) -> Margins:
 def gain_crossovers(response: Response, omega: Array) -> list[tuple[float, bool]]:
     """Where |response(j w)| = 1 between the given frequencies, and whether it falls there.
 
-    Pairs of crossovers closer than two neighbouring frequencies are found where the extremum between them shows.
+    Pairs of crossovers closer than two neighbouring frequencies are found where the extremum between them
+    shows.
     """
 
     def level(w: float | Array) -> Array:
-        return np.log(np.abs(response(1j * np.asarray(w, np.float64))))
+        return np.log(np.maximum(np.abs(response(1j * np.asarray(w, np.float64))), 1e-300))
 
     values = level(omega)
     inner = np.arange(1, len(omega) - 1)
@@ -141,7 +150,10 @@ def gain_crossovers(response: Response, omega: Array) -> list[tuple[float, bool]
     extra = []
     for index in turning:
         sign = 1.0 if values[index] > 0.0 else -1.0
-        if sign * values[index] > min(abs(values[index] - values[index - 1]), abs(values[index + 1] - values[index])) * 4:
+        if (
+            sign * values[index]
+            > min(abs(values[index] - values[index - 1]), abs(values[index + 1] - values[index])) * 4
+        ):
             continue
         found = minimize_scalar(
             lambda w, sign=sign: sign * float(level(w)),
@@ -193,7 +205,7 @@ def critical_delays(fixed: Transfer, delayed: Transfer, up_to: float) -> tuple[i
         return delayed(s) / (1.0 + fixed(s))
 
     found = []
-    for w, falling in gain_crossovers(ratio, span(total)):
+    for w, falling in gain_crossovers(ratio, span(Transfer(fixed.terms + delayed.terms))):
         first = float(np.mod(np.angle(-ratio(np.asarray(1j * w))), 2.0 * np.pi)) / w
         count = int((up_to - first) * w / (2.0 * np.pi)) + 1 if first <= up_to else 0
         found += [(first + 2.0 * np.pi * turn / w, w, falling) for turn in range(count)]
@@ -204,11 +216,24 @@ def critical_delays(fixed: Transfer, delayed: Transfer, up_to: float) -> tuple[i
     return begin, told
 
 
+def _beyond(omega: Array, delay: float) -> Array:
+    """The frequencies, two more decades, and two more turns of the delay's phase."""
+    turns = omega[-1] + np.linspace(0.0, 4.0 * np.pi / delay, 801) if delay else omega[-1:]
+    return np.unique(np.concatenate([omega, np.geomspace(omega[-1], 100.0 * omega[-1], 3001), turns]))
+
+
 def _lowest(function: Callable[[Array], Array], omega: Array) -> tuple[float, float]:
     values = function(omega)
     index = int(np.argmin(values))
     low, high = omega[max(index - 1, 0)], omega[min(index + 1, len(omega) - 1)]
     found = minimize_scalar(
-        lambda w: float(function(np.asarray(w))), bounds=(low, high), method="bounded", options={"xatol": 1e-12 * high}
+        lambda w: float(function(np.asarray(w))),
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": 1e-12 * high},
     )
-    return (float(found.x), float(found.fun)) if found.fun <= values[index] else (float(omega[index]), float(values[index]))
+    return (
+        (float(found.x), float(found.fun))
+        if found.fun <= values[index]
+        else (float(omega[index]), float(values[index]))
+    )

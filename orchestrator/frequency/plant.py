@@ -1,6 +1,7 @@
 """The bundled components as transfer functions of their parameters: what the FMUs compute, linear and exact.
 
-Each function takes a component's parameters, SI, each a number or an array of one shape, and gives the transfer
+Each function takes a component's parameters, SI, each a number or an array of one shape, and gives the
+transfer
 from inputs to outputs. Signs as in modelica/DockingHIL/SignConventions.mo: a frame pushes back.
 """
 
@@ -33,7 +34,7 @@ def robot_response(p: Parameters) -> Paths:
 
 
 def docking_contact(p: Parameters) -> Paths:
-    """In contact with one frame: force = -(k position + c velocity), and what begins the contact is left out."""
+    """In contact with one frame: force = -(k position + c velocity)."""
     return {
         ("position", "force"): -Transfer.gain(p["stiffness"]),
         ("velocity", "force"): -Transfer.gain(p["damping"]),
@@ -42,7 +43,7 @@ def docking_contact(p: Parameters) -> Paths:
 
 
 def force_sensor(p: Parameters) -> Paths:
-    """exp(-tau_s s)/(1 + s/(2 pi cutoff)), without the low-pass where the cutoff is zero; resolution left out."""
+    """exp(-tau_s s)/(1 + s/(2 pi cutoff)), no low-pass where the cutoff is zero; resolution left out."""
     cutoff = np.asarray(p["cutoff"], np.float64)
     lag = np.where(cutoff > 0.0, 1.0 / (2.0 * np.pi * np.where(cutoff > 0.0, cutoff, 1.0)), 0.0)
     factors = (polynomial(1.0, lag),) if np.any(lag) else ()
@@ -60,10 +61,12 @@ def satellite_dynamics(p: Parameters) -> Paths:
 
 
 def controller(p: Parameters) -> Paths:
-    """Eqs. (25) and (27) to (29) in contact: F_S - k_d (x_des - x) - c_d (v_des - v), held for a sample period.
+    """Eqs. (25) and (27) to (29) in contact: F_S - k_d (x_des - x) - c_d (v_des - v), held for a sample
+    period.
 
     The hold counts as a delay of half a period, and the lead's difference as a derivative: both are the limit
-    of a period short against the contact; `sampled` has them exactly. Estimates stand still: `stiffness_estimate`
+    of a period short against the contact; `sampled` has them exactly. Estimates stand still:
+    `stiffness_estimate`
     and `damping_estimate`. The restoration of work missed at onset is no linear law and is left out.
     """
     filtered = (polynomial(1.0, p["lead_filter_time"]),) if np.any(p["lead_filter_time"]) else ()

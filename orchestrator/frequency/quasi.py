@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,7 +74,8 @@ class QuasiPolynomial:
     def reach(self, leftmost: float) -> float:
         """A radius beyond which there is no root with Re s >= leftmost [rad/s].
 
-        There the highest power outweighs all others: Cauchy's bound, each delay's exponential taken at its largest.
+        There the highest power outweighs all others: Cauchy's bound, each delay's exponential taken at its
+        largest.
         """
         weights = np.exp(-leftmost * self.delays)
         others = np.einsum("ij,i->j", np.abs(self.coefficients), weights)[:-1] / abs(self.coefficients[0, -1])
@@ -81,11 +83,13 @@ class QuasiPolynomial:
         # The largest of (n b_j)^(1/(n - j)) is such a radius.
         return float(np.max((self.degree * others) ** (1.0 / powers))) if self.degree else 0.0
 
-    def pick(self, *index: int) -> QuasiPolynomial:
-        """One of a batch."""
+    def pick(self, *index: Any) -> QuasiPolynomial:
+        """One of a batch, or some of it, without highest powers that are zero throughout."""
         shape = (slice(None), slice(None), *index)
         delays = np.broadcast_to(self.delays, (len(self.delays), *self.coefficients.shape[2:]))
-        return QuasiPolynomial(self.coefficients[shape], delays[(slice(None), *index)])
+        chosen = self.coefficients[shape]
+        present = np.flatnonzero(chosen[0].reshape(chosen.shape[1], -1).any(axis=1))
+        return QuasiPolynomial(chosen[:, : present[-1] + 1], delays[(slice(None), *index)])
 
     def scaled(self, scale: float) -> QuasiPolynomial:
         """The same in z = s/scale, over its leading coefficient: numbers near one."""
@@ -129,7 +133,9 @@ def characteristic(loop: Transfer, name: str = "loop") -> QuasiPolynomial:
     coefficients = np.zeros((len(rows), len(below), *batch))
     for index, (_, row) in enumerate(rows):
         row = trimmed(row)
-        coefficients[index, : len(row)] = row.reshape(len(row), *([1] * (len(batch) + 1 - row.ndim)), *row.shape[1:])
+        coefficients[index, : len(row)] = row.reshape(
+            len(row), *([1] * (len(batch) + 1 - row.ndim)), *row.shape[1:]
+        )
     return QuasiPolynomial(coefficients, np.stack([np.broadcast_to(delay, batch) for delay, _ in rows]))
 
 

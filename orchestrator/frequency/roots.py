@@ -55,7 +55,8 @@ class Roots:
 
 
 def rightmost_roots(equation: QuasiPolynomial, count: int = 6) -> Roots:
-    """The rightmost roots: `count` or a few more, or fewer where the next lie out of the discretisation's reach.
+    """The rightmost roots: `count` or a few more, or fewer where the next lie out of the discretisation's
+    reach.
 
     Args:
         equation: one quasi-polynomial, not a batch.
@@ -115,19 +116,26 @@ def count_right_of(equation: QuasiPolynomial, line: float = 0.0) -> int:
     turn, depth = 0.0, 0
     at_begin, at_end = equation(begin), equation(end)
     while begin.size:
-        middle = np.where(on_arc, radius * np.exp(0.5j * (np.angle(begin) + np.angle(end))), 0.5 * (begin + end))
+        middle = np.where(
+            on_arc, radius * np.exp(0.5j * (np.angle(begin) + np.angle(end))), 0.5 * (begin + end)
+        )
         at_middle = equation(middle)
         reach = np.maximum(np.abs(begin - middle), np.abs(end - middle)) * np.where(on_arc, 1.001, 1.0)
         bound = reach * equation.slope_bound(np.abs(middle) + reach, np.minimum(begin.real, end.real))
         fine = bound < np.abs(at_middle)
-        turn += float(np.sum(np.angle(at_middle[fine] / at_begin[fine]) + np.angle(at_end[fine] / at_middle[fine])))
+        turn += float(
+            np.sum(np.angle(at_middle[fine] / at_begin[fine]) + np.angle(at_end[fine] / at_middle[fine]))
+        )
         coarse = ~fine
         depth += 1
         if depth > 60:
             raise OrchestratorError(
-                f"a root lies on the line Re s = {line:g} to within rounding: roots right of it cannot be counted"
+                f"a root lies on the line Re s = {line:g} to within rounding: roots cannot be counted there"
             )
-        begin, end = np.concatenate([begin[coarse], middle[coarse]]), np.concatenate([middle[coarse], end[coarse]])
+        begin, end = (
+            np.concatenate([begin[coarse], middle[coarse]]),
+            np.concatenate([middle[coarse], end[coarse]]),
+        )
         at_begin, at_end = (
             np.concatenate([at_begin[coarse], at_middle[coarse]]),
             np.concatenate([at_middle[coarse], at_end[coarse]]),
@@ -197,7 +205,7 @@ def _residuals(equation: QuasiPolynomial, s: Complex) -> Array:
 
 
 def _distinct(values: Complex) -> Complex:
-    """Upper half only, each once, then mirrored. Double roots, which Newton finds to half the digits, count once."""
+    """The upper half, each once, then mirrored; a double root, found to half the digits, counts once."""
     kept: list[complex] = []
     for one in values[np.argsort(-values.real)]:
         one = complex(one.real, abs(one.imag))
@@ -211,7 +219,7 @@ def _sorted(values: Complex) -> Complex:
 
 
 def _lines(values: Complex, wanted: int) -> list[tuple[float, int]]:
-    """Lines that stand clear of the roots, with the roots right of each: for as many as are wanted, then fewer."""
+    """Lines clear of the roots, with the roots right of each: for as many as are wanted, then fewer."""
     real = values.real
     lines = []
     for number in (*range(min(wanted, len(real)), len(real) + 1), *range(min(wanted, len(real)) - 1, 0, -1)):

@@ -115,9 +115,7 @@ class Transfer:
             name: stands in messages.
         Raises: ConfigError if a number is not finite, the denominator is zero or the delay is negative.
         """
-        above, below = (
-            np.atleast_1d(np.asarray(one, np.float64))[::-1] for one in (numerator, denominator)
-        )
+        above, below = (np.atleast_1d(np.asarray(one, np.float64))[::-1] for one in (numerator, denominator))
         problems = []
         if not (np.isfinite(above).all() and np.isfinite(below).all()):
             problems.append(Problem(name, "a coefficient is not a finite number"))
@@ -162,7 +160,9 @@ class Transfer:
                     break
             else:
                 terms.append(term)
-        return Transfer(tuple(Term(trimmed(t.numerator), t.factors, t.delay) for t in terms if t.numerator.any()))
+        return Transfer(
+            tuple(Term(trimmed(t.numerator), t.factors, t.delay) for t in terms if t.numerator.any())
+        )
 
     def __neg__(self) -> Transfer:
         return Transfer(tuple(Term(-term.numerator, term.factors, term.delay) for term in self.terms))
@@ -255,7 +255,7 @@ def pade_order(delay: float, error: float, up_to: float) -> int:
         [
             Problem(
                 "pade",
-                f"no order up to {_HIGHEST_PADE_ORDER} has an error of at most {error:g} up to {up_to:g} rad/s "
+                f"no order up to {_HIGHEST_PADE_ORDER} has an error below {error:g} up to {up_to:g} rad/s "
                 f"for a delay of {delay:g} s",
                 "",
                 "Allow a larger error or a lower frequency, or use the exact frequency response.",

@@ -1,0 +1,229 @@
+"""What `orchestrator stability` tells: margins, critical delays, roots, growth per contact, figures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import OrchestratorError
+from ..run import Prepared, prepare
+from .charts import chart
+from .gain import contact_root, growth_per_contact, predict_contact
+from .loop import Loop
+from .margins import critical_delays, margins
+from .plant import ACTIVE
+from .roots import rightmost_roots
+from .sampled import sample
+from .transfer import Transfer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["main", "stability", "stability_figures"]
+
+
+def stability(
+    config: str | Path | Mapping[str, Any] | Prepared, overrides: Iterable[str] = ()
+) -> dict[str, Any]:
+    """Analyse a configured docking system.
+
+    Args: as `orchestrator.run.prepare`.
+    Returns: a dict with `margins`, `critical_delays` (of the robot's tau_m; None with an active controller,
+    where
+        the delay is not in the whole loop), `roots`, `growth_per_contact`, `contact`, `step` and `notes`.
+    Raises: ConfigError with all problems.
+    """
+    prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
+    loop = Loop.of(prepared)
+    told = margins(loop.gain())
+    roots = rightmost_roots(loop.characteristic())
+    first = contact_root(roots)
+    contact: dict[str, Any] | None
+    try:
+        predicted = predict_contact(loop)
+        contact = {
+            "velocity_ratio": predicted.velocity_ratio,
+            "energy_gain": predicted.energy_gain,
+            "duration": predicted.duration,
+        }
+    except OrchestratorError as error:
+        contact = {"error": str(error)}
+    return {
+        "title": prepared.config.model.title,
+        "margins": {
+            "stable": told.stable,
+            "unstable_roots": told.unstable,
+            "crossovers": [vars(one) for one in told.crossovers],
+            "phase_margin": told.phase_margin,
+            "delay_margin": _number(told.delay_margin),
+            "gain_margin": [_number(one) for one in told.gain_margin],
+            "modulus_margin": told.modulus_margin,
+            "sensitivity_peak": told.sensitivity_peak,
+            "complementary_peak": told.complementary_peak,
+        },
+        "critical_delays": _critical(loop),
+        "roots": [[root.real, root.imag] for root in roots.values],
+        "residual": float(np.max(roots.residuals)),
+        "growth_per_contact": None if first is None else growth_per_contact(first),
+        "contact": contact,
+        "step": _step(prepared, loop),
+        "notes": list(loop.notes),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _critical(loop: Loop) -> dict[str, Any]:
+    """Critical values of the robot's delay, which only those terms of the loop hold that pass the robot."""
+    name = f"{loop.only('RobotResponse')}.tau_m"
+    without = loop.with_parameters({name: 0.0}).gain()
+    # A delay that no sum of the others can equal tells which terms hold it.
+    mark = 1.0 + 10.0 * without.longest_delay
+    marked = loop.with_parameters({name: mark}).gain()
+    fixed = Transfer(tuple(term for term in marked.terms if float(term.delay) < mark))
+    delayed = Transfer(
+        tuple(
+            type(term)(term.numerator, term.factors, term.delay - mark)
+            for term in marked.terms
+            if float(term.delay) >= mark
+        )
+    )
+    up_to = max(0.02, 2.0 * float(loop.parameters[name]))
+    begin, found = critical_delays(fixed, delayed, up_to)
+    return {
+        "parameter": name,
+        "up_to": up_to,
+        "unstable_without": begin,
+        "delays": [vars(one) for one in found],
+    }
+
+
+def _step(prepared: Prepared, loop: Loop) -> dict[str, Any] | None:
+    """What the communication step makes of the growth; None where the master is not analysed."""
+    run = prepared.config.model.run
+    master = run.master if isinstance(run.master, str) else run.master.get("name")
+    held = isinstance(run.master, str) or not run.master.get("extrapolation")
+    if (
+        master not in ("jacobi", "gauss-seidel")
+        or not held
+        or any(one.ratio != 1 for one in prepared.system.instances)
+    ):
+        return None
+    size = float(prepared.grid.step_size)
+    return {
+        "master": master,
+        "step_size": size,
+        "growth_per_contact": _number(sample(loop, master, size).growth()),
+    }
+
+
+def text(report: Mapping[str, Any]) -> str:
+    """The report as it is printed."""
+    m, lines = report["margins"], [report["title"] or ""]
+    growth = report["growth_per_contact"]
+    if growth is not None and abs(growth - 1.0) < 1e-5:
+        lines.append("on the border of stability: a contact changes the velocity by less than 1e-5")
+    else:
+        verdict = f"unstable: {m['unstable_roots']} roots with positive real part"
+        lines.append("stable" if m["stable"] else verdict)
+    for one in m["crossovers"]:
+        lines.append(
+            f"crossover at {one['omega'] / (2 * np.pi):.4g} Hz: phase margin {one['phase_margin']:.4g} deg"
+            + (f", delay margin {one['delay_margin'] * 1e3:.4g} ms" if m["stable"] else "")
+        )
+    lines.append(f"modulus margin {m['modulus_margin']:.4g}, sensitivity peak {m['sensitivity_peak']:.4g}")
+    critical = report["critical_delays"]
+    for one in critical["delays"]:
+        way = "unstable" if one["to_right"] else "a pair of roots comes back"
+        lines.append(
+            f"{critical['parameter']} beyond {one['delay'] * 1e3:.5g} ms: {way}, "
+            f"{one['omega'] / (2 * np.pi):.4g} Hz"
+        )
+    if not critical["delays"]:
+        state = "stable" if critical["unstable_without"] == 0 else "unstable"
+        lines.append(f"{critical['parameter']} up to {critical['up_to'] * 1e3:g} ms: {state} throughout")
+    for real, imag in report["roots"]:
+        if imag >= 0.0:
+            lines.append(f"root {real:.6g} {'+-' + format(imag, '.6g') + 'j ' if imag else ''}[1/s]")
+    if report["growth_per_contact"] is not None:
+        lines.append(
+            f"growth of the velocity per contact: {report['growth_per_contact']:.5f} by the rightmost roots"
+        )
+    contact = report["contact"]
+    if "error" in contact:
+        lines.append(f"one contact after free flight: {contact['error']}")
+    else:
+        lines.append(
+            f"one contact after free flight: velocity x {contact['velocity_ratio']:.5f}, energy x "
+            f"{contact['energy_gain']:.5f}, {contact['duration'] * 1e3:.4g} ms"
+        )
+    step = report["step"]
+    if step is not None and step["growth_per_contact"] is not None:
+        lines.append(
+            f"with {step['master']} at {step['step_size'] * 1e3:g} ms: "
+            f"growth {step['growth_per_contact']:.5f}"
+        )
+    return "\n".join([*(line for line in lines if line), *(f"note: {note}" for note in report["notes"])])
+
+
+def stability_figures(loop: Loop) -> dict[str, Figure]:
+    """Bode, Nyquist, Nichols, roots and a chart: over the robot's delay and the contact's damping.
+
+    With an active controller the chart is over the delay and the stiffness that the controller takes for
+    true.
+    """
+    from . import figures
+
+    gain = {loop.name: loop.gain()}
+    robot, contact = loop.only("RobotResponse"), loop.only("DockingContact")
+    delay, damping = f"{robot}.tau_m", f"{contact}.damping"
+    here = float(loop.parameters[delay]), float(loop.parameters[damping])
+    late = here[0] + 2.0 * loop.parameters[f"{robot}.xi_n"] / loop.parameters[f"{robot}.omega_n"]
+    widest = max(2.5 * late * float(loop.parameters[f"{contact}.stiffness"]), 1.5 * here[1])
+    # With several delays each point costs a count of its own.
+    points = 200 if len(loop.characteristic().delays) <= 2 else 40
+    across = np.linspace(0.0, max(0.01, 2.0 * here[0]), points)
+    active = [
+        name for name in loop.named("ComplianceController") if int(loop.parameters[f"{name}.mode"]) == ACTIVE
+    ]
+    if active:
+        stiffness = float(loop.parameters[f"{contact}.stiffness"])
+        upward = f"{active[0]}.stiffness_estimate", np.linspace(0.5, 1.5, points) * stiffness
+        here = here[0], float(loop.parameters_of(active[0])["stiffness_estimate"])
+    else:
+        upward = damping, np.linspace(0.0, widest, points)
+    drawn = chart(loop, (delay, across), upward)
+    return {
+        "bode": figures.bode(gain),
+        "nyquist": figures.nyquist(gain),
+        "nichols": figures.nichols(gain),
+        "roots": figures.root_map({loop.name: rightmost_roots(loop.characteristic())}),
+        "chart": figures.stability_chart(drawn, {"this system": here}),
+    }
+
+
+def main(args: argparse.Namespace) -> int:
+    """The command `orchestrator stability`."""
+    prepared = prepare(args.config, args.overrides)
+    report = stability(prepared)
+    print(text(report))
+    if args.out is not None:
+        from .. import plotting
+
+        folder = Path(args.out)
+        folder.mkdir(parents=True, exist_ok=True)
+        content = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
+        (folder / "stability.json").write_text(content + "\n", encoding="utf-8")
+        files = ["stability.json"]
+        for name, figure in stability_figures(Loop.of(prepared)).items():
+            plotting.save(figure, folder / f"{name}.png")
+            files.append(f"{name}.png")
+        print(f"Written to {folder}: {', '.join(files)}")
+    return 0
