@@ -80,7 +80,7 @@ def test_refusals():
         "DockingHIL.RobotResponse: step_size = -1.0 s, amplitude = 1.0, periods = 2",
         "  all are to be positive",
     ]
-    with pytest.raises(ConfigError, match="the period of 3 Hz is 333.333 steps of 0.001 s"):
+    with pytest.raises(ConfigError, match=r"the period of 3 Hz is 333\.333 steps of 0\.001 s"):
         sweep("RobotResponse", "command", "position", [3.0], step_size=1e-3, amplitude=1.0)
     with pytest.raises(ConfigError, match="200 Hz has 5 steps in a period"):
         sweep("RobotResponse", "command", "position", [1.0, 200.0], step_size=1e-3, amplitude=1.0)
