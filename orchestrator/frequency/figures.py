@@ -144,6 +144,7 @@ def root_map(roots: Mapping[str, Roots]) -> Figure:
     height = 1.5 * max(abs(root.imag) for root in first) / (2 * np.pi) + 1e-9
     near.set_xlim(-width, width)
     near.set_ylim(-height, height)
+    whole.xaxis.get_major_locator().set_params(nbins=5)
     whole.set_title("all that were asked for")
     near.set_title("rightmost")
     for axes in (whole, near):
