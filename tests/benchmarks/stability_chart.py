@@ -1,6 +1,6 @@
 """Time per point of a stability chart beside python-control's margins of each point, one by one.
 
-    python -m tests.benchmarks.stability_chart
+python -m tests.benchmarks.stability_chart
 """
 
 from __future__ import annotations
