@@ -8,9 +8,7 @@ direction, adds or takes away a pair. A loop with several delays is judged by th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -266,8 +264,3 @@ def _growth(loop: Loop, equation: QuasiPolynomial, unstable: Count) -> Array:
     with np.errstate(all="ignore"):
         growth = np.exp(np.pi * root.real / root.imag)
         return np.where((root.imag > 0.0) & ~((root.real > 0.0) & (unstable == 0)), growth, np.nan)
-
-
-def operating_points(loop: Loop, named: Mapping[str, Mapping[str, Any]]) -> dict[str, Loop]:
-    """The loop at several named sets of parameters, to be marked in a chart."""
-    return {name: loop.with_parameters(changes) for name, changes in named.items()}
