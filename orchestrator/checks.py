@@ -10,8 +10,9 @@ from pathlib import Path
 from .config import Places, Scalar
 from .errors import Problem, listed, nearest
 from .fmi import Causality, Fmu, Interface, Kind, ModelDescription, Value, Variable
+from .quantities import Measure, quantity
 from .system import Instance, Port
-from .units import ONE, UnitError, convert, quantity_in
+from .units import convert
 
 __all__ = [
     "connection",
@@ -137,7 +138,8 @@ def _local(variable: Variable) -> bool:
 def _converted(instance: str, variable: Variable, value: Scalar, place: str) -> Value | Problem:
     label = f"{instance}.{variable.name}"
     if variable.kind is Kind.REAL:
-        return _real(f"{instance}.{variable}", variable, value, place)
+        measure = Measure(variable.unit_name, variable.unit, variable.display_units)
+        return quantity(f"{instance}.{variable}", measure, value, place)
     if variable.kind is Kind.ENUMERATION:
         if isinstance(value, str) and value in variable.items:
             return variable.items[value]
@@ -155,47 +157,6 @@ def _converted(instance: str, variable: Variable, value: Scalar, place: str) -> 
         return value
     remedy = f"Put it in quotes: '{value}'." if wanted is str else ""
     return Problem(place, f"{label} must be {word}, got {value!r}", remedy=remedy)
-
-
-def _real(label: str, variable: Variable, value: Scalar, place: str) -> float | Problem:
-    if isinstance(value, bool):
-        return Problem(place, f"{label} must be a number, got {str(value).lower()}")
-    if isinstance(value, int | float):
-        if not variable.unit_name or variable.unit == ONE:
-            return float(value)
-        allowed = f"a unit must be given, for zero too; its unit is {variable.unit_name}"
-        return Problem(
-            place, f"{label}: {value!r} has no unit", allowed, f"Write {value!r} {variable.unit_name}."
-        )
-    if variable.unit is None:
-        return _unknown_unit(label, variable, value, place)
-    try:
-        # The unit's own name, too, is the FMU's to define: "dimensionless", "radian".
-        own = {variable.unit_name: variable.unit} if variable.unit_name else {}
-        return quantity_in(value, variable.unit, {**own, **variable.display_units})
-    except UnitError as error:
-        allowed = f"its unit is {variable.unit_name}"
-        if variable.display_units:
-            allowed += f", it also takes {listed(variable.display_units)}"
-        return Problem(place, f"{label}: cannot take {value!r}, {error}", allowed)
-
-
-def _unknown_unit(label: str, variable: Variable, text: str, place: str) -> float | Problem:
-    """A quantity for a variable whose unit is not declared, or unknown here: only the same word will do."""
-    number, _, unit = text.strip().partition(" ")
-    try:
-        if variable.unit_name and unit.strip() == variable.unit_name:
-            return float(number)
-    except ValueError:
-        pass
-    if variable.unit_name:
-        allowed = f"its unit, {variable.unit_name}, is not known here: give the number in that unit"
-        return Problem(
-            place, f"{label}: cannot take {text!r}", allowed, f"Write it as <number> {variable.unit_name}."
-        )
-    return Problem(
-        place, f"{label}: cannot take {text!r}", "the FMU declares no unit for it", "Give a bare number."
-    )
 
 
 def _in_range(instance: str, variable: Variable, value: Value, given: Scalar, place: str) -> Problem | None:

@@ -21,18 +21,26 @@ _TOLERANCE = 1e-12
 _ITERATIONS = 50
 
 
+Made = Callable[[Connection, Mapping[Port, Value], float], float]
+
+
 def settle(
-    system: System, running: Sequence[FmuInstance], time: float, check: Callable[[Port, float], None]
+    system: System,
+    running: Sequence[FmuInstance],
+    time: float,
+    check: Callable[[Port, float], None],
+    made: Made,
 ) -> None:
     """Set every connected input to what its source gives.
 
     Args:
         running: the instances, in initialisation mode.
-        time: start time, for messages [s].
+        time: start time [s].
         check: called with each real value before it is passed on; may raise.
+        made: gives the signal of a connection with effects, of values of its sources at a time.
     Raises: StepError if a loop cannot be solved.
     """
-    exchange = _Exchange(system, running, check)
+    exchange = _Exchange(system, running, check, made, time)
     for loops, connections in zip(system.initial_loops, system.initial_levels, strict=True):
         for loop in loops:
             _solve(exchange, loop, time)
@@ -43,16 +51,22 @@ class _Exchange:
     """Reads sources and sets targets of connections."""
 
     def __init__(
-        self, system: System, running: Sequence[FmuInstance], check: Callable[[Port, float], None]
+        self,
+        system: System,
+        running: Sequence[FmuInstance],
+        check: Callable[[Port, float], None],
+        made: Made,
+        time: float,
     ) -> None:
-        self.system, self._running, self._check = system, running, check
+        self.system, self._running, self._check, self._made = system, running, check, made
+        self._time = time
 
     def fetch(self, connections: Iterable[Connection]) -> dict[Port, Value]:
         """Values of the connections' sources."""
         names: dict[int, dict[str, None]] = {}
         for connection in connections:
-            position = self.system.position[connection.source.instance]
-            names.setdefault(position, {})[connection.source.variable] = None
+            for port in connection.sources:
+                names.setdefault(self.system.position[port.instance], {})[port.variable] = None
         values: dict[Port, Value] = {}
         for position, wanted in names.items():
             own = self._running[position].get_values(list(wanted))
@@ -65,7 +79,10 @@ class _Exchange:
         for connection in connections:
             value = values[connection.source]
             if isinstance(value, float):
-                self._check(connection.source, value)
+                for port in connection.sources:
+                    self._check(port, float(values[port]))
+                if connection.wire is not None:
+                    value = self._made(connection, values, self._time)
                 if connection.gain != 1.0 or connection.offset != 0.0:
                     value = connection.gain * value + connection.offset
             position = self.system.position[connection.target.instance]
@@ -76,7 +93,7 @@ class _Exchange:
 
 def _solve(exchange: _Exchange, loop: tuple[Connection, ...], time: float) -> None:
     """Set the inputs of an algebraic loop so that they agree with the outputs that they lead to."""
-    sources = list(dict.fromkeys(connection.source for connection in loop))
+    sources = list(dict.fromkeys(port for connection in loop for port in connection.sources))
     nominal = np.array([exchange.system.variable(port).nominal for port in sources])
 
     def read() -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import pairwise
 from math import ulp
@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import OrchestratorError, StepError
-from .fmi import Array, FmuInstance, Point, StepStatus
+from .fmi import Array, FmuInstance, Point, StepStatus, Value
 from .fmi.directory import return_to, working_directory
 from .initialisation import settle
-from .signals import Layout, Signals
-from .system import Port, System
+from .signals import Layout, Signals, Wired
+from .system import Connection, Port, System
+from .wires import Wires
 
 __all__ = ["Curve", "Instances", "instantiate"]
 
@@ -51,6 +52,7 @@ class Instances:
         terminated: whether all were told that the run went well.
         texts: String outputs as they stand.
         memory: what a master keeps from one step to the next, so that one master serves several runs.
+        wires: evaluates connections with effects; None if there are none.
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -79,6 +81,9 @@ class Instances:
         self._every = [one.ratio.numerator for one in system.instances]
         self._parts = [one.ratio.denominator for one in system.instances]
         self._begun: dict[int, Point] = {}
+        # Connections with effects; None spares systems without them every further question.
+        self.wires = Wires(layout) if layout.wired else None
+        self._uncommitted = False
 
     # What masters use.
 
@@ -88,12 +93,20 @@ class Instances:
     def load(self, signals: Signals) -> None:
         """Begin from the signals of an instant."""
         self._values[:] = signals.values
+        self._uncommitted = True
         if self.texts or signals.texts:
             self.texts = dict(signals.texts)
 
-    def put(self, places: NDArray[np.intp], values: Array) -> None:
-        """Replace signals in the vector: what a master supposes of an instance that has yet to step."""
+    def put(self, places: NDArray[np.intp], values: Array, time: float, wired: tuple[Wired, ...]) -> None:
+        """Replace signals in the vector: what a master supposes of an instance that has yet to step.
+
+        Args:
+            time: the instant that the values belong to [s].
+            wired: connections that make a signal of them (`layout.wired_to`).
+        """
         self._values[places] = values
+        if wired and self.wires is not None:
+            self.wires.try_out(wired, time, self._values)
 
     @property
     def values(self) -> Array:
@@ -182,6 +195,8 @@ class Instances:
                 one.read_outputs()
                 if self.layout.text_outputs[index]:
                     self._read_texts(index)
+                if self.wires is not None:
+                    self.wires.follow(index, point.time + point.step_size, self._values)
         except StepError as error:
             self.blame_inputs(index, point, error)
             raise
@@ -205,12 +220,18 @@ class Instances:
 
     @contextmanager
     def checkpoint(self, indices: Iterable[int]) -> Iterator[Callable[[], None]]:
-        """Keep the states of instances; the function that is given brings them back, as often as called."""
+        """Keep the states of instances; the function that is given brings them back, as often as called.
+
+        With them goes what all effects remember.
+        """
+        remembered = self.wires.saved() if self.wires is not None else None
         saved = [(self.running[index], self.running[index].save_state()) for index in indices]
 
         def back() -> None:
             for one, state in saved:
                 one.restore_state(state)
+            if remembered is not None:
+                remembered()
 
         broken = None
         try:
@@ -224,12 +245,15 @@ class Instances:
                     one.free_state(state)
 
     def signals(self, time: float | None) -> Signals:
-        """The signals as they stand, as a new vector.
+        """The signals as they stand, as a new vector. They are accepted: effects remember them.
 
         Args:
             time: the instant they belong to [s], for messages; None before the first.
         Raises: StepError naming the first variable that is not a finite number.
         """
+        if self.wires is not None and self._uncommitted and time is not None:
+            self._uncommitted = False
+            self.wires.commit(time, self._values)
         # A search in bytes, since a reduction of the Boolean array would cost four times as much per step.
         np.isfinite(self._values, self._finite)
         if 0 in self._finite.tobytes():
@@ -266,14 +290,24 @@ class Instances:
             if stop is not None and instance.ratio != 1:  # the ends of own steps are rounded once more
                 stop += 2.0 * ulp(stop)
             one.enter_initialisation(start_time, instance.start, stop)
-        settle(self.system, self.running, start_time, self._check_initial)
+        settle(self.system, self.running, start_time, self._check_initial, self._made)
         for one in self.running:
             one.exit_initialisation()
             self.started += 1
         for index, one in enumerate(self.running):
             one.read_outputs()
             self._read_texts(index)
+        self._uncommitted = True
         return self.signals(start_time)
+
+    def _made(self, connection: Connection, values: Mapping[Port, Value], time: float) -> float:
+        """The signal of a connection with effects, of values of its sources at the start."""
+        assert self.wires is not None
+        for port in connection.sources:
+            self._values[self.layout.index[port]] = values[port]
+        (wired,) = (one for one in self.layout.wired if one.connection is connection)
+        self.wires.try_out([wired], time, self._values)
+        return float(self._values[wired.place])
 
     def terminate(self) -> None:
         """End a run that went well; an FMU that fails at that changes no result, and is told as a warning."""
@@ -323,17 +357,34 @@ class Instances:
             return
         position = int(np.flatnonzero(~np.isfinite(self._u[index]))[0])
         source = int(self.layout.inputs[index].source[position])
-        port = next(port for port, place in self.layout.index.items() if place == source)
         if not np.isfinite(self._values[source]):
             time = point.time + point.step_size
-            self._raise_non_finite(port, float(self._values[source]), time, error)
+            self._report_non_finite(time, source, error)
 
-    def _report_non_finite(self, time: float | None) -> None:
+    def _report_non_finite(
+        self, time: float | None, place: int | None = None, cause: Exception | None = None
+    ) -> None:
+        """Name the first signal that is not finite, or the one at `place`; for what an effect made of such
+        a signal, that one."""
+        wanted = None if place is None else {place}
+        for one in self.layout.wired:
+            if wanted is not None and one.place == place:
+                wanted |= {*one.source.tolist(), *(n for _, reads in one.links for n in reads.tolist())}
         for index in self.system.order:
             span = self.layout.spans[index]
             for position in np.flatnonzero(~np.isfinite(self._values[span])):
-                port = Port(self.system.instances[index].name, self.layout.outputs[index][position])
-                self._raise_non_finite(port, float(self._values[span][position]), time)
+                if wanted is None or span.start + position in wanted:
+                    port = Port(self.system.instances[index].name, self.layout.outputs[index][position])
+                    self._raise_non_finite(port, float(self._values[span][position]), time, cause)
+        for one in self.layout.wired:
+            if not np.isfinite(self._values[one.place]) and (wanted is None or one.place in wanted):
+                raise StepError(
+                    f"{one.connection}: the effects give {float(self._values[one.place])!r}",
+                    instance=one.connection.source.instance,
+                    time=time,
+                    status="not finite",
+                    remedy="Check the effects' options.",
+                ) from cause
 
     def _raise_non_finite(
         self, port: Port, value: float, time: float | None, cause: Exception | None = None

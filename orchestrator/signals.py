@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .effects import Effect
 from .fmi import Array, Kind
-from .system import Port, System
+from .system import Connection, Port, System
 
-__all__ = ["Layout", "Signals"]
+__all__ = ["Layout", "Signals", "Wired"]
 
 _DOUBLES = ("Real", "Float64")
 
 
 class Signals(NamedTuple):
-    """Values of all read ports at one instant.
+    """Values of all read ports at one instant, and of the signals that connections make of them.
 
     Attributes:
-        values: numeric ports, shape (layout.size,), in the FMUs' units; Boolean 0 or 1.
+        values: numeric ports, in the FMUs' units, Boolean 0 or 1; then what comes out of connections with
+            effects; shape (layout.size,).
         texts: String outputs that are connected.
     """
 
@@ -46,6 +49,25 @@ class Inputs:
 
 
 @dataclass(frozen=True)
+class Wired:
+    """A connection with effects, or several sources, whose signal has a place of its own.
+
+    Attributes:
+        connection: which one.
+        place: of the signal in the vector.
+        source, gain, offset: of its legs, shape (n,): the signal begins as the sum of gain * value + offset.
+        links: its effects, each with the places of the further signals that it reads.
+    """
+
+    connection: Connection
+    place: int
+    source: NDArray[np.intp]
+    gain: Array
+    offset: Array
+    links: tuple[tuple[Effect, NDArray[np.intp]], ...]
+
+
+@dataclass(frozen=True)
 class Layout:
     """Where every port stands.
 
@@ -57,6 +79,11 @@ class Layout:
         inputs: per instance, its numeric inputs.
         text_inputs: per instance, its String inputs and their sources.
         text_outputs: per instance, its connected String outputs.
+        recorded: places of the recorded ports.
+        wired: connections with effects, in the order of their places, which follow those of the ports.
+        owners: per place, the port that stands there, or the first source of the connection that does.
+        nominal: usual magnitude of each signal, shape (size,).
+        smooth: which signals may be extrapolated, shape (size,): others keep their value over a step.
     """
 
     size: int
@@ -66,13 +93,17 @@ class Layout:
     inputs: tuple[Inputs, ...]
     text_inputs: tuple[tuple[tuple[str, Port], ...], ...]
     text_outputs: tuple[tuple[str, ...], ...]
-    recorded: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+    recorded: NDArray[np.intp]
+    wired: tuple[Wired, ...]
+    owners: tuple[Port, ...]
+    nominal: Array
+    smooth: NDArray[np.bool_]
 
     @staticmethod
     def of(system: System) -> Layout:
         """The layout of a system: recorded ports and the sources of connections are read, others are not."""
         read: list[dict[str, None]] = [{} for _ in system.instances]
-        for port in (*system.recorded, *(connection.source for connection in system.connections)):
+        for port in (*system.recorded, *(port for one in system.connections for port in one.sources)):
             read[system.position[port.instance]][port.variable] = None
         outputs, spans, text_outputs = [], [], []
         index: dict[Port, int] = {}
@@ -86,9 +117,20 @@ class Layout:
             outputs.append(tuple(variable.name for variable in numeric))
             spans.append(slice(start, len(index)))
             text_outputs.append(tuple(one.name for one in variables if one.kind is Kind.STRING))
-        numeric_inputs, text_inputs = _inputs(system, index)
+        wired = _wired(system, index)
+        numeric_inputs, text_inputs = _inputs(system, index, {one.connection.target: one for one in wired})
+        variables = [system.variable(port) for port in index]
+        nominal = [variable.nominal for variable in variables]
+        smooth = [variable.kind is Kind.REAL for variable in variables]
+        for one in wired:
+            # Of a sum that cancels, the largest part counts.
+            magnitude = max(abs(g) * nominal[n] for g, n in zip(one.gain, one.source, strict=True))
+            for effect, _ in one.links:
+                magnitude = effect.nominal(magnitude)
+            nominal.append(float(magnitude) or 1.0)
+            smooth.append(all(effect.smooth() for effect, _ in one.links))
         return Layout(
-            size=len(index),
+            size=len(index) + len(wired),
             index=index,
             outputs=tuple(outputs),
             spans=tuple(spans),
@@ -96,11 +138,69 @@ class Layout:
             text_inputs=text_inputs,
             text_outputs=tuple(text_outputs),
             recorded=np.array([index[port] for port in system.recorded], np.intp),
+            wired=wired,
+            owners=(*index, *(one.connection.source for one in wired)),
+            nominal=np.array(nominal),
+            smooth=np.array(smooth, np.bool_),
         )
+
+    @cached_property
+    def within(self) -> tuple[NDArray[np.intp], ...]:
+        """Per instance, the places of its signals, and of those that connections make of them."""
+        return tuple(
+            np.array([*range(span.start, span.stop), *(one.place for one in wired)], np.intp)
+            for span, wired in zip(self.spans, self.wired_after, strict=True)
+        )
+
+    @cached_property
+    def wired_after(self) -> tuple[tuple[Wired, ...], ...]:
+        """Per instance, the connections that make a signal of its own."""
+        return tuple(self.wired_to(range(span.start, span.stop)) for span in self.spans)
+
+    def wired_to(self, places: Iterable[int]) -> tuple[Wired, ...]:
+        """Connections that make a signal of one at `places`."""
+        if not self.wired:
+            return ()
+        found = {one.place: one for place in places for one in self._made_of.get(int(place), ())}
+        return tuple(found[place] for place in sorted(found))
+
+    @cached_property
+    def _made_of(self) -> Mapping[int, list[Wired]]:
+        made: dict[int, list[Wired]] = {}
+        for one in self.wired:
+            for place in {*one.source.tolist(), *(n for _, reads in one.links for n in reads.tolist())}:
+                made.setdefault(place, []).append(one)
+        return made
+
+    def told(self, place: int) -> str:
+        """A signal's name for messages."""
+        ports = len(self.owners) - len(self.wired)
+        return str(self.owners[place]) if place < ports else str(self.wired[place - ports].connection)
+
+
+def _wired(system: System, index: Mapping[Port, int]) -> tuple[Wired, ...]:
+    made: list[Wired] = []
+    for connection in system.connections:
+        if connection.wire is None:
+            continue
+        legs, links = connection.wire
+        made.append(
+            Wired(
+                connection=connection,
+                place=len(index) + len(made),
+                source=np.array([index[leg.port] for leg in legs], np.intp),
+                gain=np.array([leg.gain for leg in legs]),
+                offset=np.array([leg.offset for leg in legs]),
+                links=tuple(
+                    (link.effect, np.array([index[port] for port in link.reads], np.intp)) for link in links
+                ),
+            )
+        )
+    return tuple(made)
 
 
 def _inputs(
-    system: System, index: Mapping[Port, int]
+    system: System, index: Mapping[Port, int], wired: Mapping[Port, Wired]
 ) -> tuple[tuple[Inputs, ...], tuple[tuple[tuple[str, Port], ...], ...]]:
     numeric: list[list[tuple[str, int, float, float, bool]]] = [[] for _ in system.instances]
     texts: list[list[tuple[str, Port]]] = [[] for _ in system.instances]
@@ -111,13 +211,15 @@ def _inputs(
             texts[position].append((variable.name, connection.source))
         else:
             other = variable.type not in _DOUBLES
-            feed = (variable.name, index[connection.source], connection.gain, connection.offset, other)
+            made = wired.get(connection.target)
+            place = index[connection.source] if made is None else made.place
+            feed = (variable.name, place, connection.gain, connection.offset, other)
             numeric[position].append(feed)
-    made = []
+    inputs = []
     for feeds in numeric:
         feeds.sort(key=lambda feed: feed[4])
         plain = all(gain == 1.0 and offset == 0.0 for _, _, gain, offset, _ in feeds)
-        made.append(
+        inputs.append(
             Inputs(
                 names=tuple(feed[0] for feed in feeds),
                 source=np.array([feed[1] for feed in feeds], np.intp),
@@ -125,4 +227,4 @@ def _inputs(
                 offset=None if plain else np.array([feed[3] for feed in feeds]),
             )
         )
-    return tuple(made), tuple(tuple(one) for one in texts)
+    return tuple(inputs), tuple(tuple(one) for one in texts)

@@ -12,9 +12,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 from . import graph
+from .effects import Effect
 from .fmi import Fmu, Value, Variable
 
-__all__ = ["Connection", "Instance", "Port", "System", "port_graph"]
+__all__ = ["Connection", "Instance", "Leg", "Link", "Port", "System", "Wire", "port_graph"]
 
 
 class Port(NamedTuple):
@@ -47,17 +48,78 @@ class Instance:
         return self.fmu.description.variables[name]
 
 
+class Leg(NamedTuple):
+    """One of the sources of a connection that sums several: it gives gain * value + offset."""
+
+    port: Port
+    gain: float = 1.0
+    offset: float = 0.0
+
+
+class Link(NamedTuple):
+    """An effect on a connection.
+
+    Attributes:
+        effect: with its options.
+        name: as the config has it.
+        reads: the outputs that it reads beside the connection's own.
+        at_once: whether its value at a communication point depends on the signal's at the same point.
+    """
+
+    effect: Effect
+    name: str
+    reads: tuple[Port, ...] = ()
+    at_once: bool = True
+
+
+class Wire(NamedTuple):
+    """What makes one signal of a connection's sources: their sum, through its effects in turn."""
+
+    legs: tuple[Leg, ...]
+    links: tuple[Link, ...] = ()
+
+
 @dataclass(frozen=True)
 class Connection:
-    """A checked connection: value at the target = gain * value at the source + offset (unit conversion)."""
+    """A checked connection: value at the target = gain * signal + offset (unit conversion).
+
+    Attributes:
+        source: where the signal comes from; of several sources the first.
+        target: the input.
+        wire: what makes the signal; None where it is the value at the source.
+    """
 
     source: Port
     target: Port
     gain: float = 1.0
     offset: float = 0.0
+    wire: Wire | None = None
+
+    @cached_property
+    def sources(self) -> tuple[Port, ...]:
+        """All outputs that the signal is made from."""
+        if self.wire is None:
+            return (self.source,)
+        ports = [leg.port for leg in self.wire.legs]
+        return tuple(dict.fromkeys([*ports, *(port for link in self.wire.links for port in link.reads)]))
+
+    @cached_property
+    def passed_at_once(self) -> tuple[Port, ...]:
+        """Those on which the signal at a communication point depends with their value at the same point."""
+        if self.wire is None:
+            return (self.source,)
+        ports: dict[Port, None] = {}
+        for link in reversed(self.wire.links):
+            if not link.at_once:
+                return tuple(ports)
+            ports |= dict.fromkeys(link.reads)
+        return tuple(ports | dict.fromkeys(leg.port for leg in self.wire.legs))
 
     def __str__(self) -> str:
-        return f"{self.source} -> {self.target}"
+        if self.wire is None:
+            return f"{self.source} -> {self.target}"
+        through = "".join(f" -> {link.name}" for link in self.wire.links)
+        return f"{' + '.join(str(leg.port) for leg in self.wire.legs)}{through} -> {self.target}"
 
 
 @dataclass(frozen=True)
@@ -71,6 +133,8 @@ class System:
         notes: what was accepted but could not be checked.
         loops: algebraic loops at communication points, inputs and outputs in turn; only some masters solve
             them.
+        longest_step: the largest communication step [s] for which delays keep what they connect apart, on
+            which order and loops rely; None if none does.
     """
 
     instances: tuple[Instance, ...]
@@ -78,6 +142,7 @@ class System:
     recorded: tuple[Port, ...]
     notes: tuple[str, ...] = ()
     loops: tuple[tuple[Port, ...], ...] = ()
+    longest_step: float | None = None
 
     @cached_property
     def position(self) -> Mapping[str, int]:
@@ -97,10 +162,11 @@ class System:
         through = [{port for ports in one.feedthrough.values() for port in ports} for one in self.instances]
         successors: list[set[int]] = [set() for _ in self.instances]
         for connection in self.connections:
-            source = self.position[connection.source.instance]
             target = self.position[connection.target.instance]
-            if source != target and connection.target.variable in through[target]:
-                successors[source].add(target)
+            if connection.target.variable in through[target]:
+                sources = {self.position[port.instance] for port in connection.passed_at_once}
+                for source in sources - {target}:
+                    successors[source].add(target)
         return graph.stable_order([sorted(below) for below in successors])
 
     @cached_property
@@ -128,11 +194,12 @@ class System:
         served: dict[int, list[Connection]] = {}
         loops: dict[int, dict[int, list[Connection]]] = {}
         for connection in self.connections:
-            source, target = nodes[connection.source], nodes[connection.target]
-            if home[source] == home[target]:
-                loops.setdefault(level[source], {}).setdefault(home[source], []).append(connection)
+            sources, own = [nodes[port] for port in connection.sources], home[nodes[connection.target]]
+            latest = max(level[source] for source in sources)
+            if any(home[source] == own for source in sources):
+                loops.setdefault(latest, {}).setdefault(own, []).append(connection)
             else:
-                served.setdefault(level[source], []).append(connection)
+                served.setdefault(latest, []).append(connection)
         keys = sorted(served.keys() | loops.keys())
         return (
             tuple(tuple(served.get(key, ())) for key in keys),
@@ -143,7 +210,11 @@ class System:
 def port_graph(
     instances: Sequence[Instance], connections: Sequence[Connection], *, initial: bool = False
 ) -> tuple[dict[Port, int], list[list[int]]]:
-    """Ports as nodes; edges from source to target and from input to each output that depends on it."""
+    """Ports as nodes; edges from source to target and from input to each output that depends on it.
+
+    A connection whose effects keep the two apart has no edge, except at initialisation, where they remember
+    nothing.
+    """
     nodes: dict[Port, int] = {}
     successors: list[list[int]] = []
 
@@ -154,7 +225,11 @@ def port_graph(
         return nodes[port]
 
     for connection in connections:
-        successors[node(connection.source)].append(node(connection.target))
+        for port in connection.sources:
+            node(port)
+        target = node(connection.target)
+        for port in connection.sources if initial else connection.passed_at_once:
+            successors[nodes[port]].append(target)
     for one in instances:
         for output, inputs in (one.initial_feedthrough if initial else one.feedthrough).items():
             for name in inputs:

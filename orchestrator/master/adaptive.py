@@ -15,7 +15,6 @@ from ..instances import Instances
 from ..signals import Signals
 from ..system import System
 from .base import Master, MasterAlgorithm, StepInfo, need_rollback
-from .extrapolation import smooth_signals
 from .gauss_seidel import GaussSeidel
 from .jacobi import Jacobi
 from .rates import slow
@@ -85,7 +84,6 @@ class Adaptive(Master):
         """See MasterAlgorithm.step."""
         if "halvings" not in instances.memory:
             instances.memory["halvings"] = 0
-            instances.memory["smooth"] = smooth_signals(instances)
         base: MasterAlgorithm = Jacobi() if self.base == "jacobi" else GaussSeidel()
         taking = _Part(self, base, system, instances, point)
         halvings, done, parts, worst = instances.memory["halvings"], 0, 0, 0.0
@@ -126,10 +124,8 @@ class _Part:
     ) -> None:
         self._master, self._base, self._system, self._instances = master, base, system, instances
         self._point = point
-        self._smooth: NDArray[np.bool_] = instances.memory["smooth"]
-        variables = [system.variable(port) for port in instances.layout.index]
-        self._nominal = np.array([one.nominal for one in variables])
-        fed = np.zeros(len(variables), np.bool_)
+        self._smooth, self._nominal = instances.layout.smooth, instances.layout.nominal
+        fed = np.zeros(instances.layout.size, np.bool_)
         for inputs in instances.layout.inputs:
             fed[inputs.source] = True
         self._fed = fed & self._smooth
@@ -168,12 +164,12 @@ class _Part:
     def failed(self, attempt: _Attempt, halvings: int, number: int) -> StepError:
         """The error for a part that is as small as it may be."""
         worst = int(np.argmax(attempt.errors))
-        port = next(port for port, place in self._instances.layout.index.items() if place == worst)
+        layout = self._instances.layout
         size = self._point.step_size / 2**halvings
         return StepError(
             f"master adaptive: a step of {size:g} s, halved {halvings} times, still has an estimated error "
-            f"of {attempt.error:.3g} in {port}; tolerance {self._master.tolerance:g}",
-            instance=port.instance,
+            f"of {attempt.error:.3g} in {layout.told(worst)}; tolerance {self._master.tolerance:g}",
+            instance=layout.owners[worst].instance,
             time=self._point.time + self._point.step_size * (number / 2**halvings),
             status="not converged",
             remedy="A jump cannot be resolved by small steps: take a larger tolerance, or a fixed step.",

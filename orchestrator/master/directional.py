@@ -24,7 +24,7 @@ def sweep_slope(
     Args:
         order: indices of the instances, in the order of stepping.
         torn: signals that are supposed before the sweep.
-    Returns: None if an instance does not offer directional derivatives.
+    Returns: None if an instance does not offer directional derivatives, or effects lie between instances.
     """
     system, members = instances.system, set(order)
     capabilities = [system.instances[index].fmu.description.capabilities for index in order]
@@ -35,6 +35,8 @@ def sweep_slope(
     for connection in system.connections:
         source = system.position[connection.source.instance]
         target = system.position[connection.target.instance]
+        if connection.wire is not None and target in members:
+            return None
         if source in members and target in members and system.variable(connection.source).kind is Kind.REAL:
             entering[target].append(connection)
             leaving[source][connection.source.variable] = None

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..fmi import Array, Kind, Point
+from ..fmi import Array, Point
 from ..instances import Curve, Instances
 
-__all__ = ["Extrapolation", "smooth_signals"]
+__all__ = ["Extrapolation"]
 
 # Weights of the latest points, newest first, of the polynomial through them at the middle and at the end of
 # the step that follows: Lagrange's for equidistant points.
@@ -20,14 +19,6 @@ _AHEAD = {
 _WITHIN = {1: (0.5, 0.5), 2: (0.375, 0.75, -0.125)}
 
 
-def smooth_signals(instances: Instances) -> NDArray[np.bool_]:
-    """Which signals are real numbers, shape (layout.size,): others keep their value over a step."""
-    smooth = np.zeros(instances.layout.size, np.bool_)
-    for port, place in instances.layout.index.items():
-        smooth[place] = instances.system.variable(port).kind is Kind.REAL
-    return smooth
-
-
 class Extrapolation:
     """The curve of all signals over a step, from the points before and, as instances step, from the end.
 
@@ -37,9 +28,7 @@ class Extrapolation:
     def __init__(self, instances: Instances, point: Point, values: Array, order: int) -> None:
         self._instances = instances
         kept = instances.memory.setdefault("points", [])
-        if "smooth" not in instances.memory:
-            instances.memory["smooth"] = smooth_signals(instances)
-        self._smooth = instances.memory["smooth"]
+        self._smooth = instances.layout.smooth
         # A step that is not the successor of the one before it begins anew.
         while kept and kept[-1][0] >= point.index:
             kept.pop()
@@ -49,7 +38,7 @@ class Extrapolation:
         del kept[: -order - 1]
         self._points = [one for _, one in reversed(kept)]
         self._order = min(order, len(kept) - 1)
-        self._step_size = point.step_size
+        self._end = point.time + point.step_size
         self.curve: Curve | None = None
         if self._order:
             middle, end = (
@@ -63,11 +52,24 @@ class Extrapolation:
         return sum((weight * one for weight, one in zip(weights, points, strict=False)), 0.0)  # type: ignore[return-value]
 
     def stepped(self, index: int) -> None:
-        """An instance has stepped: its signals at the end are known."""
+        """An instance has stepped: its signals at the end are known.
+
+        What a connection makes of them and of others that are yet to come is made of these as they are
+        supposed to be.
+        """
         if self.curve is None:
             return
-        span = self._instances.layout.spans[index]
-        known = self._instances.values[span]
+        layout = self._instances.layout
+        span = layout.spans[index]
+        self._settle(span, self._instances.values[span])
+        if self._instances.wires is not None:
+            for one in layout.wired_after[index]:
+                self._instances.wires.try_out([one], self._end, self.curve.end)
+                place = slice(one.place, one.place + 1)
+                self._settle(place, self.curve.end[place].copy())
+
+    def _settle(self, span: slice, known: Array) -> None:
+        assert self.curve is not None
         points = [known, *(one[span] for one in self._points)]
         within = self._mixed(_WITHIN[self._order], points)
         self.curve.end[span] = known

@@ -16,11 +16,10 @@ from ..fixed_point import Anderson, FixedPoint, Newton, Solver, solve
 from ..fmi import Array, Kind, Point, StepStatus
 from ..initialisation import not_converged
 from ..instances import Curve, Instances
-from ..signals import Layout, Signals
+from ..signals import Layout, Signals, Wired
 from ..system import Port, System
 from .base import Master, StepInfo, failure, need_rollback
 from .directional import sweep_slope
-from .extrapolation import smooth_signals
 from .rates import slow
 
 __all__ = ["Iterative"]
@@ -36,6 +35,8 @@ class Block:
         places: of `torn` in the signal vector.
         nominal: of `torn`.
         discrete: which of `torn` are no real numbers.
+        wired: connections that make a signal of `torn`.
+        supposed: places of `torn` and of these signals.
     """
 
     order: tuple[int, ...]
@@ -43,13 +44,16 @@ class Block:
     places: NDArray[np.intp]
     nominal: Array
     discrete: NDArray[np.bool_]
+    wired: tuple[Wired, ...]
+    supposed: NDArray[np.intp]
 
 
 def cycles(system: System) -> list[tuple[int, ...]]:
     """Instances in an order in which each comes after those that feed it; those in one cycle together."""
     fed: list[set[int]] = [set() for _ in system.instances]
     for connection in system.connections:
-        fed[system.position[connection.source.instance]].add(system.position[connection.target.instance])
+        for port in connection.sources:
+            fed[system.position[port.instance]].add(system.position[connection.target.instance])
     rank = {index: place for place, index in enumerate(system.order)}
     components = reversed(graph.strong_components([sorted(below) for below in fed]))
     return [tuple(sorted(component, key=rank.__getitem__)) for component in components]
@@ -62,8 +66,8 @@ def blocks(system: System, layout: Layout) -> tuple[Block, ...]:
     for connection in system.connections:
         target = system.position[connection.target.instance]
         if system.variable(connection.target).kind is not Kind.STRING:
-            source = system.position[connection.source.instance]
-            entering.setdefault(target, []).append((connection.source, source))
+            for port in connection.sources:
+                entering.setdefault(target, []).append((port, system.position[port.instance]))
     for order in cycles(system):
         rank = {index: place for place, index in enumerate(order)}
         torn = tuple(
@@ -75,13 +79,17 @@ def blocks(system: System, layout: Layout) -> tuple[Block, ...]:
             )
         )
         variables = [system.variable(port) for port in torn]
+        places = np.array([layout.index[port] for port in torn], np.intp)
+        wired = layout.wired_to(places.tolist())
         made.append(
             Block(
                 order=order,
                 torn=torn,
-                places=np.array([layout.index[port] for port in torn], np.intp),
+                places=places,
                 nominal=np.array([one.nominal for one in variables]),
                 discrete=np.array([one.kind is not Kind.REAL for one in variables], np.bool_),
+                wired=wired,
+                supposed=np.concatenate([places, [one.place for one in wired]]).astype(np.intp),
             )
         )
     return tuple(made)
@@ -140,7 +148,6 @@ class Iterative(Master):
         instances.load(signals)
         if "blocks" not in instances.memory:
             instances.memory["blocks"] = blocks(system, instances.layout)
-            instances.memory["smooth"] = smooth_signals(instances)
         curve = None
         if self.interpolation:
             begin = signals.values
@@ -166,7 +173,7 @@ class Iterative(Master):
             if status > StepStatus.WARNING:
                 return failure(instances, index, status)
             if curve is not None:
-                _straighten(curve, instances.layout.spans[index], instances)
+                _straighten(curve, instances.layout.within[index], instances)
         return StepInfo()
 
     def _solve(
@@ -191,9 +198,9 @@ class Iterative(Master):
                     back()
                     instances.texts = dict(texts)
                 fresh = False
-                instances.put(block.places, x)
+                instances.put(block.places, x, point.time + point.step_size, block.wired)
                 if curve is not None:
-                    _straighten(curve, block.places, instances)
+                    _straighten(curve, block.supposed, instances)
                 info = self._sweep(instances, point, block, curve)
                 if info.status > StepStatus.WARNING:
                     raise _Refused(info)
@@ -239,9 +246,9 @@ class _Refused(Exception):
         self.info = info
 
 
-def _straighten(curve: Curve, places: NDArray[np.intp] | slice, instances: Instances) -> None:
+def _straighten(curve: Curve, places: NDArray[np.intp], instances: Instances) -> None:
     """Let signals run straight to the values that they have now; what is no real number jumps at once."""
     end = instances.values[places]
     curve.end[places] = end
-    smooth = instances.memory["smooth"][places]
+    smooth = instances.layout.smooth[places]
     curve.middle[places] = np.where(smooth, 0.5 * (curve.begin[places] + end), end)

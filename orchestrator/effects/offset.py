@@ -1,0 +1,27 @@
+"""The signal plus a constant."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from .base import Array, Effect, OfSignal
+
+__all__ = ["Offset"]
+
+
+class Offset(Effect):
+    """y = x + value. Zero size: 0."""
+
+    main: ClassVar[str] = "value"
+    jittable: ClassVar[bool] = True
+
+    value: Annotated[float, OfSignal()] = Field(description="What is added.", allow_inf_nan=False)
+
+    @staticmethod
+    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+        """See Effect.kernel."""
+        if options[0] == 0.0:
+            return x[0]  # -0.0 + 0.0 is +0.0
+        return x[0] + options[0]
