@@ -91,7 +91,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     schema = commands.add_parser("schema", help="print the JSON Schema of configs")
     schema.set_defaults(command_function=_schema)
 
-    listing = commands.add_parser("list", help="list bundled systems and FMUs, masters and measures")
+    listing = commands.add_parser("list", help="list bundled systems and FMUs, masters, effects and measures")
     listing.set_defaults(command_function=_list)
 
     build = commands.add_parser("build", help="make an FMU from a Modelica or Python model")
@@ -179,6 +179,7 @@ def _schema(args: argparse.Namespace) -> int:
 
 def _list(args: argparse.Namespace) -> int:
     from . import bundled
+    from .effects import effect_names
     from .master import master_names
     from .measures import measure_names
 
@@ -186,6 +187,7 @@ def _list(args: argparse.Namespace) -> int:
         ("systems", bundled.system_names()),
         ("FMUs", bundled.fmu_names()),
         ("masters", master_names()),
+        ("effects", effect_names()),
         ("measures", measure_names()),
     ):
         print(f"{title}:")

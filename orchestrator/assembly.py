@@ -9,9 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 from . import bundled, checks, graph
-from .config import Config, ConnectionModel, InstanceModel, Places, Scalar, endpoints
+from .config import Config, ConnectionModel, InstanceModel, Places, Scalar
+from .connecting import Ends, connect, elements
 from .errors import ConfigError, FmuError, Problem, listed, nearest
 from .fmi import Fmu, Handling, Interface, Kind, Value, load_fmu
 from .system import Connection, Instance, Port, System, port_graph
@@ -72,6 +74,8 @@ def load_system(
         problems=problems,
         absent=absent,
         loops=loops,
+        step_size=float(config.model.run.times()[2]),
+        folder=config.folder,
     )
 
 
@@ -147,7 +151,7 @@ def _find_fmu(
 
 def assemble(
     parts: Iterable[Part],
-    connections: Iterable[str | ConnectionModel] = (),
+    connections: Iterable[str | ConnectionModel | Mapping[str, Any]] = (),
     *,
     record: Sequence[str] | None = None,
     needed: Mapping[str, tuple[str, ...]] | None = None,
@@ -155,42 +159,56 @@ def assemble(
     problems: Iterable[Problem] = (),
     absent: frozenset[str] = frozenset(),
     loops: bool = False,
+    step_size: float | None = None,
+    folder: Path | None = None,
 ) -> System:
     """Check parts and connections and make a system of them.
 
     Args:
         parts: instances with distinct names.
-        connections: "a.y -> b.u" each, or the long form.
+        connections: "a.y -> b.u" each, or the long form, {"from": "a.y", "to": "b.u", "through": [...]}.
         record: signals to record as instance.variable; None: every numeric output.
         needed: signals to record besides, and the path in the config that asks for each.
         places: where the values were written, for messages.
         problems: found earlier, to be told together with those found here.
         absent: names of instances that already have a problem: what concerns them is not judged.
         loops: whether algebraic loops at communication points are let pass, for a master that solves them.
+        step_size: the largest communication step that the system is to take [s]: a delay that is no shorter
+            breaks direct feedthrough. None: not known, and no delay does.
+        folder: what relative paths of effects start from; the working directory if not given.
     Raises: ConfigError with all problems.
     """
     parts = list(parts)
     places = places or Places("system")
     found = list(problems)
     notes: list[str] = []
-    by_name = {part.name: part for part in parts}
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
     fed: set[str] = set()
+    descriptions = {part.name: part.fmu.description for part in parts}
+    single: list[Ends] = []
     for index, connection in enumerate(connections):
-        fed.add(endpoints(connection)[1])
-        made = _connect(endpoints(connection), ("connections", index), by_name, absent, places, found, notes)
+        ends, targets, problems = elements(Ends.of(index, connection), descriptions, places)
+        fed.update(targets)
+        found += problems
+        single += ends
+    told: set[Problem] = set()
+    for one in single:
+        apart: list[Problem] = []
+        made = connect(one, descriptions, absent, places, folder or Path.cwd(), step_size, apart, notes)
+        # Of an effect on an array every element tells the same.
+        found += [problem for problem in apart if problem not in told]
+        told.update(apart)
         if made is None:
             continue
         if made.target in wired:
             first, source = wired[made.target]
             what = f"{made.target} has two sources, {source} and {made.source}"
-            allowed = f"connections[{first}] already feeds it; an input takes one source"
-            found.append(
-                Problem(places.text(("connections", index)), what, allowed, "Remove one of the two.")
-            )
+            allowed = f"connections[{first}] already feeds it; an input takes one connection"
+            remedy = "Remove one of the two, or add them up: from: [..., ...]."
+            found.append(Problem(places.text(("connections", one.index)), what, allowed, remedy))
             continue
-        wired[made.target] = (index, made.source)
+        wired[made.target] = (one.index, made.source)
         checked.append(made)
     instances = [_settle(part, wired, fed, places, found, notes) for part in parts]
     for part in parts:
@@ -216,44 +234,9 @@ def assemble(
         solvable = _algebraic_loops(instances, checked, places, loops, found)
     if found:
         raise ConfigError(found)
-    return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable)
-
-
-def _connect(
-    ends: tuple[str, str],
-    path: tuple[str | int, ...],
-    parts: Mapping[str, Part],
-    absent: frozenset[str],
-    places: Places,
-    problems: list[Problem],
-    notes: list[str],
-) -> Connection | None:
-    place = places.text(path)
-    ports = []
-    for text in ends:
-        name, dot, variable = text.partition(".")
-        if name in absent:
-            return None
-        if name not in parts:
-            what = f"no instance {name!r} in {ends[0]} -> {ends[1]}"
-            problems.append(Problem(place, what, f"instances: {listed(parts)}", nearest(name, parts)))
-        elif not dot:
-            problems.append(Problem(place, f"{text!r} names no variable", f"written as {name}.variable"))
-        else:
-            ports.append(Port(name, variable))
-    if len(ports) < 2:
-        return None
-    source, target = ports
-    result = checks.connection(
-        source, parts[source.instance].fmu.description, target, parts[target.instance].fmu.description, place
-    )
-    if isinstance(result, list):
-        problems += result
-        return None
-    gain, offset, note = result
-    if note:
-        notes.append(f"{place}: {note}")
-    return Connection(source, target, gain, offset)
+    broken = any(not link.at_once for one in checked if one.wire for link in one.wire.links)
+    longest = step_size if broken else None
+    return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest)
 
 
 def _settle(

@@ -17,6 +17,7 @@ from .units import convert
 __all__ = [
     "connection",
     "dependencies",
+    "end",
     "integration",
     "loop_problem",
     "recordable",
@@ -42,7 +43,7 @@ def connection(
         (source, source_description, Causality.OUTPUT),
         (target, target_description, Causality.INPUT),
     ):
-        problem = _end(port, description, causality, place)
+        problem = end(port, description, causality, place)
         if problem is not None:
             problems.append(problem)
     if problems:
@@ -84,7 +85,7 @@ def _suggest(names: Sequence[str], instance: str) -> str:
     return f"Did you mean {' or '.join(f'{instance}.{name}' for name in names[:3])}?"
 
 
-def _end(port: Port, description: ModelDescription, causality: Causality, place: str) -> Problem | None:
+def end(port: Port, description: ModelDescription, causality: Causality, place: str) -> Problem | None:
     """Judge one end of a connection."""
     own = description.outputs if causality is Causality.OUTPUT else description.inputs
     offered = f"{port.instance}'s {causality}s: {listed(map(str, own))}"
@@ -95,8 +96,8 @@ def _end(port: Port, description: ModelDescription, causality: Causality, place:
             place, what, offered, nearest(port.variable, [v.name for v in own], f"{port.instance}.")
         )
     if variable.causality is not causality:
-        end = "source" if causality is Causality.OUTPUT else "target"
-        what = f"{port} cannot be the {end} of a connection: its causality is {variable.causality}"
+        side = "source" if causality is Causality.OUTPUT else "target"
+        what = f"{port} cannot be the {side} of a connection: its causality is {variable.causality}"
         return Problem(place, what, offered)
     if variable.shape:
         return Problem(

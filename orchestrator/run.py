@@ -15,7 +15,7 @@ from typing import Any
 
 from . import checks
 from .assembly import load_system
-from .config import Config, load_config
+from .config import Config, load_config, move_effects
 from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
 from .formats import FORMATS, strict
 from .master import MasterAlgorithm, create_master
@@ -315,6 +315,14 @@ def _moved(config: Config, folder: Path) -> Config:
         path = config.folder / instance["fmu"]
         if path.is_file() and not Path(instance["fmu"]).is_absolute():
             instance["fmu"] = Path(os.path.relpath(path, folder)).as_posix()
+
+    def moved(file: str) -> str:
+        path = config.folder / file
+        if Path(file).is_absolute() or not path.is_file():
+            return file
+        return Path(os.path.relpath(path, folder)).as_posix()
+
+    move_effects(data, moved)
     return load_config(data)
 
 

@@ -11,6 +11,7 @@ from .effects import Effect
 from .errors import StepError
 from .fmi import Array
 from .signals import Layout, Wired
+from .system import Connection, Port
 
 __all__ = ["Wires"]
 
@@ -24,6 +25,7 @@ class Wires:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
+        self._latest = 0.0
         self.memories = [[np.zeros(effect.room(None)) for effect, _ in one.links] for one in layout.wired]
         self._number = {one.place: number for number, one in enumerate(layout.wired)}
         self._sums = [
@@ -35,11 +37,13 @@ class Wires:
 
     def follow(self, index: int, time: float, values: Array) -> None:
         """An instance has given values for `time`: evaluate what depends on it, on trial, into `values`."""
+        self._latest = time
         for number in self._after[index]:
             values[self._layout.wired[number].place] = self._evaluate(number, time, values, False)
 
     def try_out(self, wired: Iterable[Wired], time: float, values: Array) -> None:
         """Evaluate some connections on trial, into `values`."""
+        self._latest = time
         for one in wired:
             values[one.place] = self._evaluate(self._number[one.place], time, values, False)
 
@@ -47,6 +51,22 @@ class Wires:
         """All signals belong to an instant that is accepted: evaluate, and remember it."""
         for number, one in enumerate(self._layout.wired):
             values[one.place] = self._evaluate(number, time, values, True)
+
+    def slopes(self, connection: Connection, ports: Iterable[Port], values: Array) -> dict[Port, float]:
+        """How a connection's signal answers to some of its sources, by differences at the latest instant."""
+        (wired,) = (one for one in self._layout.wired if one.connection is connection)
+        number, found = self._number[wired.place], {}
+        for port in ports:
+            place = self._layout.index[port]
+            varied = values.copy()
+            # Both are short in binary, so that their sum is exact, and the slope of no effect exactly one.
+            begin = float(np.float32(varied[place]))
+            step = 2.0 ** math.floor(math.log2(max(abs(begin), self._layout.nominal[place])) - 20)
+            varied[place] = begin + step
+            above = self._evaluate(number, self._latest, varied, False)
+            varied[place] = begin
+            found[port] = (above - self._evaluate(number, self._latest, varied, False)) / step
+        return found
 
     def _evaluate(self, number: int, time: float, values: Array, commit: bool) -> float:
         # The same operations as in orchestrator.native.wiring, in the same order.

@@ -113,7 +113,8 @@ def test_two_sources_for_one_input():
     parts = [Part("a", gain(), {"u": 1}), Part("b", gain(), {"u": 2}), Part("c", gain())]
     assert refusal(parts, ["a.y -> c.u", "b.y -> c.u"]) == (
         "docking.yaml: connections[1]: c.u has two sources, a.y and b.y\n"
-        "  connections[0] already feeds it; an input takes one source. Remove one of the two."
+        "  connections[0] already feeds it; an input takes one connection. Remove one of the two, or add "
+        "them up: from: [..., ...]."
     )
 
 

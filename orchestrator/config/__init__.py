@@ -1,7 +1,8 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
-from .load import Config, json_schema, load_config, validation_problems
-from .models import ConnectionModel, InstanceModel, RunModel, Scalar, SystemModel, endpoints
+from .load import Config, json_schema, load_config, move_effects
+from .models import ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
+from .problems import validation_problems
 from .text import Place, Places, dump, parse, path_text
 
 __all__ = [
@@ -12,11 +13,12 @@ __all__ = [
     "Places",
     "RunModel",
     "Scalar",
+    "SourceModel",
     "SystemModel",
     "dump",
-    "endpoints",
     "json_schema",
     "load_config",
+    "move_effects",
     "parse",
     "path_text",
     "validation_problems",

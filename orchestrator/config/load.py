@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from .. import bundled
+from ..effects import effect_file, effect_schema
 from ..errors import ConfigError, Problem, listed, nearest
 from .models import RunModel, SystemModel
-from .text import Path, Place, Places, dump, parse, path_text
+from .problems import validation_problems
+from .text import Path, Place, Places, dump, parse
 
-__all__ = ["Config", "json_schema", "load_config", "validation_problems"]
+__all__ = ["Config", "json_schema", "load_config", "move_effects"]
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,7 @@ def json_schema() -> dict[str, Any]:
         "description": "Bundled system or file that this config changes: mappings are merged, null removes "
         "an entry, anything else replaces it.",
     }
+    schema["$defs"]["ConnectionModel"]["properties"]["through"]["items"] = effect_schema()
     # A config that extends another may leave out whatever that one gives.
     required = schema.pop("required")
     schema["anyOf"] = [{"required": ["extends"]}, {"required": required}]
@@ -146,7 +150,7 @@ def _read(path: pathlib.Path, above: tuple[pathlib.Path, ...]) -> tuple[dict[str
 
 
 def _rebase(data: dict[str, Any], old: pathlib.Path, new: pathlib.Path) -> None:
-    """Relative FMU paths of a config that is extended keep pointing to the same files."""
+    """Relative paths of a config that is extended keep pointing to the same files."""
     if old.resolve() == new.resolve():
         return
     instances = data.get("instances")
@@ -154,6 +158,18 @@ def _rebase(data: dict[str, Any], old: pathlib.Path, new: pathlib.Path) -> None:
         fmu = instance.get("fmu") if isinstance(instance, dict) else None
         if isinstance(fmu, str) and (old / fmu).is_file():
             instance["fmu"] = str((old / fmu).resolve())
+    move_effects(data, lambda file: str((old / file).resolve()) if (old / file).is_file() else file)
+
+
+def move_effects(data: Mapping[str, Any], moved: Callable[[str], str]) -> None:
+    """Replace the Python files that connections of a config's plain values take effects from."""
+    connections = data.get("connections")
+    for connection in connections if isinstance(connections, list) else ():
+        through = connection.get("through") if isinstance(connection, dict) else None
+        for item in through if isinstance(through, list) else ():
+            file = effect_file(item) if isinstance(item, dict) else ""
+            if file:
+                item["effect"] = f"{moved(file)}:{item['effect'].rpartition(':')[2]}"
 
 
 def _merge(base: Any, change: Any, path: Path, known: dict[Path, Place], places: Places) -> Any:
@@ -195,8 +211,13 @@ def _override(data: dict[str, Any], places: Places, text: str) -> list[Problem]:
         instances, measures = _section(data, "instances"), _section(data, "measures")
         known = [f"run.{key}" for key in RunModel.model_fields]
         known += [f"{one}.{key}" for one, its in instances.items() for key in _section(its, "start")]
+        connections = data.get("connections")
+        for n, one in enumerate(connections if isinstance(connections, list) else ()):
+            through = one.get("through") if isinstance(one, dict) else None
+            for m, its in enumerate(through if isinstance(through, list) else ()):
+                known += [f"connections[{n}].through[{m}].{key}" for key in its or ()]
         known += [f"measures.{one}.{key}" for one, its in measures.items() for key in its or ()]
-        allowed = f"instances: {listed(instances)}; sections: run, measures, title"
+        allowed = f"instances: {listed(instances)}; sections: run, connections, measures, title"
         return [Problem(place, f"no {name!r} to set", allowed, nearest(name, known))]
     _put(data, path, value)
     places.known[path] = Place(place)
@@ -208,6 +229,8 @@ _HANDLING = ("interface", "tolerance", "event_mode", "any_step", "isolate", "tim
 
 def _override_path(data: dict[str, Any], name: str) -> Path | None:
     """Where an override goes: robot.tau_m is short for instances.robot.start.tau_m."""
+    if name.startswith("connections["):
+        return _connection_path(data, name)
     head, _, rest = name.partition(".")
     instances = _section(data, "instances")
     if head == "instances":
@@ -231,87 +254,52 @@ def _override_path(data: dict[str, Any], name: str) -> Path | None:
     return ("title",) if name == "title" else None
 
 
+_CONNECTION = re.compile(r"connections\[([^]]+)\]\.(through)(?:\[(\d+)\]\.([\w-]+(?:\.[\w-]+)*))?")
+
+
+def _connection_path(data: dict[str, Any], name: str) -> Path | None:
+    """Where connections[3].through, or connections[3].through[0].delay, goes.
+
+    In place of the number stands the target of the connection as well: connections[sensor.force].
+    """
+    match = _CONNECTION.fullmatch(name)
+    connections = data.get("connections")
+    if match is None or not isinstance(connections, list):
+        return None
+    targets = [
+        str(one.get("to", "") if isinstance(one, dict) else str(one).rpartition("->")[2]).strip()
+        for one in connections
+    ]
+    number = int(match[1]) if match[1].isdecimal() else targets.index(match[1]) if match[1] in targets else -1
+    if not 0 <= number < len(connections):
+        return None
+    if match[3] is None:
+        return ("connections", number, "through")
+    through = connections[number].get("through") if isinstance(connections[number], dict) else None
+    if not isinstance(through, list) or int(match[3]) >= len(through):
+        return None
+    return ("connections", number, "through", int(match[3]), *match[4].split("."))
+
+
 def _section(data: Any, key: str) -> dict[str, Any]:
     found = data.get(key) if isinstance(data, dict) else None
     return found if isinstance(found, dict) else {}
 
 
 def _put(data: dict[str, Any], path: Path, value: Any) -> None:
+    if path[0] == "connections":
+        # An effect is put on a connection that is written as an arrow, too.
+        one = data["connections"][path[1]]
+        if isinstance(one, str):
+            source, _, target = one.partition("->")
+            data["connections"][path[1]] = {"from": source.strip(), "to": target.strip()}
     for part in path[:-1]:
+        if isinstance(data, list):
+            data = data[part]
+            continue
         if not isinstance(data.get(part), dict):
             # A master without options is written as its name alone.
             bare = path[:2] == ("run", "master") and isinstance(data.get(part), str)
             data[part] = {"name": data[part]} if bare else {}
         data = data[part]
     data[path[-1]] = value
-
-
-def validation_problems(
-    error: ValidationError, places: Places, prefix: Path, model: type[BaseModel]
-) -> list[Problem]:
-    """pydantic's errors as problems with places; one for each value, also where several forms are allowed.
-
-    Args:
-        error: what pydantic raised for `model`.
-        places: where the values were written.
-        prefix: path of the validated value in the config.
-    """
-    problems: dict[Path, Problem] = {}
-    for item in error.errors(include_url=False):
-        path = prefix + _plain_path(item["loc"])
-        place = places.text(path)
-        kind = item["type"]
-        if kind == "missing" and path[:1] != ("connections",):
-            problem = Problem(
-                places.text(path[:-1]), f"{path_text(path[-1:])} is missing", "it has no default"
-            )
-        elif kind == "extra_forbidden" and path[:1] != ("connections",):
-            names = _keys(model, item["loc"][:-1])
-            what = f"unknown key {path[-1]!r}"
-            problem = Problem(
-                places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names)
-            )
-        elif path[:1] == ("connections",) and len(path) > 1:
-            path, got = path[:2], item["input"] if len(item["loc"]) < 4 else None
-            what = f"cannot read connection {got!r}" if got is not None else "cannot read the connection"
-            problem = Problem(
-                places.text(path), what, "written as a.output -> b.input or {from: a.output, to: b.input}"
-            )
-        elif path[:1] == ("instances",) and kind == "string_pattern_mismatch":
-            what = f"{item['input']!r} cannot name an instance"
-            problem = Problem(place, what, "letters, digits, _ and -, beginning with a letter or _")
-        elif path[2:3] == ("start",) and len(path) == 4:
-            what = f"{item['input']!r} is no start value"
-            problem = Problem(place, what, "a number, a quantity such as 6 ms, true, false or text")
-        else:
-            message = item["msg"].removeprefix("Value error, ")
-            if kind != "value_error":
-                message = f"{message[0].lower()}{message[1:]}, got {item['input']!r}"
-            problem = Problem(place, message)
-        problems.setdefault(path, problem)
-    return list(problems.values())
-
-
-def _plain_path(location: tuple[str | int, ...]) -> Path:
-    """pydantic's location without the names of union members and of key checks."""
-    if location[:1] == ("connections",):
-        inner = tuple(part for part in location[2:] if part in ("from", "to"))
-        return (*location[:2], *inner)
-    if location[:2] == ("run", "record"):
-        return tuple(part for part in location[:3] if isinstance(part, int) or part in ("run", "record"))
-    if location[:1] == ("instances",) and len(location) > 3 and location[2] == "start":
-        return location[:4]
-    return tuple(part for part in location if part != "[key]")
-
-
-def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
-    """Keys allowed at a location."""
-    current: Any = model
-    for part in location:
-        fields = getattr(current, "model_fields", None)
-        if fields is not None:
-            current = fields[part].annotation if part in fields else None
-        else:
-            current = next((one for one in get_args(current) if hasattr(one, "model_fields")), None)
-    fields = getattr(current, "model_fields", {})
-    return [found.alias or name for name, found in fields.items()]

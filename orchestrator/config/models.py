@@ -14,8 +14,8 @@ __all__ = [
     "InstanceModel",
     "RunModel",
     "Scalar",
+    "SourceModel",
     "SystemModel",
-    "endpoints",
 ]
 
 Scalar = bool | int | float | str
@@ -170,13 +170,29 @@ class InstanceModel(_Model):
         return None if self.time_limit is None else float(_time(self.time_limit))
 
 
+class SourceModel(_Model):
+    """One of several sources of a connection, which are added."""
+
+    port: str = Field(description="instance.output")
+    gain: int | float | str = Field(
+        1, description="What it is multiplied by, with a unit or without.", examples=[-1, "2 N/m"]
+    )
+
+
 class ConnectionModel(_Model):
     """One connection, in long form."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 
-    source: str = Field(alias="from", description="instance.output")
+    source: str | Annotated[list[str | SourceModel], Field(min_length=1)] = Field(
+        alias="from", description="instance.output, or several, which are added."
+    )
     target: str = Field(alias="to", description="instance.input")
+    through: list[Any] = Field(
+        default_factory=list,
+        description="Effects on the values, in the order in which they work.",
+        examples=[[{"delay": "1 ms"}, {"low-pass": "200 Hz"}]],
+    )
 
 
 Arrow = Annotated[
@@ -200,11 +216,3 @@ class SystemModel(_Model):
     def to_data(self) -> dict[str, Any]:
         """Plain values, as they stand in a file: what was not given is not filled in."""
         return self.model_dump(mode="python", by_alias=True, exclude_unset=True)
-
-
-def endpoints(connection: str | ConnectionModel) -> tuple[str, str]:
-    """Source and target of a connection, each as instance.variable."""
-    if isinstance(connection, ConnectionModel):
-        return connection.source.strip(), connection.target.strip()
-    source, target = connection.split("->")
-    return source.strip(), target.strip()

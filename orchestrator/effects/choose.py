@@ -79,9 +79,7 @@ def effect_file(item: Mapping[str, Any]) -> str:
 def effect_schema() -> dict[str, Any]:
     """JSON Schema of an entry of `through`."""
     own = {"type": "object", "required": ["effect"], "properties": {"effect": {"type": "string"}}}
-    own["description"] = (
-        "By name, from a file (effects.py:Class) or a module (package.module:Class)."
-    )
+    own["description"] = "By name, from a file (effects.py:Class) or a module (package.module:Class)."
     forms = []
     for name in BUILT_IN:
         schema = built_in(name).model_json_schema()
@@ -102,7 +100,13 @@ def effect_schema() -> dict[str, Any]:
 
 
 def create_effect(
-    item: Any, measure: Measure, place: Callable[..., str], folder: Path, element: int | None = None
+    item: Any,
+    measure: Measure,
+    place: Callable[..., str],
+    folder: Path,
+    element: int | None = None,
+    *,
+    units: bool = True,
 ) -> Chosen | list[Problem]:
     """The effect of an entry of `through`.
 
@@ -113,6 +117,7 @@ def create_effect(
         place: where the entry, or an option of it, was written.
         folder: what relative paths start from.
         element: of an array, counted from 0; None for a scalar.
+        units: whether `measure` is known; otherwise options in the signal's unit are not judged.
     Returns: the effect, or all that is wrong with it.
     """
     found = _named(item, place, folder)
@@ -130,7 +135,9 @@ def create_effect(
         del given[key]
     for key, value in given.items():
         marks = [mark for mark in fields[key].metadata if isinstance(mark, Pure | OfSignal)]
-        if marks and value is not None:
+        if marks and not units and isinstance(marks[0], OfSignal):
+            given[key] = 1.0
+        elif marks and value is not None:
             wanted = _measure(marks[0], measure)
             number: float | Problem | None = infinite_quantity(value, wanted)
             if number is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -24,22 +24,32 @@ def sweep_slope(
     Args:
         order: indices of the instances, in the order of stepping.
         torn: signals that are supposed before the sweep.
-    Returns: None if an instance does not offer directional derivatives, or effects lie between instances.
+    Returns: None if an instance does not offer directional derivatives.
     """
     system, members = instances.system, set(order)
     capabilities = [system.instances[index].fmu.description.capabilities for index in order]
     if not all(one.directional_derivatives for one in capabilities):
         return None
     entering: dict[int, list[Connection]] = {index: [] for index in order}
+    within: dict[Connection, list[Port]] = {}
     leaving: dict[int, dict[str, None]] = {index: {} for index in order}
     for connection in system.connections:
-        source = system.position[connection.source.instance]
         target = system.position[connection.target.instance]
-        if connection.wire is not None and target in members:
-            return None
-        if source in members and target in members and system.variable(connection.source).kind is Kind.REAL:
+        if target not in members or system.variable(connection.source).kind is not Kind.REAL:
+            continue
+        sources = [port for port in connection.sources if system.position[port.instance] in members]
+        for port in sources:
+            leaving[system.position[port.instance]][port.variable] = None
+        if sources:
             entering[target].append(connection)
-            leaving[source][connection.source.variable] = None
+            within[connection] = sources
+
+    def fed_by(connection: Connection, rows: Mapping[Port, Array]) -> Array:
+        if connection.wire is None or instances.wires is None:
+            return connection.gain * rows[connection.source]
+        slopes = instances.wires.slopes(connection, within[connection], instances.values)
+        parts = [connection.gain * slope * rows[port] for port, slope in slopes.items()]
+        return sum(parts[1:], parts[0])
 
     def slope() -> Array:
         rows = dict(zip(torn, np.eye(len(torn)), strict=True))
@@ -47,7 +57,7 @@ def sweep_slope(
             inputs = [connection.target.variable for connection in entering[index]]
             outputs = list(leaving[index])
             own = instances.running[index].output_derivatives(outputs, inputs)
-            fed = np.array([one.gain * rows[one.source] for one in entering[index]])
+            fed = np.array([fed_by(one, rows) for one in entering[index]])
             answer = own @ fed.reshape(len(inputs), len(torn))
             name = system.instances[index].name
             rows |= {Port(name, output): row for output, row in zip(outputs, answer, strict=True)}

@@ -1,0 +1,101 @@
+"""What pydantic found -> problems with places."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from ..errors import Problem, listed, nearest
+from .models import ConnectionModel, SourceModel
+from .text import Path, Places, path_text
+
+__all__ = ["validation_problems"]
+
+
+def validation_problems(
+    error: ValidationError, places: Places, prefix: Path, model: type[BaseModel]
+) -> list[Problem]:
+    """pydantic's errors as problems with places; one for each value, also where several forms are allowed.
+
+    Args:
+        error: what pydantic raised for `model`.
+        places: where the values were written.
+        prefix: path of the validated value in the config.
+    """
+    problems: dict[Path, Problem] = {}
+    for item in error.errors(include_url=False):
+        path = prefix + _plain_path(item["loc"])
+        place = places.text(path)
+        kind = item["type"]
+        if kind == "missing" and path[:1] != ("connections",):
+            problem = Problem(
+                places.text(path[:-1]), f"{path_text(path[-1:])} is missing", "it has no default"
+            )
+        elif kind == "extra_forbidden" and path[:1] != ("connections",):
+            names = _keys(model, item["loc"][:-1])
+            what = f"unknown key {path[-1]!r}"
+            problem = Problem(
+                places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names)
+            )
+        elif path[:1] == ("connections",) and len(path) > 1:
+            got = item["input"]
+            if item["loc"][2:3] != ("ConnectionModel",) or kind == "model_type":
+                if isinstance(got, dict):
+                    continue  # that it is no arrow is not what is wrong with it
+                path = path[:2]
+                what = f"cannot read connection {got!r}"
+            elif kind in ("missing", "extra_forbidden"):
+                path = (*path[:2], item["loc"][-1])
+                kind_of = SourceModel if "SourceModel" in item["loc"] else ConnectionModel
+                names = [one.alias or name for name, one in kind_of.model_fields.items()]
+                if kind == "missing":
+                    problem = Problem(places.text(path[:2]), f"{path[-1]} is missing", "it has no default")
+                else:
+                    suggestion = nearest(str(path[-1]), names)
+                    what = f"unknown key {path[-1]!r}"
+                    problem = Problem(places.text(path), what, f"allowed: {listed(names)}", suggestion)
+                problems.setdefault(path, problem)
+                continue
+            else:
+                what = f"cannot read {path[2] if len(path) > 2 else 'it'}: {got!r}"
+            form = "written as a.output -> b.input or {from: a.output, to: b.input}"
+            problem = Problem(places.text(path), what, form)
+        elif path[:1] == ("instances",) and kind == "string_pattern_mismatch":
+            what = f"{item['input']!r} cannot name an instance"
+            problem = Problem(place, what, "letters, digits, _ and -, beginning with a letter or _")
+        elif path[2:3] == ("start",) and len(path) == 4:
+            what = f"{item['input']!r} is no start value"
+            problem = Problem(place, what, "a number, a quantity such as 6 ms, true, false or text")
+        else:
+            message = item["msg"].removeprefix("Value error, ")
+            if kind != "value_error":
+                message = f"{message[0].lower()}{message[1:]}, got {item['input']!r}"
+            problem = Problem(place, message)
+        problems.setdefault(path, problem)
+    return list(problems.values())
+
+
+def _plain_path(location: tuple[str | int, ...]) -> Path:
+    """pydantic's location without the names of union members and of key checks."""
+    if location[:1] == ("connections",):
+        inner = tuple(part for part in location[2:] if part in ("from", "to"))
+        return (*location[:2], *inner)
+    if location[:2] == ("run", "record"):
+        return tuple(part for part in location[:3] if isinstance(part, int) or part in ("run", "record"))
+    if location[:1] == ("instances",) and len(location) > 3 and location[2] == "start":
+        return location[:4]
+    return tuple(part for part in location if part != "[key]")
+
+
+def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
+    """Keys allowed at a location."""
+    current: Any = model
+    for part in location:
+        fields = getattr(current, "model_fields", None)
+        if fields is not None:
+            current = fields[part].annotation if part in fields else None
+        else:
+            current = next((one for one in get_args(current) if hasattr(one, "model_fields")), None)
+    fields = getattr(current, "model_fields", {})
+    return [found.alias or name for name, found in fields.items()]

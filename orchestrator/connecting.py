@@ -1,0 +1,322 @@
+"""Connections of a config -> checked connections: arrays element by element, units through every effect."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from . import checks
+from .config import ConnectionModel, Places, SourceModel
+from .effects import create_effect
+from .effects.base import times_unit
+from .effects.gain import split
+from .errors import Problem, listed, nearest
+from .fmi import Causality, Kind, ModelDescription
+from .quantities import Measure
+from .system import Connection, Leg, Link, Port, Wire
+from .units import ONE, UnitError, convert, parse_unit
+
+__all__ = ["Ends", "connect", "elements"]
+
+
+@dataclass(frozen=True)
+class Ends:
+    """A connection as a config has it, or one element of one between arrays.
+
+    Attributes:
+        index: of the connection in the config.
+        sources: output and gain of each.
+        target: the input.
+        through: its effects.
+        element: of an array, counted from 0; None for a scalar.
+    """
+
+    index: int
+    sources: tuple[tuple[str, Any], ...]
+    target: str
+    through: tuple[Any, ...] = ()
+    element: int | None = None
+
+    @staticmethod
+    def of(index: int, connection: str | ConnectionModel | Mapping[str, Any]) -> Ends:
+        """The ends of "a.y -> b.u" or of the long form."""
+        if isinstance(connection, str):
+            source, target = connection.split("->")
+            return Ends(index, ((source.strip(), 1),), target.strip())
+        if isinstance(connection, Mapping):
+            connection = ConnectionModel.model_validate(connection)
+        given = connection.source if isinstance(connection.source, list) else [connection.source]
+        sources = [one if isinstance(one, SourceModel) else SourceModel(port=one) for one in given]
+        return Ends(
+            index,
+            tuple((one.port.strip(), one.gain) for one in sources),
+            connection.target.strip(),
+            tuple(connection.through),
+        )
+
+    def __str__(self) -> str:
+        return f"{' + '.join(name for name, _ in self.sources)} -> {self.target}"
+
+
+def _family(text: str, descriptions: Mapping[str, ModelDescription], causality: Causality) -> dict[str, str]:
+    """Elements of an array port by their indices, "[1]", in the description's order; none of a scalar."""
+    name, _, variable = text.partition(".")
+    description = descriptions.get(name)
+    if description is None or not variable or variable in description.variables:
+        return {}
+    pattern = re.compile(re.escape(variable) + r"(\[\d+(?:, ?\d+)*\])")
+    found = {
+        match[1].replace(" ", ""): f"{name}.{one.name}"
+        for one in description.variables.values()
+        if one.causality is causality and (match := pattern.fullmatch(one.name))
+    }
+    return found
+
+
+def elements(
+    ends: Ends, descriptions: Mapping[str, ModelDescription], places: Places
+) -> tuple[list[Ends], list[str], list[Problem]]:
+    """A connection between arrays, element by element; one between scalars stays as it is.
+
+    Args:
+        descriptions: by instance.
+    Returns: the connections, the inputs that they are meant to feed, and problems.
+    """
+    sources = [_family(name, descriptions, Causality.OUTPUT) for name, _ in ends.sources]
+    target = _family(ends.target, descriptions, Causality.INPUT)
+    if not target and not any(sources):
+        return [ends], [ends.target], []
+    fed = [*target.values()] or [ends.target]
+    for (name, _), found in zip(ends.sources, sources, strict=True):
+        if found.keys() != target.keys():
+            what = f"cannot connect {name} ({_shape(found)}) to {ends.target} ({_shape(target)})"
+            place = places.text(("connections", ends.index))
+            allowed = "arrays are connected element by element, and need the same elements on both sides"
+            return [], fed, [Problem(place, what, allowed, "Connect single elements by their names.")]
+    return (
+        [
+            Ends(
+                ends.index,
+                tuple((found[key], gain) for found, (_, gain) in zip(sources, ends.sources, strict=True)),
+                target[key],
+                ends.through,
+                number,
+            )
+            for number, key in enumerate(target)
+        ],
+        fed,
+        [],
+    )
+
+
+def _shape(found: Mapping[str, str]) -> str:
+    return f"elements {listed(found, 9)}" if found else "no array"
+
+
+def connect(
+    ends: Ends,
+    descriptions: Mapping[str, ModelDescription],
+    absent: frozenset[str],
+    places: Places,
+    folder: Path,
+    step_size: float | None,
+    problems: list[Problem],
+    notes: list[str],
+) -> Connection | None:
+    """Check a connection between scalars.
+
+    Args:
+        descriptions: by instance; absent: instances that have a problem of their own.
+        places: where the values were written; folder: what relative paths start from.
+        step_size: the communication step [s]; None if it is not known.
+        problems, notes: what is found is added.
+    Returns: None if there is a problem.
+    """
+    judge = _Judge(ends, descriptions, absent, places, problems)
+    sources = [judge.port(name) for name, _ in ends.sources]
+    target = judge.port(ends.target)
+    if judge.silent:
+        return None
+    plain = len(sources) == 1 and not ends.through and ends.sources[0][1] in (1, "1")
+    if plain:
+        (source,) = sources
+        if source is None or target is None:
+            return None
+        result = checks.connection(
+            source, descriptions[source.instance], target, descriptions[target.instance], judge.place
+        )
+        if isinstance(result, list):
+            problems += result
+            return None
+        gain, offset, note = result
+        if note:
+            notes.append(f"{judge.place}: {note}")
+        return Connection(source, target, gain, offset)
+    before = len(problems)
+    found = [one for one in sources if one is not None]
+    for one in found:
+        judge.end(one, Causality.OUTPUT)
+    if target is not None:
+        judge.end(target, Causality.INPUT)
+    if len(problems) > before or target is None or len(found) < len(sources):
+        # What the effects are is judged without units then.
+        judge.links(ends, None, folder, step_size)
+        return None
+    legs, measure = judge.legs(found)
+    links, measure = judge.links(ends, measure, folder, step_size)
+    if len(problems) > before:
+        return None
+    made = Connection(found[0], target, wire=Wire(tuple(legs), tuple(links)))
+    variable = descriptions[target.instance].variables[target.variable]
+    wanted = Measure(variable.unit_name, variable.unit)
+    what = f"cannot connect {made}: what comes out is in {measure.name or 'no unit'}"
+    factors = _converted(measure, wanted, judge.place, what, f"{target.instance}.{variable}")
+    if isinstance(factors, Problem):
+        problems.append(factors)
+        return None
+    gain, offset, checked = factors
+    if not checked:
+        notes.append(f"{judge.place}: {made}: units not checked")
+    elif (gain, offset) != (1.0, 0.0):
+        shift = f" + {offset!r}" if offset else ""
+        notes.append(f"{judge.place}: {made}: converted, {gain!r} * value{shift}")
+    return Connection(found[0], target, gain, offset, made.wire)
+
+
+def _converted(
+    one: Measure, other: Measure, place: str, what: str, taker: str
+) -> tuple[float, float, bool] | Problem:
+    """Gain, offset, and whether units could be checked."""
+    if one.unit is None or other.unit is None:
+        if one.name == other.name:
+            return 1.0, 0.0, True
+        if one.name and other.name:
+            return Problem(place, what, f"it is to be that of {taker}, and not both units are known")
+        return 1.0, 0.0, False
+    if not one.unit.same_dimension(other.unit):
+        allowed = f"{taker} is [{other.unit.base()}], not [{one.unit.base()}]"
+        return Problem(place, what, allowed, "A gain with a unit changes the unit: {gain: 2 N/m}.")
+    return *convert(one.unit, other.unit), True
+
+
+class _Judge:
+    """Judges the parts of one connection."""
+
+    def __init__(
+        self,
+        ends: Ends,
+        descriptions: Mapping[str, ModelDescription],
+        absent: frozenset[str],
+        places: Places,
+        problems: list[Problem],
+    ) -> None:
+        self._ends, self._descriptions, self._absent = ends, descriptions, absent
+        self._places, self._problems = places, problems
+        self._path = ("connections", ends.index)
+        self.place = places.text(self._path)
+        self.silent = False
+
+    def port(self, text: str) -> Port | None:
+        """A port by its name; instances that are absent make the judge silent."""
+        name, dot, variable = text.partition(".")
+        if name in self._absent:
+            self.silent = True
+        elif name not in self._descriptions:
+            what = f"no instance {name!r} in {self._ends}"
+            allowed = f"instances: {listed(self._descriptions)}"
+            self._problems.append(Problem(self.place, what, allowed, nearest(name, self._descriptions)))
+        elif not dot:
+            self._problems.append(
+                Problem(self.place, f"{text!r} names no variable", f"written as {name}.variable")
+            )
+        else:
+            return Port(name, variable)
+        return None
+
+    def end(self, port: Port, causality: Causality) -> bool:
+        """Whether a port can be an end of a connection with effects."""
+        description = self._descriptions[port.instance]
+        problem = checks.end(port, description, causality, self.place)
+        if problem is None and description.variables[port.variable].kind is not Kind.REAL:
+            kind = description.variables[port.variable].kind
+            what = f"{port} is of type {kind}"
+            problem = Problem(self.place, what, "effects and sums take real numbers only")
+        if problem is not None:
+            self._problems.append(problem)
+        return problem is None
+
+    def _measure(self, port: Port) -> Measure:
+        variable = self._descriptions[port.instance].variables[port.variable]
+        return Measure(variable.unit_name, variable.unit, variable.display_units)
+
+    def legs(self, ports: list[Port]) -> tuple[list[Leg], Measure]:
+        """The summands, in the unit of the first."""
+        legs: list[Leg] = []
+        first = Measure()
+        for number, (port, (_, given)) in enumerate(zip(ports, self._ends.sources, strict=True)):
+            measure = self._measure(port)
+            try:
+                factor, unit_name = split(given)
+                unit = parse_unit(unit_name)
+            except UnitError as error:
+                place = self._places.text((*self._path, "from", number, "gain"))
+                allowed = "a number, with a unit or without"
+                self._problems.append(Problem(place, f"gain of {port}: {error}", allowed))
+                continue
+            if unit != ONE:
+                if measure.unit is None:
+                    what = f"gain of {port} in {unit_name}: the unit of {port} is not known"
+                    self._problems.append(Problem(self.place, what, remedy="Give a bare number."))
+                    continue
+                measure = times_unit(measure, unit)
+            if not legs:
+                first = measure
+                legs.append(Leg(port, factor))
+                continue
+            what = f"cannot add {port} [{measure.name}] to {ports[0]} [{first.name}]"
+            converted = _converted(measure, first, self.place, what, str(ports[0]))
+            if isinstance(converted, Problem):
+                self._problems.append(converted)
+                continue
+            gain, offset, _ = converted
+            legs.append(Leg(port, gain * factor if factor != 1.0 else gain, offset))
+        return legs, first
+
+    def links(
+        self, ends: Ends, measure: Measure | None, folder: Path, step_size: float | None
+    ) -> tuple[list[Link], Measure]:
+        """The effects in turn, and the unit of what comes out.
+
+        Args:
+            measure: of what goes in; None: not known, and what depends on it is not judged.
+        """
+        links: list[Link] = []
+        known = measure is not None
+        current = measure or Measure()
+        for number, item in enumerate(ends.through):
+            path = (*self._path, "through", number)
+
+            def place(key: str = "", path: tuple[str | int, ...] = path) -> str:
+                return self._places.text((*path, key) if key else path)
+
+            made = create_effect(item, current, place, folder, ends.element, units=known)
+            if isinstance(made, list):
+                self._problems += made
+                known = False  # of the unit behind it nothing is known
+                continue
+            reads = [self.port(text) for text in made.reads]
+            if not all(port is not None and self.end(port, Causality.OUTPUT) for port in reads):
+                continue
+            links.append(
+                Link(
+                    made.effect,
+                    made.name,
+                    tuple(port for port in reads if port is not None),
+                    made.effect.passes_at_once(step_size),
+                )
+            )
+            current = made.measure
+        return links, current
