@@ -314,7 +314,7 @@ def test_strings_are_left_to_python(c_fmu):
 def test_auto_weighs_what_is_saved_against_the_start(monkeypatch):
     chosen = []
     for start in (1e-9, 1e9):
-        monkeypatch.setattr(choice, "_start_up", lambda start=start: start)
+        monkeypatch.setattr(choice, "_start_up", lambda wired, start=start: start)
         report = Report()
         simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 1000), report=report)
         chosen.append(report.loop)
@@ -323,7 +323,7 @@ def test_auto_weighs_what_is_saved_against_the_start(monkeypatch):
 
 def test_without_numba_everything_runs_in_python(monkeypatch):
     monkeypatch.setattr(choice, "find_spec", lambda name: None)
-    monkeypatch.setattr(choice, "_start_up", lambda: 0.0)
+    monkeypatch.setattr(choice, "_start_up", lambda wired: 0.0)
     report = Report()
     simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10), report=report)
     assert report.loop == "python"

@@ -52,7 +52,17 @@ def obstacle(instances: Instances, master: MasterAlgorithm) -> str:
             return f"strings of instance {one.name} are connected"
     if sys.maxsize < 2**32:
         return "addresses of this platform have not 64 bits"
-    return "" if find_spec("numba") else "the package numba is not installed"
+    if not find_spec("numba"):
+        return "the package numba is not installed"
+    for connection in instances.system.connections:
+        for link in connection.wire.links if connection.wire else ():
+            if not type(link.effect).__module__.startswith("orchestrator.effects."):
+                # Compiles what can be: numba is imported only where all else allows the native loop.
+                from .wiring import unfit
+
+                if reason := unfit(link.effect):
+                    return f"effect {link.name} on {connection} {reason}"
+    return ""
 
 
 def choose_loop(loop: str, instances: Instances, master: MasterAlgorithm, steps: int) -> str:
@@ -67,7 +77,7 @@ def choose_loop(loop: str, instances: Instances, master: MasterAlgorithm, steps:
     if loop == "python":
         return loop
     if loop == "auto":
-        if steps * (_PER_STEP + _PER_INSTANCE * len(instances)) < _start_up():
+        if steps * (_PER_STEP + _PER_INSTANCE * len(instances)) < _start_up(instances.wires is not None):
             return "python"
     reason = obstacle(instances, master)
     if not reason:
@@ -79,12 +89,17 @@ def choose_loop(loop: str, instances: Instances, master: MasterAlgorithm, steps:
     return "python"
 
 
-def _start_up() -> float:
-    """What the native loop costs before its first step [s]."""
+def _start_up(wired: bool) -> float:
+    """What the native loop costs before its first step [s].
+
+    Args:
+        wired: whether connections have effects, for which it is compiled a second time.
+    """
     if "orchestrator.native.kernel" in sys.modules:
         return _LOADED
     source = Path(__file__).with_name("kernel.py")
     # Where numba keeps it elsewhere, since this folder cannot be written, it counts as not compiled.
     python = "".join(map(str, sys.version_info[:2]))
-    kept = source.parent.glob(f"__pycache__/kernel.*run_steps-*.py{python}.nbi")
-    return _LOADING if any(one.stat().st_mtime > source.stat().st_mtime for one in kept) else _COMPILING
+    kept = source.parent.glob(f"__pycache__/kernel.*run_steps-*.py{python}.*.nbc")
+    count = sum(one.stat().st_mtime > source.stat().st_mtime for one in kept)
+    return _LOADING if count > wired else _COMPILING

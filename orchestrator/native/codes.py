@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum, auto
 
-__all__ = ["Call", "Code", "Outcome", "Phase", "Step"]
+__all__ = ["Call", "Chained", "Code", "Outcome", "Path", "Phase", "Step"]
 
 
 class _Column(IntEnum):
@@ -44,6 +44,30 @@ class Step(_Column):
     FIRST_INPUT = auto()  # places in the vector of inputs
     END_INPUT = auto()
     CONVERTS = auto()  # whether gains and offsets apply
+
+
+class Path(_Column):
+    """Columns of the table of connections with effects."""
+
+    PLACE = auto()  # in the vector of signals
+    FIRST_LEG = auto()  # rows of the list of summands
+    END_LEG = auto()
+    FIRST_LINK = auto()  # rows of the table of effects
+    END_LINK = auto()
+
+
+class Chained(_Column):
+    """Columns of the table of effects on connections; addresses unless told otherwise."""
+
+    KIND = auto()  # number of a built-in effect; -1: another, by its function
+    FUNCTION = auto()
+    X = auto()  # the signals that it is given
+    X_COUNT = auto()
+    FIRST_READ = auto()  # where the list of the further ones begins
+    OPTIONS = auto()
+    OPTION_COUNT = auto()
+    MEMORY = auto()
+    MEMORY_COUNT = auto()
 
 
 class Code(_Column):

@@ -14,6 +14,8 @@ from numba import types
 from numba.extending import intrinsic
 
 __all__ = [
+    "as_doubles",
+    "call_effect",
     "call_fmi2_step",
     "call_fmi2_values",
     "call_fmi3_step",
@@ -29,10 +31,10 @@ _DOUBLE, _INT, _WORD = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 _KINDS = {"d": (types.float64, _DOUBLE), "i": (types.int32, _INT), "w": (types.int64, _WORD)}
 
 
-def _caller(kinds: str) -> Callable[..., Any]:
-    """A code generator that calls the address in the first argument with the others, returning an int."""
-    signature = types.int32(types.int64, *(_KINDS[kind][0] for kind in kinds))
-    function_type = ir.FunctionType(_INT, [_KINDS[kind][1] for kind in kinds])
+def _caller(kinds: str, result: str = "i") -> Callable[..., Any]:
+    """A code generator that calls the address in the first argument with the others."""
+    signature = _KINDS[result][0](types.int64, *(_KINDS[kind][0] for kind in kinds))
+    function_type = ir.FunctionType(_KINDS[result][1], [_KINDS[kind][1] for kind in kinds])
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         function = builder.inttoptr(arguments[0], function_type.as_pointer())
@@ -44,6 +46,7 @@ def _caller(kinds: str) -> Callable[..., Any]:
 _VALUES2, _VALUES3 = _caller("wwww"), _caller("wwwww")
 _STEP2, _STEP3 = _caller("wddi"), _caller("wddiwwww")
 _TIMER = _caller("iw")
+_EFFECT = _caller("dwwwwwww", "d")
 
 
 @intrinsic
@@ -76,6 +79,22 @@ def call_fmi3_step(
 def call_timer(typing, function, clock, result):
     """int (*)(clockid_t, struct timespec *)"""
     return _TIMER()
+
+
+@intrinsic
+def call_effect(typing, function, time, x, x_count, options, option_count, memory, memory_count, commit):
+    """double (*)(double, double[], int64, const double[], int64, double[], int64, int64)"""
+    return _EFFECT()
+
+
+@intrinsic
+def as_doubles(typing, address):
+    """An address as a pointer to doubles."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return types.CPointer(types.float64)(types.int64), generate
 
 
 @intrinsic

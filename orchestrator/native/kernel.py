@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
+from .. import effects
 from .codes import Call, Code, Outcome, Phase, Step
 from .foreign import (
     call_fmi2_step,
@@ -21,11 +22,13 @@ from .foreign import (
     load,
     store,
 )
+from .wiring import _PATH_ROW, evaluate
 
-__all__ = ["run_steps"]
+__all__ = ["run_steps", "run_wired_steps"]
 
 # numba keeps what it compiled until this file changes; those that it is made from count as well.
-_MADE_OF = (Path(__file__).with_name(name) for name in ("codes.py", "foreign.py"))
+_MADE_OF = [Path(__file__).with_name(name) for name in ("codes.py", "foreign.py", "wiring.py")]
+_MADE_OF += sorted(Path(effects.__file__).parent.glob("*.py"))
 _SOURCES = crc32(b"".join(path.read_bytes() for path in _MADE_OF))
 
 # numba takes plain whole numbers for constants.
@@ -211,12 +214,16 @@ def _end(outcome, who, phase, row, status):
     store(outcome + 8 * _STATUS, np.int64(status))
 
 
-def _compile(sources: int) -> Callable[..., int]:
-    """The function below; numba keeps it under its source and the values that it closes over."""
+def _compile(sources: int, wired: bool) -> Callable[..., int]:
+    """The function below; numba keeps it under its source and the values that it closes over.
+
+    Args:
+        wired: whether connections have effects; what serves them is left out of the code otherwise.
+    """
 
     def run_steps(
         order, late, steps, calls, places, source, gain, offset, values, inputs, times, step_size, rows,
-        elapsed, timed_every, timer, outcome,
+        elapsed, timed_every, timer, paths, links, legs, leg_gain, leg_offset, reads, after, bounds, outcome,
     ):  # fmt: skip
         """Take the steps that begin at `times`, or those until one fails.
 
@@ -233,6 +240,8 @@ def _compile(sources: int) -> Callable[..., int]:
             elapsed: time in each instance's steps, shape (i,) [ns]; updated.
             timed_every: time the first of so many steps.
             timer: address of clock_gettime, its clock, and two words for it to write, shape (4,).
+            paths, links, legs, leg_gain, leg_offset, reads, after, bounds: of connections with effects, see
+                `wiring.Wiring`.
             outcome: how it ended, shape (4,).
         Returns: the number of steps that were finished.
         """
@@ -241,6 +250,9 @@ def _compile(sources: int) -> Callable[..., int]:
         source_at, gain_at, offset_at = source.ctypes.data, gain.ctypes.data, offset.ctypes.data
         values_at, inputs_at, timer_at = values.ctypes.data, inputs.ctypes.data, timer.ctypes.data
         outcome_at = outcome.ctypes.data
+        paths_at, links_at, reads_at = paths.ctypes.data, links.ctypes.data, reads.ctypes.data
+        legs_at, leg_gain_at = legs.ctypes.data, leg_gain.ctypes.data
+        leg_offset_at = leg_offset.ctypes.data
         record = rows.shape[0] > 0
         countdown = 1
         for point in range(times.shape[0]):
@@ -285,8 +297,20 @@ def _compile(sources: int) -> Callable[..., int]:
                         return point
                     if _word(call, _CODE) != _DIRECT:
                         _fetch(call, places_at, values_at)
+                if wired and late:
+                    for index in range(bounds[who], bounds[who + 1]):
+                        evaluate(
+                            paths_at + _PATH_ROW * after[index], links_at, legs_at, leg_gain_at,
+                            leg_offset_at, reads_at, values_at, time + step_size, False,
+                        )  # fmt: skip
                 if timed:
                     elapsed[who] += _now(timer_at) - begin
+            if wired:
+                for index in range(paths.shape[0]):
+                    evaluate(
+                        paths_at + _PATH_ROW * index, links_at, legs_at, leg_gain_at, leg_offset_at,
+                        reads_at, values_at, time + step_size, True,
+                    )  # fmt: skip
             bad = False
             for index in range(values.shape[0]):
                 bad |= (_word(values_at, index) & _EXPONENT) == _EXPONENT
@@ -302,4 +326,5 @@ def _compile(sources: int) -> Callable[..., int]:
         return njit(**options)(run_steps)
 
 
-run_steps = _compile(_SOURCES)
+run_steps = _compile(_SOURCES, False)
+run_wired_steps = _compile(_SOURCES, True)

@@ -17,7 +17,7 @@ from ..master import MasterAlgorithm
 from ..master.base import failure
 from .choice import schedule
 from .codes import Outcome, Phase
-from .kernel import run_steps
+from .kernel import run_steps, run_wired_steps
 from .tables import Tables
 
 if TYPE_CHECKING:
@@ -60,8 +60,10 @@ def run_native(
     planned = schedule(instances, master)
     if planned is None or len(native) != len(instances):
         raise ValueError("these instances, or this master, cannot be run by the native loop")
-    tables = Tables.of(instances, native, *planned)
     step_size = float(grid.step_size)
+    tables = Tables.of(instances, native, *planned, step_size)
+    wiring = tables.wiring
+    run = run_wired_steps if len(wiring.paths) else run_steps
     elapsed = np.zeros(len(running), np.int64)
     outcome = np.zeros(len(Outcome), np.int64)
     width = instances.layout.size
@@ -76,7 +78,7 @@ def run_native(
         rows = block[used : used + len(times)] if seen is not None else block
         used += len(rows)
         begin = perf_counter_ns()
-        done = run_steps(
+        done = run(
             tables.order,
             tables.late,
             tables.steps,
@@ -93,6 +95,14 @@ def run_native(
             elapsed,
             timed_every,
             tables.timer,
+            wiring.paths,
+            wiring.links,
+            wiring.legs,
+            wiring.gains,
+            wiring.offsets,
+            wiring.reads,
+            wiring.after,
+            wiring.bounds,
             outcome,
         )
         took = perf_counter_ns() - begin

@@ -17,6 +17,7 @@ from ..fmi.block import Block
 from ..fmi.running import NativeCalls
 from ..instances import Instances
 from .codes import Call, Code, Step
+from .wiring import Wiring
 
 __all__ = ["Tables"]
 
@@ -56,15 +57,23 @@ class Tables:
     values: Array
     inputs: Array
     timer: Whole
+    wiring: Wiring
     blocks: tuple[Block, ...]
 
     @staticmethod
-    def of(instances: Instances, native: Sequence[NativeCalls], order: Sequence[int], late: bool) -> Tables:
+    def of(
+        instances: Instances,
+        native: Sequence[NativeCalls],
+        order: Sequence[int],
+        late: bool,
+        step_size: float,
+    ) -> Tables:
         """The tables of instances that are bound.
 
         Args:
             native: what each instance calls.
             order, late: the master's schedule.
+            step_size: the communication step [s].
         """
         values, inputs = instances.native_memory
         layout = instances.layout
@@ -102,6 +111,7 @@ class Tables:
             values=values,
             inputs=inputs,
             timer=_timer(),
+            wiring=Wiring.of(instances, step_size),
             blocks=tuple(blocks),
         )
 
