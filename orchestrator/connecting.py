@@ -12,6 +12,7 @@ from . import checks
 from .config import ConnectionModel, Places, SourceModel
 from .effects import create_effect
 from .effects.base import times_unit
+from .effects.choose import BUILT_IN
 from .effects.gain import split
 from .errors import Problem, listed, nearest
 from .fmi import Causality, Kind, ModelDescription
@@ -305,7 +306,10 @@ class _Judge:
             made = create_effect(item, current, place, folder, ends.element, units=known)
             if isinstance(made, list):
                 self._problems += made
-                known = False  # of the unit behind it nothing is known
+                # Of the unit behind an effect that is not known nothing is known.
+                known &= (
+                    isinstance(item, Mapping) and "gain" not in item and not BUILT_IN.keys().isdisjoint(item)
+                )
                 continue
             reads = [self.port(text) for text in made.reads]
             if not all(port is not None and self.end(port, Causality.OUTPUT) for port in reads):

@@ -176,6 +176,11 @@ class Instances:
             self._begun[index] = point
         return (point.index + 1) % every == 0
 
+    def hold(self, index: int, point: Point) -> None:
+        """An instance's step does not end where that from the point does: its outputs stay until there."""
+        if self.wires is not None:
+            self.wires.follow(index, point.time + point.step_size, self._values)
+
     def advance(self, index: int, point: Point) -> StepStatus:
         """Set an instance's inputs, step it and read its outputs into the vector.
 
@@ -307,6 +312,8 @@ class Instances:
             self._values[self.layout.index[port]] = values[port]
         (wired,) = (one for one in self.layout.wired if one.connection is connection)
         self.wires.try_out([wired], time, self._values)
+        if not np.isfinite(self._values[wired.place]):
+            self._raise_made(wired, None)
         return float(self._values[wired.place])
 
     def terminate(self) -> None:
@@ -378,13 +385,16 @@ class Instances:
                     self._raise_non_finite(port, float(self._values[span][position]), time, cause)
         for one in self.layout.wired:
             if not np.isfinite(self._values[one.place]) and (wanted is None or one.place in wanted):
-                raise StepError(
-                    f"{one.connection}: the effects give {float(self._values[one.place])!r}",
-                    instance=one.connection.source.instance,
-                    time=time,
-                    status="not finite",
-                    remedy="Check the effects' options.",
-                ) from cause
+                self._raise_made(one, time, cause)
+
+    def _raise_made(self, one: Wired, time: float | None, cause: Exception | None = None) -> None:
+        raise StepError(
+            f"{one.connection}: the effects give {float(self._values[one.place])!r}",
+            instance=one.connection.source.instance,
+            time=time,
+            status="not finite",
+            remedy="Check the effects' options.",
+        ) from cause
 
     def _raise_non_finite(
         self, port: Port, value: float, time: float | None, cause: Exception | None = None

@@ -124,10 +124,12 @@ class Layout:
         smooth = [variable.kind is Kind.REAL for variable in variables]
         for one in wired:
             # Of a sum that cancels, the largest part counts.
-            magnitude = max(abs(g) * nominal[n] for g, n in zip(one.gain, one.source, strict=True))
+            magnitude = max(
+                abs(g) * nominal[n] for g, n in zip(one.gain.tolist(), one.source.tolist(), strict=True)
+            )
             for effect, _ in one.links:
                 magnitude = effect.nominal(magnitude)
-            nominal.append(float(magnitude) or 1.0)
+            nominal.append(magnitude or 1.0)
             smooth.append(all(effect.smooth() for effect, _ in one.links))
         return Layout(
             size=len(index) + len(wired),

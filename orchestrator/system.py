@@ -157,17 +157,30 @@ class System:
     def order(self) -> tuple[int, ...]:
         """Indices of the instances in the order of direct feedthrough; the config's order breaks ties.
 
-        An instance comes after those whose outputs it passes on within one instant.
+        An instance comes after those whose outputs it passes on within one instant; where that leaves it
+        open, also after those whose outputs would pass if effects did not keep them back, so that a delay
+        changes nothing else when it outgrows the step.
         """
         through = [{port for ports in one.feedthrough.values() for port in ports} for one in self.instances]
         successors: list[set[int]] = [set() for _ in self.instances]
+        kept_back: list[tuple[int, int]] = []
         for connection in self.connections:
             target = self.position[connection.target.instance]
             if connection.target.variable in through[target]:
-                sources = {self.position[port.instance] for port in connection.passed_at_once}
-                for source in sources - {target}:
+                sources = {self.position[port.instance] for port in connection.passed_at_once} - {target}
+                for source in sources:
                     successors[source].add(target)
-        return graph.stable_order([sorted(below) for below in successors])
+                others = {self.position[port.instance] for port in connection.sources} - sources - {target}
+                kept_back += [(source, target) for source in others]
+        if not kept_back:
+            return graph.stable_order([sorted(below) for below in successors])
+        every = [set(below) for below in successors]
+        for source, target in kept_back:
+            every[source].add(target)
+        wished = graph.stable_order([sorted(below) for below in every])
+        rank = {index: place for place, index in enumerate(wished)}
+        ranked = [sorted(rank[below] for below in successors[index]) for index in wished]
+        return tuple(wished[place] for place in graph.stable_order(ranked))
 
     @cached_property
     def initial_levels(self) -> tuple[tuple[Connection, ...], ...]:

@@ -82,8 +82,8 @@ class Wires:
             if not math.isfinite(total):
                 return total  # ends the run in any case
             link.x[0] = total
-            if link.reads is not None:
-                values.take(link.reads, out=link.x[1:])
+            for further, place in enumerate(link.reads, 1):
+                link.x[further] = float(values[place])
             memory = memories[position]
             if commit and len(memory) and (longer := link.grown(memory)) is not memory:
                 memory = memories[position] = longer
@@ -128,6 +128,7 @@ class _Running:
 
     def __init__(self, effect: Effect, reads: np.ndarray) -> None:
         self.kernel, self.grown = effect.kernel, effect.grown
-        self.options = np.array(effect.numbers())
-        self.x = np.zeros(1 + len(reads))
-        self.reads = reads if len(reads) else None
+        # Lists: what kernels take of them are Python's floats, which are faster than numpy's.
+        self.options = effect.numbers()
+        self.x = [0.0] * (1 + len(reads))
+        self.reads = reads.tolist()

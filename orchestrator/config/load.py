@@ -297,7 +297,7 @@ def _put(data: dict[str, Any], path: Path, value: Any) -> None:
         if isinstance(data, list):
             data = data[part]
             continue
-        if not isinstance(data.get(part), dict):
+        if not isinstance(data.get(part), dict | list):
             # A master without options is written as its name alone.
             bare = path[:2] == ("run", "master") and isinstance(data.get(part), str)
             data[part] = {"name": data[part]} if bare else {}

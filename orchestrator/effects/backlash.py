@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from .base import Array, Effect, OfSignal
+from .base import Array, Effect, Numbers, OfSignal
 
 __all__ = ["Backlash"]
 
@@ -23,7 +23,7 @@ class Backlash(Effect):
     width: Annotated[float, OfSignal()] = Field(ge=0, description="The whole play.", allow_inf_nan=False)
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel. Memory: whether there is a value before, and which."""
         if options[0] == 0.0:
             return x[0]

@@ -13,10 +13,12 @@ from ..errors import Problem
 from ..quantities import Measure
 from ..units import Unit
 
-__all__ = ["Array", "Effect", "Kernel", "OfSignal", "Pure"]
+__all__ = ["Array", "Effect", "Kernel", "Numbers", "OfSignal", "Pure"]
 
 Array = NDArray[np.float64]
-Kernel = Callable[[float, Array, Array, Array, bool], float]
+# The native loop gives arrays, the Python loop lists but for the memory: kernels take single numbers of them.
+Numbers = Array | list[float]
+Kernel = Callable[[float, Numbers, Numbers, Array, bool], float]
 
 
 class Pure(NamedTuple):
@@ -51,10 +53,11 @@ class Effect(BaseModel):
     jittable: ClassVar[bool] = False
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """The effect's value at an instant.
 
-        Nothing but floats, whole numbers and the functions of `math` may be used where it is `jittable`.
+        It takes single numbers of x, options and memory; where it is `jittable`, it uses nothing else but
+        floats, whole numbers and the functions of `math`.
 
         Args:
             time: the instant [s].

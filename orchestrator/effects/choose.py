@@ -102,7 +102,7 @@ def effect_schema() -> dict[str, Any]:
 def create_effect(
     item: Any,
     measure: Measure,
-    place: Callable[..., str],
+    written: Callable[..., str],
     folder: Path,
     element: int | None = None,
     *,
@@ -114,18 +114,23 @@ def create_effect(
         item: {name: value of the main option, and further options}, {name: {options}}, or
             {effect: name, and options}.
         measure: of the signal that it works on.
-        place: where the entry, or an option of it, was written.
+        written: where the entry, or an option of it, was written.
         folder: what relative paths start from.
         element: of an array, counted from 0; None for a scalar.
         units: whether `measure` is known; otherwise options in the signal's unit are not judged.
     Returns: the effect, or all that is wrong with it.
     """
-    found = _named(item, place, folder)
+    found = _named(item, written, folder)
     if isinstance(found, list):
         return found
     name, kind, given = found
+    short = name in item and kind.main in given and kind.main not in item
+
+    def place(key: str = "") -> str:
+        return written(*([name if short and key == kind.main else key] if key else []))
+
     read = given.pop("read", {})
-    problems = [*kind.prepare(given, measure, lambda key: place(key) if key else place())]
+    problems = [*kind.prepare(given, measure, place)]
     fields = kind.model_fields
     allowed = [key for key, one in fields.items() if not one.exclude or key == "unit"]
     for key in [key for key in given if key not in allowed]:

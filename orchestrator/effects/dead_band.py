@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from .base import Array, Effect, OfSignal
+from .base import Array, Effect, Numbers, OfSignal
 
 __all__ = ["DeadBand"]
 
@@ -22,7 +22,7 @@ class DeadBand(Effect):
     )
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel."""
         if options[0] == 0.0:
             return x[0]

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from pydantic import Field
 
-from .base import Array, Effect, OfSignal, Pure
+from .base import Array, Effect, Numbers, OfSignal, Pure
 
 __all__ = ["Delay"]
 
@@ -35,7 +35,7 @@ class Delay(Effect):
         return [self.time, float(self.before is not None), self.before or 0.0]
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel.
 
         Memory: a ring of instants. How many there are, place of the oldest, whether it is the start, then

@@ -9,7 +9,7 @@ from pydantic import Field
 from ..errors import Problem
 from ..quantities import Measure
 from ..units import ONE, UnitError, parse_quantity, parse_unit
-from .base import Array, Effect, times_unit
+from .base import Array, Effect, Numbers, times_unit
 
 __all__ = ["Gain", "split"]
 
@@ -32,7 +32,7 @@ class Gain(Effect):
     unit: str = Field("1", exclude=True, description="Of the factor, if not given with it.")
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel."""
         return x[0] * options[0]
 

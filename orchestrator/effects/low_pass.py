@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ..errors import Problem
 from ..quantities import Measure
-from .base import Array, Effect, Pure
+from .base import Array, Effect, Numbers, Pure
 
 __all__ = ["LowPass"]
 
@@ -44,7 +44,7 @@ class LowPass(Effect):
         return [1.0 / (2.0 * math.pi * self.cutoff)]
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel. Memory: whether there is an instant before, its time [s], x and y."""
         if options[0] == 0.0:
             return x[0]

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field
 
-from .base import Array, Effect, OfSignal, Pure
+from .base import Array, Effect, Numbers, OfSignal, Pure
 
 __all__ = ["Noise"]
 
@@ -36,7 +36,7 @@ class Noise(Effect):
         return [self.deviation, self.period, self.seed % 2**24, self.seed // 2**24, self.element]
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel. Memory: whether there is an instant before, and the first one [s].
 
         A hash of 32 bits, its constants found by Wellons ("lowbias32"), makes two uniform numbers of it, of

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from .base import Array, Effect, OfSignal
+from .base import Array, Effect, Numbers, OfSignal
 
 __all__ = ["RateLimit"]
 
@@ -20,7 +20,7 @@ class RateLimit(Effect):
     rate: Annotated[float, OfSignal("s")] = Field(gt=0, description="Largest change per time; inf for none.")
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel. Memory: whether there is an instant before, its time [s] and value."""
         y = x[0]
         if memory[0] != 0.0 and time > memory[1]:

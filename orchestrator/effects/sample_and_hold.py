@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from .base import Array, Effect, Pure
+from .base import Array, Effect, Numbers, Pure
 
 __all__ = ["SampleAndHold"]
 
@@ -30,7 +30,7 @@ class SampleAndHold(Effect):
     )
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel.
 
         Memory: whether there is an instant before, the first one [s], number of the latest sample, its value,

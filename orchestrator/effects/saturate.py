@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from .base import Array, Effect, OfSignal
+from .base import Array, Effect, Numbers, OfSignal
 
 __all__ = ["Saturate"]
 
@@ -27,7 +27,7 @@ class Saturate(Effect):
         return self
 
     @staticmethod
-    def kernel(time: float, x: Array, options: Array, memory: Array, commit: bool) -> float:
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel."""
         if x[0] < options[0]:
             return options[0]

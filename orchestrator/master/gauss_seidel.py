@@ -51,6 +51,7 @@ class GaussSeidel(Master):
             ahead = Extrapolation(instances, point, signals.values, self.extrapolation)
         for index in system.order:
             if not instances.ends(index, point):
+                instances.hold(index, point)
                 continue
             instances.transfer(index, ahead.curve if ahead else None)
             status = instances.advance(index, point)

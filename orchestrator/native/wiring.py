@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numba import carray, cfunc, njit, types
-from numba.core.errors import NumbaError
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
@@ -149,7 +148,7 @@ def unfit(effect: Effect) -> str:
         return "is Python code"
     try:
         _compiled(effect.kernel)
-    except NumbaError as error:
+    except Exception as error:  # numba refuses in many ways
         return f"cannot be compiled ({str(error).strip().splitlines()[-1].strip()})"
     return ""
 
