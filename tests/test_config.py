@@ -181,7 +181,8 @@ def test_overrides_that_lead_nowhere_are_refused_together():
     message = refusal(data(), ["on.a=1 N", "run.stepsize=1 ms", "rubbish", "measures.docking.x=1"])
     assert message.splitlines() == [
         "--set on.a=1 N: no 'on.a' to set",
-        "  instances: one, two; sections: run, connections, measures, title. Did you mean one.a or one.e or one.d?",
+        "  instances: one, two; sections: run, connections, measures, title. "
+        "Did you mean one.a or one.e or one.d?",
         "--set run.stepsize=1 ms: no 'run.stepsize' to set",
         "  instances: one, two; sections: run, connections, measures, title. "
         "Did you mean run.step_size or run.stop_time or run.master?",
