@@ -156,7 +156,7 @@ def test_at_zero_size_the_docking_loop_keeps_every_bit(master):
     def ran(wired, loop):
         data = {
             "extends": "docking-1d-uncompensated",
-            "run": {"master": MASTERS[master], "stop_time": "0.9 s", "loop": loop},
+            "run": {"master": MASTERS[master], "step_size": "0.5 ms", "stop_time": "0.9 s", "loop": loop},
         }
         return docking(data, wired and (lambda name: zero_chain(units[name])), loop)
 
