@@ -1,4 +1,4 @@
-"""Result files: CSV, Parquet and MAT. All hold names, units and numbers that read back exactly."""
+"""Result files: Arrow, CSV, Parquet and MAT. All hold names, units and numbers that read back exactly."""
 
 from __future__ import annotations
 
@@ -6,29 +6,38 @@ import csv
 import io
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .stream import StreamWriter
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
 __all__ = [
+    "ABOUT",
     "FORMATS",
-    "csv_header",
-    "csv_rows",
+    "TIME",
+    "Recorded",
+    "blocks",
     "read",
     "strict",
     "write",
+    "write_arrow",
     "write_csv",
     "write_mat",
     "write_parquet",
 ]
 
 Array = NDArray[Any]
-FORMATS = ("csv", "parquet", "mat")
-_TIME = "time"
-_CSV_BLOCK = 4096
+FORMATS = ("arrow", "csv", "parquet", "mat")
+TIME = "time"
+ABOUT = "orchestrator"  # where Arrow and Parquet files hold parameters and provenance
+_ROWS, _ROWS_OF_GROUP = 4096, 1 << 17
 
 
 def strict(value: Any) -> Any:
@@ -48,27 +57,39 @@ def strict(value: Any) -> Any:
     return str(value)
 
 
-def write(
-    path: Path,
-    time: Array,
-    signals: Mapping[str, Array],
-    units: Mapping[str, str],
-    parameters: Mapping[str, Any],
-    provenance: Mapping[str, Any],
-) -> None:
+class Recorded(Protocol):
+    """What is written: see orchestrator.results.Results."""
+
+    time: Array
+    signals: Mapping[str, Array]
+    units: Mapping[str, str]
+    parameters: Mapping[str, Any]
+    provenance: Mapping[str, Any]
+    types: Mapping[str, np.dtype[Any]]
+
+    def blocks(self) -> Iterator[pa.RecordBatch]:
+        """All columns, the time's first, some rows at a time."""
+
+
+def blocks(columns: Mapping[str, Array]) -> Iterator[pa.RecordBatch]:
+    """Columns, shape (n,) each, some rows at a time."""
+    import pyarrow as pa
+
+    for begin in range(0, len(next(iter(columns.values()))), _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        yield pa.RecordBatch.from_pydict({name: pa.array(one[rows]) for name, one in columns.items()})
+
+
+def write(path: Path, recorded: Recorded) -> None:
     """Write a file in the format of its suffix. Raises: ValueError if there is no such format."""
-    if path.suffix == ".csv":
-        write_csv(path, time, signals, units)
-    elif path.suffix == ".parquet":
-        write_parquet(path, time, signals, units, parameters, provenance)
-    elif path.suffix == ".mat":
-        write_mat(path, time, signals, units, parameters, provenance)
-    else:
+    writers = {".arrow": write_arrow, ".csv": write_csv, ".parquet": write_parquet, ".mat": write_mat}
+    if path.suffix not in writers:
         raise ValueError(f"no format {path.suffix!r}; formats: {', '.join(FORMATS)}")
+    writers[path.suffix](path, recorded)
 
 
 def read(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str, Any]]:
-    """Time, signals, units, and further content of a result file.
+    """Time, signals, units, and further content of a result file, other than of Arrow files.
 
     Raises: OSError or ValueError if it cannot be read.
     """
@@ -78,35 +99,43 @@ def read(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str,
     return readers[path.suffix](path)
 
 
+# Arrow
+
+
+def write_arrow(path: Path, recorded: Recorded) -> None:
+    """Write an Arrow IPC stream."""
+    about = {"parameters": recorded.parameters, "provenance": recorded.provenance}
+    units = {TIME: "s", **recorded.units}
+    types = {TIME: np.float64, **recorded.types}
+    writer = StreamWriter(path, types, units, {ABOUT: json.dumps(strict(about), allow_nan=False)})
+    for block in recorded.blocks():
+        time, *columns = (one.to_numpy(zero_copy_only=False) for one in block.columns)
+        writer.write(time, columns)
+    writer.close()
+
+
 # CSV
 
 
-def csv_header(names: Iterable[str], units: Mapping[str, str]) -> str:
+def write_csv(path: Path, recorded: Recorded) -> None:
+    """Write a CSV file; floats as the shortest decimals that read back the same, flags as 0 and 1."""
+    import pyarrow as pa
+    from pyarrow import csv as arrow_csv
+
+    options = arrow_csv.WriteOptions(include_header=False)
+    with path.open("wb") as file:
+        file.write(_csv_header(recorded.signals, recorded.units).encode())
+        for block in recorded.blocks():
+            columns = [one.cast(pa.int8()) if pa.types.is_boolean(one.type) else one for one in block.columns]
+            arrow_csv.write_csv(pa.RecordBatch.from_arrays(columns, block.schema.names), file, options)
+
+
+def _csv_header(names: Iterable[str], units: Mapping[str, str]) -> str:
     """The header line, for example `time [s],robot.position [m]`."""
     line = io.StringIO()
     labels = [f"{name} [{units[name]}]" if units.get(name) else name for name in names]
-    csv.writer(line, lineterminator="\n").writerow([f"{_TIME} [s]", *labels])
+    csv.writer(line, lineterminator="\n").writerow([f"{TIME} [s]", *labels])
     return line.getvalue()
-
-
-def csv_rows(time: Array, columns: Sequence[Array]) -> str:
-    """Lines of numbers; floats as the shortest decimals that read back the same."""
-    texts = [map(repr, time.tolist())]
-    texts += [
-        map(str, column.astype(int).tolist() if column.dtype == bool else column.tolist())
-        for column in columns
-    ]
-    lines = "\n".join(map(",".join, zip(*texts, strict=True)))
-    return f"{lines}\n" if lines else ""
-
-
-def write_csv(path: Path, time: Array, signals: Mapping[str, Array], units: Mapping[str, str]) -> None:
-    """Write a CSV file."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        file.write(csv_header(signals, units))
-        for begin in range(0, len(time), _CSV_BLOCK):
-            rows = slice(begin, begin + _CSV_BLOCK)
-            file.write(csv_rows(time[rows], [column[rows] for column in signals.values()]))
 
 
 def _read_csv(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str, Any]]:
@@ -132,31 +161,33 @@ def _read_csv(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict
 # Parquet
 
 
-def write_parquet(
-    path: Path,
-    time: Array,
-    signals: Mapping[str, Array],
-    units: Mapping[str, str],
-    parameters: Mapping[str, Any],
-    provenance: Mapping[str, Any],
-) -> None:
+def write_parquet(path: Path, recorded: Recorded) -> None:
     """Write a Parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as parquet
 
-    content = {_TIME: time, **signals}
-    arrays = {name: pa.array(column) for name, column in content.items()}
+    about = {"parameters": recorded.parameters, "provenance": recorded.provenance}
+    types = {TIME: np.dtype(np.float64), **recorded.types}
     fields = [
-        pa.field(name, array.type, metadata={"unit": "s" if name == _TIME else units.get(name, "")})
-        for name, array in arrays.items()
-    ]
-    metadata = {
-        "orchestrator": json.dumps(
-            strict({"parameters": parameters, "provenance": provenance}), allow_nan=False
+        pa.field(
+            name,
+            pa.from_numpy_dtype(kind),
+            metadata={"unit": "s" if name == TIME else recorded.units.get(name, "")},
         )
-    }
-    table = pa.table(list(arrays.values()), schema=pa.schema(fields, metadata=metadata))
-    parquet.write_table(table, path)
+        for name, kind in types.items()
+    ]
+    schema = pa.schema(fields, metadata={ABOUT: json.dumps(strict(about), allow_nan=False)})
+    with parquet.ParquetWriter(path, schema) as writer:
+        gathered: list[pa.RecordBatch] = []
+        rows = 0
+        for block in recorded.blocks():
+            gathered.append(pa.RecordBatch.from_arrays(block.columns, schema=schema))
+            rows += block.num_rows
+            if rows >= _ROWS_OF_GROUP:
+                writer.write_table(pa.Table.from_batches(gathered, schema))
+                gathered, rows = [], 0
+        if gathered:
+            writer.write_table(pa.Table.from_batches(gathered, schema))
 
 
 def _read_parquet(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str, Any]]:
@@ -164,11 +195,11 @@ def _read_parquet(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], 
 
     table = parquet.read_table(path)
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
-    if _TIME not in columns:
-        raise ValueError(f"it has no column {_TIME!r}")
-    time = columns.pop(_TIME)
+    if TIME not in columns:
+        raise ValueError(f"it has no column {TIME!r}")
+    time = columns.pop(TIME)
     units = {name: (table.field(name).metadata or {}).get(b"unit", b"").decode() for name in columns}
-    more = (table.schema.metadata or {}).get(b"orchestrator", b"{}")
+    more = (table.schema.metadata or {}).get(ABOUT.encode(), b"{}")
     return time, columns, units, json.loads(more)
 
 
@@ -181,37 +212,31 @@ def _identifier(name: str) -> str:
     return (name if re.match(r"[A-Za-z]", name) else f"x{name}")[:63]
 
 
-def write_mat(
-    path: Path,
-    time: Array,
-    signals: Mapping[str, Array],
-    units: Mapping[str, str],
-    parameters: Mapping[str, Any],
-    provenance: Mapping[str, Any],
-) -> None:
+def write_mat(path: Path, recorded: Recorded) -> None:
     """Write a MATLAB 5 file: `time`, a struct per instance, `units` alike, `names` as in the config."""
     from scipy.io import savemat
 
-    content: dict[str, Any] = {_TIME: time}
-    unit_content: dict[str, Any] = {_TIME: "s"}
+    about = {"parameters": recorded.parameters, "provenance": recorded.provenance}
+    content: dict[str, Any] = {TIME: recorded.time}
+    unit_content: dict[str, Any] = {TIME: "s"}
     names: list[tuple[str, str, str]] = []
-    for name, column in signals.items():
+    for name, column in recorded.signals.items():
         instance, _, variable = name.partition(".")
         group, key = _unused(_identifier(instance), content, (dict,)), _identifier(variable)
         key = _unused(key, content.setdefault(group, {}), ())
         content[group][key] = column
-        unit_content.setdefault(group, {})[key] = units.get(name, "")
+        unit_content.setdefault(group, {})[key] = recorded.units.get(name, "")
         names.append((name, group, key))
     content["units"] = unit_content
     content["names"] = json.dumps(names)
-    content["run"] = json.dumps(strict({"parameters": parameters, "provenance": provenance}), allow_nan=False)
+    content["run"] = json.dumps(strict(about), allow_nan=False)
     savemat(path, content, long_field_names=True, oned_as="column")
 
 
 def _unused(name: str, taken: Mapping[str, Any], sharing: tuple[type, ...]) -> str:
     """A name that is free, or used for something of a kind that may be shared."""
     candidate, number = name, 1
-    reserved = (_TIME, "units", "names", "run") if sharing else ()
+    reserved = (TIME, "units", "names", "run") if sharing else ()
     while candidate in reserved or (candidate in taken and not isinstance(taken[candidate], sharing)):
         number += 1
         candidate = f"{name[:60]}_{number}"
@@ -228,4 +253,4 @@ def _read_mat(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict
     for name, group, key in json.loads(str(content["names"])):
         signals[name] = np.atleast_1d(content[group][key])
         units[name] = str(content["units"][group][key]) if len(content["units"][group][key]) else ""
-    return np.atleast_1d(content[_TIME]), signals, units, json.loads(str(content["run"]))
+    return np.atleast_1d(content[TIME]), signals, units, json.loads(str(content["run"]))

@@ -28,7 +28,7 @@ def draw_signals(results: Results, title: str = "", names: Sequence[str] | None 
         title: stands above.
         names: signals to draw; all floating-point ones by default.
     """
-    names = [n for n, s in results.signals.items() if s.dtype.kind == "f"] if names is None else list(names)
+    names = [n for n, kind in results.types.items() if kind.kind == "f"] if names is None else list(names)
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(results.units.get(name, ""), []).append(name)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,175 +15,294 @@ from . import formats
 from .errors import OrchestratorError, listed, nearest
 from .fmi import Array, Kind, Point, Value
 from .signals import Layout, Signals
+from .stream import StreamedColumns, StreamWriter
 from .system import System
 
-__all__ = ["Recorder", "Results", "read_results"]
+if TYPE_CHECKING:
+    import pyarrow as pa
 
-_ROWS = 1024
+__all__ = ["Recorder", "Results", "load", "read_results"]
+
 _SECONDS_PER_FLUSH = 1.0
+# Rows that are gathered before they go on, fewer of wide systems: about so many numbers.
+_ROWS, _FEWEST_ROWS, _NUMBERS = 1024, 16, 1 << 17
+# What is no larger than this is read into memory whole [B].
+_SMALL = 64 << 20
+_TYPES = {Kind.REAL: np.dtype(np.float64), Kind.BOOLEAN: np.dtype(np.bool_)}
+_WHOLE = np.dtype(np.int64)
 
 
 class _Named(dict[str, Any]):
     """A dict that tells what there is when something is asked for that there is not."""
 
     def __missing__(self, name: str) -> Any:
-        raise KeyError(f"no {name!r}; there are {listed(self)}. {nearest(name, self)}".strip())
+        raise KeyError(_missing(name, self))
 
 
-@dataclass(frozen=True)
+class _Signals(Mapping[str, NDArray[Any]]):
+    """All columns but the time's, which stay where they are until they are asked for."""
+
+    def __init__(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        self._columns = columns
+        self._names = dict.fromkeys(name for name in columns if name != formats.TIME)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._names:
+            raise KeyError(_missing(name, self._names))
+        return self._columns[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+def _missing(name: str, there: Mapping[str, Any]) -> str:
+    return f"no {name!r}; there are {listed(there)}. {nearest(name, there)}".strip()
+
+
 class Results:
     """What a run recorded.
 
     Attributes:
-        time: instants, shape (n,) [s].
-        signals: by name, instance.variable, each of shape (n,): float64, int64 or bool.
+        signals: by name, instance.variable, each of shape (n,): float64, int64 or bool. Those of a long run
+            stay on disk: each is read when it is asked for, and forgotten when nobody holds it.
         units: unit of each signal, empty where the FMU declares none.
         parameters: values of all parameters and start values in the FMUs' units.
         provenance: what ran: config, versions, FMU checksums, timing.
     """
 
-    time: Array
-    signals: Mapping[str, NDArray[Any]]
-    units: Mapping[str, str] = field(default_factory=dict)
-    parameters: Mapping[str, Value] = field(default_factory=dict)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    def __init__(
+        self,
+        time: Array,
+        signals: Mapping[str, NDArray[Any]],
+        units: Mapping[str, str] | None = None,
+        parameters: Mapping[str, Value] | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        """
+        Args:
+            time: instants, shape (n,) [s]; the others: see the attributes.
+        """
+        self._hold({formats.TIME: time, **signals}, units, parameters, provenance)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "signals", _Named(self.signals))
-        object.__setattr__(self, "parameters", _Named(self.parameters))
+    def _hold(
+        self,
+        columns: Mapping[str, NDArray[Any]],
+        units: Mapping[str, str] | None,
+        parameters: Mapping[str, Value] | None,
+        provenance: Mapping[str, Any] | None,
+    ) -> None:
+        self._columns = columns
+        self.signals: Mapping[str, NDArray[Any]] = _Signals(columns)
+        self.units = units or {}
+        self.parameters: Mapping[str, Value] = _Named(parameters or {})
+        self.provenance = provenance or {}
+
+    @staticmethod
+    def streamed(
+        columns: StreamedColumns,
+        parameters: Mapping[str, Value] | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> Results:
+        """Results on disk; small ones are read at once.
+
+        Args:
+            columns: of the file.
+            parameters, provenance: those that the file itself names if not given.
+        """
+        about = json.loads(columns.metadata.get(formats.ABOUT, "{}"))
+        units = {name: unit for name, unit in columns.units.items() if name != formats.TIME}
+        small = 8 * columns.rows * len(columns) <= _SMALL
+        results = Results.__new__(Results)
+        results._hold(
+            dict(columns) if small else columns,
+            units,
+            about.get("parameters") if parameters is None else parameters,
+            about.get("provenance") if provenance is None else provenance,
+        )
+        return results
+
+    @property
+    def time(self) -> Array:
+        """Instants, shape (n,) [s]."""
+        return self._columns[formats.TIME]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """A signal by name. Raises: KeyError naming what there is."""
         return self.signals[name]
 
     def __len__(self) -> int:
-        return len(self.time)
+        on_disk = isinstance(self._columns, StreamedColumns)
+        return self._columns.rows if on_disk else len(self.time)
+
+    @property
+    def types(self) -> dict[str, np.dtype[Any]]:
+        """Type of each signal, without reading it."""
+        if isinstance(self._columns, StreamedColumns):
+            return {name: self._columns.types[name] for name in self.signals}
+        return {name: column.dtype for name, column in self.signals.items()}
+
+    def blocks(self) -> Iterator[pa.RecordBatch]:
+        """All columns, the time's first, some rows at a time."""
+        if isinstance(self._columns, StreamedColumns):
+            return self._columns.blocks()
+        return formats.blocks(self._columns)
 
     def write(self, path: Path) -> None:
-        """Write a file whose suffix is csv, parquet or mat."""
-        formats.write(path, self.time, self.signals, self.units, self.parameters, self.provenance)
+        """Write a file whose suffix is arrow, csv, parquet or mat."""
+        formats.write(path, self)
 
     def to_csv(self, path: Path | str) -> None:
         """Write CSV: names and units in the header, numbers as the shortest that read back the same."""
-        formats.write_csv(Path(path), self.time, self.signals, self.units)
+        formats.write_csv(Path(path), self)
 
     def to_parquet(self, path: Path | str) -> None:
         """Write Parquet; units stand in each column's metadata, parameters and provenance in the file's."""
-        formats.write_parquet(
-            Path(path), self.time, self.signals, self.units, self.parameters, self.provenance
-        )
+        formats.write_parquet(Path(path), self)
 
     def to_mat(self, path: Path | str) -> None:
         """Write a MATLAB 5 file: a vector `time` and a struct per instance, and the same again for units."""
-        formats.write_mat(Path(path), self.time, self.signals, self.units, self.parameters, self.provenance)
+        formats.write_mat(Path(path), self)
+
+
+class _Memory:
+    """Columns in memory that rows are appended to."""
+
+    def __init__(self, width: int, points: int) -> None:
+        self._columns = np.empty((width, points))
+        self.rows = 0
+
+    def write(self, first: Array, others: Array) -> None:
+        end = self.rows + len(first)
+        if end > self._columns.shape[1]:
+            grown = np.empty((len(self._columns), max(2 * self._columns.shape[1], end)))
+            grown[:, : self.rows] = self._columns[:, : self.rows]
+            self._columns = grown
+        self._columns[0, self.rows : end], self._columns[1:, self.rows : end] = first, others
+        self.rows = end
+
+    def columns(self) -> Array:
+        """Shape (width, rows): a view, which later rows leave alone."""
+        return self._columns[:, : self.rows]
 
 
 class Recorder:
-    """An observer that keeps signals, and streams them to a CSV file if one is given.
+    """An observer that keeps signals: in memory, or in a file, where memory does not grow with the run.
 
-    The file can be read at any moment up to the last flush: every 1024 rows or every second, if sooner.
+    The file, an Arrow IPC stream, can be read at any moment up to its last flush, which is at most about a
+    second ago, whatever happens to this process.
     """
 
-    def __init__(self, system: System, *, every: int = 1, path: Path | None = None) -> None:
+    def __init__(
+        self,
+        system: System,
+        *,
+        every: int = 1,
+        path: Path | BinaryIO | None = None,
+        points: int = 0,
+        parameters: Mapping[str, Value] | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
         """
         Args:
             system: what runs.
             every: keep every n-th communication point.
-            path: of the CSV file.
-        Raises: OSError if the file cannot be written.
+            path: of the file, or an unbuffered binary file open for writing and reading; in memory if None.
+            points: how many communication points are expected, if that is known.
+            parameters, provenance: go into the file, and are told with the results.
+        Raises: OSError if the file cannot be made; its methods raise OrchestratorError once it cannot be
+            written any more.
         """
         layout = Layout.of(system)
         self.names = [str(port) for port in system.recorded]
-        self._kinds = [system.variable(port).kind for port in system.recorded]
+        self._types = [_TYPES.get(system.variable(port).kind, _WHOLE) for port in system.recorded]
         self.units = {str(port): system.variable(port).unit_name for port in system.recorded}
-        self._columns = layout.recorded
-        self._whole = bool(np.array_equal(self._columns, np.arange(layout.size)))
+        self._chosen = layout.recorded
+        self._whole = bool(np.array_equal(self._chosen, np.arange(layout.size)))
         self._every = every
-        self._times: list[Array] = []
-        self._values: list[Array] = []
-        self._new_block()
-        self._file = None
-        if path is not None:
-            self._file = path.open("w", encoding="utf-8", newline="")
-            self._file.write(formats.csv_header(self.names, self.units))
-            self._flushed = monotonic()
-
-    def _new_block(self) -> None:
-        self._time = np.empty(_ROWS)
-        self._block = np.empty((_ROWS, len(self.names)))
-        self._used = self._written = 0
+        self._about = {"parameters": dict(parameters or {}), "provenance": dict(provenance or {})}
+        width = len(self.names) + 1
+        self._pending = np.empty((max(_FEWEST_ROWS, min(_ROWS, _NUMBERS // width)), width))
+        self._used = 0
+        self._flushed = monotonic()
+        self._path = path
+        self._memory = self._writer = None
+        if path is None:
+            self._memory = _Memory(width, -(-points // every) or _ROWS)
+        else:
+            columns = {formats.TIME: np.float64, **dict(zip(self.names, self._types, strict=True))}
+            about = {formats.ABOUT: json.dumps(formats.strict(self._about), allow_nan=False)}
+            self._writer = StreamWriter(path, columns, {formats.TIME: "s", **self.units}, about)
 
     def __call__(self, point: Point, signals: Signals) -> None:
         """Keep the signals of a point."""
         if self._every != 1 and point.index % self._every:
             return
-        row = self._used
-        self._time[row] = point.time
-        self._block[row] = signals.values if self._whole else signals.values[self._columns]
-        self._used = row + 1
-        if self._used == _ROWS:
-            self.flush()
-            self._times.append(self._time)
-            self._values.append(self._block)
-            self._new_block()
-        elif self._file is not None and not row & 15 and monotonic() - self._flushed > _SECONDS_PER_FLUSH:
-            self.flush()
+        row = self._pending[self._used]
+        row[0] = point.time
+        row[1:] = signals.values if self._whole else signals.values[self._chosen]
+        self._used += 1
+        self._flush_in_time()
 
     def observe_block(self, first: int, times: Array, values: Array) -> None:
         """Keep the signals of consecutive points; see BlockObserver."""
-        if self._used:
-            self.flush()
-            self._times.append(self._time[: self._used])
-            self._values.append(self._block[: self._used])
-            self._new_block()
         if self._every != 1:
             chosen = slice(-first % self._every, None, self._every)
             times, values = times[chosen], values[chosen]
         if not self._whole:
-            values = values[:, self._columns]
-        elif self._every != 1:
-            values = values.copy()  # a view would keep the rows that are not wanted
-        self._times.append(times)
-        self._values.append(values)
-        self._write(times, values)
+            values = values[:, self._chosen]
+        room = len(self._pending) - self._used
+        if len(times) <= min(room, len(self._pending) // 2):
+            rows = self._pending[self._used : self._used + len(times)]
+            rows[:, 0], rows[:, 1:] = times, values
+            self._used += len(times)
+            self._flush_in_time()
+            return
+        self.flush()
+        self._write(times, values.T)
+
+    def _flush_in_time(self) -> None:
+        full = self._used == len(self._pending)
+        if full or (self._writer is not None and monotonic() - self._flushed > _SECONDS_PER_FLUSH):
+            self.flush()
 
     def flush(self) -> None:
         """Bring the file up to date."""
-        rows = slice(self._written, self._used)
-        self._write(self._time[rows], self._block[rows])
-        self._written = self._used
+        if self._used:
+            used, self._used = self._used, 0
+            self._write(self._pending[:used, 0], self._pending[:used, 1:].T)
 
-    def _write(self, times: Array, values: Array) -> None:
-        if self._file is not None:
-            columns = [_typed(column, kind) for column, kind in zip(values.T, self._kinds, strict=True)]
-            self._file.write(formats.csv_rows(times, columns))
-            self._file.flush()
-            self._flushed = monotonic()
+    def _write(self, times: Array, columns: Array) -> None:
+        try:
+            (self._writer or self._memory).write(times, columns)
+        except OSError as error:
+            raise OrchestratorError(
+                f"{self._path}: the results can no longer be written ({error}); those until then are kept"
+            ) from error
+        self._flushed = monotonic()
 
     def close(self) -> None:
         """Write what is left and close the file."""
-        if self._file is not None:
+        if self._writer is not None:
             self.flush()
-            self._file.close()
-            self._file = None
+            self._writer.close()
 
-    def results(
-        self, parameters: Mapping[str, Value] | None = None, provenance: Mapping[str, Any] | None = None
-    ) -> Results:
+    def results(self) -> Results:
         """What was recorded so far."""
-        time = np.concatenate([*self._times, self._time[: self._used]])
-        values = np.concatenate([*self._values, self._block[: self._used]])
+        self.flush()
+        if self._path is not None:
+            return Results.streamed(StreamedColumns(self._path), **self._about)
+        time, *columns = self._memory.columns()
         signals = {
-            name: _typed(np.ascontiguousarray(column), kind)
-            for name, column, kind in zip(self.names, values.T, self._kinds, strict=True)
+            name: column if kind.kind == "f" else column != 0.0 if kind.kind == "b" else column.astype(kind)
+            for name, column, kind in zip(self.names, columns, self._types, strict=True)
         }
-        return Results(time, signals, self.units, parameters or {}, provenance or {})
-
-
-def _typed(column: Array, kind: Kind) -> NDArray[Any]:
-    if kind is Kind.REAL:
-        return column
-    return column != 0.0 if kind is Kind.BOOLEAN else column.astype(np.int64)
+        return Results(time, signals, self.units, **self._about)
 
 
 def parameters_of(system: System) -> dict[str, Value]:
@@ -199,23 +317,25 @@ def parameters_of(system: System) -> dict[str, Value]:
 
 
 def read_results(path: Path | str) -> Results:
-    """Read results back.
+    """Read results back, those of a run that goes on or was killed, too.
 
     Args:
-        path: a folder that `orchestrator run --out` wrote, or a file: csv, parquet or mat. A CSV file may be
-            one that is still being written, or whose run was killed: a last line that is cut off is dropped.
+        path: a folder that `orchestrator run --out` wrote, or a file: arrow, csv, parquet or mat. What is cut
+            off at its end is left out. Large Arrow files stay on disk; columns are read when asked for.
     Raises: OrchestratorError if it cannot be read.
     """
     path = Path(path)
-    parameters: Mapping[str, Value] = {}
-    provenance: Mapping[str, Any] = {}
+    parameters: Mapping[str, Value] | None = None
+    provenance: Mapping[str, Any] | None = None
     if path.is_dir():
         summary = path / "summary.json"
         if summary.is_file():
             content = json.loads(summary.read_text(encoding="utf-8"))
             parameters, provenance = content.get("parameters", {}), content.get("provenance", {})
-        path = path / "results.csv"
+        path = path / ("results.arrow" if (path / "results.arrow").is_file() else "results.csv")
     try:
+        if path.suffix == ".arrow":
+            return Results.streamed(StreamedColumns(path), parameters, provenance)
         time, signals, units, more = formats.read(path)
     except (OSError, ValueError) as error:
         raise OrchestratorError(f"{path}: no results can be read from it ({error})") from error
@@ -226,3 +346,6 @@ def read_results(path: Path | str) -> Results:
         more.get("parameters", parameters),
         more.get("provenance", provenance),
     )
+
+
+load = read_results

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from tempfile import TemporaryFile
 from time import perf_counter
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 from . import checks
 from .assembly import load_system
@@ -27,6 +28,8 @@ from .system import System
 
 __all__ = ["Prepared", "RunResult", "prepare", "run"]
 
+# What a run that writes to no folder may keep in memory [B].
+_IN_MEMORY = 256 << 20
 _PACKAGES = ("orchestrator", "fmpy", "numpy", "pydantic", "PyYAML")
 
 
@@ -116,7 +119,7 @@ def run(
         out: folder to write to; nothing is written without it.
         overrides: for example ("robot.tau_m=6 ms",).
         halving: whether to make the second run, the source of `numerics`.
-        formats: of the results: "csv" (always written), "parquet", "mat".
+        formats: files to write besides results.arrow, which the run fills as it goes: csv, parquet, mat.
         figures: whether to draw, if `out` is given.
         progress: whether to show a bar on a terminal.
     Returns: results and summary.
@@ -130,11 +133,14 @@ def run(
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     folder = _folder(out)
     if folder is not None:
+        for name in ("summary.json", *(f"results.{suffix}" for suffix in FORMATS)):
+            (folder / name).unlink(missing_ok=True)  # of an earlier run: not to be taken for this one's
         (folder / "config.yaml").write_text(_moved(prepared.config, folder).text(), encoding="utf-8")
     try:
-        results, statistics = _run_once(prepared, prepared.grid, folder, progress)
+        path = None if folder is None else folder / "results.arrow"
+        results, statistics = _run_once(prepared, prepared.grid, path, progress)
     except _Stopped as stopped:
-        _finish_failed(prepared, stopped, folder)
+        _finish_failed(prepared, stopped, folder, formats)
         raise stopped.error from stopped.error.__cause__
     summary: dict[str, Any] = {
         "title": prepared.config.model.title,
@@ -147,7 +153,7 @@ def run(
         measured = _measure(prepared.measures, results)
         _merge(summary, measured)
         if halving:
-            summary["numerics"] = _numerics(prepared, results, measured, progress)
+            summary["numerics"] = _numerics(prepared, results, measured, folder, progress)
     except OrchestratorError as error:
         failed = error
         summary["error"] = _told(error)
@@ -171,11 +177,17 @@ class _Stopped(Exception):
 
 
 def _run_once(
-    prepared: Prepared, grid: Grid, folder: Path | None, progress: bool, label: str = ""
+    prepared: Prepared, grid: Grid, path: Path | BinaryIO | None, progress: bool, label: str = ""
 ) -> tuple[Results, dict[str, Any]]:
     model = prepared.config.model
-    path = None if folder is None else folder / "results.csv"
-    recorder = Recorder(prepared.system, every=model.run.record_every, path=path)
+    recorder = Recorder(
+        prepared.system,
+        every=model.run.record_every,
+        path=path or _scratch(prepared, grid, None),
+        points=len(grid),
+        parameters=parameters_of(prepared.system),
+        provenance=_provenance(prepared),
+    )
     observers: list[Observer] = [recorder]
     bar = Progress(len(grid), label or model.title or prepared.config.name) if progress else None
     if bar is not None:
@@ -194,7 +206,7 @@ def _run_once(
         if bar is not None:
             bar.close()
         recorder.close()
-    results = recorder.results(parameters_of(prepared.system), _provenance(prepared))
+    results = recorder.results()
     simulated = float(results.time[-1] - results.time[0]) if len(results) else 0.0
     statistics = {
         "master": model.run.master_name,
@@ -233,8 +245,20 @@ def _merge(summary: dict[str, Any], more: Mapping[str, Any]) -> None:
     summary.update(more)
 
 
+def _scratch(prepared: Prepared, grid: Grid, folder: Path | None) -> BinaryIO | None:
+    """A nameless file for results that are too large for memory; None for others."""
+    rows = len(grid) // prepared.config.model.run.record_every + 1
+    if 8 * rows * (len(prepared.system.recorded) + 1) <= _IN_MEMORY:
+        return None
+    return cast(BinaryIO, TemporaryFile(buffering=0, dir=folder))
+
+
 def _numerics(
-    prepared: Prepared, results: Results, measured: Mapping[str, Any], progress: bool
+    prepared: Prepared,
+    results: Results,
+    measured: Mapping[str, Any],
+    folder: Path | None,
+    progress: bool,
 ) -> dict[str, Any]:
     """What half the step size changes."""
     grid = prepared.grid.halved()
@@ -243,7 +267,8 @@ def _numerics(
     if refused:
         return numerics | {"error": _told(ConfigError(refused))}
     try:
-        halved, _ = _run_once(prepared, grid, None, progress, "half the step size")
+        scratch = _scratch(prepared, grid, folder)
+        halved, _ = _run_once(prepared, grid, scratch, progress, "half the step size")
         numerics.update(changes(measured, _measure(prepared.measures, halved)))
         numerics["signals"] = signal_changes(results, halved)
     except _Stopped as stopped:
@@ -326,7 +351,9 @@ def _moved(config: Config, folder: Path) -> Config:
     return load_config(data)
 
 
-def _finish_failed(prepared: Prepared, stopped: _Stopped, folder: Path | None) -> None:
+def _finish_failed(
+    prepared: Prepared, stopped: _Stopped, folder: Path | None, formats: Sequence[str]
+) -> None:
     """Keep what a failed run recorded: on disk, and with the exception."""
     summary = {
         "title": prepared.config.model.title,
@@ -339,18 +366,18 @@ def _finish_failed(prepared: Prepared, stopped: _Stopped, folder: Path | None) -
     result = RunResult(stopped.results, strict(summary), prepared, folder)
     stopped.error.result = result  # type: ignore[attr-defined]
     if folder is not None:
-        _write(result, ("csv",), False)
+        _write(result, formats, False)
 
 
 def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
-    """Write everything but results.csv, which was streamed."""
+    """Write everything but results.arrow, which was streamed."""
     folder = result.folder
     assert folder is not None
-    result.files = ["config.yaml", "results.csv", "summary.json"]
+    result.files = ["config.yaml", "results.arrow", "summary.json"]
     text = json.dumps(result.summary, indent=2, allow_nan=False, ensure_ascii=False)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
     for suffix in dict.fromkeys(formats):
-        if suffix != "csv":
+        if suffix != "arrow":
             result.results.write(folder / f"results.{suffix}")
             result.files.append(f"results.{suffix}")
     if not figures:

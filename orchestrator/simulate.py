@@ -38,8 +38,9 @@ class BlockObserver(Protocol):
 
         Args:
             first: index of the first one.
-            times: shape (n,) [s]; values: numeric signals, shape (n, layout.size). Both may be kept, as
-                parts of larger blocks of memory.
+            times: shape (n,) [s].
+            values: numeric signals, shape (n, layout.size), column by column in memory; the next call reuses
+                it, so that what is to be kept must be copied.
         """
 
 

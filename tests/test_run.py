@@ -61,7 +61,8 @@ def test_a_run_writes_everything_that_it_returns(config, tmp_path):
     result = run(config, out=out, overrides=["one.rate=2.0"], formats=("csv", "parquet", "mat"))
     assert sorted(path.name for path in out.iterdir()) == sorted(result.files)
     assert set(result.files) == {
-        "config.yaml", "results.csv", "results.parquet", "results.mat", "summary.json", "signals.png",
+        "config.yaml", "results.arrow", "results.csv", "results.parquet", "results.mat", "summary.json",
+        "signals.png",
     }  # fmt: skip
     summary = loads_strictly(out / "summary.json")
     assert summary == json.loads(json.dumps(result.summary))
@@ -74,7 +75,7 @@ def test_a_run_writes_everything_that_it_returns(config, tmp_path):
     provenance = summary["provenance"]
     assert provenance["fmus"]["one"]["checksum"].startswith("sha256:")
     assert provenance["packages"]["fmpy"] and provenance["python"]
-    for suffix in ("csv", "parquet", "mat"):
+    for suffix in ("arrow", "csv", "parquet", "mat"):
         again = read_results(out / f"results.{suffix}")
         for name in result.results.signals:
             assert again[name].tobytes() == result.results[name].tobytes()
@@ -250,7 +251,8 @@ def test_the_command_prints_a_table_and_where_it_wrote(config, tmp_path):
     assert lines[0] == "Two tanks" and lines[1].startswith("50 steps of 0.01 s, jacobi, in ")
     assert any("two.level" in line and "0.00125" in line for line in lines)
     assert lines[-1] == (
-        f"Written to {tmp_path / 'out'}: config.yaml, results.csv, summary.json, results.mat, signals.png"
+        f"Written to {tmp_path / 'out'}: config.yaml, results.arrow, summary.json, results.csv, results.mat, "
+        "signals.png"
     )
 
 
@@ -283,8 +285,8 @@ def test_an_interrupted_run_keeps_its_results(config, tmp_path):
     deadline = time.monotonic() + 60.0
     while rows < 1000 and time.monotonic() < deadline:
         time.sleep(0.2)
-        file = out / "results.csv"
-        rows = len(read_results(file)) if file.is_file() and file.stat().st_size else 0
+        file = out / "results.arrow"
+        rows = len(read_results(file)) if file.is_file() and file.stat().st_size > 4096 else 0
     process.send_signal(signal.SIGINT)
     _, printed = process.communicate(timeout=30)
     assert process.returncode == 130

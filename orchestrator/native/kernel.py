@@ -222,7 +222,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
     """
 
     def run_steps(
-        order, late, steps, calls, places, source, gain, offset, values, inputs, times, step_size, rows,
+        order, late, steps, calls, places, source, gain, offset, values, inputs, times, step_size, columns,
         elapsed, timed_every, timer, paths, links, legs, leg_gain, leg_offset, reads, after, bounds, outcome,
     ):  # fmt: skip
         """Take the steps that begin at `times`, or those until one fails.
@@ -236,7 +236,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
             values: the signals, shape (y,), bound to the FMUs' outputs; updated.
             inputs: bound to the FMUs' inputs, shape (u,).
             times: communication points, shape (n,) [s]; step_size: [s].
-            rows: where the signals at each point go, shape (n, y), or (0, y) to record nothing.
+            columns: where the signals at each point go, shape (y, n or more), or (y, 0) to record nothing.
             elapsed: time in each instance's steps, shape (i,) [ns]; updated.
             timed_every: time the first of so many steps.
             timer: address of clock_gettime, its clock, and two words for it to write, shape (4,).
@@ -253,7 +253,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
         paths_at, links_at, reads_at = paths.ctypes.data, links.ctypes.data, reads.ctypes.data
         legs_at, leg_gain_at = legs.ctypes.data, leg_gain.ctypes.data
         leg_offset_at = leg_offset.ctypes.data
-        record = rows.shape[0] > 0
+        record = columns.shape[1] > 0
         countdown = 1
         for point in range(times.shape[0]):
             time = times[point]
@@ -264,7 +264,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                 countdown = timed_every
             if record:
                 for index in range(values.shape[0]):
-                    rows[point, index] = values[index]
+                    columns[index, point] = values[index]
             if not late:
                 for who in order:
                     step = steps_at + _STEP_ROW * who

@@ -27,9 +27,11 @@ __all__ = ["run_native"]
 
 # Steps of a chunk. Python between two chunks takes some 50 us.
 _FEWEST, _MOST = 16, 4096
-# Numbers of a block of memory for rows, from which chunks are cut. First touching memory costs more than the
-# steps themselves, and far less in blocks of this size, for which numpy asks for huge pages.
-_BLOCK = 1 << 20
+# Numbers that a chunk may record. One block of memory serves all chunks: to touch memory for the first time
+# costs more than the steps themselves.
+_NUMBERS = 1 << 20
+# Columns that lie a power of two apart would share a few lines of the cache.
+_APART = 8
 # A chunk lasts about this long, so that interrupts, progress and files are not kept waiting [ns].
 _LONGEST = 50_000_000
 # Reading the clock costs as much as the step of a small FMU: where steps are short, one in so many is timed;
@@ -49,8 +51,8 @@ def run_native(
     Args:
         instances: initialised; `choose_loop` has found them fit.
         seen: called after each chunk with the index of its first point, the times, shape (n,) [s], and the
-            signals, shape (n, layout.size), of the points at which its steps began; both may be kept. None:
-            nobody looks.
+            signals, shape (n, layout.size), of the points at which its steps began, in memory that the next
+            chunk reuses. None: nobody looks.
         check: called before each chunk; whether to stop there.
     Returns: the index of the point that was reached.
     Raises: StepError.
@@ -67,16 +69,11 @@ def run_native(
     elapsed = np.zeros(len(running), np.int64)
     outcome = np.zeros(len(Outcome), np.int64)
     width = instances.layout.size
-    rows_per_block = max(_BLOCK // max(width, 1), 1)
-    largest = min(_MOST, rows_per_block)
-    block, used = np.empty((0, width)), 0
+    largest = max(min(_MOST, _NUMBERS // max(width, 1), grid.steps), 1)
+    columns = np.empty((width, 0 if seen is None else largest + _APART))
     index, size, timed_every = 0, min(_FEWEST, largest), 1
     while index < grid.steps and not check():
         times = grid.times(index, min(index + size, grid.steps))
-        if seen is not None and len(block) - used < len(times):
-            block, used = np.empty((min(rows_per_block, grid.steps - index), width)), 0
-        rows = block[used : used + len(times)] if seen is not None else block
-        used += len(rows)
         begin = perf_counter_ns()
         done = run(
             tables.order,
@@ -91,7 +88,7 @@ def run_native(
             tables.inputs,
             times,
             step_size,
-            rows,
+            columns,
             elapsed,
             timed_every,
             tables.timer,
@@ -115,7 +112,7 @@ def run_native(
         failed = outcome[Outcome.PHASE] != Phase.DONE
         if seen is not None:
             count = done + failed
-            seen(index, times[:count], rows[:count])
+            seen(index, times[:count], columns[:, :count].T)
         if done:
             last = float(times[done - 1])
             for one in running:

@@ -1,7 +1,6 @@
 """Those who run the timed systems.
 
-Each takes a plant, whether to record, and a number of steps, and gives the CPU seconds of these steps and the
-outputs at the end, None where it has no way to tell them.
+Each takes a plant, whether to record, and a number of steps.
 """
 
 from __future__ import annotations
@@ -13,7 +12,8 @@ from ctypes import CDLL, RTLD_GLOBAL
 from fractions import Fraction
 from importlib import import_module
 from pathlib import Path
-from time import process_time
+from time import perf_counter, process_time
+from typing import NamedTuple
 
 from orchestrator.master import create_master
 from orchestrator.results import Recorder
@@ -23,7 +23,13 @@ from .systems import STEP_SIZE, Plant
 
 __all__ = ["CONTENDERS", "Outcome"]
 
-Outcome = tuple[float, "list[float] | None"]
+
+class Outcome(NamedTuple):
+    """CPU time of all threads [s], the outputs at the end, the time on the clock [s] where it was taken."""
+
+    cpu: float
+    outputs: list[float] | None
+    wall: float | None = None
 
 
 def plain_c(plant: Plant, record: bool, steps: int, check: bool = False) -> Outcome:
@@ -32,7 +38,7 @@ def plain_c(plant: Plant, record: bool, steps: int, check: bool = False) -> Outc
     numbers = [case.slaves, case.ports, steps, STEP_SIZE, int(record), int(check), *case.sources]
     command = [str(plant.program), str(plant.library), *map(str, numbers)]
     seconds, *outputs = map(float, subprocess.run(command, check=True, capture_output=True).stdout.split())
-    return seconds, outputs
+    return Outcome(seconds, outputs)
 
 
 def plain_c_checked(plant: Plant, record: bool, steps: int) -> Outcome:
@@ -40,35 +46,34 @@ def plain_c_checked(plant: Plant, record: bool, steps: int) -> Outcome:
     return plain_c(plant, record, steps, True)
 
 
-def _orchestrator(
-    loop: str, columns: bool = False, stream: bool = False
-) -> Callable[[Plant, bool, int], Outcome]:
+def _orchestrator(loop: str, disk: bool = False, text: bool = False) -> Callable[[Plant, bool, int], Outcome]:
+    """Recorded in memory, or on disk, there in CSV, too; the time includes what makes columns of it."""
+
     def run(plant: Plant, record: bool, steps: int) -> Outcome:
+        last: list[float] = []
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "results.csv" if stream else None
-            recorder = Recorder(plant.system, path=path)
-            last: list[float] = []
 
-            def keep(point, signals) -> None:
-                last[:] = signals.values
-
-            def spent(count: int) -> float:
-                begin = process_time()
+            def spent(count: int) -> tuple[float, float]:
                 grid = Grid(Fraction(0), Fraction(STEP_SIZE).limit_denominator(10**6), count)
+                begin, clock = process_time(), perf_counter()
+                path = Path(folder) / "results.arrow" if disk else None
+                recorder = Recorder(plant.system, path=path, points=len(grid)) if record else None
+                observers = [] if recorder is None else [recorder]
                 simulate(plant.system, create_master("jacobi"), grid, observers, loop=loop)
-                if columns:
-                    recorder.results()
-                return process_time() - begin
+                if recorder is not None:
+                    recorder.close()
+                    results = None if disk and not text else recorder.results()
+                    if results is not None and text:
+                        results.to_csv(Path(folder) / "results.csv")
+                times = process_time() - begin, perf_counter() - clock
+                if recorder is not None:
+                    last[:] = [float(column[-1]) for column in recorder.results().signals.values()]
+                return times
 
-            observers = [Recorder(plant.system)] if record else []
-            spent(1)  # importing numba, once
+            spent(1)  # importing, once
             start = spent(1)  # loading and initialising
-            observers = [recorder] if record else []
-            seconds = spent(steps) - start
-            recorder.close()
-            if record:
-                last = [float(column[-1]) for column in recorder.results().signals.values()]
-        return seconds, last or None
+            cpu, wall = (one - other for one, other in zip(spent(steps), start, strict=True))
+        return Outcome(cpu, last or None, wall)
 
     return run
 
@@ -110,7 +115,7 @@ def fmpy_loop(plant: Plant, record: bool, steps: int) -> Outcome:
     for slave in slaves:
         slave.terminate()
         slave.freeInstance()
-    return seconds, y
+    return Outcome(seconds, y)
 
 
 def libcosim(plant: Plant, record: bool, steps: int) -> Outcome:
@@ -145,7 +150,7 @@ def libcosim(plant: Plant, record: bool, steps: int) -> Outcome:
             for number in numbers
             for port in range(case.ports)
         ]
-    return seconds * steps / (steps - 1), last
+    return Outcome(seconds * steps / (steps - 1), last)
 
 
 def ecos(plant: Plant, record: bool, steps: int) -> Outcome:
@@ -167,7 +172,7 @@ def ecos(plant: Plant, record: bool, steps: int) -> Outcome:
             simulation.step(steps - 1)
             seconds = process_time() - begin
             last = [simulation.get_real(f"s{s}::y{p}") for s in range(case.slaves) for p in range(case.ports)]
-    return seconds * steps / (steps - 1), last
+    return Outcome(seconds * steps / (steps - 1), last)
 
 
 def _ecospy():
@@ -188,8 +193,8 @@ CONTENDERS: dict[str, tuple[Callable[[Plant, bool, int], Outcome], int]] = {
     "plain C master": (plain_c, 1_000_000),
     "plain C master, checking values": (plain_c_checked, 1_000_000),
     "orchestrator, native loop": (_orchestrator("native"), 500_000),
-    "orchestrator, native loop, as columns": (_orchestrator("native", columns=True), 500_000),
-    "orchestrator, native loop, to CSV": (_orchestrator("native", stream=True), 20_000),
+    "orchestrator, native loop, to disk": (_orchestrator("native", disk=True), 500_000),
+    "orchestrator, native loop, and to CSV": (_orchestrator("native", disk=True, text=True), 50_000),
     "orchestrator, python loop": (_orchestrator("python"), 5_000),
     "FMPy loop": (fmpy_loop, 5_000),
     "libcosim (libcosimpy)": (libcosim, 5_000),

@@ -19,16 +19,17 @@ from statistics import median
 from .contenders import CONTENDERS
 from .systems import CASES, Plant, build
 
-# Neither records as another way of recording what another row shows.
-_ONLY_RECORDED = ("orchestrator, native loop, as columns", "orchestrator, native loop, to CSV")
+# Other ways of recording what another row shows.
+_ONLY_RECORDED = ("orchestrator, native loop, to disk", "orchestrator, native loop, and to CSV")
+
+Times = dict[tuple[str, bool], list[float]]
 
 
-def measure(
-    plant: Plant, rounds: int
-) -> tuple[dict[tuple[str, bool], list[float]], dict[str, str], list[str]]:
-    """Times of each contender, without and with recording [us per step]; who cannot run; disagreements."""
-    times: dict[tuple[str, bool], list[float]] = defaultdict(list)
+def measure(plant: Plant, rounds: int) -> tuple[Times, Times, dict[str, str], list[str]]:
+    """CPU times off and recorded, times on the clock [us per step]; who cannot run; disagreements."""
+    times: Times = defaultdict(list)
     absent: dict[str, str] = {}
+    walls: Times = defaultdict(list)
     differing: dict[str, None] = {}
     for _ in range(rounds):
         for name, (run, steps) in CONTENDERS.items():
@@ -36,15 +37,17 @@ def measure(
                 if name in absent or (name in _ONLY_RECORDED and not record):
                     continue
                 try:
-                    seconds, outputs = run(plant, record, steps)
+                    seconds, outputs, wall = run(plant, record, steps)
                 except (ImportError, OSError) as error:
                     absent[name] = str(error)
                     continue
                 times[name, record].append(seconds / steps * 1e6)
-                _, expected = CONTENDERS["plain C master"][0](plant, False, steps)
+                if wall is not None:
+                    walls[name, record].append(wall / steps * 1e6)
+                expected = CONTENDERS["plain C master"][0](plant, False, steps).outputs
                 if outputs is not None and not all(map(_close, outputs, expected)):
                     differing[f"{name} ends at {outputs[:3]} ..., the C master at {expected[:3]} ..."] = None
-    return times, absent, list(differing)
+    return times, walls, absent, list(differing)
 
 
 def _close(one: float, other: float) -> bool:
@@ -58,14 +61,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     rounds = parser.parse_args(arguments).rounds
     for case in CASES:
         with tempfile.TemporaryDirectory() as folder:
-            times, absent, differing = measure(build(case, Path(folder)), rounds)
+            times, walls, absent, differing = measure(build(case, Path(folder)), rounds)
         print(f"{case.name}: CPU time per step [us], median of {rounds}; ratio to the plain C master")
-        print(f"  {'':38}{'recording off':>22}{'all recorded':>22}")
+        print(f"  {'':38}{'recording off':>22}{'all recorded':>22}{'on the clock':>15}")
         for name in CONTENDERS:
             if name in absent:
                 print(f"  {name:38}  not run: {absent[name]}")
                 continue
-            print(f"  {name:38}{_cell(times, name, False)}{_cell(times, name, True)}")
+            clock = f"{median(walls[name, True]):15.3f}" if (name, True) in walls else ""
+            print(f"  {name:38}{_cell(times, name, False)}{_cell(times, name, True)}{clock}")
         for line in differing:
             print(f"  different results: {line}")
         print()

@@ -1,0 +1,215 @@
+"""Columns on disk while they are being recorded: an Arrow IPC stream, readable up to its last block.
+
+A block is one message, written by one call, so that a process that is killed leaves whole blocks and at most
+one that is cut off. Any reader of Arrow streams (pandas, polars, R, Julia) reads such a file, too.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+from weakref import WeakValueDictionary
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["StreamWriter", "StreamedColumns"]
+
+Array = NDArray[Any]
+_END = b"\xff\xff\xff\xff\0\0\0\0"  # how an Arrow stream ends
+# Blocks of a multiple of so many rows fill whole 64-byte words in every type, flags included.
+_EVEN = 512
+# Blocks between which a reader gives back the memory of the file that it has looked at.
+_RELEASED_EVERY = 64
+
+
+class StreamWriter:
+    """A file that columns are appended to."""
+
+    def __init__(
+        self,
+        file: Path | BinaryIO,
+        columns: Mapping[str, DTypeLike],
+        units: Mapping[str, str],
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        """
+        Args:
+            file: a path, or an unbuffered binary file open for writing and reading. What was at the path is
+                removed, not overwritten: results that were read from it may still map its memory.
+            columns: type of each column: float64, int64 or bool.
+            units: of the columns that have one.
+            metadata: texts that the file carries.
+        Raises: OSError if the file cannot be written.
+        """
+        # Imported late: it takes longer than a short run.
+        import pyarrow as pa
+
+        self._types = [np.dtype(kind) for kind in columns.values()]
+        fields = [
+            pa.field(name, pa.from_numpy_dtype(kind), nullable=False, metadata={"unit": units.get(name, "")})
+            for (name, kind) in columns.items()
+        ]
+        self._schema = pa.schema(fields, metadata=dict(metadata or {}))
+        self._named = isinstance(file, Path)
+        if isinstance(file, Path):
+            file.unlink(missing_ok=True)
+            file = file.open("xb+", buffering=0)
+        self.file = file
+        self.rows = 0
+        self._broken = False
+        self._rows_of_frame, self._frame, self._slots = 0, np.empty(0, np.uint8), [np.empty(0)]
+        self._put(self._schema.serialize())
+
+    def write(self, first: Array, others: Array | Sequence[Array]) -> None:
+        """Append rows, in one block.
+
+        Args:
+            first: the first column, shape (n,).
+            others: shape (k - 1, n), in any layout; whole numbers and flags as floats, too.
+        Raises: OSError if they cannot be written; what was written before stays readable.
+        """
+        count, columns = len(first), (first, *others)
+        if not count:
+            return
+        if count % _EVEN or not self._framed(count):
+            typed = [_typed(one, kind) for one, kind in zip(columns, self._types, strict=True)]
+            self._put(self._batch(typed))
+        else:
+            # A tenth of what pyarrow takes to put the same bytes together.
+            for column, kind, slot in zip(columns, self._types, self._slots, strict=True):
+                if kind == np.bool_:
+                    slot[:] = np.packbits(column != 0.0, bitorder="little")
+                else:
+                    slot.view(kind)[:] = column
+            self._put(memoryview(self._frame))
+        self.rows += count
+
+    def _batch(self, columns: Sequence[Array]) -> pa.Buffer:
+        import pyarrow as pa
+
+        return pa.RecordBatch.from_arrays([pa.array(one) for one in columns], schema=self._schema).serialize()
+
+    def _framed(self, count: int) -> bool:
+        """Have a message of so many rows at hand, to be filled in; whether that can be."""
+        import pyarrow as pa
+
+        if count != self._rows_of_frame:
+            message = self._batch([np.zeros(count, kind) for kind in self._types])
+            sizes = [count // 8 if kind == np.bool_ else count * kind.itemsize for kind in self._types]
+            if pa.ipc.read_message(message).body.size != sum(sizes):
+                return False
+            self._frame = np.frombuffer(message, np.uint8).copy()
+            ends = (len(self._frame) - sum(sizes) + np.cumsum([0, *sizes])).tolist()
+            self._slots = [self._frame[begin:end] for begin, end in pairwise(ends)]
+            self._rows_of_frame = count
+        return True
+
+    def _put(self, data: Any) -> None:
+        if self._broken:
+            return
+        self._broken = True  # after half a block nothing may follow
+        view = memoryview(data).cast("B")
+        while len(view):
+            view = view[self.file.write(view) :]
+        self._broken = False
+
+    def close(self) -> None:
+        """Mark the end. A file that was given, not named, stays open."""
+        if not self.file.closed:
+            self._put(_END)
+            if self._named:
+                self.file.close()
+
+
+def _typed(column: Array, kind: np.dtype[Any]) -> Array:
+    return column != 0.0 if kind == np.bool_ else np.ascontiguousarray(column, kind)
+
+
+class StreamedColumns(Mapping[str, Array]):
+    """The columns of such a file, each read when it is asked for, and forgotten when nobody holds it.
+
+    Attributes:
+        rows: of the whole blocks that the file holds.
+        units, types: of the columns.
+        metadata: texts that the file carries.
+    """
+
+    def __init__(self, file: Path | BinaryIO) -> None:
+        """
+        Args:
+            file: a path or an open binary file. A last block that is cut off is left out.
+        Raises: OSError or ValueError if it cannot be read.
+        """
+        if isinstance(file, Path):
+            with file.open("rb") as opened:
+                self._memory = _mapped(opened)
+        else:
+            self._memory = _mapped(file)
+        schema = self._reader(None).schema
+        self._names = tuple(schema.names)
+        self.units = {one.name: (one.metadata or {}).get(b"unit", b"").decode() for one in schema}
+        self.metadata = {key.decode(): text.decode() for key, text in (schema.metadata or {}).items()}
+        self.types = {one.name: np.dtype(one.type.to_pandas_dtype()) for one in schema}
+        self._held: WeakValueDictionary[str, Array] = WeakValueDictionary()
+        self.rows = sum(batch.num_rows for batch in self._batches([0]))
+
+    def __getitem__(self, name: str) -> Array:
+        column = self._held.get(name)
+        if column is None:
+            number = self._names.index(name) if name in self._names else -1
+            if number < 0:
+                raise KeyError(name)
+            column, end = np.empty(self.rows, self.types[name]), 0
+            for batch in self._batches([number]):
+                begin, end = end, end + batch.num_rows
+                column[begin:end] = batch.column(0).to_numpy(zero_copy_only=False)
+            self._held[name] = column
+        return column
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def blocks(self) -> Iterator[pa.RecordBatch]:
+        """All columns, block by block as they were written."""
+        return self._batches(None)
+
+    def _reader(self, numbers: Sequence[int] | None) -> pa.RecordBatchStreamReader:
+        import pyarrow as pa
+
+        chosen = {} if numbers is None else {"included_fields": numbers}
+        return pa.ipc.open_stream(pa.py_buffer(self._memory), options=pa.ipc.IpcReadOptions(**chosen))
+
+    def _batches(self, numbers: Sequence[int] | None) -> Iterator[pa.RecordBatch]:
+        import pyarrow as pa
+
+        reader, count = self._reader(numbers), 0
+        while True:
+            try:
+                yield reader.read_next_batch()
+            except StopIteration:
+                break
+            except (pa.ArrowInvalid, OSError):  # what a killed run left of its last block
+                break
+            count += 1
+            if count % _RELEASED_EVERY == 0:
+                self._release()
+        self._release()
+
+    def _release(self) -> None:
+        """Count the file's pages no longer as this process's memory; they come back when they are touched."""
+        if hasattr(self._memory, "madvise"):
+            self._memory.madvise(mmap.MADV_DONTNEED)
+
+
+def _mapped(file: BinaryIO) -> mmap.mmap:
+    return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
