@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 __all__ = ["Recorder", "Results", "load", "read_results"]
 
 _SECONDS_PER_FLUSH = 1.0
-# Rows that are gathered before they go on, fewer of wide systems: about so many numbers.
-_ROWS, _FEWEST_ROWS, _NUMBERS = 1024, 16, 1 << 17
+# Rows that are gathered before they go on; half as many of wide systems. StreamWriter likes such numbers.
+_ROWS, _WIDE = 1024, 128
 # What is no larger than this is read into memory whole [B].
 _SMALL = 64 << 20
 _TYPES = {Kind.REAL: np.dtype(np.float64), Kind.BOOLEAN: np.dtype(np.bool_)}
@@ -227,7 +227,7 @@ class Recorder:
         self._every = every
         self._about = {"parameters": dict(parameters or {}), "provenance": dict(provenance or {})}
         width = len(self.names) + 1
-        self._pending = np.empty((max(_FEWEST_ROWS, min(_ROWS, _NUMBERS // width)), width))
+        self._pending = np.empty((_ROWS if width <= _WIDE else _ROWS // 2, width))
         self._used = 0
         self._flushed = monotonic()
         self._path = path
@@ -256,15 +256,17 @@ class Recorder:
             times, values = times[chosen], values[chosen]
         if not self._whole:
             values = values[:, self._chosen]
-        room = len(self._pending) - self._used
-        if len(times) <= min(room, len(self._pending) // 2):
-            rows = self._pending[self._used : self._used + len(times)]
-            rows[:, 0], rows[:, 1:] = times, values
-            self._used += len(times)
-            self._flush_in_time()
+        if len(times) >= len(self._pending):
+            self.flush()
+            self._write(times, values.T)
             return
-        self.flush()
-        self._write(times, values.T)
+        while len(times):
+            rows = self._pending[self._used : self._used + len(times)]
+            taken = len(rows)
+            rows[:, 0], rows[:, 1:] = times[:taken], values[:taken]
+            times, values = times[taken:], values[taken:]
+            self._used += taken
+            self._flush_in_time()
 
     def _flush_in_time(self) -> None:
         full = self._used == len(self._pending)

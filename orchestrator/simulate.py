@@ -123,8 +123,11 @@ class Grid:
         begin, stride, denominator = self._fractions()
         largest = max(abs(begin + first * stride), abs(begin + end * stride), denominator)
         if largest < 2**53:  # then floats hold them exactly, and their quotient is rounded once, too
-            numerators = begin + np.arange(first, end, dtype=np.int64) * stride
-            return numerators.astype(np.float64) / float(denominator)
+            times = np.arange(first, end, dtype=np.float64)
+            times *= stride
+            times += begin
+            times /= denominator
+            return times
         return np.array([(begin + index * stride) / denominator for index in range(first, end)])
 
     def __iter__(self) -> Iterator[Point]:
@@ -191,7 +194,7 @@ def simulate(
     """Run a system.
 
     Observers see every communication point, before the step that begins there: values belong to that instant.
-    The native loop shows them up to 4096 points at once, after the steps that begin there.
+    The native loop shows them up to 16384 points at once, after the steps that begin there.
 
     Args:
         observers: called with the point and the signals; signals are new at every point and may be kept.

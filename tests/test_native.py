@@ -18,9 +18,12 @@ from unruly import WAYS, unruly_fmu
 from orchestrator.assembly import Part, assemble
 from orchestrator.errors import ConfigError, StepError
 from orchestrator.fmi import load_fmu
+from orchestrator.instances import instantiate
 from orchestrator.master import create_master
 from orchestrator.master.jacobi import Jacobi
 from orchestrator.native import choice
+from orchestrator.native.choice import schedule
+from orchestrator.native.tables import Tables
 from orchestrator.results import Recorder
 from orchestrator.run import prepare, run
 from orchestrator.simulate import Grid, Report, simulate
@@ -86,6 +89,28 @@ def test_failures_are_the_same(way, steps_before, master, version):
     kept = both(ring(version, way=WAYS.index(way), at=at), master)
     assert kept.error is not None and kept.error[1] == "two"
     assert steps_before < len(kept.results) <= steps_before + 2
+
+
+@every_master
+@pytest.mark.parametrize("steps_before", [None, 0, 1, 1300, 1344])
+@pytest.mark.parametrize("way", WAYS[2:8])
+def test_plain_systems_take_the_short_way_to_the_same(way, steps_before, master):
+    """Doubles only: what is not recorded and not connected is not read."""
+    never = steps_before is None
+    at = 1e9 if never else float(Fraction(1, 3) + steps_before * Fraction(1, 700))
+    fmu = load_fmu(unruly_fmu(2, "m", "m"))
+    sick = Part("two", fmu, {"way": WAYS.index(way), "at": at})
+    parts = [Part("one", fmu), sick, Part("three", fmu, {"rate": "0.1 m"})]
+    links = ["three.level -> one.rate", "one.level -> two.rate"]
+    system = assemble(parts, links, record=["one.level", "two.level", "three.level"])
+    with instantiate(system) as instances:
+        instances.initialise(0.0, 1.0)
+        native = [one.native_calls() for one in instances.running]
+        assert len(Tables.of(instances, native, *schedule(instances, create_master(master))).plan) == 3
+    kept = both(system, master)
+    assert not never or len(np.unique(kept.results["two.level"])) > 2400
+    assert kept.error is None if never else kept.error[1] == "two"
+    assert never or steps_before < len(kept.results) <= steps_before + 2
 
 
 @every_master

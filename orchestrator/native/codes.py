@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum, auto
 
-__all__ = ["Call", "Chained", "Code", "Outcome", "Path", "Phase", "Step"]
+__all__ = ["Call", "Chained", "Code", "Outcome", "Path", "Phase", "Plain", "Step"]
 
 
 class _Column(IntEnum):
@@ -68,6 +68,27 @@ class Chained(_Column):
     OPTION_COUNT = auto()
     MEMORY = auto()
     MEMORY_COUNT = auto()
+
+
+class Plain(_Column):
+    """Columns of the plan of a plain system; addresses unless told otherwise."""
+
+    COMPONENT = auto()
+    SETTER = auto()
+    INPUTS = auto()  # references
+    INPUT_COUNT = auto()  # of them
+    U = auto()
+    STEP = auto()
+    NO_ROLLBACK = auto()  # whether no state is kept
+    GETTER = auto()
+    OUTPUTS = auto()  # references
+    OUTPUT_COUNT = auto()  # of them
+    Y = auto()
+    FIRST_INPUT = auto()  # places in the vector of inputs, of those that are fed right before the step
+    END_INPUT = auto()
+    POSITION = auto()  # of the instance
+    SET_ROW = auto()  # of the table of calls
+    GET_ROW = auto()
 
 
 class Code(_Column):

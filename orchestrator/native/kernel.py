@@ -22,12 +22,15 @@ from .foreign import (
     load,
     store,
 )
+from .plain import end as _end
+from .plain import not_finite, run_plain
+from .plain import word as _word
 from .wiring import _PATH_ROW, evaluate
 
 __all__ = ["run_steps", "run_wired_steps"]
 
 # numba keeps what it compiled until this file changes; those that it is made from count as well.
-_MADE_OF = [Path(__file__).with_name(name) for name in ("codes.py", "foreign.py", "wiring.py")]
+_MADE_OF = [Path(__file__).with_name(name) for name in ("codes.py", "foreign.py", "plain.py", "wiring.py")]
 _MADE_OF += sorted(Path(effects.__file__).parent.glob("*.py"))
 _SOURCES = crc32(b"".join(path.read_bytes() for path in _MADE_OF))
 
@@ -43,19 +46,11 @@ _CALL_ROW, _STEP_ROW = 8 * len(Call), 8 * len(Step)  # bytes
 # Of a step: how near its end an early return counts as its end, as in fmi3.py.
 _CLOSE = 1e-9
 
-# The bits of a double that are all ones in infinities and NaNs only.
-_EXPONENT = 0x7FF0000000000000
 _BIGGEST, _WRAP = 2.0**63, 2.0**64
 
 
 # Helpers take addresses instead of arrays: numba counts the references of every array that is passed on, with
 # atomic operations that cost as much as a small FMU's step.
-
-
-@register_jitable
-def _word(row, column):
-    """An entry of a row of a table, by the row's address."""
-    return load(row + 8 * column, np.int64(0))
 
 
 @register_jitable
@@ -206,14 +201,6 @@ def _now(timer):
     return _word(timer, 2) * 1_000_000_000 + _word(timer, 3)
 
 
-@register_jitable
-def _end(outcome, who, phase, row, status):
-    store(outcome + 8 * _WHO, np.int64(who))
-    store(outcome + 8 * _PHASE, np.int64(phase))
-    store(outcome + 8 * _BLOCK, np.int64(row))
-    store(outcome + 8 * _STATUS, np.int64(status))
-
-
 def _compile(sources: int, wired: bool) -> Callable[..., int]:
     """The function below; numba keeps it under its source and the values that it closes over.
 
@@ -222,8 +209,9 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
     """
 
     def run_steps(
-        order, late, steps, calls, places, source, gain, offset, values, inputs, times, step_size, columns,
-        elapsed, timed_every, timer, paths, links, legs, leg_gain, leg_offset, reads, after, bounds, outcome,
+        order, late, steps, calls, plan, places, source, gain, offset, values, inputs, times, step_size,
+        columns, elapsed, timed_every, timer, paths, links, legs, leg_gain, leg_offset, reads, after, bounds,
+        outcome,
     ):  # fmt: skip
         """Take the steps that begin at `times`, or those until one fails.
 
@@ -231,6 +219,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
             order: positions of instances in the order of stepping, shape (i,).
             late: whether an instance's inputs are fed right before it steps (Gauss-Seidel), not at the begin.
             steps, calls: tables, shapes (i, len(Step)) and (c, len(Call)).
+            plan: for `run_plain`, shape (i, len(Plain)); (0, len(Plain)) where the system is not plain.
             places: of values that go by way of a buffer, in `inputs` or `values`.
             source, gain, offset: of each input: input = gain * values[source] + offset, shape (u,).
             values: the signals, shape (y,), bound to the FMUs' outputs; updated.
@@ -253,15 +242,28 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
         paths_at, links_at, reads_at = paths.ctypes.data, links.ctypes.data, reads.ctypes.data
         legs_at, leg_gain_at = legs.ctypes.data, leg_gain.ctypes.data
         leg_offset_at = leg_offset.ctypes.data
+        bits = values.view(np.int64)
         record = columns.shape[1] > 0
         countdown = 1
-        for point in range(times.shape[0]):
+        plain = not wired and plan.shape[0] > 0 and timed_every > 1
+        point = 0
+        while point < times.shape[0]:
             time = times[point]
             begin = np.int64(0)
             countdown -= 1
             timed = countdown == 0
             if timed:
                 countdown = timed_every
+            elif plain:
+                last = min(point + countdown, times.shape[0])
+                reached = run_plain(
+                    point, last, plan, late, source, inputs_at, values, bits, times, step_size, columns,
+                    record, outcome_at,
+                )  # fmt: skip
+                if reached != last:
+                    return reached
+                point, countdown = last, 1
+                continue
             if record:
                 for index in range(values.shape[0]):
                     columns[index, point] = values[index]
@@ -311,12 +313,10 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                         paths_at + _PATH_ROW * index, links_at, legs_at, leg_gain_at, leg_offset_at,
                         reads_at, values_at, time + step_size, True,
                     )  # fmt: skip
-            bad = False
-            for index in range(values.shape[0]):
-                bad |= (_word(values_at, index) & _EXPONENT) == _EXPONENT
-            if bad:
+            if not_finite(bits):
                 _end(outcome_at, 0, _FINITE, 0, 0)
                 return point
+            point += 1
         return times.shape[0]
 
     options = {"nogil": True, "error_model": "numpy"}

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 __all__ = ["run_native"]
 
 # Steps of a chunk. Python between two chunks takes some 50 us.
-_FEWEST, _MOST = 16, 4096
+_FEWEST, _MOST = 16, 16384
 # Numbers that a chunk may record. One block of memory serves all chunks: to touch memory for the first time
-# costs more than the steps themselves.
-_NUMBERS = 1 << 20
+# costs more than the steps themselves, and what stays within a core's cache is fastest.
+_NUMBERS = 1 << 16
 # Columns that lie a power of two apart would share a few lines of the cache.
 _APART = 8
 # A chunk lasts about this long, so that interrupts, progress and files are not kept waiting [ns].
@@ -69,7 +69,9 @@ def run_native(
     elapsed = np.zeros(len(running), np.int64)
     outcome = np.zeros(len(Outcome), np.int64)
     width = instances.layout.size
-    largest = max(min(_MOST, _NUMBERS // max(width, 1), grid.steps), 1)
+    largest = _MOST
+    while seen is not None and largest > _FEWEST and largest * width > _NUMBERS:
+        largest //= 2
     columns = np.empty((width, 0 if seen is None else largest + _APART))
     index, size, timed_every = 0, min(_FEWEST, largest), 1
     while index < grid.steps and not check():
@@ -80,6 +82,7 @@ def run_native(
             tables.late,
             tables.steps,
             tables.calls,
+            tables.plan,
             tables.places,
             tables.source,
             tables.gain,

@@ -16,7 +16,7 @@ from ..fmi import Array
 from ..fmi.block import Block
 from ..fmi.running import NativeCalls
 from ..instances import Instances
-from .codes import Call, Code, Step
+from .codes import Call, Code, Plain, Step
 from .wiring import Wiring
 
 __all__ = ["Tables"]
@@ -50,6 +50,7 @@ class Tables:
     late: bool
     steps: Whole
     calls: Whole
+    plan: Whole
     places: Whole
     source: Whole
     gain: Array
@@ -92,6 +93,7 @@ class Tables:
                 row.append(len(blocks))
             steps.append([*row, first, end, layout.inputs[position].gain is not None])
             first = end
+        plan = _plan(native, steps, calls, order, late)
         gains = [
             (
                 np.ones(len(one.names)) if one.gain is None else one.gain,
@@ -104,6 +106,7 @@ class Tables:
             late=late,
             steps=_whole(steps).reshape(-1, len(Step)),
             calls=_whole(calls).reshape(-1, len(Call)),
+            plan=_whole(plan).reshape(-1, len(Plain)),
             places=_whole(places),
             source=_whole(np.concatenate([_whole([]), *(one.source for one in layout.inputs)])),
             gain=np.concatenate([np.zeros(0), *(gain for gain, _ in gains)]),
@@ -127,6 +130,32 @@ def _call(block: Block, component: int, place: int) -> list[int]:
         place,
         len(block.values),
     ]
+
+
+def _plan(
+    native: Sequence[NativeCalls],
+    steps: Sequence[Sequence[int]],
+    calls: Sequence[Sequence[int]],
+    order: Sequence[int],
+    late: bool,
+) -> list[list[int]]:
+    """The plan of a plain system; empty for others."""
+    plan = []
+    for who in order:
+        step = steps[who]
+        sets = range(step[Step.FIRST_SET], step[Step.END_SET])
+        gets = range(step[Step.FIRST_GET], step[Step.END_GET])
+        direct = all(calls[row][Call.CODE] == Code.DIRECT for row in (*sets, *gets))
+        if native[who].version != 2 or not direct or len(sets) > 1 or len(gets) > 1 or step[Step.CONVERTS]:
+            return []
+        given = (Call.FUNCTION, Call.REFERENCES, Call.COUNT, Call.VALUES)
+        setter, getter = (
+            [calls[rows[0]][one] for one in given] if rows else [0] * 4 for rows in (sets, gets)
+        )
+        fed = (step[Step.FIRST_INPUT], step[Step.END_INPUT]) if late else (0, 0)
+        stepping = (step[Step.FUNCTION], step[Step.NO_ROLLBACK])
+        plan.append([step[Step.COMPONENT], *setter, *stepping, *getter, *fed, who, sets.start, gets.start])
+    return plan
 
 
 def _whole(values: Any) -> Whole:
