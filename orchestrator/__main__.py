@@ -88,6 +88,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     stability.add_argument("--out", metavar="DIR", help="write stability.json and figures to this folder")
     stability.set_defaults(command_function=_stability)
 
+    export = commands.add_parser(
+        "export-results", help="write the results of a run, finished or not, in other formats"
+    )
+    export.add_argument("folder", metavar="DIR", help="what `run --out` wrote to, or an .arrow file in it")
+    export.add_argument("--format", default="csv", metavar="LIST", help="formats: csv, parquet, mat")
+    export.set_defaults(command_function=_export)
+
     schema = commands.add_parser("schema", help="print the JSON Schema of configs")
     schema.set_defaults(command_function=_schema)
 
@@ -168,6 +175,24 @@ def _stability(args: argparse.Namespace) -> int:
     from .frequency import report
 
     return report.main(args)
+
+
+def _export(args: argparse.Namespace) -> int:
+    from pathlib import Path
+
+    from .formats import check_formats
+    from .results import read_results
+
+    suffixes = check_formats(args.format.split(","))
+    path = Path(args.folder)
+    results = read_results(path)
+    base = path / "results" if path.is_dir() else path
+    for suffix in suffixes:
+        results.write(base.with_suffix(f".{suffix}"))
+    print(
+        f"{len(results)} rows written to {base.parent}: {', '.join(f'{base.stem}.{one}' for one in suffixes)}"
+    )
+    return 0
 
 
 def _schema(args: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import ConfigError, Problem, listed
 from .stream import StreamWriter
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ __all__ = [
     "TIME",
     "Recorded",
     "blocks",
+    "check_formats",
     "read",
     "strict",
     "write",
@@ -55,6 +57,15 @@ def strict(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     return str(value)
+
+
+def check_formats(names: Iterable[str]) -> tuple[str, ...]:
+    """Names of formats, each once. Raises: ConfigError naming those that do not exist."""
+    wanted = tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
+    unknown = [name for name in wanted if name not in FORMATS]
+    if unknown:
+        raise ConfigError([Problem("", f"no format {listed(unknown)}", f"formats: {listed(FORMATS)}")])
+    return wanted
 
 
 class Recorded(Protocol):

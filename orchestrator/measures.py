@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from .config import Config, validation_problems
@@ -40,6 +41,9 @@ class Measure(Protocol):
     def comparison(self, runs: Mapping[str, tuple[Results, Any]]) -> dict[str, Figure]:
         """Figures by file name without suffix; `runs` holds results and options by the system's name."""
 
+
+# Numbers that are compared at a time.
+_NUMBERS = 1 << 18
 
 # Name in configs -> where it lives; imported when asked for.
 _MEASURES = {
@@ -114,10 +118,16 @@ def signal_changes(results: Results, halved: Results) -> dict[str, dict[str, flo
         results: of a run.
         halved: of the same run with half the step size, recorded at every instant of `results` and between.
     """
-    found: dict[str, dict[str, float | None]] = {}
-    for name, column in results.signals.items():
-        before = column.astype(float)
-        apart = abs(halved[name][::2].astype(float) - before)
-        largest, spread = float(apart.max()), float(before.max() - before.min())
-        found[name] = {"max_change": largest, "relative": largest / spread if spread > 0.0 else None}
-    return found
+    names = list(results.signals)
+    apart, low, high = np.zeros(len(names)), np.full(len(names), np.inf), np.full(len(names), -np.inf)
+    rows = max(_NUMBERS // (len(names) + 1), 1)
+    for chunk, other in zip(results.chunks(rows), halved.chunks(2 * rows), strict=False):
+        for index, name in enumerate(names):
+            before = chunk[name].astype(float)
+            apart[index] = max(apart[index], abs(other[name][::2].astype(float) - before).max())
+            low[index], high[index] = min(low[index], before.min()), max(high[index], before.max())
+    spread = high - low
+    return {
+        name: {"max_change": float(largest), "relative": float(largest / range) if range > 0.0 else None}
+        for name, largest, range in zip(names, apart, spread, strict=True)
+    }

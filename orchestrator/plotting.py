@@ -35,9 +35,10 @@ def draw_signals(results: Results, title: str = "", names: Sequence[str] | None 
     shown = list(groups.items())[:_MOST_AXES]
     figure = Figure(figsize=(9.0, 1.2 + 2.2 * max(len(shown), 1)), layout="constrained")
     all_axes = figure.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False)[:, 0]
+    instants = results.time
     for axes, (unit, members) in zip(all_axes, shown, strict=False):
         for index, name in enumerate(members[:_MOST_LINES]):
-            time, values = _thinned(results.time, results[name])
+            time, values = _thinned(instants, results[name])
             dash = _DASHES[index // len(COLORS)]
             # Each line is thinner than the one below it, so that equal signals can both be seen.
             width = max(0.8, 2.6 - 0.5 * index)

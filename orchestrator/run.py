@@ -18,7 +18,7 @@ from . import checks
 from .assembly import load_system
 from .config import Config, load_config, move_effects
 from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
-from .formats import FORMATS, strict
+from .formats import FORMATS, check_formats, strict
 from .master import MasterAlgorithm, create_master
 from .measures import ChosenMeasure, changes, choose_measures, signal_changes
 from .progress import Progress
@@ -127,9 +127,7 @@ def run(
         recorded until then, and a summary that holds the error, are then in `out`, and in the exception's
         attribute `result`.
     """
-    unknown = [one for one in formats if one not in FORMATS]
-    if unknown:
-        raise ConfigError([Problem("", f"no format {listed(unknown)}", f"formats: {listed(FORMATS)}")])
+    formats = check_formats(formats)
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     folder = _folder(out)
     if folder is not None:
@@ -207,7 +205,9 @@ def _run_once(
             bar.close()
         recorder.close()
     results = recorder.results()
-    simulated = float(results.time[-1] - results.time[0]) if len(results) else 0.0
+    instants = results.time
+    simulated = float(instants[-1] - instants[0]) if len(results) else 0.0
+    del instants
     statistics = {
         "master": model.run.master_name,
         "loop": report.loop,

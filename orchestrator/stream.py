@@ -25,8 +25,8 @@ Array = NDArray[Any]
 _END = b"\xff\xff\xff\xff\0\0\0\0"  # how an Arrow stream ends
 # Blocks of a multiple of so many rows fill whole 64-byte words in every type, flags included.
 _EVEN = 512
-# Blocks between which a reader gives back the memory of the file that it has looked at.
-_RELEASED_EVERY = 64
+# A reader gives back the memory of the file that it has looked at after about so much of it [B].
+_RELEASED_EVERY = 4 << 20
 
 
 class StreamWriter:
@@ -192,17 +192,19 @@ class StreamedColumns(Mapping[str, Array]):
     def _batches(self, numbers: Sequence[int] | None) -> Iterator[pa.RecordBatch]:
         import pyarrow as pa
 
-        reader, count = self._reader(numbers), 0
+        reader, seen = self._reader(numbers), 0
         while True:
             try:
-                yield reader.read_next_batch()
+                batch = reader.read_next_batch()
             except StopIteration:
                 break
             except (pa.ArrowInvalid, OSError):  # what a killed run left of its last block
                 break
-            count += 1
-            if count % _RELEASED_EVERY == 0:
+            seen += 8 * batch.num_rows * len(self._names)
+            yield batch
+            if seen >= _RELEASED_EVERY:
                 self._release()
+                seen = 0
         self._release()
 
     def _release(self) -> None:

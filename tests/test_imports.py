@@ -14,8 +14,9 @@ PACKAGE = ROOT / "orchestrator"
 LAYERS = [
     "errors", "bundled", "units", "quantities", "effects", "config", "fmi", "graph", "fixed_point",
     "system", "checks", "connecting", "assembly", "signals", "wires", "initialisation", "instances",
-    "master", "native", "simulate", "stream", "formats", "results", "progress", "measures", "plotting", "run",
-    "compare", "table", "translate", "frequency", "docking", "diagnosis", "campaign", "__main__",
+    "master", "native", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",
+    "plotting", "run", "compare", "table", "translate", "frequency", "docking", "diagnosis", "campaign",
+    "__main__",
 ]  # fmt: skip
 
 
