@@ -70,18 +70,43 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 continue
             clock = f"{median(walls[name, True]):15.3f}" if (name, True) in walls else ""
             print(f"  {name:38}{_cell(times, name, False)}{_cell(times, name, True)}{clock}")
+        print(f"  {_summary(times)}")
         for line in differing:
             print(f"  different results: {line}")
         print()
+
+
+def _summary(times: Times) -> str:
+    """Our ratios to the C master, and the other tools' to us."""
+    native = "orchestrator, native loop"
+    shown = {
+        "recording off": (native, False),
+        "in memory": (native, True),
+        "to disk": (f"{native}, to disk", True),
+    }
+    told = [
+        f"{what} {_ratio(times, key, ('plain C master', key[1])):.2f}"
+        for what, key in shown.items()
+        if times[key]
+    ]
+    others = [
+        _ratio(times, key, (native, True))
+        for key in list(times)
+        if key[1] and not key[0].startswith(("orchestrator", "plain C")) and times[key]
+    ]
+    least = f"; other tools that record, to it: {min(others):.0f} or more" if others else ""
+    return f"native loop to the C master: {', '.join(told)}{least}"
+
+
+def _ratio(times: Times, one: tuple[str, bool], other: tuple[str, bool]) -> float:
+    return median(a / b for a, b in zip(times[one], times[other], strict=True))
 
 
 def _cell(times: dict[tuple[str, bool], list[float]], name: str, record: bool) -> str:
     found = times.get((name, record))
     if not found:
         return f"{'':22}"
-    ratio = median(
-        one / reference for one, reference in zip(found, times["plain C master", record], strict=True)
-    )
+    ratio = _ratio(times, (name, record), ("plain C master", record))
     return f"{median(found):12.3f} {ratio:7.2f} x"
 
 
