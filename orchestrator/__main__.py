@@ -67,7 +67,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         help="write results, summary and figures to this folder; with several systems, one folder each in it",
     )
     run.add_argument(
-        "--format", default="csv", metavar="LIST", help="formats of the results: csv (always), parquet, mat"
+        "--format", default="csv", metavar="LIST", help="formats besides results.arrow: csv, parquet, mat"
     )
     run.add_argument(
         "--no-halving", action="store_true", help="do not run again with half the step size for `numerics`"
