@@ -30,6 +30,10 @@ from orchestrator.run import run
 from orchestrator.simulate import Grid, simulate
 from orchestrator.stream import StreamedColumns, StreamWriter
 
+pytest.importorskip("numba")
+# The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
+pytest.importorskip("pythonfmu")
+
 TYPES = {"time": "f8", "number": "f8", "count": "i8", "flag": "?", "other": "f8"}
 
 
