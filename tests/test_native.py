@@ -106,7 +106,7 @@ def test_plain_systems_take_the_short_way_to_the_same(way, steps_before, master)
     with instantiate(system) as instances:
         instances.initialise(0.0, 1.0)
         native = [one.native_calls() for one in instances.running]
-        assert len(Tables.of(instances, native, *schedule(instances, create_master(master))).plan) == 3
+        assert len(Tables.of(instances, native, *schedule(instances, create_master(master)), 0.1).plan) == 3
     kept = both(system, master)
     assert not never or len(np.unique(kept.results["two.level"])) > 2400
     assert kept.error is None if never else kept.error[1] == "two"
