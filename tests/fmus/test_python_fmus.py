@@ -128,7 +128,7 @@ def test_300_steps_after_a_restored_state_are_bit_identical(name, at, form, inst
     saved = first.get_all()
     serialised = first.fmu.serializeFMUState(state)
     expected = _drive(first, name, rows, at, at + 300, keep=True)
-    assert expected[0] != expected[-1]
+    assert any(row != expected[0] for row in expected)
 
     first.fmu.setFMUState(state)
     assert first.get_all() == saved
