@@ -44,9 +44,10 @@ def find_contacts(time: Array, velocity: Array, force: Array) -> list[Contact]:
 
     A contact is a stretch of rows with a force; stretches that follow one another at the same frame belong
     to one contact, since in free flight the rod can only reach the other frame. The free velocity is read
-    at the last instant before the next contact begins, where every delayed or filtered remainder of
-    the last one has died away, so a contact counts as complete once the next has begun or, for the last one,
-    once the recording went on at unchanged velocity for as long as the contact took.
+    in the middle of the flight: every delayed or filtered remainder of the last contact has died away
+    there, and a controller that predicts has not yet begun to push for the next. So a contact counts as
+    complete once the next has begun or, for the last one, once the recording went on at unchanged velocity
+    for as long as the contact took.
 
     Args:
         time: instants, shape (n,) [s].
@@ -68,9 +69,9 @@ def find_contacts(time: Array, velocity: Array, force: Array) -> list[Contact]:
             stretches.append((int(first), last, float(peak)))
     contacts = []
     for index, (first, last, peak) in enumerate(stretches):
-        before = velocity[max(first - 1, 0)]
+        before = velocity[((stretches[index - 1][1] if index else 0) + first) // 2]
         if index + 1 < len(stretches):
-            after = velocity[stretches[index + 1][0] - 1]
+            after = velocity[(last + stretches[index + 1][0]) // 2]
         elif _has_settled(velocity, first, last):
             after = velocity[-1]
         else:

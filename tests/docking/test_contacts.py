@@ -35,5 +35,22 @@ def test_a_bounce_at_the_same_frame_belongs_to_one_contact():
     assert (found[0].peak_force, found[0].first, found[0].last) == (8.0, 5, 10)
 
 
+def test_free_velocity_is_read_where_no_controller_pushes():
+    """Neither the remainder of the last contact nor the push of one that predicts the next belongs to it."""
+    found = find_contacts(
+        *signals(
+            (10, 1, 0),
+            (2, 0.9, 0),
+            (5, 0, -7),
+            (2, -0.8, 0),
+            (10, -1, 0),
+            (2, -0.9, 0),
+            (5, 0, 9),
+            (20, 1, 0),
+        )
+    )
+    assert [(c.velocity_before, c.velocity_after) for c in found] == [(1.0, -1.0), (-1.0, 1.0)]
+
+
 def test_no_contact():
     assert find_contacts(*signals((10, 1, 0))) == []
