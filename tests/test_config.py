@@ -45,6 +45,9 @@ def test_bundled_systems_survive_the_round_trip(name):
     path = bundled.find_system(name)
     written, _ = parse(path.read_text(encoding="utf-8"), path.name)
     config = load_config(name)
+    if "extends" in written:
+        assert load_config(parse(config.text(), "again")[0]).model == config.model
+        return
     assert config.model.to_data() == written
     assert parse(config.text(), "again")[0] == written
 
@@ -140,11 +143,11 @@ def test_text_that_is_no_yaml(tmp_path):
 
 
 def test_missing_config_with_suggestion():
-    assert refusal("docking-1").splitlines() == [
-        "no config 'docking-1'",
-        "  neither a file nor a bundled system; bundled: arm-tracking, docking-1d, docking-1d-uncompensated. "
-        "Did you mean docking-1d?",
-    ]
+    first, second = refusal("docking-1").splitlines()
+    assert first == "no config 'docking-1'"
+    names = ", ".join(bundled.system_names())
+    start = f"  neither a file nor a bundled system; bundled: {names}. Did you mean docking-1d"
+    assert second.startswith(start) and second.endswith("?")
 
 
 # Overrides.
@@ -232,11 +235,11 @@ def test_extends_in_a_circle_or_nothing(tmp_path):
     (tmp_path / "b.yaml").write_text("extends: a.yaml\n")
     assert refusal(tmp_path / "a.yaml") == "b.yaml:1: extends: 'a.yaml' extends itself"
     (tmp_path / "c.yaml").write_text("extends: docking\n")
-    assert refusal(tmp_path / "c.yaml").splitlines() == [
-        "c.yaml:1: extends: no config 'docking'",
-        f"  no file {tmp_path / 'docking'}; bundled: arm-tracking, docking-1d, docking-1d-uncompensated. "
-        "Did you mean docking-1d?",
-    ]
+    first, second = refusal(tmp_path / "c.yaml").splitlines()
+    assert first == "c.yaml:1: extends: no config 'docking'"
+    names = ", ".join(bundled.system_names())
+    assert second.startswith(f"  no file {tmp_path / 'docking'}; bundled: {names}. Did you mean docking-1d")
+    assert second.endswith("?")
 
 
 # JSON Schema
