@@ -16,6 +16,7 @@ from .interpreter import evaluate
 from .node_arrays import (
     Nodes,
     as_nodes,
+    cross,
     element_name,
     elementwise,
     mapped,
@@ -299,6 +300,8 @@ class ExpressionReader:
                 return scalar_node(reduce(times, value.flat, Literal(1.0)))
             case "Transpose", [value] if value.ndim == 2:
                 return value.T
+            case "Cross", [left, right] if left.shape == right.shape == (3,):
+                return cross(left, right)
             case "Fill", [value, *_] if value.shape == ():
                 return self._filled(value[()], arguments[1:], where)
             case "Zeros", _:

@@ -102,3 +102,13 @@ def product(left: Nodes, right: Nodes, where: Location) -> Nodes:
         terms = [Operation("*", pair) for pair in zip(rows[row], columns[:, column], strict=True)]
         result[row, column] = reduce(plus, terms, Literal(0.0))
     return result.reshape(left.shape[:-1] + right.shape[1:])
+
+
+def cross(left: Nodes, right: Nodes) -> Nodes:
+    """Modelica's cross() of two vectors of three elements (MLS 10.3.5)."""
+    result = np.empty(3, dtype=object)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        pairs = ((left[j], right[k]), (left[k], right[j]))
+        result[i] = Operation("-", tuple(Operation("*", pair) for pair in pairs))
+    return result
