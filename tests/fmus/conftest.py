@@ -42,6 +42,11 @@ def controller_model() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def wrench_model() -> ModuleType:
+    return load_model("WrenchController")
+
+
+@pytest.fixture(scope="session")
 def satellite_model() -> ModuleType:
     return load_model("SatelliteDynamics")
 

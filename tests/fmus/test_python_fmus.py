@@ -176,7 +176,7 @@ except Exception:
     )
     assert result.returncode == 1
     assert (
-        "ComplianceController needs the Python package filterpy where it runs: pip install filterpy"
+        "the controller needs the Python package filterpy where it runs: pip install filterpy"
         in result.stdout
     )
 
