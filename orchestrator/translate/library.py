@@ -35,6 +35,8 @@ LIBRARY: tuple[LibraryFmu, ...] = tuple(
         ("ForceSensor", "DockingHIL/ForceSensor.mo"),
         ("JointServos", "DockingHIL/JointServos.mo"),
         ("CartesianResponse", "DockingHIL/CartesianResponse.mo"),
+        ("PointContact", "DockingHIL/PointContact.mo"),
+        ("WrenchSensor", "DockingHIL/WrenchSensor.mo"),
         ("UncompensatedDocking", "DockingHIL/Examples/UncompensatedDocking.mo"),
     )
     for version in ("2.0", "3.0")

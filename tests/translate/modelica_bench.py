@@ -119,13 +119,39 @@ UNITS = {
     "force": "N",
     "penetration": "m",
     "measured_force": "N",
+    "orientation": "1",
+    "angular_velocity": "rad/s",
+    "point": "m",
+    "stored_energy": "J",
+    "force_noise": "N",
+    "torque_noise": "N.m",
+    "measured_torque": "N.m",
 }
+
+
+def elements(name: str, size: int) -> tuple[str, ...]:
+    """Names of an array's elements."""
+    return tuple(f"{name}[{index}]" for index in range(1, size + 1))
+
+
 INPUTS: dict[str, tuple[str, ...]] = {
     "RobotResponse": ("command",),
     "DockingContact": ("position", "velocity"),
     "ForceSensor": ("force",),
     "JointServos": elements("joint_command", 7),
     "CartesianResponse": elements("position_command", 3) + elements("orientation_command", 4),
+    "PointContact": (
+        *elements("position", 3),
+        *elements("orientation", 4),
+        *elements("velocity", 3),
+        *elements("angular_velocity", 3),
+    ),
+    "WrenchSensor": (
+        *elements("force", 3),
+        *elements("point", 3),
+        *elements("force_noise", 3),
+        *elements("torque_noise", 3),
+    ),
     "UncompensatedDocking": (),
 }
 OUTPUTS: dict[str, tuple[str, ...]] = {
@@ -143,6 +169,8 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
         *elements("velocity", 3),
         *elements("angular_velocity", 3),
     ),
+    "PointContact": (*elements("force", 3), *elements("point", 3), "penetration", "stored_energy"),
+    "WrenchSensor": (*elements("measured_force", 3), *elements("measured_torque", 3)),
     "UncompensatedDocking": ("position", "velocity", "force"),
 }
 START: dict[str, dict[str, float]] = {
@@ -164,6 +192,24 @@ START: dict[str, dict[str, float]] = {
         "reference_orientation[3]": 0.6,
         "rotation_vector[2]": 0.2,
     },
+    "PointContact": {
+        "damping": 500.0,
+        "friction": 0.2,
+        "tangential_damping": 3.0,
+        **dict(zip(elements("tip", 3), (0.3, 0.1, -0.05), strict=True)),
+        **dict(zip(elements("normal", 3), (-2.0, 1.0, 0.5), strict=True)),
+    },
+    "WrenchSensor": {
+        "tau_s": 1.3e-3,
+        "cutoff": 100.0,
+        "force_resolution": 0.5,
+        "torque_resolution": 0.02,
+        "tool_mass": 2.5,
+        "tared": False,
+        **dict(zip(elements("sensor_position", 3), (0.1, -0.2, 0.3), strict=True)),
+        **dict(zip(elements("tool_center", 3), (0.0, 0.01, 0.08), strict=True)),
+        **dict(zip(elements("sensor_orientation", 4), (0.8, 0.0, 0.6, 0.0), strict=True)),
+    },
     "UncompensatedDocking": {"robot.tau_m": 6e-3},
 }
 STEPS = {
@@ -172,6 +218,8 @@ STEPS = {
     "ForceSensor": 5e-4,
     "JointServos": 1e-3,
     "CartesianResponse": 1e-3,
+    "PointContact": 1e-3,
+    "WrenchSensor": 5e-4,
     "UncompensatedDocking": 1e-3,
 }
 # Where the joints of JointServos stand at the start.
@@ -207,6 +255,24 @@ def inputs(name: str) -> list[dict[str, float]]:
     if name == "CartesianResponse":
         # From the reference turned by 0.2 rad about y to 1 rad about a slanted axis; the position jumps, too.
         return [cartesian_command(0 if i <= 5 else 1 if i <= 40 else 2) for i in range(81)]
+    if name == "PointContact":
+        return _poses(step)
+    if name == "WrenchSensor":
+        rows = []
+        for i in range(121):
+            load = np.array(
+                [-140.2, 20.3, -7.1] if 4 < i <= 44 else [33.1, 0.0, 11.7] if i > 44 else [0.0] * 3
+            )
+            values = (
+                *load,
+                0.31,
+                0.02 * i / 120,
+                -0.1,
+                *(0.4 * np.sin([i, 2 * i, 3 * i])),
+                *([0.03 * (i % 3)] * 3),
+            )
+            rows.append(dict(zip(INPUTS[name], map(float, values), strict=True)))
+        return rows
     return [{} for _ in range(1001)]
 
 
@@ -228,6 +294,25 @@ def cartesian_command(number: int) -> dict[str, float]:
     turn = (reference * Rotation.from_rotvec(rotation)).as_quat(scalar_first=True)
     values = {f"position_command[{k + 1}]": position[k] for k in range(3)}
     return values | {f"orientation_command[{k + 1}]": float(turn[k]) for k in range(4)}
+
+
+def _poses(step: float) -> list[dict[str, float]]:
+    """A rod that swings through both surfaces on an oblique line and turns, with its twist."""
+    omega, spin = 2 * np.pi * 2.0, np.array([0.1, -0.2, 0.3])
+    line = np.array([0.011, 0.004, -0.002])
+    # The tip starts in the middle between the surfaces.
+    middle = -np.array([0.3, 0.1, -0.05])
+    rows = []
+    for i in range(501):
+        turn = Rotation.from_rotvec(spin * np.sin(omega * i * step) * 0.01)
+        x, y, z, w = turn.as_quat()
+        position = middle + line * np.sin(omega * i * step)
+        velocity = line * omega * np.cos(omega * i * step)
+        # The axis of rotation stays, so the angular velocity lies along it.
+        rotation = spin * omega * np.cos(omega * i * step) * 0.01
+        values = (*position, w, x, y, z, *velocity, *rotation)
+        rows.append(dict(zip(INPUTS["PointContact"], map(float, values), strict=True)))
+    return rows
 
 
 def run(name: str, path: Path | None = None) -> list[dict[str, float]]:
@@ -258,7 +343,8 @@ def write(name: str, rows: Sequence[Mapping[str, float]]) -> None:
     """Write a reference."""
     with (FMUS / name / "reference.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(f"{signal} [{UNITS[signal]}]" for signal in rows[0])
+        units = {signal: UNITS.get(signal, UNITS.get(signal.split("[")[0])) for signal in rows[0]}
+        writer.writerow(f"{signal} [{unit}]" for signal, unit in units.items())
         writer.writerows([repr(value) for value in row.values()] for row in rows)
 
 
