@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from pythonfmu import Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Real
+from pythonfmu import Boolean, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Real
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -438,6 +438,18 @@ class SatellitePair(Fmi2Slave):
         outputs = {entry.kind: [] for entry in ENTRIES}
         for entry in ENTRIES:
             outputs[entry.kind] += entry.elements()
+        self.placed = False
+        self.register_variable(
+            Boolean(
+                "state.placed",
+                causality=Fmi2Causality.local,
+                variability=Fmi2Variability.discrete,
+                initial=Fmi2Initial.exact,
+                description="Whether A has been placed, which the end of initialisation does",
+                getter=lambda: self.placed,
+                setter=self._set_placed,
+            )
+        )
         # The outputs move only in a step, from the wrench that the step began with: none feeds through.
         self.dependencies = {name: () for kind in ("computed", "derived", "state") for name in outputs[kind]}
         given = (*outputs["parameter"], *outputs["state"])
@@ -471,6 +483,10 @@ class SatellitePair(Fmi2Slave):
         if name != "force" and name != "torque":
             self._known = None
 
+    def _set_placed(self, value: bool) -> None:
+        self.placed = value
+        self._known = None
+
     def _bodies(self) -> tuple[Body, Body]:
         tensors = _matrix(self.inertia_a), _matrix(self.inertia_b)
         return (
@@ -492,7 +508,8 @@ class SatellitePair(Fmi2Slave):
     def _computed(self) -> dict[str, tuple[float, ...]]:
         """Everything that follows from the two motions, computed once per step."""
         if self._known is None:
-            a, b = self._motions()
+            # Until the end of initialisation, A is where its start values would place it.
+            a, b = self._motions() if self.placed else (self._start_of_a(), self._motions()[1])
             seen = relative(
                 attached(a, self.assembly_position_a, self.assembly_orientation_a),
                 attached(b, self.assembly_position_b, self.assembly_orientation_b),
@@ -537,12 +554,16 @@ class SatellitePair(Fmi2Slave):
         for entry in ENTRIES:
             if entry.kind in ("parameter", "state") and "orientation" in entry.name:
                 setattr(self, entry.name, normalised(getattr(self, entry.name)))
-        b = self._motions()[1]
+        self._take(self._start_of_a(), self._motions()[1])
+        self.placed = True
+
+    def _start_of_a(self) -> Motion:
+        """A's motion that start_* ask for, seen from B's assembly frame."""
         start = Motion(
             self.start_position, self.start_orientation, self.start_velocity, self.start_angular_velocity
         )
-        frame = attached(b, self.assembly_position_b, self.assembly_orientation_b)
-        self._take(detached(composed(frame, start), self.assembly_position_a, self.assembly_orientation_a), b)
+        frame = attached(self._motions()[1], self.assembly_position_b, self.assembly_orientation_b)
+        return detached(composed(frame, start), self.assembly_position_a, self.assembly_orientation_a)
 
     def _problem(self, entry: Entry, values: tuple[float, ...]) -> tuple[bool, str]:
         bad, sentence = finite_problem(entry.name, entry.unit, values)
