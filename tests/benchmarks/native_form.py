@@ -109,7 +109,7 @@ def main() -> None:
         folder = Path(name)
         library = compiled(folder)
         print(f"{'':24}{'python':>10}{'native':>10}{'ratio':>8}   [us of CPU per step]")
-        for model in ("SatelliteDynamics", "ComplianceController"):
+        for model in ("SatelliteDynamics", "ComplianceController", "WrenchController"):
             timed = {form: Timed(model, form, folder, library) for form in STEPS}
             rounds = [{form: one.run(STEPS[form]) for form, one in timed.items()} for _ in range(ROUNDS)]
             python, native = (1e6 * statistics.median(one[form] for one in rounds) for form in STEPS)

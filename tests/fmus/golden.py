@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import golden_arm
+import golden_wrench
 
 FMUS = Path(__file__).parents[2] / "fmus"
 # The other controllers on a line: sockets of the ComplianceController.
@@ -84,9 +85,9 @@ UNITS = {
     "desired_velocity": "m/s",
     "torque": "N.m",
 }
-for _table in ("INPUTS", "OUTPUTS", "START", "OTHER"):
-    globals()[_table].update(getattr(golden_arm, _table))
-UNITS |= golden_arm.UNITS
+for _more in (golden_arm, golden_wrench):
+    for _table in ("INPUTS", "OUTPUTS", "START", "OTHER", "UNITS"):
+        globals()[_table].update(getattr(_more, _table))
 # Their outputs follow the inputs of the same instant.
 ALGEBRAIC = tuple(golden_arm.INPUTS)
 
@@ -185,11 +186,13 @@ def main() -> None:
     from conftest import load_model
 
     controllers = ("ComplianceController", *PEERS)
+    line = _controller_inputs("ComplianceController", load_model("ComplianceController"))
     for name, inputs in (
         ("SatelliteDynamics", _satellite_inputs()),
         ("SatellitePair", _pair_inputs()),
         *((name, _controller_inputs(name, load_model(name))) for name in controllers),
         *((name, golden_arm.inputs(name)) for name in golden_arm.INPUTS),
+        *((name, golden_wrench.inputs(name, line)) for name in golden_wrench.INPUTS),
     ):
         write(name, replay(name, getattr(load_model(name), name)(instance_name="golden"), inputs))
 

@@ -128,9 +128,32 @@ def pair_inputs(seed: int, steps: int):
         yield wrench, source.choice([1e-4, 5e-4, source.uniform(1e-5, 2e-3)])
 
 
+def wrench_inputs(seed: int, steps: int):
+    """Those on a line along an axis of its own, the rod off the axis and turned; every number is random."""
+    source = random.Random(-seed)
+    axis = [source.gauss(0.0, 1.0) for _ in range(3)]
+    axis = [value / math.hypot(*axis) for value in axis]
+    for values, step in controller_inputs(seed, steps):
+        row = {}
+        for i in range(3):
+            for name in ("force", "torque"):
+                row[f"measured_{name}[{i + 1}]"] = values["measured_force"] * axis[i] + source.gauss(0.0, 0.3)
+        for kind in ("", "desired_"):
+            for i in range(3):
+                row[f"{kind}position[{i + 1}]"] = values[f"{kind}position"] * axis[i] + 0.1 * i
+                row[f"{kind}velocity[{i + 1}]"] = values[f"{kind}velocity"] * axis[i]
+                row[f"{kind}angular_velocity[{i + 1}]"] = source.gauss(0.0, 1e-3)
+            turn = [1.0, *(source.gauss(0.0, 1e-4) for _ in range(3))]
+            row |= {f"{kind}orientation[{i + 1}]": turn[i] for i in range(4)}
+        yield row, step
+
+
 @pytest.mark.parametrize(
     ("name", "start"),
     [
+        ("WrenchController", golden.START["WrenchController"]),
+        ("WrenchController", {"mode": 2, "tau_s": 2e-3, "normal_time": 0.0}),
+        ("SensorNoise", golden.START["SensorNoise"]),
         ("ArmInverse", golden.START["ArmInverse"]),
         ("ArmForward", golden.START["ArmForward"]),
         ("SatellitePair", golden.START["SatellitePair"]),
@@ -150,6 +173,8 @@ def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
         "SatellitePair": pair_inputs,
         "ArmInverse": inverse_inputs,
         "ArmForward": forward_inputs,
+        "WrenchController": wrench_inputs,
+        "SensorNoise": lambda seed, steps: (({}, seed * 3e-4) for _ in range(steps)),
     }.get(name, controller_inputs)
     native = instantiate(name, "-native").initialise(**start)
     model = getattr(module, name)(instance_name="python")
@@ -167,7 +192,7 @@ def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
         native.set(**values)
         assert model.do_step(time, step)
         native.fmu.doStep(time, step)
-        time = (number + 1) * step if on_a_line else time + step
+        time = (number + 1) * step if on_a_line or name == "WrenchController" else time + step
         for signal, variable in python.items():
             sizes[signal] = max(sizes[signal], abs(float(variable.getter())))
         if number % 5 == 0:
@@ -175,7 +200,7 @@ def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
             for (signal, variable), value in zip(python.items(), found, strict=True):
                 difference = abs(value - float(variable.getter()))
                 assert difference <= TOLERANCE * sizes[signal], (number, signal, value, variable.getter())
-    if name == "ComplianceController":
+    if name in ("ComplianceController", "WrenchController"):
         assert model.state.updates > 80  # the filter has been at work
     elif name == "SatelliteDynamics":
         assert abs(model.velocity) > 0.03
