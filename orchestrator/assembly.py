@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from . import bundled, checks, graph
-from .config import Config, ConnectionModel, InstanceModel, Places, Scalar
+from .bonds import Bond, declared_bonds, find_bonds
+from .config import BondModel, Config, ConnectionModel, InstanceModel, Places, Scalar
 from .connecting import Ends, connect, elements
 from .errors import ConfigError, FmuError, Problem, listed, nearest
-from .fmi import Fmu, Handling, Interface, Kind, Value, load_fmu
+from .fmi import Fmu, Handling, Interface, Kind, Value, Variable, load_fmu
 from .system import Connection, Instance, Port, System, port_graph
 
 __all__ = ["Part", "assemble", "load_system"]
@@ -76,6 +77,7 @@ def load_system(
         loops=loops,
         step_size=float(config.model.run.times()[2]),
         folder=config.folder,
+        bonds=None if config.model.bonds == "auto" else config.model.bonds,
     )
 
 
@@ -161,6 +163,7 @@ def assemble(
     loops: bool = False,
     step_size: float | None = None,
     folder: Path | None = None,
+    bonds: Sequence[BondModel] | None = None,
 ) -> System:
     """Check parts and connections and make a system of them.
 
@@ -176,6 +179,7 @@ def assemble(
         step_size: the largest communication step that the system is to take [s]: a delay that is no shorter
             breaks direct feedthrough. None: not known, and no delay does.
         folder: what relative paths of effects start from; the working directory if not given.
+        bonds: power bonds as a config declares them; None: those that units and graph leave no doubt about.
     Raises: ConfigError with all problems.
     """
     parts = list(parts)
@@ -232,11 +236,24 @@ def assemble(
     solvable: tuple[tuple[Port, ...], ...] = ()
     if not found:
         solvable = _algebraic_loops(instances, checked, places, loops, found)
+    variables = {one.name: one.fmu.description.variables for one in instances}
+
+    def variable(port: Port) -> Variable:
+        return variables[port.instance][port.variable]
+
+    bonded: tuple[Bond, ...] = ()
+    if bonds is None:
+        bonded, doubts = find_bonds(checked, variable)
+        notes += doubts
+    elif not absent and not found:
+        outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
+        numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
+        bonded = declared_bonds(bonds, checked, variable, numeric, places, found)
     if found:
         raise ConfigError(found)
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.links)
     longest = step_size if broken else None
-    return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest)
+    return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest, bonded)
 
 
 def _settle(

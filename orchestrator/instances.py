@@ -75,6 +75,7 @@ class Instances:
         self._complaints: dict[str, str] = {}
         self._elapsed = [0] * len(system.instances)
         self._slopes: dict[int, list[Array]] = {}
+        self._bent: dict[int, tuple[Array, Array, Array]] = {}
         self._direct: dict[int, NDArray[np.bool_]] = {}
         self._followed: dict[int, NDArray[np.bool_]] = {}
         # An instance's own step is `every` communication steps, or a communication step is `parts` of it.
@@ -123,6 +124,8 @@ class Instances:
         source, u, gain, offset = self._transfers[index]
         if not u.size:
             return
+        if self._bent:
+            self._bent.pop(index, None)
         if curve is not None:
             self._feed(index, curve)
         else:
@@ -141,6 +144,7 @@ class Instances:
         bend = 2.0 * (begin + end - 2.0 * middle)
         slopes = [(end - begin - bend) / curve.step_size, 2.0 * bend / curve.step_size**2][: curve.order]
         slopes = [np.where(follows, slope, 0.0) for slope in slopes]
+        self._bent[index] = u.copy(), np.where(follows, middle, u), np.where(follows, end, u)
         self._slopes[index] = [slope if gain is None else gain * slope for slope in slopes]
 
     def _follows(self, index: int) -> NDArray[np.bool_]:
@@ -159,6 +163,25 @@ class Instances:
             names = self.layout.inputs[index].names
             self._direct[index] = np.array([name in direct for name in names], np.bool_)
         return self._direct[index]
+
+    def given(self, places: NDArray[np.intp]) -> Array:
+        """What inputs were given over the latest step of their instance.
+
+        Args:
+            places: of the inputs among all instances' inputs, one instance's after the other's.
+        Returns: values at the beginning, in the middle and at the end, shape (3, len(places)).
+        """
+        held = self._all_u[places]
+        if not self._bent:
+            return np.broadcast_to(held, (3, len(places)))
+        whole = np.tile(self._all_u, (3, 1))
+        first = np.cumsum([0, *(u.size for u in self._u)])
+        for index, samples in self._bent.items():
+            _, u, gain, offset = self._transfers[index]
+            for row, sample in zip(whole, samples, strict=True):
+                run = sample if gain is None else gain * sample + offset
+                row[first[index] : first[index] + u.size] = run
+        return whole[:, places]
 
     def begins(self, index: int, point: Point) -> bool:
         """Whether a step of the instance begins at the point; slow ones step once in several steps."""

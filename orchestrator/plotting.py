@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from .results import Results
 
-__all__ = ["COLORS", "draw_signals", "save"]
+__all__ = ["COLORS", "draw_coupling", "draw_signals", "save"]
 
 # Okabe and Ito's palette: told apart with any colour vision, and dark enough on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -53,6 +53,35 @@ def draw_signals(results: Results, title: str = "", names: Sequence[str] | None 
     all_axes[-1].set_xlabel("time [s]")
     left_out = len(groups) - len(shown)
     figure.suptitle(title + (f" ({left_out} further units not drawn)" if left_out > 0 else ""))
+    return figure
+
+
+def draw_coupling(coupling: Results, title: str = "") -> Figure:
+    """Energies of power bonds over time: what was exchanged above, what the coupling created below.
+
+    Args:
+        coupling: per bond `taken`, `given` and `created` [J].
+        title: stands above.
+    """
+    bonds = list(dict.fromkeys(name.rpartition(".")[0] for name in coupling.signals))
+    # Of many bonds those that create most.
+    bonds.sort(key=lambda name: -float(np.abs(coupling[f"{name}.created"]).max(initial=0.0)))
+    figure = Figure(figsize=(9.0, 5.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for name, color in zip(bonds, COLORS, strict=False):
+        for what, dash, width in (("taken", "-", 2.2), ("given", "--", 1.2)):
+            time, values = _thinned(coupling.time, coupling[f"{name}.{what}"])
+            upper.plot(time, values, dash, color=color, linewidth=width, label=f"{name}, {what}")
+        time, values = _thinned(coupling.time, coupling[f"{name}.created"])
+        lower.plot(time, values, color=color, linewidth=1.6, label=name)
+    upper.set_ylabel("energy [J]")
+    lower.set_ylabel("created by the coupling [J]")
+    lower.set_xlabel("time [s]")
+    left_out = len(bonds) - len(COLORS)
+    for axes in (upper, lower):
+        axes.grid(alpha=0.3)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
+    figure.suptitle(title + (f" ({left_out} further bonds not drawn)" if left_out > 0 else ""))
     return figure
 
 

@@ -19,6 +19,7 @@ from .assembly import load_system
 from .config import Config, load_config, move_effects
 from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
 from .formats import FORMATS, check_formats, strict
+from .ledger import Ledger
 from .master import MasterAlgorithm, create_master
 from .measures import ChosenMeasure, changes, choose_measures, signal_changes
 from .progress import Progress
@@ -54,6 +55,7 @@ class RunResult:
         prepared: what ran.
         folder: where files were written; None if they were not.
         files: names of the files written.
+        coupling: energies of the power bonds over time, at the recorded points; None without bonds.
     """
 
     results: Results
@@ -61,6 +63,7 @@ class RunResult:
     prepared: Prepared
     folder: Path | None = None
     files: list[str] = field(default_factory=list)
+    coupling: Results | None = None
 
 
 def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Prepared:
@@ -136,7 +139,7 @@ def run(
         (folder / "config.yaml").write_text(_moved(prepared.config, folder).text(), encoding="utf-8")
     try:
         path = None if folder is None else folder / "results.arrow"
-        results, statistics = _run_once(prepared, prepared.grid, path, progress)
+        results, statistics, ledger = _run_once(prepared, prepared.grid, path, progress)
     except _Stopped as stopped:
         _finish_failed(prepared, stopped, folder, formats)
         raise stopped.error from stopped.error.__cause__
@@ -146,11 +149,15 @@ def run(
     }
     summary["run"] = statistics
     made = RunResult(results, summary, prepared, folder)
+    if ledger:
+        summary["coupling"] = ledger.summary()
+        made.coupling = _course(ledger)
     failed: OrchestratorError | None = None
     try:
         measured = _measure(prepared.measures, results)
         _merge(summary, measured)
         if halving:
+            measured |= {key: summary[key] for key in ("coupling",) if key in summary}
             summary["numerics"] = _numerics(prepared, results, measured, folder, progress)
     except OrchestratorError as error:
         failed = error
@@ -176,7 +183,7 @@ class _Stopped(Exception):
 
 def _run_once(
     prepared: Prepared, grid: Grid, path: Path | BinaryIO | None, progress: bool, label: str = ""
-) -> tuple[Results, dict[str, Any]]:
+) -> tuple[Results, dict[str, Any], Ledger]:
     model = prepared.config.model
     recorder = Recorder(
         prepared.system,
@@ -190,11 +197,13 @@ def _run_once(
     bar = Progress(len(grid), label or model.title or prepared.config.name) if progress else None
     if bar is not None:
         observers.append(bar)
-    report = Report()
+    report, ledger = Report(), Ledger(prepared.system, every=model.run.record_every)
     begin = perf_counter()
     error: OrchestratorError | None = None
     try:
-        simulate(prepared.system, prepared.master, grid, observers, report, loop=model.run.loop)
+        simulate(
+            prepared.system, prepared.master, grid, observers, report, loop=model.run.loop, ledger=ledger
+        )
     except OrchestratorError as raised:
         error = raised
     except KeyboardInterrupt:
@@ -223,7 +232,18 @@ def _run_once(
     }
     if error is not None:
         raise _Stopped(error, results, statistics)
-    return results, statistics
+    return results, statistics, ledger
+
+
+def _course(ledger: Ledger) -> Results:
+    """Energies of the power bonds over time."""
+    time, energies = ledger.course()
+    signals = {
+        f"{name}.{what}": column
+        for name, columns in energies.items()
+        for what, column in zip(("taken", "given", "created"), columns.T, strict=True)
+    }
+    return Results(time, signals, dict.fromkeys(signals, "J"))
 
 
 def _measure(measures: Iterable[ChosenMeasure], results: Results) -> dict[str, Any]:
@@ -268,8 +288,9 @@ def _numerics(
         return numerics | {"error": _told(ConfigError(refused))}
     try:
         scratch = _scratch(prepared, grid, folder)
-        halved, _ = _run_once(prepared, grid, scratch, progress, "half the step size")
-        numerics.update(changes(measured, _measure(prepared.measures, halved)))
+        halved, _, ledger = _run_once(prepared, grid, scratch, progress, "half the step size")
+        found = _measure(prepared.measures, halved) | ({"coupling": ledger.summary()} if ledger else {})
+        numerics.update(changes(measured, found))
         numerics["signals"] = signal_changes(results, halved)
     except _Stopped as stopped:
         if isinstance(stopped.error, Interrupted):
@@ -380,6 +401,9 @@ def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
         if suffix != "arrow":
             result.results.write(folder / f"results.{suffix}")
             result.files.append(f"results.{suffix}")
+    if result.coupling is not None:
+        result.coupling.to_csv(folder / "coupling.csv")
+        result.files.append("coupling.csv")
     if not figures:
         return
     # matplotlib takes longer to import than a short run takes.
@@ -387,6 +411,8 @@ def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
 
     prepared = result.prepared
     drawn = {"signals": plotting.draw_signals(result.results, prepared.config.model.title)}
+    if result.coupling is not None:
+        drawn["coupling"] = plotting.draw_coupling(result.coupling, prepared.config.model.title)
     for one in prepared.measures:
         try:
             drawn |= one.measure.figures(result.results, one.options)

@@ -101,9 +101,11 @@ class Layout:
 
     @staticmethod
     def of(system: System) -> Layout:
-        """The layout of a system: recorded ports and the sources of connections are read, others are not."""
+        """The layout of a system: recorded ports, the sources of connections and the motions of bonds are
+        read, others are not."""
         read: list[dict[str, None]] = [{} for _ in system.instances]
-        for port in (*system.recorded, *(port for one in system.connections for port in one.sources)):
+        sources = (port for one in system.connections for port in one.sources)
+        for port in (*system.recorded, *sources, *(bond.motion for bond in system.bonds)):
             read[system.position[port.instance]][port.variable] = None
         outputs, spans, text_outputs = [], [], []
         index: dict[Port, int] = {}

@@ -16,8 +16,9 @@ from .config import RunModel
 from .errors import ConfigError, Problem
 from .fmi import Array, Point
 from .instances import Instances, instantiate
+from .ledger import Ledger, Step
 from .master import MasterAlgorithm
-from .native import choose_loop
+from .native import choose_loop, schedule
 from .signals import Layout, Signals
 from .system import System
 
@@ -190,6 +191,7 @@ def simulate(
     report: Report | None = None,
     *,
     loop: str = "auto",
+    ledger: Ledger | None = None,
 ) -> None:
     """Run a system.
 
@@ -201,6 +203,7 @@ def simulate(
         report: filled also when the run fails.
         loop: "python", "native" (machine code; the same results to the bit) or "auto": native where that is
             possible and faster.
+        ledger: of the coupling; filled also when the run fails. One without bonds costs nothing.
     Raises: ConfigError if the master, or the native loop that is asked for, cannot run the system; StepError
         if an FMU fails or an iteration does not converge; FmuError if an FMU cannot be loaded;
         KeyboardInterrupt, between two steps, if the user asks for it.
@@ -218,9 +221,9 @@ def simulate(
             report.loop = choose_loop(loop, instances, master, grid.steps)
             signals = instances.initialise(float(grid.start), grid.latest)
             if report.loop == "native":
-                _loop_natively(instances, master, grid, observers, stop)
+                _loop_natively(instances, master, grid, observers, stop, ledger or None)
             else:
-                _loop(instances, master, grid, observers, stop, signals)
+                _loop(instances, master, grid, observers, stop, signals, ledger or None)
             instances.terminate()
         finally:
             report.instance_time, report.log = instances.elapsed(), instances.warnings()
@@ -233,8 +236,15 @@ def _loop(
     observers: tuple[Observer, ...],
     stop: _Stop,
     signals: Signals,
+    ledger: Ledger | None,
 ) -> None:
+    parts: tuple[Step, ...] = ()
     for point in grid:
+        if ledger is not None:
+            if parts:
+                ledger.stepped(point, parts)
+            else:
+                ledger.begin(point.time, signals.values)
         for observe in observers:
             observe(point, signals)
         if stop.requested:
@@ -242,15 +252,27 @@ def _loop(
         if not point.last:
             signals, info = master.step(instances.system, instances, point, signals)
             info.raise_on_failure(point)
+            if ledger is not None:
+                given = instances.given(ledger.books.inputs)
+                parts = info.parts or (Step(point.step_size, signals.values, given),)
 
 
 def _loop_natively(
-    instances: Instances, master: MasterAlgorithm, grid: Grid, observers: tuple[Observer, ...], stop: _Stop
+    instances: Instances,
+    master: MasterAlgorithm,
+    grid: Grid,
+    observers: tuple[Observer, ...],
+    stop: _Stop,
+    ledger: Ledger | None,
 ) -> None:
     # numba takes longer to import than a short run takes.
     from .native.loop import run_native
 
     step_size = float(grid.step_size)
+    planned = schedule(instances, master)
+    if ledger is not None and planned is not None:
+        ledger.schedule(instances, *planned, step_size)
+        observers = (*observers, ledger)
     blockwise = [one for one in observers if isinstance(one, BlockObserver)]
 
     def observe_blocks(first: int, times: Array, values: Array) -> None:

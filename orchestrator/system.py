@@ -9,11 +9,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from . import graph
 from .effects import Effect
 from .fmi import Fmu, Value, Variable
+
+if TYPE_CHECKING:
+    from .bonds import Bond
 
 __all__ = ["Connection", "Instance", "Leg", "Link", "Port", "System", "Wire", "port_graph"]
 
@@ -135,6 +138,7 @@ class System:
             them.
         longest_step: the largest communication step [s] for which delays keep what they connect apart, on
             which order and loops rely; None if none does.
+        bonds: connections that carry energy.
     """
 
     instances: tuple[Instance, ...]
@@ -143,6 +147,7 @@ class System:
     notes: tuple[str, ...] = ()
     loops: tuple[tuple[Port, ...], ...] = ()
     longest_step: float | None = None
+    bonds: tuple[Bond, ...] = ()
 
     @cached_property
     def position(self) -> Mapping[str, int]:

@@ -7,8 +7,10 @@ from typing import Any
 
 __all__ = ["summary_text"]
 
-_OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error")
+_OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error", "coupling")
 _MOST_ROWS = 30
+# What a coupling may create of what it exchanges before it is spoken of.
+_CREATED = 0.01
 
 
 def summary_text(summary: Mapping[str, Any]) -> str:
@@ -26,6 +28,7 @@ def summary_text(summary: Mapping[str, Any]) -> str:
         lines += _section("change at half the step size", rows, None)
     elif numerics and "error" not in numerics:
         lines.append("+-: change at half the step size; under a table, the largest of each column.")
+    lines += _created(summary.get("coupling") or {}, numerics.get("coupling") or {})
     for name, told in summary["run"].get("log", {}).items():
         lines.append(f"{name} logged {len(told)} warnings; the last: {told[-1]}")
     if "error" in numerics:
@@ -34,6 +37,23 @@ def summary_text(summary: Mapping[str, Any]) -> str:
             f"The run with half the step size failed, so nothing is known of the step's effect: {message}"
         )
     return "\n".join(lines)
+
+
+def _created(coupling: Mapping[str, Any], changed: Mapping[str, Any]) -> list[str]:
+    """Power bonds at which the coupling created or destroyed much energy."""
+    lines = []
+    for name, one in coupling.items():
+        share = one["relative"]
+        if share is None or abs(share) <= _CREATED:
+            continue
+        change = (changed.get(name) or {}).get("relative")
+        halved = f", {abs(share + change):.2%} at half the step size" if change is not None else ""
+        verb = "created" if one["created"] > 0 else "destroyed"
+        lines.append(
+            f"The coupling {verb} {abs(one['created']):.3g} J at {name}, {abs(share):.2%} of what it "
+            f"exchanged{halved}: take a smaller step size or another master."
+        )
+    return lines
 
 
 def _heading(summary: Mapping[str, Any]) -> str:

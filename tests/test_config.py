@@ -126,7 +126,7 @@ def test_all_problems_are_told_at_once():
         "config: connections[2]: cannot read connection 3",
         "  written as a.output -> b.input or {from: a.output, to: b.input}",
         "config: meazures: unknown key 'meazures'",
-        "  allowed: title, run, instances, connections, measures. Did you mean measures?",
+        "  allowed: title, run, instances, connections, bonds, measures. Did you mean measures?",
     ]
 
 

@@ -13,10 +13,10 @@ PACKAGE = ROOT / "orchestrator"
 # From the bottom up: a module imports only from layers that stand before its own.
 LAYERS = [
     "errors", "bundled", "units", "quantities", "effects", "config", "fmi", "graph", "fixed_point",
-    "system", "checks", "connecting", "assembly", "signals", "wires", "initialisation", "instances",
-    "master", "native", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",
-    "plotting", "run", "compare", "table", "translate", "frequency", "docking", "diagnosis", "campaign",
-    "__main__",
+    "system", "bonds", "checks", "connecting", "assembly", "signals", "wires", "initialisation",
+    "instances", "ledger", "master", "native", "simulate", "stream", "formats", "recorded", "results",
+    "progress", "measures", "plotting", "run", "compare", "table", "translate", "frequency", "docking",
+    "diagnosis", "campaign", "__main__",
 ]  # fmt: skip
 
 

@@ -1,11 +1,12 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
 from .load import Config, json_schema, load_config, move_effects
-from .models import ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
+from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .problems import validation_problems
 from .text import Place, Places, dump, parse, path_text
 
 __all__ = [
+    "BondModel",
     "Config",
     "ConnectionModel",
     "InstanceModel",

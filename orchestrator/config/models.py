@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_vali
 from ..units import ONE, UnitError, parse_quantity, parse_unit
 
 __all__ = [
+    "BondModel",
     "ConnectionModel",
     "InstanceModel",
     "RunModel",
@@ -200,6 +201,40 @@ Arrow = Annotated[
 ]
 
 
+class BondModel(_Model):
+    """A power bond: connections on which an effort and the motion that it works on go round."""
+
+    name: str = Field("", description="Of the bond; by default giver-taker.")
+    effort: Arrow | list[Arrow] = Field(
+        description="The connection of the effort, or the connections that lead it from giver to taker."
+    )
+    flow: str | list[Arrow] = Field(
+        min_length=1,
+        description="The connections that lead the taker's flow or displacement back to the giver, or an "
+        "output of the taker, instance.variable, that the giver is not told of.",
+    )
+    sign: Literal[1, -1] = Field(
+        1, description="-1 where a positive effort along the flow takes energy from the taker."
+    )
+    displacement: bool | None = Field(
+        None, description="Where units do not tell: whether `flow` is a displacement, whose rate is the flow."
+    )
+
+    def effort_legs(self) -> list[str]:
+        """The connections of the effort."""
+        return [self.effort] if isinstance(self.effort, str) else self.effort
+
+    def flow_legs(self) -> list[str]:
+        """The connections of the motion; none if it is a port."""
+        if isinstance(self.flow, str):
+            return [self.flow] if "->" in self.flow else []
+        return self.flow
+
+    def flow_port(self) -> str | None:
+        """The motion, where it is a port."""
+        return self.flow.strip() if isinstance(self.flow, str) and "->" not in self.flow else None
+
+
 class SystemModel(_Model):
     """A system of connected FMUs, how to run it and what to measure."""
 
@@ -209,6 +244,11 @@ class SystemModel(_Model):
         Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")], InstanceModel
     ] = Field(min_length=1, description="Running FMUs by name; Gauss-Seidel masters keep to this order.")
     connections: list[Arrow | ConnectionModel] = Field(default_factory=list)
+    bonds: Literal["auto"] | list[BondModel] = Field(
+        "auto",
+        description="Connections that carry energy, for the coupling ledger; by default those that units "
+        "and graph leave no doubt about.",
+    )
     measures: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="Post-processing by name, each with its options."
     )

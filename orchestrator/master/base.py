@@ -14,6 +14,7 @@ from ..config import Places, validation_problems
 from ..errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Point, StepStatus
 from ..instances import Instances
+from ..ledger import Step
 from ..signals import Signals
 from ..system import System
 
@@ -40,6 +41,7 @@ class StepInfo:
         log: its log lines.
         iterations: how often the instances that were stepped most often were, without differences.
         residual: the largest relative residual that an iteration left, or error that was estimated.
+        parts: the steps that it was divided in, in order; none where it was not.
     """
 
     status: StepStatus = StepStatus.OK
@@ -48,6 +50,7 @@ class StepInfo:
     log: tuple[str, ...] = ()
     iterations: int = 1
     residual: float | None = None
+    parts: tuple[Step, ...] = ()
 
     def raise_on_failure(self, point: Point) -> None:
         """Raises: StepError if an instance did not finish the step that began at `point`."""

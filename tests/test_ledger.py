@@ -1,0 +1,435 @@
+"""The coupling ledger: energies against closed balances, signs, orders, and what bonds are found."""
+
+from __future__ import annotations
+
+import csv
+import json
+from fractions import Fraction
+from importlib.util import find_spec
+from itertools import pairwise
+from math import log2
+
+import numpy as np
+import pytest
+from doubles import FakeFmu, gain, mass, spring, variable
+
+from orchestrator.__main__ import main
+from orchestrator.assembly import Part, assemble
+from orchestrator.config import BondModel
+from orchestrator.errors import ConfigError
+from orchestrator.fmi import Causality, Initial
+from orchestrator.ledger import Ledger
+from orchestrator.master import create_master
+from orchestrator.results import Recorder
+from orchestrator.run import prepare, run
+from orchestrator.simulate import Grid, simulate
+
+MASTERS = [
+    "jacobi",
+    "gauss-seidel",
+    {"name": "jacobi", "extrapolation": 1},
+    {"name": "gauss-seidel", "extrapolation": 2},
+    {"name": "iterative", "tolerance": 1e-12},
+    {"name": "iterative", "tolerance": 1e-12, "interpolation": 1},
+    {"name": "adaptive", "tolerance": 1e-3},
+    {"name": "adaptive", "tolerance": 1e-1, "estimate": "inputs"},
+]
+PERIOD = Fraction(44, 7)  # of x'' = -x, nearly
+every_master = pytest.mark.parametrize("name", MASTERS, ids=str)
+
+
+def link():
+    """Springs from wall to a to b to wall; forces and energy follow from the positions that it is given."""
+    return FakeFmu(
+        name="Link",
+        inputs={"one": "m", "other": "m"},
+        outputs={"on_one": "N", "on_other": "N", "energy": ""},
+        feedthrough={name: ["one", "other"] for name in ("on_one", "on_other", "energy")},
+        output=lambda v: {
+            "on_one": -v["one"] + 4.0 * (v["other"] - v["one"]),
+            "on_other": -v["other"] + 4.0 * (v["one"] - v["other"]),
+            "energy": (v["one"] ** 2 + v["other"] ** 2) / 2 + 2.0 * (v["other"] - v["one"]) ** 2,
+        },
+    )
+
+
+def moved_spring(stiffness=1.0):
+    """A spring that is told a velocity, which it integrates; its energy is its own affair."""
+
+    def step(values, time, h):
+        values["stretch"] += h * values["velocity"]
+
+    return FakeFmu(
+        name="Spring",
+        inputs={"velocity": "m/s"},
+        outputs={"force": "N", "energy": ""},
+        extra=[variable("stretch", Causality.OUTPUT, initial=Initial.EXACT)],
+        output=lambda v: {
+            "force": -stiffness * v["stretch"],
+            "energy": stiffness * v["stretch"] ** 2 / 2,
+        },
+        step=step,
+    )
+
+
+def two_masses(**ratios):
+    return assemble(
+        [
+            Part("link", link(), ratio=ratios.get("link", Fraction(1))),
+            Part("a", mass(), {"position": "1 m"}, ratio=ratios.get("a", Fraction(1))),
+            Part("b", mass(2.0), ratio=ratios.get("b", Fraction(1))),
+        ],
+        [
+            "a.position -> link.one",
+            "b.position -> link.other",
+            "link.on_one -> a.force",
+            "link.on_other -> b.force",
+        ],
+    )
+
+
+def simulated(system, name, steps, stop=2, **options):
+    recorder, ledger = Recorder(system), Ledger(system, **options)
+    grid = Grid(Fraction(0), Fraction(stop, steps), steps)
+    simulate(system, create_master(name), grid, [recorder], ledger=ledger)
+    return recorder.results(), ledger
+
+
+def energy(results):
+    kinetic = 0.5 * results["a.velocity"] ** 2 + results["b.velocity"] ** 2
+    return kinetic + results["link.energy"]
+
+
+def created(ledger):
+    return sum(account.created for account in ledger.accounts().values())
+
+
+@every_master
+def test_what_the_bonds_create_is_what_the_whole_gains(name):
+    """Every component conserves energy exactly, so that all drift of the sum is the coupling's."""
+    results, ledger = simulated(two_masses(), name, 60)
+    time, course = ledger.course()
+    drift = energy(results) - energy(results)[0]
+    assert time.tolist() == results.time.tolist()
+    assert sum(column[:, 2] for column in course.values()) == pytest.approx(drift, rel=1e-9, abs=1e-11)
+    assert np.abs(drift).max() > 1e-13 or "interpolation" in str(name)
+    for account in ledger.accounts().values():
+        assert sum(account.parts.values()) == pytest.approx(account.created, abs=1e-12)
+        assert account.taken - account.given == pytest.approx(account.created, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize(
+    "ratios", [{"link": 3}, {"a": 2}, {"a": 2, "b": 3}, {"a": Fraction(1, 2)}, {"a": 4, "link": 2}], ids=str
+)
+def test_instances_with_a_step_of_their_own_are_in_the_books(name, ratios):
+    system = two_masses(**{key: Fraction(value) for key, value in ratios.items()})
+    results, ledger = simulated(system, name, 60)
+    drift = energy(results)[-1] - energy(results)[0]
+    assert abs(drift) > 1e-3
+    assert created(ledger) == pytest.approx(drift, rel=1e-9, abs=1e-11)
+
+
+def velocity_oscillator():
+    return assemble(
+        [Part("spring", moved_spring(4.0)), Part("mass", mass(), {"velocity": "1 m/s"})],
+        ["mass.velocity -> spring.velocity", "spring.force -> mass.force"],
+    )
+
+
+@pytest.mark.parametrize("name", ["jacobi", "gauss-seidel", {"name": "jacobi", "extrapolation": 1}], ids=str)
+def test_flows_are_integrated_exactly_where_inputs_are_held(name):
+    results, ledger = simulated(velocity_oscillator(), name, 50)
+    whole = results["mass.velocity"] ** 2 / 2 + results["spring.energy"]
+    _, course = ledger.course()
+    assert course["spring-mass"][:, 2] == pytest.approx(whole - whole[0], rel=1e-9, abs=1e-12)
+    assert np.abs(whole - whole[0]).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [
+        ("jacobi", 1),
+        ({"name": "iterative", "tolerance": 1e-12}, 1),
+        ({"name": "jacobi", "extrapolation": 1}, 2),
+    ],
+    ids=str,
+)
+def test_what_is_created_vanishes_with_the_masters_order(name, order):
+    found = [abs(created(simulated(velocity_oscillator(), name, steps, 1)[1])) for steps in (200, 400, 800)]
+    assert [log2(one / other) for one, other in pairwise(found)] == pytest.approx([order] * 2, abs=0.1)
+
+
+def oscillator():
+    return assemble(
+        [Part("mass", mass(), {"position": "1 m"}), Part("spring", spring())],
+        ["mass.position -> spring.position", "spring.force -> mass.force"],
+    )
+
+
+def test_jacobi_adds_energy_at_every_instant_and_iterative_takes_it():
+    """The held inputs of Jacobi are late, those of the iteration early; the error is of first order."""
+    _, late = simulated(oscillator(), "jacobi", 600, 6)
+    _, early = simulated(oscillator(), {"name": "iterative", "tolerance": 1e-12}, 600, 6)
+    for ledger, sign in ((late, 1.0), (early, -1.0)):
+        _, course = ledger.course()
+        per_second = np.diff(sign * course["spring-mass"][::100, 2])
+        assert (per_second > 0.0).all()
+    # Over a period: the position is held half a step late, the force is a whole one behind the spring's own.
+    _, whole = simulated(oscillator(), "jacobi", 880, PERIOD)
+    force, position = whole.accounts()["spring-mass"].parts.values()
+    assert force == pytest.approx(2.0 * position, rel=0.01)
+    assert position == pytest.approx(float(PERIOD) / 880 / 2.0 * np.pi, rel=0.03)
+
+
+def test_gauss_seidel_takes_back_what_it_gave():
+    """Symplectic Euler: what is created swings and does not grow."""
+    _, ledger = simulated(oscillator(), "gauss-seidel", 5 * 880, 5 * PERIOD)
+    _, course = ledger.course()
+    swing = course["spring-mass"][:, 2]
+    assert np.ptp(swing[:880]) > 1e-3
+    assert np.ptp(swing[-880:]) == pytest.approx(np.ptp(swing[:880]), rel=1e-3)
+
+
+# Which bonds are found.
+
+
+def test_a_chain_through_a_robot_is_one_bond():
+    system = prepare("docking-1d-uncompensated").system
+    assert [str(bond) for bond in system.bonds] == [
+        "contact-satellite: contact.force -> satellite.force, satellite.position -> robot.command, "
+        "robot.position -> contact.position"
+    ]
+
+
+def both_told(**changes):
+    """A mass whose spring is told position and velocity."""
+    damped = FakeFmu(
+        inputs={"position": "m", "velocity": "m/s"},
+        outputs={"force": "N"},
+        feedthrough={"force": ["position", "velocity"]},
+        output=lambda v: {"force": -v["position"] - 0.1 * v["velocity"]},
+    )
+    connections = ["mass.velocity -> damped.velocity", "mass.position -> damped.position"]
+    return assemble(
+        [Part("mass", mass(), {"position": "1 m"}), Part("damped", damped)],
+        [*connections, "damped.force -> mass.force"],
+        **changes,
+    )
+
+
+def test_of_a_flow_and_its_displacement_the_displacement_counts():
+    (bond,) = both_told().bonds
+    assert [str(leg) for leg in bond.flow] == ["mass.position -> damped.position"]
+    assert bond.displaced == (True, True)
+
+
+def test_overlapping_bonds_are_left_to_the_author():
+    twice = FakeFmu(inputs={"x": "m"}, outputs={"f": "N", "g": "N"})
+    body = FakeFmu(inputs={"f": "N", "g": "N"}, outputs={"x": "m"})
+    system = assemble(
+        [Part("twice", twice), Part("body", body)],
+        ["body.x -> twice.x", "twice.f -> body.f", "twice.g -> body.g"],
+    )
+    assert system.bonds == ()
+    assert system.notes == ("power bonds twice-body overlap: say under bonds which connections carry energy",)
+
+
+def test_elements_of_arrays_are_matched_by_their_subscripts():
+    axes = [f"[{n}]" for n in (1, 2, 3)]
+    body = FakeFmu(inputs={f"f{n}": "N" for n in axes}, outputs={f"v{n}": "m/s" for n in axes})
+    pad = FakeFmu(inputs={f"v{n}": "m/s" for n in axes}, outputs={f"f{n}": "N" for n in axes})
+    connections = [f"pad.f{n} -> body.f{n}" for n in axes] + [f"body.v{n} -> pad.v{n}" for n in axes]
+    system = assemble([Part("body", body), Part("pad", pad)], connections)
+    assert [bond.name for bond in system.bonds] == ["pad-body", "pad-body-2", "pad-body-3"]
+
+
+@pytest.mark.parametrize(
+    ("effort", "motion", "displaced"),
+    [("N.m", "rad/s", False), ("N.m", "rad", True), ("kPa", "l/min", False), ("mV", "A", False)],
+)
+def test_domains(effort, motion, displaced):
+    giver = FakeFmu(inputs={"m": motion}, outputs={"e": effort})
+    taker = FakeFmu(inputs={"e": effort}, outputs={"m": motion})
+    system = assemble(
+        [Part("giver", giver), Part("taker", taker)], ["giver.e -> taker.e", "taker.m -> giver.m"]
+    )
+    assert [bond.displaced for bond in system.bonds] == [(displaced, displaced)]
+
+
+def test_what_is_no_power_is_no_bond():
+    assert (
+        assemble(
+            [Part("one", gain()), Part("other", gain(feedthrough={}))],
+            ["one.y -> other.u", "other.y -> one.u"],
+        ).bonds
+        == ()
+    )
+
+
+def test_units_other_than_si_are_accounted_in_joules():
+    def with_units(length, force, factor_in, factor_out):
+        wall = FakeFmu(
+            inputs={"position": length},
+            outputs={"force": force},
+            feedthrough={"force": ["position"]},
+            output=lambda v: {"force": -v["position"] * factor_in * factor_out},
+        )
+        return assemble(
+            [Part("mass", mass(), {"position": "1 m"}), Part("wall", wall)],
+            ["mass.position -> wall.position", "wall.force -> mass.force"],
+        )
+
+    _, plain = simulated(with_units("m", "N", 1.0, 1.0), "jacobi", 50)
+    _, other = simulated(with_units("mm", "kN", 1e-3, 1e-3), "jacobi", 50)
+    assert other.accounts()["wall-mass"].created == pytest.approx(plain.accounts()["wall-mass"].created)
+
+
+# What is declared.
+
+
+def test_a_declared_bond_by_its_flow_agrees_with_the_one_by_its_displacement():
+    declared = [BondModel(effort="damped.force -> mass.force", flow="mass.velocity -> damped.velocity")]
+    found = []
+    for bonds in (None, declared):
+        # Over a period: what stands between the given and the true position at the ends is no difference.
+        _, ledger = simulated(both_told(bonds=bonds), "jacobi", 2000, PERIOD)
+        found.append(ledger.accounts()["damped-mass"].created)
+    assert found[0] == pytest.approx(found[1], rel=2e-3)
+
+
+def test_sign_and_port_of_a_declared_bond():
+    def made(**values):
+        bond = BondModel(effort="damped.force -> mass.force", **values)
+        _, ledger = simulated(both_told(bonds=[bond]), "jacobi", 100, 1)
+        return ledger.accounts()["damped-mass"]
+
+    plain = made(flow="mass.position -> damped.position")
+    turned = made(flow="mass.position -> damped.position", sign=-1)
+    alone = made(flow="mass.velocity")
+    assert turned.created == -plain.created and turned.taken == -plain.taken
+    assert alone.parts["damped.force -> mass.force"] == pytest.approx(
+        plain.parts["damped.force -> mass.force"], rel=0.02
+    )
+    assert list(alone.parts) == ["damped.force -> mass.force"]
+
+
+def test_wrong_bonds_are_told_all_at_once():
+    bonds = [
+        BondModel(effort="damped.forc -> mass.force", flow="mass.velocity -> damped.velocity"),
+        BondModel(effort="damped.force -> mass.force", flow="mass.speed"),
+        BondModel(effort="mass.position -> damped.position", flow="damped.force -> mass.force"),
+        BondModel(effort="mass.velocity -> damped.velocity", flow="mass.position -> damped.position"),
+        BondModel(effort="mass.velocity -> damped.velocity", flow="damped.force -> mass.force"),
+    ]
+    with pytest.raises(ConfigError) as caught:
+        both_told(bonds=bonds)
+    told = str(caught.value).splitlines()
+    assert told == [
+        "system: bonds[0]: no connection 'damped.forc -> mass.force'",
+        "  Did you mean damped.force -> mass.force?",
+        "system: bonds[1]: no output 'mass.speed'",
+        "system: bonds[3]: mass.position is no motion of damped, which mass.velocity -> damped.velocity acts on",
+        "  a bond leads from one instance to another and back",
+    ]
+
+
+def test_a_bond_whose_product_is_no_power_is_refused():
+    body = FakeFmu(inputs={"f": "N"}, outputs={"a": "m/s2"})
+    pad = FakeFmu(inputs={"a": "m/s2"}, outputs={"f": "N"})
+    with pytest.raises(ConfigError) as caught:
+        assemble(
+            [Part("body", body), Part("pad", pad)],
+            ["pad.f -> body.f", "body.a -> pad.a"],
+            bonds=[BondModel(effort="pad.f -> body.f", flow="body.a -> pad.a")],
+        )
+    assert "pad.f [N] times body.a [m/s2] is no power\n  W, or J for a displacement, is needed" in str(
+        caught.value
+    )
+
+
+# The docking loop.
+
+
+def docking(master, step, *overrides):
+    overrides = [f"run.master={master}", f"run.step_size={step}", "run.stop_time=0.5 s", *overrides]
+    prepared = prepare("docking-1d-uncompensated", ["satellite.form=native", *overrides])
+    recorder, ledger = Recorder(prepared.system), Ledger(prepared.system)
+    simulate(prepared.system, prepared.master, prepared.grid, [recorder], loop="python", ledger=ledger)
+    velocity = recorder.results()["satellite.velocity"]
+    gained = 0.5 * 279.06976744186045 * (velocity[-1] ** 2 - velocity[0] ** 2)
+    return ledger.accounts()["contact-satellite"], gained, float(velocity[-1])
+
+
+def test_around_the_docking_loop_jacobi_creates_what_its_two_steps_of_delay_say():
+    """A hold is late by half a step, passing through the contact by another whole one: 1 + 1/2 + 1/2."""
+    account, gained, velocity = docking("jacobi", "0.25 ms")
+    sound, gained_soundly, _ = docking("gauss-seidel", "0.25 ms")
+    force, command, position = account.parts.values()
+    assert force == pytest.approx(2.0 * command, rel=0.02) and position == pytest.approx(command, rel=0.02)
+    assert account.taken == pytest.approx(gained, rel=1e-9), "all that the satellite gains comes by the bond"
+    assert abs(account.given) < 1e-4 * account.exchanged, "the contact returns all that it took"
+    # What is created early in the contact grows by the rig's own injection in the rest of it: of the whole
+    # surplus the ledger has the share (1 + g^2)/2/g^2, g being the growth per contact.
+    growth = (velocity / 0.02) ** 2
+    share = (1.0 + growth) / 2.0 / growth
+    assert account.created == pytest.approx(share * (gained - gained_soundly), rel=0.03)
+    # Under Gauss-Seidel's order the early hold of the motion cancels the late one of the force.
+    assert abs(sound.created) < 1e-4 * sound.exchanged
+    assert sound.parts["contact.force -> satellite.force"] > 100 * abs(sound.created)
+
+
+@pytest.mark.skipif(find_spec("numba") is None, reason="the native loop needs numba")
+@pytest.mark.parametrize("master", ["jacobi", "gauss-seidel"])
+@pytest.mark.parametrize("every", [1, 7])
+def test_both_loops_keep_the_same_books(master, every):
+    overrides = [f"run.master={master}", "run.step_size=0.1 ms", "run.stop_time=0.6 s"]
+    prepared = prepare("docking-1d-uncompensated", ["satellite.form=native", *overrides])
+    courses = []
+    for loop in ("python", "native"):
+        ledger = Ledger(prepared.system, every=every)
+        simulate(prepared.system, prepared.master, prepared.grid, loop=loop, ledger=ledger)
+        courses.append((*ledger.course(), ledger.accounts()["contact-satellite"]))
+    (times, one, account), (other_times, other, other_account) = courses
+    assert times.tolist() == other_times.tolist()
+    assert one["contact-satellite"] == pytest.approx(other["contact-satellite"], abs=1e-14)
+    assert account.created == pytest.approx(other_account.created, abs=1e-14)
+    assert len(times) == 6000 // every + 1
+
+
+def test_summary_file_and_terminal_tell(tmp_path, capsys):
+    arguments = ["docking-1d-uncompensated", "--out", str(tmp_path), "--set", "run.master=jacobi"]
+    arguments += ["--set", "run.step_size=1 ms", "--set", "run.stop_time=0.5 s"]
+    assert main(["run", *arguments]) == 0
+    printed = capsys.readouterr().out
+    assert (
+        "The coupling created 0.0118 J at contact-satellite, 7.61% of what it exchanged, 3.84% at half"
+        in printed
+    )
+    summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
+    told = summary["coupling"]["contact-satellite"]
+    assert told["relative"] == told["created"] / told["exchanged"]
+    assert told["between"] == pytest.approx(told["taken"] - told["given"] - told["created"])
+    change = summary["numerics"]["coupling"]["contact-satellite"]["created"]
+    assert (told["created"] + change) / told["created"] == pytest.approx(0.5, abs=0.03)
+    with (tmp_path / "coupling.csv").open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["time [s]", *(f"contact-satellite.{one} [J]" for one in ("taken", "given", "created"))]
+    assert float(rows[-1][3]) == told["created"] and len(rows) == 502
+    assert (tmp_path / "coupling.png").stat().st_size > 10_000
+
+
+def test_a_sound_coupling_is_not_spoken_of():
+    from orchestrator.table import summary_text
+
+    overrides = ["run.stop_time=0.5 s", "run.step_size=1 ms"]
+    result = run("docking-1d-uncompensated", overrides=overrides, halving=False)
+    assert abs(result.summary["coupling"]["contact-satellite"]["relative"]) < 1e-3
+    assert "The coupling" not in summary_text(result.summary)
+
+
+def test_a_system_without_bonds_has_no_ledger():
+    system = assemble([Part("one", gain(), {"u": 1})])
+    assert not Ledger(system)
+    results, ledger = simulated(system, "jacobi", 4)
+    assert len(results) == 5 and ledger.accounts() == {}
