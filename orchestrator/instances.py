@@ -51,6 +51,8 @@ class Instances:
         started: how many of them have left initialisation mode.
         terminated: whether all were told that the run went well.
         texts: String outputs as they stand.
+        noted_inputs: places of the inputs, see `given`, that masters note of every step that they divide a
+            communication step in; None: nobody asks.
         memory: what a master keeps from one step to the next, so that one master serves several runs.
         wires: evaluates connections with effects; None if there are none.
     """
@@ -61,6 +63,7 @@ class Instances:
         self.running: list[FmuInstance] = []
         self.started = 0
         self.memory: dict[Any, Any] = {}
+        self.noted_inputs: NDArray[np.intp] | None = None
         self._values = np.zeros(layout.size)
         self._finite = np.empty(layout.size, np.bool_)
         self.texts: dict[Port, str] = {}

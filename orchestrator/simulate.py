@@ -239,6 +239,8 @@ def _loop(
     ledger: Ledger | None,
 ) -> None:
     parts: tuple[Step, ...] = ()
+    if ledger is not None:
+        instances.noted_inputs = ledger.books.inputs
     for point in grid:
         if ledger is not None:
             if parts:

@@ -247,7 +247,8 @@ def test_extends_in_a_circle_or_nothing(tmp_path):
 
 def test_the_schema_is_json_and_describes_every_key():
     schema = json.loads(json.dumps(json_schema()))
-    assert set(schema["properties"]) == {"title", "run", "instances", "connections", "measures", "extends"}
+    sections = {"title", "run", "instances", "connections", "bonds", "measures"}
+    assert set(schema["properties"]) == sections | {"extends"}
     assert schema["additionalProperties"] is False
     assert set(schema["$defs"]["RunModel"]["required"]) == {"master", "step_size", "stop_time"}
 

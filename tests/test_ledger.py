@@ -179,16 +179,17 @@ def test_jacobi_adds_energy_at_every_instant_and_iterative_takes_it():
     _, whole = simulated(oscillator(), "jacobi", 880, PERIOD)
     force, position = whole.accounts()["spring-mass"].parts.values()
     assert force == pytest.approx(2.0 * position, rel=0.01)
-    assert position == pytest.approx(float(PERIOD) / 880 / 2.0 * np.pi, rel=0.03)
+    assert position == pytest.approx(float(PERIOD) / 880 / 2.0 * np.pi, rel=0.05)
 
 
-def test_gauss_seidel_takes_back_what_it_gave():
-    """Symplectic Euler: what is created swings and does not grow."""
-    _, ledger = simulated(oscillator(), "gauss-seidel", 5 * 880, 5 * PERIOD)
-    _, course = ledger.course()
-    swing = course["spring-mass"][:, 2]
-    assert np.ptp(swing[:880]) > 1e-3
-    assert np.ptp(swing[-880:]) == pytest.approx(np.ptp(swing[:880]), rel=1e-3)
+def test_gauss_seidel_takes_back_part_of_what_it_gives():
+    """The position of the step's end comes half a step early: of Jacobi's 3/2 steps of delay 1/2 is left."""
+    _, early = simulated(oscillator(), "gauss-seidel", 880, PERIOD)
+    _, late = simulated(oscillator(), "jacobi", 880, PERIOD)
+    account = early.accounts()["spring-mass"]
+    force, position = account.parts.values()
+    assert position == pytest.approx(-0.5 * force, rel=0.02)
+    assert account.created == pytest.approx(late.accounts()["spring-mass"].created / 3.0, rel=0.05)
 
 
 # Which bonds are found.
@@ -329,7 +330,8 @@ def test_wrong_bonds_are_told_all_at_once():
         "system: bonds[0]: no connection 'damped.forc -> mass.force'",
         "  Did you mean damped.force -> mass.force?",
         "system: bonds[1]: no output 'mass.speed'",
-        "system: bonds[3]: mass.position is no motion of damped, which mass.velocity -> damped.velocity acts on",
+        "system: bonds[3]: mass.position is no motion of damped, "
+        "which mass.velocity -> damped.velocity acts on",
         "  a bond leads from one instance to another and back",
     ]
 

@@ -104,7 +104,7 @@ class Fmi2Instance(CompiledInstance):
             if block.real:
                 count = len(block.references)
                 orders = (c_int * count)(*[order] * count)
-                numbers = (c_double * count)(*values[block.positions].tolist())
+                numbers = (c_double * count).from_buffer(values[block.positions])
                 self._call("fmi2SetRealInputDerivatives", block.references, count, orders, numbers)
 
     def _derivative(

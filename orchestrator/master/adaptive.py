@@ -2,69 +2,134 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import math
+from contextlib import AbstractContextManager, nullcontext
+from functools import cached_property
+from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
 from ..config import Places
-from ..errors import Problem, StepError
-from ..fmi import Array, Point, StepStatus
+from ..errors import ConfigError, Problem, StepError
+from ..fmi import Point, StepStatus
 from ..instances import Instances
+from ..ledger import Step
 from ..signals import Signals
 from ..system import System
-from .base import Master, MasterAlgorithm, StepInfo, need_rollback
-from .gauss_seidel import GaussSeidel
-from .jacobi import Jacobi
+from .base import Master, MasterAlgorithm, StepInfo, create_master, need_rollback
+from .estimates import Attempt, Estimate, create_estimate, tolerance_problems
 from .rates import slow
 
 __all__ = ["Adaptive"]
 
-# A division is undone where the error of the doubled part, four times as large for a method of first order,
-# is still expected to keep clear of the tolerance.
-_CLEAR = 0.2
+_BASES = ("gauss-seidel", "jacobi", "iterative")
+# Of the proportional-integral controller (Gustafsson), each over the order of the error; how close to the
+# tolerance it aims; how much a step may shrink or grow at once.
+_INTEGRAL, _PROPORTIONAL = 0.3, 0.4
+_AIM, _SHRINK, _GROW = 0.8, 0.1, 4.0
 
 
 class Adaptive(Master):
-    """Communication steps are halved until the estimated error is within the tolerance, and doubled again.
+    """Communication steps are divided into parts whose estimated error is within the tolerance.
 
-    The step size of the config is the largest step, and the distance of what is recorded: every part is it
-    over a power of two, so that all its points are met exactly. A part whose error is too large is stepped
-    back. The finest division carries over to the next step.
+    The step size of the config is the largest step, and the distance of what is recorded: every communication
+    point is met, the parts before it being of equal size. A proportional-integral controller chooses the size
+    of the next part by the errors of the latest two; a part whose error is too large is stepped back and
+    taken again, smaller. The size carries over to the next communication step.
 
-    Estimates, both per part and per signal, relative to max(|value|, nominal), the largest counts:
+    Estimates, per part; the largest counts:
         doubling: the part as one step against the same part as two, of which the two are kept. It tells the
             error of the base to leading order, at half as many steps again.
-        inputs: what the inputs were supposed to be, held from the beginning, against what their sources are
-            at the end. It costs no step, and is larger than the error that it stands for.
+        inputs: what the inputs were supposed to be against what their sources are at the end. It costs no
+            step; for inputs that are held it is larger than the error that it stands for.
+        power: the energy that the coupling creates at each power bond (see `orchestrator.ledger`), as in
+            Sadjina, Kyllingstad, Skjong and Pedersen's ECCO. It costs no step and by default never goes
+            back, so that FMUs need not save their state: what an unforeseen event costs is seen by the next
+            part only.
 
     With jacobi as the base, what passes through an instance at once is a part late, which counts as an error
     of first order and makes for small steps.
     """
 
-    solves_loops: ClassVar[bool] = False
-
-    tolerance: float = Field(gt=0, description="Of the estimate, relative to max(|value|, nominal).")
-    estimate: Literal["doubling", "inputs"] = Field("doubling", description="How errors are estimated.")
-    base: Literal["gauss-seidel", "jacobi"] = Field(
-        "gauss-seidel", description="The master that takes the single steps."
+    tolerance: float | str | dict[str, str] = Field(
+        description="Of doubling and inputs: a number, relative to max(|value|, nominal) of every signal, or "
+        "signals and how far each may be off, {contact.force: 0.1 N}; of power: the energy that a bond may "
+        "create over a part, 1 uJ.",
+    )
+    estimate: Literal["doubling", "inputs", "power"] = Field(
+        "doubling", description="How errors are estimated."
+    )
+    base: str | dict[str, Any] = Field(
+        "gauss-seidel",
+        description="The master that takes the single steps, gauss-seidel, jacobi or iterative: its name, or "
+        "its name and options.",
+    )
+    rollback: bool | None = Field(
+        None,
+        description="Whether a part whose error is too large is stepped back; by default it is, except for "
+        "power.",
     )
     max_halvings: int = Field(
-        20, ge=0, le=40, strict=True, description="How often the step may be halved before the run fails."
+        20,
+        ge=0,
+        le=40,
+        strict=True,
+        description="The smallest part is the step size, halved so often; if it does not do the run fails.",
     )
+
+    @field_validator("tolerance", mode="before")
+    @classmethod
+    def _is_positive(cls, value: Any) -> Any:
+        if isinstance(value, bool):
+            raise ValueError("a number, an energy or signals with quantities are needed")
+        if isinstance(value, int | float) and not value > 0:
+            raise ValueError("input should be greater than 0")
+        return float(value) if isinstance(value, int) else value
+
+    @field_validator("base")
+    @classmethod
+    def _is_base(cls, value: Any) -> Any:
+        name = value if isinstance(value, str) else value.get("name")
+        if name not in _BASES:
+            raise ValueError(f"{name!r} takes no single steps; bases: {', '.join(_BASES)}")
+        try:
+            create_master(value)
+        except ConfigError as error:
+            raise ValueError("; ".join(problem.what for problem in error.problems)) from None
+        return value
+
+    @model_validator(mode="after")
+    def _can_go_on(self) -> Adaptive:
+        if self.estimate == "doubling" and self.rollback is False:
+            raise ValueError("estimate doubling takes every part twice, which needs rollback")
+        return self
+
+    @cached_property
+    def _steps(self) -> MasterAlgorithm:
+        return create_master(self.base)
+
+    @property
+    def solves_loops(self) -> bool:  # type: ignore[override]
+        """See MasterAlgorithm.solves_loops."""
+        return self._steps.solves_loops
 
     @property
     def order(self) -> int:
         """See MasterAlgorithm.order."""
-        return 1
+        return self._steps.order
+
+    @property
+    def goes_back(self) -> bool:
+        """Whether parts may be stepped back."""
+        return self.estimate != "power" if self.rollback is None else self.rollback
 
     def check(self, system: System, places: Places | None = None) -> list[Problem]:
         """See MasterAlgorithm.check."""
-        problems = super().check(system, places)
-        everyone = range(len(system.instances))
-        why = "which it does where the error of a step is too large"
-        problems += need_rollback(system, everyone, "adaptive", why, places)
+        problems = self._steps.check(system, places)
+        if self.goes_back:
+            everyone = range(len(system.instances))
+            why = "which it does where the error of a step is too large"
+            problems += need_rollback(system, everyone, "adaptive", why, places)
         for one in system.instances:
             if not one.fmu.description.capabilities.variable_step_size:
                 problems.append(
@@ -76,101 +141,81 @@ class Adaptive(Master):
                         "Take an FMU that does, or the master gauss-seidel.",
                     )
                 )
-        return problems + slow(system, "varies the communication step", places)
+        known = {str(one) for one in problems}
+        problems += [
+            one for one in slow(system, "varies the communication step", places) if str(one) not in known
+        ]
+        return problems + tolerance_problems(self.estimate, self.tolerance, system, places)
 
     def step(
         self, system: System, instances: Instances, point: Point, signals: Signals
     ) -> tuple[Signals, StepInfo]:
         """See MasterAlgorithm.step."""
-        if "halvings" not in instances.memory:
-            instances.memory["halvings"] = 0
-        base: MasterAlgorithm = Jacobi() if self.base == "jacobi" else GaussSeidel()
-        taking = _Part(self, base, system, instances, point)
-        halvings, done, parts, worst = instances.memory["halvings"], 0, 0, 0.0
-        whole: Signals | None = None
-        while done < 2**halvings:
-            with instances.checkpoint(range(len(instances))) as back:
-                attempt = taking.attempt(signals, done, halvings, back, whole)
+        memory, base = instances.memory, self._steps
+        if "estimate" not in memory:
+            extrapolation = getattr(base, "extrapolation", 0)
+            memory["estimate"] = create_estimate(
+                self.estimate, instances, self.tolerance, base.order, extrapolation
+            )
+            # Who cannot go back begins carefully.
+            memory["size"] = point.step_size * (1.0 if self.goes_back else 2.0 ** -min(10, self.max_halvings))
+            memory["error"] = None
+        estimate: Estimate = memory["estimate"]
+        smallest = point.step_size / 2**self.max_halvings
+        everyone = range(len(instances))
+
+        def take(begin: Signals, time: float, size: float) -> tuple[Signals, StepInfo]:
+            return base.step(system, instances, Point(point.index, time, size), begin)
+
+        done, count, worst, rejected = 0.0, 0, 0.0, False
+        parts: list[Step] = []
+        while True:
+            left = point.step_size - done
+            number = max(1, math.ceil(left / memory["size"] * (1.0 - 1e-9)))
+            size = left / number
+            saving: AbstractContextManager[Any] = (
+                instances.checkpoint(everyone) if self.goes_back else nullcontext()
+            )
+            with saving as back:
+                attempt = estimate.attempt(take, signals, point.time + done, size, back)
                 if attempt.info.status > StepStatus.WARNING:
                     return signals, attempt.info
-                if attempt.error > self.tolerance:
-                    if halvings == self.max_halvings:
-                        raise taking.failed(attempt, halvings, done)
+                if self.goes_back and attempt.error > 1.0:
+                    estimate.rejected()
+                    if size <= smallest * (1.0 + 1e-9):
+                        raise self._failed(attempt, point.time + done, size)
                     back()
-            if attempt.error > self.tolerance:
-                halvings, done, whole = halvings + 1, 2 * done, attempt.half
-                continue
-            signals, whole = attempt.signals, None
-            done, parts, worst = done + 1, parts + 1, max(worst, attempt.error)
-            if halvings and done % 2 == 0 and 4.0 * attempt.error < _CLEAR * self.tolerance:
-                halvings, done = halvings - 1, done // 2
-        instances.memory["halvings"] = halvings
-        return signals, StepInfo(iterations=parts, residual=worst)
+                    factor = _AIM * attempt.error ** (-1.0 / estimate.order)
+                    memory["size"] = max(size * min(max(factor, _SHRINK), 0.5), smallest)
+                    rejected = True
+                    continue
+            signals, count, worst = attempt.signals, count + 1, max(worst, attempt.error)
+            parts += attempt.steps
+            wanted = self._next(size, attempt.error, memory, estimate.order, rejected)
+            # A part that was cut short to meet a communication point says nothing against the size before.
+            memory["size"] = min(max(wanted, memory["size"] if wanted >= size else smallest), point.step_size)
+            rejected = False
+            if number == 1:
+                break
+            done += size
+        return signals, StepInfo(iterations=count, residual=worst, parts=tuple(parts))
 
+    @staticmethod
+    def _next(size: float, error: float, memory: dict[Any, Any], order: int, rejected: bool) -> float:
+        """The size of the part after one that was accepted."""
+        before, memory["error"] = memory["error"], max(error, 1e-10)
+        factor = _AIM * memory["error"] ** (-_INTEGRAL / order)
+        if before is not None:
+            factor *= (before / memory["error"]) ** (_PROPORTIONAL / order)
+        return size * min(max(factor, _SHRINK), 1.0 if rejected else _GROW)
 
-class _Attempt:
-    """A part that was stepped, and what it would have to keep to."""
-
-    def __init__(self, signals: Signals, info: StepInfo, half: Signals | None, errors: Array) -> None:
-        self.signals, self.info, self.half, self.errors = signals, info, half, errors
-        self.error = float(errors.max(initial=0.0))
-
-
-class _Part:
-    """Takes parts of one communication step and estimates their errors."""
-
-    def __init__(
-        self, master: Adaptive, base: MasterAlgorithm, system: System, instances: Instances, point: Point
-    ) -> None:
-        self._master, self._base, self._system, self._instances = master, base, system, instances
-        self._point = point
-        self._smooth, self._nominal = instances.layout.smooth, instances.layout.nominal
-        fed = np.zeros(instances.layout.size, np.bool_)
-        for inputs in instances.layout.inputs:
-            fed[inputs.source] = True
-        self._fed = fed & self._smooth
-
-    def _stepped(self, signals: Signals, number: int, halvings: int) -> tuple[Signals, StepInfo]:
-        """Step the `number`-th of 2**halvings parts."""
-        begin, size = self._point.time, self._point.step_size
-        # Exact but for one product and one sum: powers of two divide without rounding.
-        part = Point(number, begin + size * (number / 2**halvings), size / 2**halvings)
-        return self._base.step(self._system, self._instances, part, signals)
-
-    def attempt(
-        self, signals: Signals, number: int, halvings: int, back: object, whole: Signals | None
-    ) -> _Attempt:
-        """Step a part. `whole`: what one step gives, where it is known from the attempt at a larger part."""
-        assert callable(back)
-        none = np.zeros(0)
-        if self._master.estimate == "inputs":
-            after, info = self._stepped(signals, number, halvings)
-            return _Attempt(after, info, None, self._errors(after, signals, self._fed))
-        if whole is None:
-            whole, info = self._stepped(signals, number, halvings)
-            if info.status > StepStatus.WARNING:
-                return _Attempt(signals, info, None, none)
-            back()
-        half, info = self._stepped(signals, 2 * number, halvings + 1)
-        if info.status > StepStatus.WARNING:
-            return _Attempt(signals, info, None, none)
-        after, info = self._stepped(half, 2 * number + 1, halvings + 1)
-        return _Attempt(after, info, half, self._errors(after, whole, self._smooth))
-
-    def _errors(self, after: Signals, other: Signals, counted: NDArray[np.bool_]) -> Array:
-        apart = np.abs(after.values - other.values)
-        return np.where(counted, apart / np.maximum(np.abs(after.values), self._nominal), 0.0)
-
-    def failed(self, attempt: _Attempt, halvings: int, number: int) -> StepError:
+    def _failed(self, attempt: Attempt, time: float, size: float) -> StepError:
         """The error for a part that is as small as it may be."""
-        worst = int(np.argmax(attempt.errors))
-        layout = self._instances.layout
-        size = self._point.step_size / 2**halvings
         return StepError(
-            f"master adaptive: a step of {size:g} s, halved {halvings} times, still has an estimated error "
-            f"of {attempt.error:.3g} in {layout.told(worst)}; tolerance {self._master.tolerance:g}",
-            instance=layout.owners[worst].instance,
-            time=self._point.time + self._point.step_size * (number / 2**halvings),
+            f"master adaptive: a step of {size:.3g} s, halved {self.max_halvings} times, still has an "
+            f"estimated error of {attempt.error:.3g} times the tolerance in {attempt.worst}",
+            instance=attempt.worst.partition(".")[0],
+            time=time,
             status="not converged",
             remedy="A jump cannot be resolved by small steps: take a larger tolerance, or a fixed step.",
         )

@@ -2,54 +2,77 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
+from math import prod
+
 import numpy as np
 
 from ..fmi import Array, Point
 from ..instances import Curve, Instances
 
-__all__ = ["Extrapolation"]
+__all__ = ["Extrapolation", "predicted"]
 
-# Weights of the latest points, newest first, of the polynomial through them at the middle and at the end of
-# the step that follows: Lagrange's for equidistant points.
-_AHEAD = {
-    1: ((1.5, -0.5), (2.0, -1.0)),
-    2: ((1.875, -1.25, 0.375), (3.0, -3.0, 1.0)),
-}
-# The same at the middle of a step whose end is known, newest (the end) first.
-_WITHIN = {1: (0.5, 0.5), 2: (0.375, 0.75, -0.125)}
+
+@lru_cache(maxsize=256)
+def _weights(at: float, nodes: tuple[float, ...]) -> tuple[float, ...]:
+    """Lagrange's weights of the values at `nodes` in the polynomial's value at `at`."""
+    return tuple(prod((at - other) / (one - other) for other in nodes if other != one) for one in nodes)
+
+
+def _mixed(weights: Sequence[float], points: Sequence[Array]) -> Array:
+    """A weighted sum; a product of matrices would take several times as long on few numbers."""
+    total = weights[0] * points[0]
+    for weight, one in zip(weights[1:], points[1:], strict=False):
+        total += weight * one
+    return total
+
+
+def predicted(instances: Instances) -> Array | None:
+    """What the latest step took the signals at its end for, shape (layout.size,); None: it held them."""
+    return instances.memory.get("predicted")
 
 
 class Extrapolation:
     """The curve of all signals over a step, from the points before and, as instances step, from the end.
 
-    The first step knows one point only, and holds it; the second is linear at most.
+    The first step knows one point only, and holds it; the second is linear at most. Steps may differ in size,
+    and be taken again from an earlier point.
     """
 
     def __init__(self, instances: Instances, point: Point, values: Array, order: int) -> None:
         self._instances = instances
-        kept = instances.memory.setdefault("points", [])
-        self._smooth = instances.layout.smooth
-        # A step that is not the successor of the one before it begins anew.
-        while kept and kept[-1][0] >= point.index:
+        memory = instances.memory
+        if "points" not in memory:
+            memory["points"] = []
+            memory["all smooth"] = bool(instances.layout.smooth.all())
+        kept = memory["points"]
+        self._smooth = None if memory["all smooth"] else instances.layout.smooth
+        while kept and kept[-1][0] >= point.time:
             kept.pop()
-        if kept and kept[-1][0] != point.index - 1:
+        # A step that does not begin where the one before it ended begins anew.
+        if kept and abs(kept[-1][0] + kept[-1][1] - point.time) > 1e-6 * kept[-1][1]:
             kept.clear()
-        kept.append((point.index, values))
+        kept.append((point.time, point.step_size, values))
         del kept[: -order - 1]
-        self._points = [one for _, one in reversed(kept)]
         self._order = min(order, len(kept) - 1)
         self._end = point.time + point.step_size
+        self._points = [one for _, _, one in reversed(kept)]
         self.curve: Curve | None = None
-        if self._order:
-            middle, end = (
-                np.where(self._smooth, self._mixed(weights, self._points), values)
-                for weights in _AHEAD[self._order]
-            )
-            self.curve = Curve(values, middle, end, self._order, point.step_size)
-
-    @staticmethod
-    def _mixed(weights: tuple[float, ...], points: list[Array]) -> Array:
-        return sum((weight * one for weight, one in zip(weights, points, strict=False)), 0.0)  # type: ignore[return-value]
+        memory["predicted"] = None
+        if not self._order:
+            return
+        # Where the points stand before the step, newest first, in units of its size: sums of steps, since
+        # differences of times would lose digits.
+        nodes = [0.0]
+        for _, size, _ in reversed(kept[:-1]):
+            nodes.append(nodes[-1] - size / point.step_size)
+        self._within = _weights(0.5, (1.0, *nodes[: self._order]))
+        middle, end = (_mixed(_weights(at, tuple(nodes)), self._points) for at in (0.5, 1.0))
+        if self._smooth is not None:
+            middle, end = (np.where(self._smooth, one, values) for one in (middle, end))
+        self.curve = Curve(values, middle, end, self._order, point.step_size)
+        memory["predicted"] = end.copy()
 
     def stepped(self, index: int) -> None:
         """An instance has stepped: its signals at the end are known.
@@ -70,7 +93,8 @@ class Extrapolation:
 
     def _settle(self, span: slice, known: Array) -> None:
         assert self.curve is not None
-        points = [known, *(one[span] for one in self._points)]
-        within = self._mixed(_WITHIN[self._order], points)
+        within = _mixed(self._within, [known, *(one[span] for one in self._points)])
         self.curve.end[span] = known
-        self.curve.middle[span] = np.where(self._smooth[span], within, known)
+        if self._smooth is not None:
+            within = np.where(self._smooth[span], within, known)
+        self.curve.middle[span] = within
