@@ -174,8 +174,7 @@ class _Power:
         points = books.outputs(np.stack([signals.values, after.values]))
         sizes = np.array([size])
         *_, created, self._before = books.energies(sizes, points, given[None], self._earlier)
-        # What connections of a bond create may cancel; that their errors do, too, would be luck.
-        error = books.per_bond(np.abs(created))[0] / self._allowed
+        error = np.abs(books.per_bond(created)[0]) / self._allowed
         worst = int(np.argmax(error))
         return Attempt(
             after, info, float(error[worst]), books.bonds[worst].name, _noted(self._instances, after, size)
