@@ -166,6 +166,8 @@ def _check(args: argparse.Namespace) -> int:
         print(f"  {instance.name}: {description.name}, FMI {description.fmi_version}")
     print(f"order of direct feedthrough: {', '.join(system.instances[index].name for index in system.order)}")
     print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master_name}")
+    for bond in system.bonds:
+        print(f"power bond {bond}")
     for note in system.notes:
         print(f"note: {note}")
     return 0

@@ -172,11 +172,11 @@ class Instances:
 
         Args:
             places: of the inputs among all instances' inputs, one instance's after the other's.
-        Returns: values at the beginning, in the middle and at the end, shape (3, len(places)).
+        Returns: values at the beginning, in the middle and at the end, shape (3, len(places)), or
+            (len(places),) where all were held.
         """
-        held = self._all_u[places]
         if not self._bent:
-            return np.broadcast_to(held, (3, len(places)))
+            return self._all_u[places]
         whole = np.tile(self._all_u, (3, 1))
         first = np.cumsum([0, *(u.size for u in self._u)])
         for index, samples in self._bent.items():

@@ -72,10 +72,12 @@ class Ledger:
         self._parts = np.zeros(sum(len(one) for one in self.books.names))
         self._times: list[Array] = []
         self._course: list[Array] = []
-        self._sizes: list[float] = []
-        self._outputs: list[Array] = []
-        self._inputs: list[Array] = []
-        self._ends: list[tuple[int, float, int]] = []  # rows, time and index of the points that were reached
+        # Rows of steps that are still to be entered; outputs have one row more, the first being the begin.
+        self._sizes = np.empty(_ROWS)
+        self._outputs = self.books.outputs(np.empty((_ROWS + 1, self.layout.size)))
+        self._inputs = np.empty((_ROWS, 3, len(self.books.inputs)))
+        self._used = 0
+        self._ends: list[tuple[int, float]] = []  # after which rows points are reached that are kept; times
         self._before: Before | None = None
         self._late: NDArray[np.bool_] | None = None
 
@@ -85,7 +87,7 @@ class Ledger:
     def begin(self, time: float, values: Array) -> None:
         """See the first point: signals, shape (layout.size,)."""
         self._before = self.books.start(values)
-        self._outputs = [self.books.outputs(values)]
+        self._outputs[0] = self.books.outputs(values)
         self._times.append(np.array([time]))
         self._course.append(np.zeros((1, 3, len(self.books.bonds))))
 
@@ -97,36 +99,43 @@ class Ledger:
             steps: one, or the parts that it was divided in.
         """
         for step in steps:
-            self._sizes.append(step.size)
-            self._outputs.append(self.books.outputs(step.after))
-            self._inputs.append(step.inputs)
-        self._ends.append((len(self._sizes), point.time, point.index))
-        if len(self._sizes) >= _ROWS and len(self._sizes) % self.books.stride == 0:
+            if self._used == len(self._sizes):
+                self._grow()
+            self._used = row = self._used + 1
+            self._sizes[row - 1] = step.size
+            self._outputs[row] = self.books.outputs(step.after)
+            self._inputs[row - 1] = step.inputs
+        if point.index % self._every == 0:
+            self._ends.append((self._used, point.time))
+        if self._used >= _ROWS and self._used % self.books.stride == 0:
             self.settle()
+
+    def _grow(self) -> None:
+        """Make room for twice as many steps."""
+        room = len(self._sizes)
+        self._sizes = np.concatenate([self._sizes, np.empty(room)])
+        self._outputs = np.concatenate([self._outputs, np.empty((room, self._outputs.shape[1]))])
+        self._inputs = np.concatenate([self._inputs, np.empty((room, *self._inputs.shape[1:]))])
 
     def settle(self) -> None:
         """Bring the books up to date."""
-        if self._before is None or not self._sizes:
+        whole = self._used // self.books.stride * self.books.stride
+        if self._before is None or not whole:
             return
-        whole = len(self._sizes) // self.books.stride * self.books.stride
-        if not whole:
-            return
-        rows, index = [], []
-        for row, time, place in self._ends:
-            if row <= whole and place % self._every == 0:
-                rows.append((row, time))
-                index.append(place)
-        sizes = np.array(self._sizes[:whole])
+        kept = [end for end in self._ends if end[0] <= whole]
         self._account(
-            sizes,
-            np.array(self._outputs[: whole + 1]),
-            np.array(self._inputs[:whole]),
-            np.array([row for row, _ in rows], np.intp),
-            np.array([time for _, time in rows]),
+            self._sizes[:whole],
+            self._outputs[: whole + 1],
+            self._inputs[:whole],
+            np.array([row for row, _ in kept], np.intp),
+            np.array([time for _, time in kept]),
         )
-        self._sizes, self._inputs = self._sizes[whole:], self._inputs[whole:]
-        self._outputs = self._outputs[whole:]
-        self._ends = [(row - whole, time, place) for row, time, place in self._ends if row > whole]
+        left = self._used - whole
+        self._sizes[:left] = self._sizes[whole : self._used].copy()
+        self._inputs[:left] = self._inputs[whole : self._used].copy()
+        self._outputs[: left + 1] = self._outputs[whole : self._used + 1].copy()
+        self._ends = [(row - whole, time) for row, time in self._ends if row > whole]
+        self._used = left
 
     def _account(
         self, sizes: Array, outputs: Array, inputs: Array, rows: NDArray[np.intp], times: Array

@@ -173,7 +173,8 @@ class _Power:
         given = self._instances.given(books.inputs)
         points = books.outputs(np.stack([signals.values, after.values]))
         sizes = np.array([size])
-        *_, created, self._before = books.energies(sizes, points, given[None], self._earlier)
+        inputs = np.broadcast_to(given, (1, 3, len(books.inputs)))
+        *_, created, self._before = books.energies(sizes, points, inputs, self._earlier)
         error = np.abs(books.per_bond(created)[0]) / self._allowed
         worst = int(np.argmax(error))
         return Attempt(
