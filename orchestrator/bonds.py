@@ -31,7 +31,7 @@ _DOMAINS = tuple(
 )
 _JOULE, _WATT = parse_unit("J").exponents, parse_unit("W").exponents
 _RAD = 7  # place of the radian among a unit's exponents: a torque times an angle is an energy
-_MOST_LEGS, _MOST_FOUND = 4, 10_000
+_MOST_LEGS, _MOST_TRIED = 4, 100_000
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,13 @@ def moves_by(effort: Unit, motion: Unit) -> bool | None:
     return {_JOULE[:_RAD]: True, _WATT[:_RAD]: False}.get(product[:_RAD])
 
 
+@dataclass
+class _Budget:
+    """How many more legs of ways are tried."""
+
+    left: int
+
+
 def find_bonds(
     connections: Sequence[Connection], variable: Callable[[Port], Variable]
 ) -> tuple[tuple[Bond, ...], tuple[str, ...]]:
@@ -93,21 +100,27 @@ def find_bonds(
     Returns: bonds in the order of the connections, and what was left out, as texts.
     """
     found: list[Bond] = []
+    budget = _Budget(_MOST_TRIED)
     for effort, flow, displacement in _DOMAINS:
         efforts = _leaving(connections, variable, (effort,))
         motions = _leaving(connections, variable, (displacement, flow))
+        told = {one.target.instance for leaving in motions.values() for one in leaving}
         for first in [one for leaving in efforts.values() for one in leaving]:
-            for way in _ways(efforts, first.source.instance, None, (first,)):
+            if first.source.instance not in told:
+                continue
+            for way in _ways(efforts, first.source.instance, None, budget, (first,)):
                 giver, taker = first.source.instance, way[-1].target.instance
                 passed = frozenset(one.source.instance for one in way[1:])
-                for back in _ways(motions, taker, giver, (), passed):
+                for back in _ways(motions, taker, giver, budget, (), passed):
                     if not _subscripts_differ(way, back):
                         displaced = tuple(
                             _has_unit(variable(one.source), displacement) for one in (back[0], *back)
                         )
                         found.append(Bond(f"{giver}-{taker}", way, back[0].source, back, displaced))
-                    if len(found) >= _MOST_FOUND:
-                        return (), (f"more than {_MOST_FOUND} power bonds are possible: none is followed",)
+        if budget.left <= 0:
+            return (), (
+                "no power bonds are looked for: too many ways between instances; say them under bonds",
+            )
     return _undoubted(found, connections)
 
 
@@ -167,11 +180,15 @@ def _ways(
     leaving: Mapping[str, Sequence[Connection]],
     begin: str,
     end: str | None,
+    budget: _Budget,
     taken: tuple[Connection, ...],
     barred: frozenset[str] = frozenset(),
 ) -> Iterator[tuple[Connection, ...]]:
     """Paths of connections that meet no instance twice: to `end`, or all that continue `taken`."""
     last = taken[-1].target.instance if taken else begin
+    budget.left -= 1
+    if budget.left <= 0:
+        return
     if taken and last in {begin, *(one.source.instance for one in taken)}:
         return
     if taken and (end is None or last == end):
@@ -180,7 +197,7 @@ def _ways(
         return
     for connection in leaving.get(last, ()):
         if connection.target.instance not in barred:
-            yield from _ways(leaving, begin, end, (*taken, connection), barred)
+            yield from _ways(leaving, begin, end, budget, (*taken, connection), barred)
 
 
 def _subscripts_differ(*ways: tuple[Connection, ...]) -> bool:

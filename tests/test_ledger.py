@@ -435,3 +435,22 @@ def test_a_system_without_bonds_has_no_ledger():
     assert not Ledger(system)
     results, ledger = simulated(system, "jacobi", 4)
     assert len(results) == 5 and ledger.accounts() == {}
+
+
+def test_where_ways_are_too_many_no_bond_is_sought():
+    names = [f"i{n}" for n in range(24)]
+    fmu = FakeFmu(
+        inputs={**{f"f{n}": "N" for n in range(24)}, **{f"x{n}": "m" for n in range(24)}},
+        outputs={"f": "N", "x": "m"},
+    )
+    pairs = [(one, other) for one in range(24) for other in range(24) if one != other]
+    connections = [f"{names[a]}.{kind} -> {names[b]}.{kind}{a}" for a, b in pairs for kind in "fx"]
+    parts = [
+        Part(name, fmu, {f"{kind}{n}": f"0 {unit}" for kind, unit in (("f", "N"), ("x", "m"))})
+        for n, name in enumerate(names)
+    ]
+    system = assemble(parts, connections)
+    assert system.bonds == ()
+    assert system.notes == (
+        "no power bonds are looked for: too many ways between instances; say them under bonds",
+    )
