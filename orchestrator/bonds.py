@@ -121,7 +121,25 @@ def find_bonds(
             return (), (
                 "no power bonds are looked for: too many ways between instances; say them under bonds",
             )
-    return _undoubted(found, connections)
+    whole = [bond for bond in found if not any(map(_mixed, (*bond.effort, *bond.flow)))]
+    mixed = dict.fromkeys(bond.name for bond in found if bond not in whole)
+    kept, notes = _undoubted(whole, connections)
+    if mixed:
+        notes += (f"no books are kept of power bonds {listed(mixed)}: {_MIXED}",)
+    return kept, notes
+
+
+_MIXED = "one of their connections is made of several signals"
+
+
+def _mixed(connection: Connection) -> bool:
+    """Whether a connection carries more than the energy of one bond: a sum, or what several instances give.
+
+    What the masters feed of such a signal over a step, with some of its sources at the step's end, stands in
+    no communication point, besides.
+    """
+    legs = 1 if connection.wire is None else len(connection.wire.legs)
+    return legs > 1 or len({port.instance for port in connection.sources}) > 1
 
 
 def _undoubted(
@@ -157,14 +175,14 @@ def _has_unit(variable: Variable, unit: Unit) -> bool:
 def _leaving(
     connections: Sequence[Connection], variable: Callable[[Port], Variable], units: tuple[Unit, ...]
 ) -> dict[str, list[Connection]]:
-    """Connections of these units by the instance that they leave.
+    """Connections of these units by the instance that they leave; effects may not change the dimension.
 
     Of two to the same instance that have not the same unit only that of the earlier unit is given.
     """
     leaving: dict[str, list[Connection]] = {}
     for connection in connections:
-        source = variable(connection.source)
-        if source.kind is Kind.REAL and any(_has_unit(source, unit) for unit in units):
+        source, target = variable(connection.source), variable(connection.target)
+        if source.kind is Kind.REAL and any(_has_unit(source, u) and _has_unit(target, u) for u in units):
             leaving.setdefault(connection.source.instance, []).append(connection)
     if len(units) == 1:
         return leaving
@@ -224,7 +242,7 @@ def declared_bonds(
         places: where the values were written.
         problems: what is wrong is added here.
     """
-    known = {str(one): one for one in connections}
+    known = {f"{one.source} -> {one.target}": one for one in connections}
     made = []
     for index, model in enumerate(models):
         place = places.text(("bonds", index))
@@ -264,6 +282,9 @@ def _leg(
 
 def _broken(bond: Bond) -> str:
     """What does not fit together; empty if all does."""
+    for one in (*bond.effort, *bond.flow):
+        if _mixed(one):
+            return f"{one} is made of several signals, whose energies cannot be told apart"
     for way in (bond.effort, bond.flow):
         for one, other in pairwise(way):
             if one.target.instance != other.source.instance:

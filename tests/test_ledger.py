@@ -350,6 +350,86 @@ def test_a_bond_whose_product_is_no_power_is_refused():
     )
 
 
+# Effects on the connections of a bond.
+
+
+def through(*effects, on="force"):
+    ends = {
+        "position": ["mass.position", "spring.position"],
+        "force": ["spring.force", "mass.force"],
+    }
+    return assemble(
+        [Part("mass", mass(), {"position": "1 m"}), Part("spring", spring())],
+        [
+            {"from": source, "to": target, "through": list(effects) if name == on else []}
+            for name, (source, target) in ends.items()
+        ],
+        step_size=0.01,
+    )
+
+
+@every_master
+def test_effects_of_zero_size_change_nothing_in_the_books(name):
+    _, plain = simulated(oscillator(), name, 60)
+    for on in ("position", "force"):
+        _, other = simulated(through({"delay": "0 s"}, {"gain": 1}, on=on), name, 60)
+        (one,), (two,) = plain.accounts().values(), other.accounts().values()
+        assert (two.taken, two.given, two.created) == (one.taken, one.given, one.created)
+
+
+@pytest.mark.parametrize("on", ["position", "force"])
+@pytest.mark.parametrize("effect", [{"gain": 1.1}, {"delay": "0.1 s"}, {"low-pass": "2 Hz"}], ids=str)
+@pytest.mark.parametrize("name", ["jacobi", {"name": "iterative", "tolerance": 1e-12}], ids=str)
+def test_what_effects_do_is_not_what_the_coupling_does(name, effect, on):
+    """The coupling's own share vanishes with the step size, that of the effect stays."""
+    found = []
+    for steps in (200, 400):
+        results, ledger = simulated(through(effect, on=on), name, steps)
+        (account,) = ledger.accounts().values()
+        velocity = results["mass.velocity"]
+        assert account.taken == pytest.approx(0.5 * velocity[-1] ** 2, rel=1e-9), (
+            "all energy comes by the bond"
+        )
+        found.append((account.created, account.taken - account.given - account.created))
+    (created, between), (halved, still) = found
+    assert abs(created) > 1e-4
+    assert halved == pytest.approx(created / 2.0, rel=0.1)
+    assert abs(still) > 0.02 and still == pytest.approx(between, rel=0.1)
+
+
+def test_a_sum_of_forces_is_no_bond():
+    def summed(bonds=None):
+        springs = [Part("spring", spring()), Part("other", spring())]
+        return assemble(
+            [Part("mass", mass(), {"position": "1 m"}), *springs],
+            [
+                "mass.position -> spring.position",
+                "mass.position -> other.position",
+                {"from": ["spring.force", "other.force"], "to": "mass.force"},
+            ],
+            bonds=bonds,
+        )
+
+    system = summed()
+    assert system.bonds == ()
+    assert system.notes[-1] == (
+        "no books are kept of power bonds spring-mass: one of their connections is made of several signals"
+    )
+    bond = BondModel(effort="spring.force -> mass.force", flow="mass.position -> spring.position")
+    with pytest.raises(ConfigError) as caught:
+        summed([bond])
+    assert str(caught.value).splitlines()[0] == (
+        "system: bonds[0]: spring.force + other.force -> mass.force is made of several signals, "
+        "whose energies cannot be told apart"
+    )
+
+
+def test_a_declared_bond_is_named_without_its_effects():
+    overrides = ["connections[sensor.force].through=[{delay: 1 ms}]", "run.stop_time=1 ms"]
+    (bond,) = prepare("docking-1d", overrides).system.bonds
+    assert str(bond.effort[0]) == "contact.force -> delay -> sensor.force"
+
+
 # The docking loop.
 
 
@@ -384,8 +464,10 @@ def test_around_the_docking_loop_jacobi_creates_what_its_two_steps_of_delay_say(
 @pytest.mark.skipif(find_spec("numba") is None, reason="the native loop needs numba")
 @pytest.mark.parametrize("master", ["jacobi", "gauss-seidel"])
 @pytest.mark.parametrize("every", [1, 7])
-def test_both_loops_keep_the_same_books(master, every):
-    overrides = [f"run.master={master}", "run.step_size=0.1 ms", "run.stop_time=0.6 s"]
+@pytest.mark.parametrize("effects", ["", "[{delay: 1 ms}, {gain: 0.99}]"], ids=["plain", "effects"])
+def test_both_loops_keep_the_same_books(master, every, effects):
+    overrides = [f"connections[satellite.force].through={effects}"] if effects else []
+    overrides += [f"run.master={master}", "run.step_size=0.1 ms", "run.stop_time=0.6 s"]
     prepared = prepare("docking-1d-uncompensated", ["satellite.form=native", *overrides])
     courses = []
     for loop in ("python", "native"):

@@ -20,17 +20,19 @@ force held on the way costs or gains (e~ - e) times the taker's flow, a motion h
 the instances on the way inject of themselves, `between`. With instances on the way the share of a connection
 that they filter is right to leading order only: as if they passed it on at once.
 
+Where effects stand on a connection, e and f of it are what comes out of them: they are part of the system,
+and what they take or give counts as `between`.
+
 Where A is told a displacement x, the work is the integral of e dx~: a held x~ jumps at the communication
 points, by what the source moved, against the mean of the effort before and after.
 
 Signals are known at communication points, inputs over the whole step; products are integrated by Simpson's
 rule. An output runs straight between two points while its instance holds its input, as that of a mass or
-a spring does, and on the parabola through the point before where the input runs, too; displacements always do
-the latter. The error of an energy is then of second order in the step at most, while what is measured is of
-first
-order for held inputs. An output that depends directly on a held input jumps with it; how far it jumps is
-taken from the change over the step as if it depended on that input alone, which is exact for components
-without states (contacts, springs, gears), and of first order where a state is added to the input.
+a spring does, and on the parabola through the point before where the input runs, too; displacements always
+do the latter. The error of an energy is then of second order in the step at most, while what is measured is
+of first order for held inputs. An output that depends directly on a held input jumps with it; how far it
+jumps is taken from the change over the step as if it depended on that input alone, which is exact for
+components without states (contacts, springs, gears), and of first order where a state is added to the input.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ from ..bonds import Bond
 from ..fmi import Array
 from ..instances import Instances
 from ..signals import Layout
-from ..system import Port, System
+from ..system import Connection, Port, System
 
 __all__ = ["Before", "Books", "Step"]
 
@@ -131,6 +133,18 @@ class Books:
                     curved.add(column)
                 return column
 
+            def carried(leg: Connection, plain: int, jumps: dict[Port, bool] = jumps) -> int:
+                """What the target was to be given: what comes out of the connection's effects, if any."""
+                if leg.wire is None:
+                    return plain
+                column = tables.column("carried", leg.target)
+                partners[column] = partners.get(plain, -1)
+                if jumps[leg.source] and leg.source in leg.passed_at_once:
+                    jumping.add(column)
+                if plain in curved:
+                    curved.add(column)
+                return column
+
             whole, *displaced = bond.displaced
             effort = output(bond.effort[0].source, bond.flow[-1].target if bond.flow else None)
             motion = output(bond.motion, bond.effort[-1].target, whole)
@@ -148,6 +162,7 @@ class Books:
             created = []
             for number, leg in enumerate(bond.effort):
                 source = output(leg.source, bond.effort[number - 1].target) if number else effort
+                source = carried(leg, source)
                 target = tables.column("input", leg.target)
                 terms.append((tables.product(target, motion, whole), told, bond.sign))
                 terms.append((tables.product(source, motion, whole), told, -bond.sign))
@@ -155,6 +170,7 @@ class Books:
                 told += 1
             for number, (leg, moved) in enumerate(zip(bond.flow, displaced, strict=True)):
                 source = output(leg.source, bond.flow[number - 1].target, moved) if number else motion
+                source = carried(leg, source)
                 target = tables.column("input", leg.target)
                 terms.append((tables.product(effort, target, moved), told, -bond.sign))
                 terms.append((tables.product(effort, source, moved), told, bond.sign))
@@ -177,13 +193,23 @@ class Books:
     def _bind(self, system: System, layout: Layout, tables: _Tables) -> None:
         """Find the columns in the vectors of signals and inputs, and bring them to SI units."""
         first = np.cumsum([0, *(len(one.names) for one in layout.inputs)])
-        kinds = [kind == "output" for kind, _ in tables.columns]
-        self._outputs = np.flatnonzero(kinds)
-        self._fed = np.flatnonzero(np.logical_not(kinds))
+        kinds = [kind == "input" for kind, _ in tables.columns]
+        self._outputs = np.flatnonzero(np.logical_not(kinds))
+        self._fed = np.flatnonzero(kinds)
         units = [system.variable(port).unit for _, port in tables.columns]
         self._factor = np.array([float(unit.factor) if unit else 1.0 for unit in units])
         self._offset = np.array([float(unit.offset) if unit else 0.0 for unit in units])
-        self._read = np.array([layout.index[tables.columns[n][1]] for n in self._outputs], np.intp)
+        wired = {one.connection.target: one for one in layout.wired}
+        self._read = np.zeros(len(self._outputs), np.intp)
+        for row, column in enumerate(self._outputs):
+            kind, port = tables.columns[column]
+            if kind == "output":
+                self._read[row] = layout.index[port]
+                continue
+            connection = wired[port].connection
+            self._read[row] = wired[port].place
+            self._offset[column] += self._factor[column] * connection.offset
+            self._factor[column] *= connection.gain
         self.inputs = np.zeros(len(self._fed), np.intp)
         self._sources = np.zeros(len(self._fed), np.intp)
         self._gain, self._shift = np.ones(len(self._fed)), np.zeros(len(self._fed))
@@ -200,9 +226,8 @@ class Books:
                 self._gain[row], self._shift[row] = inputs.gain[place], inputs.offset[place]
         self._owners = np.array(owners, np.intp)
         self._every = [one.ratio.numerator for one in system.instances]
-        self._read_owner = np.array(
-            [system.position[tables.columns[n][1].instance] for n in self._outputs], np.intp
-        )
+        owned = (layout.owners[place].instance for place in self._read.tolist())
+        self._read_owner = np.array([system.position[name] for name in owned], np.intp)
 
     # How often energies can be computed where instances are slow: after so many communication steps.
     @property
@@ -238,11 +263,8 @@ class Books:
             last: whether inputs are fed right before each instance's own step, not all at the beginning.
         """
         rank = {index: place for place, index in enumerate(order)}
-        spans = instances.layout.spans
-        gives = [
-            next(n for n, span in enumerate(spans) if span.start <= place < span.stop)
-            for place in self._sources
-        ]
+        owners, position = instances.layout.owners, instances.system.position
+        gives = [position[owners[place].instance] for place in self._sources.tolist()]
         return np.array(
             [last and rank[one] < rank[int(own)] for one, own in zip(gives, self._owners, strict=True)],
             np.bool_,
