@@ -68,3 +68,11 @@ class Finding:
     recalibrated: Augmented
     doubtful_tolerances: bool = False
     misfit: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def answer(self) -> Augmented:
+        """The model of the answer given; the recalibrated one where the answer names no effect to add."""
+        for one in self.candidates:
+            if set(one.effects) == set(self.effects) and one.model is not None:
+                return one.model
+        return self.recalibrated

@@ -10,7 +10,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from .effect import Effect, Site
-from .rig import CHANNELS, HISTORY, Calibrated, State, run_rig
+from .rig import CHANNELS, HISTORY, SUBSTEPS, Calibrated, State, run_rig
 from .study import Array, Run, Study
 
 __all__ = ["CALIBRATED", "Laws", "RigModel", "apply_changes", "begin_state", "nominal_parameters"]
@@ -130,13 +130,19 @@ class RigModel:
 
     Args:
         runs: those to replay.
+        substeps: of contact and robot per tick.
+
+    Attributes:
+        commands: sent, by tick, of each run; the first HISTORY before it, shape (HISTORY + n,) [m].
+        correction: added to the robot's position in replays, shape (n + 1,) of each run [m].
     """
 
-    def __init__(self, study: Study, runs: Sequence[Run]) -> None:
+    def __init__(self, study: Study, runs: Sequence[Run], substeps: int = SUBSTEPS) -> None:
         self.study = study
         self.runs = tuple(runs)
+        self.substeps = substeps
         self._nominal = [nominal_parameters(study, run) for run in runs]
-        self._commands = [self._sent(run) for run in runs]
+        self.commands = [self._sent(run) for run in runs]
         self.correction = [np.zeros(len(run) + 1) for run in runs]
         nominal = study.nominal
         self._noise = (
@@ -200,7 +206,7 @@ class RigModel:
         inject[0] = self.correction[index]
         p = self.parameters(index, calibrated, effects, theta)
         state = begin_state(self.study, self.runs[index])
-        run_rig(p, False, self._commands[index], state, laws.table, *laws.room(theta), inject, 0, out)
+        run_rig(p, False, self.commands[index], state, laws.table, *laws.room(theta), inject, 0, out, self.substeps)
         return out
 
     def closed_loop(
@@ -219,9 +225,9 @@ class RigModel:
         theta = np.zeros(laws.theta) if theta is None else theta
         n = ticks or len(self.runs[index])
         commands = np.zeros(HISTORY + n)
-        commands[:HISTORY] = self._commands[index][:HISTORY]
+        commands[:HISTORY] = self.commands[index][:HISTORY]
         inject, out = np.zeros((4, n + 1)), np.zeros((len(CHANNELS), n))
         p = self.parameters(index, calibrated, effects, theta)
         state = begin_state(self.study, self.runs[index])
-        run_rig(p, True, commands, state, laws.table, *laws.room(theta), inject, 0, out)
+        run_rig(p, True, commands, state, laws.table, *laws.room(theta), inject, 0, out, self.substeps)
         return out

@@ -167,7 +167,7 @@ def _transition(omega, xi, step):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out):
+def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out, substeps=_SUBSTEPS):
     """Run the rig over the ticks of `out`.
 
     Args:
@@ -182,9 +182,10 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out)
         inject: by `Inject`, shape (4, n + 1).
         begin: number of the first tick.
         out: by `CHANNELS`, shape (8, n); written.
+        substeps: per tick.
     """
     h = p[_TICK]
-    dt = h / _SUBSTEPS
+    dt = h / substeps
     transition = _transition(p[_OMEGA], p[_XI], dt)
     lag = math.exp(-dt * p[_CUTOFF]) if p[_CUTOFF] > 0.0 else 0.0
     back = p[_TAU_S] / dt
@@ -220,7 +221,7 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out)
             commands[_HISTORY + n] = state[_XD]
         sent = commands[_HISTORY + n]
         received[_HISTORY + n] = pass_site(_AT_COMMAND, laws, time, h, sent, known, memory, theta)
-        for sub in range(_SUBSTEPS):
+        for sub in range(substeps):
             now = time + (sub + 1) * dt
             tau = pass_site(_AT_DELAY, laws, now, dt, p[_TAU], known, memory, theta)
             known[_COMMAND] = _delayed(received, n, (sub + 1) * dt - tau, h, dt)
@@ -233,7 +234,7 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out)
             shift = contact - unshifted
             force = _push(p, contact, rate, laws, now, dt, known, memory, theta)
             known[_FORCE] = force
-            index = n * _SUBSTEPS + sub + 1
+            index = n * substeps + sub + 1
             ring[index % _RING] = force
             y = lag * y + (1.0 - lag) * 0.5 * (_behind(ring, index - 1, back) + _behind(ring, index, back))
     state[_X], state[_V], state[_Y] = servo[0], servo[1], y

@@ -35,12 +35,16 @@ def _bodies(force, position, velocity, mass, tick, laws, memory, theta, out):
 
 
 class DynamicsReplay:
-    """Satellite software: the change of the desired velocity over each tick, from the logged force."""
+    """Satellite software: the change of the desired velocity over each tick, from the logged force.
+
+    Attributes:
+        noise: standard deviation of that change by the log's digits alone, one per run [m/s].
+    """
 
     def __init__(self, study: Study, runs: Sequence[Run]) -> None:
         self.study = study
         self.runs = tuple(runs)
-        self._noise = [
+        self.noise = [
             np.hypot(
                 resolution(run["desired_velocity"]) / np.sqrt(6.0),
                 study.tick / run.mass * resolution(run["compensated_force"]) / np.sqrt(12.0),
@@ -53,25 +57,37 @@ class DynamicsReplay:
         """See `Replay`: software has no calibration."""
         return {}
 
+    def force(
+        self, index: int, effects: tuple[Effect, ...], memory: Array, theta: Array, ticks: int | None = None
+    ) -> Array:
+        """Mean force on the satellite over each of the first ticks of a run, laws included, shape (ticks,) [N].
+
+        Args:
+            memory, theta: of all laws, as `Laws.room` gives them; the memory is left as it is at the end.
+        """
+        run, laws = self.runs[index], Laws.of(effects)
+        body = run["compensated_force"][:ticks].copy()
+        if len(laws.addresses):
+            _bodies(
+                run["compensated_force"],
+                run["desired_position"],
+                run["desired_velocity"],
+                run.mass,
+                self.study.tick,
+                laws.table,
+                memory,
+                theta,
+                body,
+            )
+        return body
+
     def residuals(
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
     ) -> list[Array]:
         """See `Replay`."""
-        laws = Laws.of(effects)
         found = []
-        for run, noise in zip(self.runs, self._noise, strict=True):
-            body = run["compensated_force"].copy()
-            if len(laws.addresses):
-                _bodies(
-                    run["compensated_force"],
-                    run["desired_position"],
-                    run["desired_velocity"],
-                    run.mass,
-                    self.study.tick,
-                    laws.table,
-                    *laws.room(theta),
-                    body,
-                )
+        for index, (run, noise) in enumerate(zip(self.runs, self.noise, strict=True)):
+            body = self.force(index, effects, *Laws.of(effects).room(theta))
             change = np.diff(run["desired_velocity"])
             found.append((change - self.study.tick / run.mass * body[:-1]) / noise)
         return found
@@ -87,7 +103,11 @@ def _controls(p, state, force, position, desired, rate, out):
 
 
 class ControllerReplay:
-    """Compliance controller software: its output and stiffness estimate, from the logged inputs."""
+    """Compliance controller software: its output and stiffness estimate, from the logged inputs.
+
+    Attributes:
+        noise: standard deviations of both by the log's digits alone, one pair per run [N], [N/m].
+    """
 
     def __init__(self, study: Study, runs: Sequence[Run]) -> None:
         self.study = study
@@ -95,7 +115,7 @@ class ControllerReplay:
         # Rounded inputs pass through differences, the filter and thresholds: a part of the sensor's last
         # digit remains of them, and that much of the stiffness at half a millimetre.
         floor = 0.02 * study.nominal["force_resolution"].value
-        self._noise = [
+        self.noise = [
             (
                 float(np.hypot(3.0 * resolution(run["compensated_force"]), floor)),
                 float(np.hypot(3.0 * resolution(run["stiffness_estimate"]), floor / 5e-4)),
@@ -108,15 +128,21 @@ class ControllerReplay:
         """See `Replay`: software has no calibration."""
         return {}
 
-    def replay(self, index: int, effects: tuple[Effect, ...], theta: Array) -> tuple[Array, Array]:
-        """Compensated force [N] and stiffness estimate [N/m] at each tick; and the state at the end."""
+    def replay(
+        self, index: int, effects: tuple[Effect, ...], theta: Array, ticks: int | None = None
+    ) -> tuple[Array, Array]:
+        """Compensated force [N] and stiffness estimate [N/m] at each tick; and the state at the end.
+
+        Args:
+            ticks: how many of the run; all by default.
+        """
         run = self.runs[index]
         p = nominal_parameters(self.study, run)
         apply_changes(p, effects, theta)
         state = begin_state(self.study, run)
-        out = np.zeros((2, len(run)))
+        out = np.zeros((2, len(run) if ticks is None else ticks))
         _controls(
-            p, state, run["sensor_force"], run["encoder_position"], run["desired_position"],
+            p, state, run["sensor_force"][:ticks], run["encoder_position"], run["desired_position"],
             run["desired_velocity"], out,
         )  # fmt: skip
         return out, state
@@ -126,7 +152,7 @@ class ControllerReplay:
     ) -> list[Array]:
         """See `Replay`."""
         found = []
-        for index, (run, noise) in enumerate(zip(self.runs, self._noise, strict=True)):
+        for index, (run, noise) in enumerate(zip(self.runs, self.noise, strict=True)):
             out, _ = self.replay(index, effects, theta)
             found.append((run["compensated_force"] - out[0]) / noise[0])
             found.append((run["stiffness_estimate"] - out[1]) / noise[1])

@@ -1,0 +1,261 @@
+"""How far the gap shrinks once effects are added: on held-out runs, which no fit saw, against the noise floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .components import NOMINAL
+from .finding import Augmented, Finding
+from .model import RigModel
+from .motion import Contact, contacts
+from .restart import Restart
+from .rig import SUBSTEPS
+from .study import Array, Role, Run, Study
+
+__all__ = ["MEASURES", "Ahead", "how_far", "one_contact_ahead"]
+
+# Errors per contact, model minus log; the first is of signals, the others of what a contact does.
+MEASURES = ("nrmse", "cor", "peak_force", "energy")
+# A gap smaller than this many times the noise floor cannot be told to shrink.
+_WITHIN = 1.5
+_RESAMPLES, _BLOCK, _SEED = 1000, 2, 20190611
+# A whole run is resampled in blocks of this length [ticks].
+_RUN_BLOCK = 250
+# The rig's stop; a model that runs away is held there.
+_STOP = 0.08
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """A model's errors one contact ahead.
+
+    Attributes:
+        errors: by contact and `MEASURES`, shape (contacts, 4): root mean square of force over measured peak
+            and velocity over approach speed; coefficient of restitution; peak force over the measured one;
+            kinetic energy after over that before.
+        traces: force and velocity errors of each contact, normalised as above, shape (2, ticks), and the
+            tick of the contact's first push in it.
+    """
+
+    errors: Array
+    traces: tuple[tuple[Array, int], ...]
+
+
+def one_contact_ahead(
+    study: Study, run: Run, model: Augmented, among: Sequence[Contact], substeps: int = SUBSTEPS
+) -> Ahead:
+    """Run a model from the measured state before each contact until the flight after it."""
+    restart = Restart(study, run, model, substeps)
+    errors, traces = [], []
+    for one in among:
+        span = slice(one.begin, one.end)
+        out = restart.ahead(one.begin, one.end - one.begin)
+        force, velocity = run["sensor_force"][span], run["desired_velocity"][span]
+        peak, speed = np.abs(force).max(), velocity[0]
+        trace = np.stack([(out[3] - force) / peak, (out[1] - velocity) / abs(speed)])
+        after, measured = out[1, -1] / speed, velocity[-1] / speed
+        errors.append(
+            (
+                float(np.sqrt(np.mean(trace**2))),
+                float(measured - after),
+                float(np.abs(out[3]).max() / peak - 1.0),
+                float(after**2 - measured**2),
+            )
+        )
+        traces.append((trace, one.first - one.begin))
+    return Ahead(np.array(errors).reshape(-1, len(MEASURES)), tuple(traces))
+
+
+def how_far(study: Study, finding: Finding) -> dict[str, Any]:
+    """How far the gap shrinks, one contact ahead, and over whole runs under `full_run`.
+
+    Keys: before (the model as handed over), after (the answer), recalibrated, and noise_floor, as root mean
+    squares over contacts; closure = (before - after)/(before - noise_floor) with its 95 % interval;
+    recalibration_only, the closure by other calibrated numbers alone; within_floor. The main ones are of
+    the signals (NRMSE); `measures` holds the same for each of `MEASURES`. Numbers are None where the
+    held-out runs hold no contact.
+    """
+    models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}
+    heldout = study.of(Role.HELDOUT)
+    pairs = [(run, _repeat(study, run)) for run in heldout]
+    ahead = _ahead(study, pairs, models)
+    whole = _whole(study, pairs, models)
+    return {**ahead, "full_run": whole}
+
+
+def _repeat(study: Study, run: Run) -> Run | None:
+    """The repeat of a held-out run."""
+    for one in study.of(Role.REPEAT):
+        if one.mass == run.mass and one.approach_speed == run.approach_speed:
+            return one
+    return None
+
+
+def _ahead(
+    study: Study, pairs: Sequence[tuple[Run, Run | None]], models: dict[str, Augmented]
+) -> dict[str, Any]:
+    errors: dict[str, list[Array]] = {name: [] for name in models}
+    floors: dict[str, list[Array]] = {name: [] for name in models}
+    for run, repeat in pairs:
+        found = contacts(study, run)
+        again = [] if repeat is None else contacts(study, repeat)
+        for name, model in models.items():
+            one = one_contact_ahead(study, run, model, found)
+            errors[name].append(one.errors)
+            if repeat is not None:
+                other = one_contact_ahead(study, repeat, model, again)
+                floors[name].append(_differences(one, other))
+    gaps = {name: np.concatenate(parts) if parts else np.zeros((0, 4)) for name, parts in errors.items()}
+    if not len(gaps["before"]):
+        return {**_gap(None, None, None, None, None), "measures": {}}
+    noise = _noise_alone(study, [run for run, _ in pairs])
+    measures = {}
+    for place, name in enumerate(MEASURES):
+        # The errors of a model in a run and in its repeat differ by what does not repeat; the model's own
+        # error drops out as far as both begin alike, so the least difference is the floor.
+        options = [
+            float(np.sqrt(np.mean(np.concatenate(parts)[:, place] ** 2) / 2.0))
+            for parts in floors.values()
+            if parts and sum(len(part) for part in parts)
+        ]
+        floor = min(options) if options else (noise if name == "nrmse" else 0.0)
+        squares = {key: value[:, place] ** 2 for key, value in gaps.items()}
+        measures[name] = _closure(squares, floor, _BLOCK)
+    return {**measures["nrmse"], "contacts": len(gaps["before"]), "measures": measures}
+
+
+def _differences(one: Ahead, other: Ahead) -> Array:
+    """Differences of errors between contacts of the same number, shape (pairs, 4)."""
+    found = []
+    for number in range(min(len(one.traces), len(other.traces))):
+        (a, first_a), (b, first_b) = one.traces[number], other.traces[number]
+        lead = min(first_a, first_b)
+        length = min(a.shape[1] - first_a, b.shape[1] - first_b) + lead
+        a, b = a[:, first_a - lead :][:, :length], b[:, first_b - lead :][:, :length]
+        difference = one.errors[number] - other.errors[number]
+        difference[0] = np.sqrt(np.mean((a - b) ** 2))
+        found.append(difference)
+    return np.array(found).reshape(-1, len(MEASURES))
+
+
+def _noise_alone(study: Study, runs: Sequence[Run]) -> float:
+    """NRMSE by the sensor's noise, where nothing was repeated."""
+    peaks = [
+        np.abs(run["sensor_force"][one.begin : one.end]).max()
+        for run in runs
+        for one in contacts(study, run)
+    ]
+    return float(np.sqrt(np.mean((study.nominal["force_noise"].value / np.array(peaks)) ** 2) / 2.0))
+
+
+def _closure(squares: dict[str, Array], floor: float, block: int) -> dict[str, Any]:
+    """Gap before and after, and its closure with an interval by block bootstrap.
+
+    Args:
+        squares: squared errors of each model, each of shape (n,), in order of time.
+        block: how many neighbours are drawn together.
+    """
+    gaps = {name: float(np.sqrt(np.mean(one))) for name, one in squares.items()}
+    before, after, recalibrated = gaps["before"], gaps["after"], gaps["recalibrated"]
+    if before < _WITHIN * floor or before == 0.0:
+        return _gap(before, after, recalibrated, floor, None)
+    n = len(squares["before"])
+    block = min(block, n)
+    starts = np.random.default_rng(_SEED).integers(0, n, (_RESAMPLES, -(-n // block)))
+    drawn = ((starts[:, :, None] + np.arange(block)) % n).reshape(_RESAMPLES, -1)[:, :n]
+    some = {name: np.sqrt(np.mean(one[drawn], axis=1)) for name, one in squares.items()}
+    told = some["before"] > floor
+    closures = (some["before"] - some["after"])[told] / (some["before"] - floor)[told]
+    return _gap(before, after, recalibrated, floor, np.quantile(closures, [0.025, 0.975]).tolist())
+
+
+def _gap(
+    before: float | None,
+    after: float | None,
+    recalibrated: float | None,
+    floor: float | None,
+    interval: list[float] | None,
+) -> dict[str, Any]:
+    def closed(left: float | None) -> float | None:
+        if interval is None or before is None or left is None or floor is None:
+            return None
+        return (before - left) / (before - floor)
+
+    return {
+        "before": before,
+        "after": after,
+        "recalibrated": recalibrated,
+        "noise_floor": floor,
+        "closure": closed(after),
+        "interval": interval,
+        "recalibration_only": closed(recalibrated),
+        "within_floor": interval is None,
+    }
+
+
+def _whole(
+    study: Study, pairs: Sequence[tuple[Run, Run | None]], models: dict[str, Augmented]
+) -> dict[str, Any]:
+    """The same over whole runs from their starts, against the repeats.
+
+    The NRMSE is that of position and velocity over their root mean squares; the others are of a run: mean
+    restitution per contact, largest force, and kinetic energy at the end over that at the start.
+    """
+    squares: dict[str, list[Array]] = {name: [] for name in (*models, "repeat")}
+    ends: dict[str, list[Array]] = {name: [] for name in (*models, "repeat")}
+    for run, repeat in pairs:
+        scales = np.array([[np.sqrt(np.mean(run[name] ** 2))] for name in _MOVING])
+        signals = np.stack([run[name] for name in (*_MOVING, "sensor_force")])
+        count = max(len(contacts(study, run)), 1)
+        for name in squares:
+            if name != "repeat":
+                model = models[name]
+                out = RigModel(study, [run]).closed_loop(0, model.calibrated, model.effects, model.theta)
+                other = _stopped(out[[0, 1, 3]])
+            elif repeat is not None:
+                other = np.stack([repeat[key] for key in (*_MOVING, "sensor_force")])
+            else:
+                continue
+            n = min(other.shape[1], signals.shape[1])
+            errors = (other[:2, :n] - signals[:2, :n]) / scales
+            blocks = np.array_split(np.mean(errors**2, axis=0), max(n // _RUN_BLOCK, 1))
+            squares[name].append(np.array([part.mean() for part in blocks]))
+            ends[name].append(_outcome(other[:, :n], count) - _outcome(signals[:, :n], count))
+    if not pairs:
+        return {**_gap(None, None, None, None, None), "measures": {}}
+    measures = {}
+    for place, name in enumerate(MEASURES):
+        of = {
+            key: np.concatenate(squares[key]) if name == "nrmse" else np.array(ends[key])[:, place - 1] ** 2
+            for key in squares
+            if squares[key]
+        }
+        # Two runs of the rig differ by the root of two times as much as a model without noise from one.
+        again = of.pop("repeat", None)
+        floor = 0.0 if again is None else float(np.sqrt(np.mean(again) / 2.0))
+        measures[name] = _closure(of, floor, 1)
+    return {**measures["nrmse"], "measures": measures}
+
+
+_MOVING = ("desired_position", "desired_velocity")
+
+
+def _stopped(out: Array) -> Array:
+    """A run as far as the rig's stop, at rest from there on."""
+    beyond = np.flatnonzero(~(np.abs(out[0]) < _STOP))
+    if beyond.size:
+        held = out.copy()
+        held[:, beyond[0] :] = 0.0
+        held[0, beyond[0] :] = np.sign(out[0, max(beyond[0] - 1, 0)]) * _STOP
+        return held
+    return out
+
+
+def _outcome(signals: Array, count: int) -> Array:
+    """Restitution per contact, largest force [N], energy ratio of a run's position, velocity and force."""
+    ratio = abs(signals[1, -1] / signals[1, 0])
+    return np.array([ratio ** (1.0 / count), np.abs(signals[2]).max(), ratio**2])

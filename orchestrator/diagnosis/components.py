@@ -1,0 +1,114 @@
+"""Residuals of the rig's components, each driven by its measured inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+
+from .finding import Augmented, Finding
+from .model import RigModel
+from .rig import Inject
+from .software import ControllerReplay, DynamicsReplay
+from .study import Array, Run, Study
+
+__all__ = ["COMPONENTS", "NOMINAL", "Residuals", "component_of", "faultless", "residuals_of"]
+
+# What lies between two logged signals, and the places of the catalogue in it.
+COMPONENTS: Mapping[str, tuple[str, ...]] = {
+    "link+robot": ("link", "robot"),
+    "structure+contact+sensor": ("structure", "contact", "sensor"),
+    "controller": ("controller",),
+    "dynamics": ("dynamics",),
+}
+# The model as its lab believes it to be.
+NOMINAL = Augmented({}, (), np.zeros(0))
+# Power over that of the noise from which a residual counts as more than noise.
+_SIGNIFICANT = 1.5
+# Frequencies whose power is averaged.
+_AVERAGED = 9
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """What a model leaves of a run's signals, component by component.
+
+    Attributes:
+        values: measured minus replayed, by `Inject`: position [m], force [N], compensated force [N], change
+            of velocity over the tick [m/s]; shape (4, n + 1), the last column zero.
+        noise: standard deviation that each has by itself, shape (4,).
+        force: the same as `values`, as forces on the satellite [N]: a position counts by the contact's
+            stiffness, a change of velocity by mass over tick; shape (4, n).
+        force_noise: of `force`, shape (4,) [N].
+    """
+
+    values: Array
+    noise: Array
+    force: Array
+    force_noise: Array
+
+
+def component_of(place: str) -> str:
+    """The component that a place of the catalogue lies in.
+
+    Raises: ValueError for another place.
+    """
+    for name, places in COMPONENTS.items():
+        if place in places:
+            return name
+    raise ValueError(f"no component holds the place {place!r}; places: {sum(COMPONENTS.values(), ())}")
+
+
+def faultless(finding: Finding) -> Augmented:
+    """The answer's calibration without its effects: what remains of the gap is what the effects cause."""
+    return Augmented(finding.answer.calibrated, (), np.zeros(0))
+
+
+def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:
+    """Residuals of a run.
+
+    The force's replay is given the measured position: of the encoder's residual what is more than its noise,
+    which, multiplied by the contact's stiffness, would hide the sensor's.
+    """
+    n = len(run)
+    nominal = study.nominal
+    rig = RigModel(study, [run])
+    values = np.zeros((4, n + 1))
+    encoder = hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0))
+    sensor = hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0))
+    position = run["encoder_position"] - rig.replay(0, model.calibrated, model.effects, model.theta)[2]
+    values[Inject.POSITION, :n] = significant(position, encoder)
+    values[Inject.POSITION, n] = values[Inject.POSITION, n - 1]
+    rig.correction[0] = values[Inject.POSITION]
+    force = run["sensor_force"] - rig.replay(0, model.calibrated, model.effects, model.theta)[3]
+    values[Inject.FORCE, :n] = force
+    controller = ControllerReplay(study, [run])
+    out, _ = controller.replay(0, model.effects, model.theta)
+    values[Inject.COMPENSATED_FORCE, :n] = run["compensated_force"] - out[0]
+    dynamics = DynamicsReplay(study, [run])
+    values[Inject.VELOCITY, : n - 1] = (
+        dynamics.residuals({}, model.effects, model.theta)[0] * dynamics.noise[0]
+    )
+    values[Inject.POSITION, n] = values[Inject.POSITION, n - 1]
+    noise = np.array([encoder, sensor, controller.noise[0][0], dynamics.noise[0]])
+    # What the encoder's noise adds to the replayed force is none of the sensor's doing.
+    to_force = np.array([nominal["contact_stiffness"].value, 1.0, 1.0, run.mass / study.tick])
+    as_force = values[:, :n].copy()
+    as_force[Inject.POSITION] = position
+    values[Inject.FORCE, :n] = significant(force, sensor)
+    return Residuals(values, noise, as_force * to_force[:, None], noise * to_force)
+
+
+def significant(residual: Array, noise: float) -> Array:
+    """What of a residual is more than white noise: Wiener's filter with the power at hand, shape (n,).
+
+    Args:
+        noise: standard deviation.
+    """
+    spectrum = np.fft.rfft(residual)
+    power = np.abs(spectrum) ** 2 / len(residual)
+    mean = np.convolve(np.pad(power, _AVERAGED // 2, mode="edge"), np.ones(_AVERAGED) / _AVERAGED, "valid")
+    gain = np.clip(1.0 - _SIGNIFICANT * noise**2 / np.maximum(mean, 1e-300), 0.0, 1.0)
+    return np.fft.irfft(gain * spectrum, len(residual))

@@ -1,0 +1,87 @@
+"""Contacts and phases of motion in a run's log, as its measured force tells them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from .study import Run, Study
+
+__all__ = ["Contact", "Phase", "contacts", "phases"]
+
+# Force that counts as a push, in standard deviations of the sensor's noise, and where its flanks end.
+_PUSH, _FLANK = 10.0, 5.0
+# Flight that parts two contacts, and what a window holds of it before and after, where there is so much [ticks].
+_APART, _BEFORE, _AFTER = 20, 60, 40
+# The robot reaches the wall before the delayed sensor tells [ticks].
+_ONSET = 5
+
+
+class Phase(IntEnum):
+    """Phases of motion; onset is the first few milliseconds of a contact, compression ends at its peak."""
+
+    FLIGHT = 0
+    ONSET = 1
+    COMPRESSION = 2
+    RESTITUTION = 3
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A contact and the flight around it, in ticks.
+
+    Attributes:
+        begin, end: of the window with the flight before and after; `end` is excluded.
+        first, last: with a push; peak: of the force.
+    """
+
+    begin: int
+    first: int
+    peak: int
+    last: int
+    end: int
+
+
+def contacts(study: Study, run: Run) -> list[Contact]:
+    """Completed contacts of a run, in order of time; their windows do not overlap.
+
+    Pushes less than 20 ticks apart, as in a chattering release, count as one. (`docking.contacts` reads
+    signals without noise, where any force is a contact.)
+    """
+    noise = max(study.nominal["force_noise"].value, study.nominal["force_resolution"].value)
+    force = np.abs(run["sensor_force"] - np.median(run["sensor_force"]))
+    ticks = np.flatnonzero(force > max(_PUSH * noise, 4.0))
+    if not ticks.size:
+        return []
+    parts = np.split(ticks, np.flatnonzero(np.diff(ticks) > _APART) + 1)
+    flank = max(_FLANK * noise, 2.0)
+    spans = []
+    for part in parts:
+        first, last = int(part[0]), int(part[-1])
+        while first > 0 and force[first - 1] > flank:
+            first -= 1
+        while last + 1 < len(force) and force[last + 1] > flank:
+            last += 1
+        spans.append((first, int(part[np.argmax(force[part])]), last))
+    found = []
+    edge = 0
+    for number, (first, peak, last) in enumerate(spans):
+        after = spans[number + 1][0] if number + 1 < len(spans) else len(force)
+        end = min(last + 1 + _AFTER, (last + 1 + after) // 2 if number + 1 < len(spans) else after)
+        begin = max(first - _BEFORE, edge)
+        if first - begin >= _ONSET and end - last > _ONSET:
+            found.append(Contact(begin, first, peak, last, end))
+        edge = end
+    return found
+
+
+def phases(study: Study, run: Run) -> np.ndarray:
+    """Phase of each tick, by `Phase`, shape (n,)."""
+    found = np.full(len(run), int(Phase.FLIGHT))
+    for one in contacts(study, run):
+        found[one.first : one.peak + 1] = Phase.COMPRESSION
+        found[one.first - _ONSET : one.first + _ONSET] = Phase.ONSET
+        found[one.peak + 1 : one.last + 1] = Phase.RESTITUTION
+    return found

@@ -1,0 +1,68 @@
+"""The rig's model, closed loop, taken up from a run's measured state."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from .finding import Augmented
+from .model import Laws, RigModel, begin_state
+from .rig import CHANNELS, HISTORY, SUBSTEPS, State, run_rig
+from .software import ControllerReplay, DynamicsReplay
+from .study import Array, Run, Study
+
+__all__ = ["Restart"]
+
+_OF_ROBOT = [State.POSITION, State.VELOCITY, State.FILTERED_FORCE]
+
+
+class Restart:
+    """Closed-loop runs of a model, each from the state that a run's log tells at a tick out of contact.
+
+    The satellite's motion there is what was logged; servo, controller and the effects' memories are those
+    of their replays from the logged inputs until then.
+    """
+
+    def __init__(self, study: Study, run: Run, model: Augmented, substeps: int = SUBSTEPS) -> None:
+        self.study, self.run, self.model = study, run, model
+        self._rig = RigModel(study, [run], substeps)
+        self._controller, self._dynamics = ControllerReplay(study, [run]), DynamicsReplay(study, [run])
+        self._laws = Laws.of(model.effects)
+        self._p = self._rig.parameters(0, model.calibrated, model.effects, model.theta)
+        self._state = lru_cache(maxsize=None)(self._state_at)
+
+    def _state_at(self, begin: int) -> tuple[Array, Array]:
+        """State and memories at a tick."""
+        memory, theta = self._laws.room(self.model.theta)
+        state = begin_state(self.study, self.run)
+        run_rig(
+            self._p, False, self._rig.commands[0][: HISTORY + begin], state, self._laws.table, memory, theta,
+            np.zeros((4, begin + 1)), 0, np.zeros((len(CHANNELS), begin)), self._rig.substeps,
+        )  # fmt: skip
+        self._dynamics.force(0, self.model.effects, memory, theta, begin)
+        _, known = self._controller.replay(0, self.model.effects, self.model.theta, begin)
+        known[_OF_ROBOT] = state[_OF_ROBOT]
+        known[State.DESIRED_POSITION] = self.run["desired_position"][begin]
+        known[State.DESIRED_VELOCITY] = self.run["desired_velocity"][begin]
+        return known, memory
+
+    def ahead(self, begin: int, ticks: int, inject: Array | None = None) -> Array:
+        """Run from a tick on.
+
+        Args:
+            inject: residuals by `Inject` that are added to the components' outputs, shape (4, ticks + 1).
+        Returns: channels by `CHANNELS`, shape (8, ticks).
+        """
+        known, kept = self._state(begin)
+        state, memory = known.copy(), kept.copy()
+        commands = np.zeros(HISTORY + ticks)
+        commands[:HISTORY] = self._rig.commands[0][begin : begin + HISTORY]
+        out = np.zeros((len(CHANNELS), ticks))
+        _, theta = self._laws.room(self.model.theta)
+        run_rig(
+            self._p, True, commands, state, self._laws.table, memory, theta,
+            np.zeros((4, ticks + 1)) if inject is None else np.ascontiguousarray(inject), begin, out,
+            self._rig.substeps,
+        )  # fmt: skip
+        return out
