@@ -14,7 +14,7 @@ from .rig import Inject
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["COMPONENTS", "NOMINAL", "Residuals", "component_of", "faultless", "residuals_of"]
+__all__ = ["COMPONENTS", "NOMINAL", "Residuals", "component_of", "correct", "faultless", "residuals_of"]
 
 # What lies between two logged signals, and the places of the catalogue in it.
 COMPONENTS: Mapping[str, tuple[str, ...]] = {
@@ -27,6 +27,8 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
 NOMINAL = Augmented({}, (), np.zeros(0))
 # Power over that of the noise from which a residual counts as more than noise.
 _SIGNIFICANT = 1.5
+# Tolerances from which a calibration is no longer believed.
+_BENT = 5.0
 # Frequencies whose power is averaged.
 _AVERAGED = 9
 
@@ -61,9 +63,18 @@ def component_of(place: str) -> str:
     raise ValueError(f"no component holds the place {place!r}; places: {sum(COMPONENTS.values(), ())}")
 
 
-def faultless(finding: Finding) -> Augmented:
-    """The answer's calibration without its effects: what remains of the gap is what the effects cause."""
-    return Augmented(finding.answer.calibrated, (), np.zeros(0))
+def faultless(study: Study, finding: Finding) -> Augmented:
+    """The answer's calibration without its effects: what remains of the gap is what the effects cause.
+
+    The nominal one where the answer's lies far beyond its tolerances: it was bent to fit what it cannot
+    explain, and residuals of such a model tell little.
+    """
+    calibrated = finding.answer.calibrated
+    for name, value in calibrated.items():
+        nominal = study.nominal[name]
+        if abs(value - nominal.value) > _BENT * nominal.tolerance:
+            return NOMINAL
+    return Augmented(calibrated, (), np.zeros(0))
 
 
 def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:
@@ -78,10 +89,8 @@ def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:
     values = np.zeros((4, n + 1))
     encoder = hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0))
     sensor = hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0))
-    position = run["encoder_position"] - rig.replay(0, model.calibrated, model.effects, model.theta)[2]
-    values[Inject.POSITION, :n] = significant(position, encoder)
-    values[Inject.POSITION, n] = values[Inject.POSITION, n - 1]
-    rig.correction[0] = values[Inject.POSITION]
+    position = correct(rig, model)
+    values[Inject.POSITION] = rig.correction[0]
     force = run["sensor_force"] - rig.replay(0, model.calibrated, model.effects, model.theta)[3]
     values[Inject.FORCE, :n] = force
     controller = ControllerReplay(study, [run])
@@ -91,7 +100,6 @@ def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:
     values[Inject.VELOCITY, : n - 1] = (
         dynamics.residuals({}, model.effects, model.theta)[0] * dynamics.noise[0]
     )
-    values[Inject.POSITION, n] = values[Inject.POSITION, n - 1]
     noise = np.array([encoder, sensor, controller.noise[0][0], dynamics.noise[0]])
     # What the encoder's noise adds to the replayed force is none of the sensor's doing.
     to_force = np.array([nominal["contact_stiffness"].value, 1.0, 1.0, run.mass / study.tick])
@@ -99,6 +107,20 @@ def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:
     as_force[Inject.POSITION] = position
     values[Inject.FORCE, :n] = significant(force, sensor)
     return Residuals(values, noise, as_force * to_force[:, None], noise * to_force)
+
+
+def correct(rig: RigModel, model: Augmented) -> Array:
+    """Have replays of a rig's only run follow the measured position, but for its noise.
+
+    Returns: measured minus replayed position, shape (n,) [m].
+    """
+    (run,), nominal = rig.runs, rig.study.nominal
+    noise = hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0))
+    rig.correction[0] = np.zeros(len(run) + 1)
+    residual = run["encoder_position"] - rig.replay(0, model.calibrated, model.effects, model.theta)[2]
+    rig.correction[0][:-1] = significant(residual, noise)
+    rig.correction[0][-1] = rig.correction[0][-2]
+    return residual
 
 
 def significant(residual: Array, noise: float) -> Array:

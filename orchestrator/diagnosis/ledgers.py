@@ -52,7 +52,7 @@ def ledger(study: Study, finding: Finding) -> list[dict[str, Any]]:
 
     Returns: rows with component, phase, band, share. Empty if no energy is in excess.
     """
-    model = faultless(finding)
+    model = faultless(study, finding)
     total = np.zeros((len(COMPONENTS), len(Phase), len(BANDS) - 1))
     for run in (run for run in study.runs if run.role is not Role.REPEAT):
         found, noise = energies(study, run, model)

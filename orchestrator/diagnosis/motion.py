@@ -51,7 +51,10 @@ def contacts(study: Study, run: Run) -> list[Contact]:
     signals without noise, where any force is a contact.)
     """
     noise = max(study.nominal["force_noise"].value, study.nominal["force_resolution"].value)
-    force = np.abs(run["sensor_force"] - np.median(run["sensor_force"]))
+    # The reading at rest: contacts may take up most of a run, but not three quarters.
+    size = np.abs(run["sensor_force"])
+    rest = np.median(run["sensor_force"][size <= np.quantile(size, 0.25)])
+    force = np.abs(run["sensor_force"] - rest)
     ticks = np.flatnonzero(force > max(_PUSH * noise, 4.0))
     if not ticks.size:
         return []

@@ -6,9 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
+from .components import correct
 from .finding import Augmented
 from .model import Laws, RigModel, begin_state
-from .rig import CHANNELS, HISTORY, SUBSTEPS, State, run_rig
+from .rig import CHANNELS, HISTORY, SUBSTEPS, Inject, State, run_rig
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
@@ -27,6 +28,8 @@ class Restart:
     def __init__(self, study: Study, run: Run, model: Augmented, substeps: int = SUBSTEPS) -> None:
         self.study, self.run, self.model = study, run, model
         self._rig = RigModel(study, [run], substeps)
+        # Where the model's robot errs, its contact before the tick is none that the run had.
+        correct(self._rig, model)
         self._controller, self._dynamics = ControllerReplay(study, [run]), DynamicsReplay(study, [run])
         self._laws = Laws.of(model.effects)
         self._p = self._rig.parameters(0, model.calibrated, model.effects, model.theta)
@@ -36,9 +39,11 @@ class Restart:
         """State and memories at a tick."""
         memory, theta = self._laws.room(self.model.theta)
         state = begin_state(self.study, self.run)
+        inject = np.zeros((4, begin + 1))
+        inject[Inject.POSITION] = self._rig.correction[0][: begin + 1]
         run_rig(
             self._p, False, self._rig.commands[0][: HISTORY + begin], state, self._laws.table, memory, theta,
-            np.zeros((4, begin + 1)), 0, np.zeros((len(CHANNELS), begin)), self._rig.substeps,
+            inject, 0, np.zeros((len(CHANNELS), begin)), self._rig.substeps,
         )  # fmt: skip
         self._dynamics.force(0, self.model.effects, memory, theta, begin)
         _, known = self._controller.replay(0, self.model.effects, self.model.theta, begin)

@@ -91,7 +91,7 @@ def where(study: Study, finding: Finding) -> Mapping[str, float]:
 
     Returns: share by place; negative where a component hides another's part.
     """
-    shares = shapley_shares(study, study.of(Role.HELDOUT), faultless(finding)).shares
+    shares = shapley_shares(study, study.of(Role.HELDOUT), faultless(study, finding)).shares
     told = dict.fromkeys(sum(COMPONENTS.values(), ()), 0.0)
     for candidate in finding.candidates:
         places = [one.partition(".")[0] for one in candidate.effects if one != "outside"]
@@ -100,9 +100,9 @@ def where(study: Study, finding: Finding) -> Mapping[str, float]:
         for place in places:
             component_of(place)  # refuses places that the rig does not have
             told[place] += candidate.probability / len(places)
-    found = {}
+    shared = {}
     for share, places in zip(shares.tolist(), COMPONENTS.values(), strict=True):
         mass = sum(told[place] for place in places)
         for place in places:
-            found[place] = share * (told[place] / mass if mass > 0.0 else 1.0 / len(places))
-    return found
+            shared[place] = share * (told[place] / mass if mass > 0.0 else 1.0 / len(places))
+    return shared

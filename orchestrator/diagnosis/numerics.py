@@ -1,0 +1,62 @@
+"""The model's own numerical error, by halving its sub-steps, before anything is blamed on the rig."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .closure import one_contact_ahead
+from .components import NOMINAL
+from .finding import Finding
+from .model import RigModel
+from .motion import contacts
+from .rig import SUBSTEPS
+from .software import ControllerReplay, DynamicsReplay
+from .study import Role, Run, Study
+
+__all__ = ["numerics", "replay_error"]
+
+
+def numerics(study: Study, finding: Finding) -> dict[str, Any]:
+    """What halving the sub-steps changes, as a fraction of the gap.
+
+    Returns: `error`, the root mean square change of force over peak and velocity over approach speed, one
+        contact ahead over the held-out contacts; `gap`, that between the model as handed over and the log;
+        `fraction`, of the two; `substeps` per tick. Numbers are None without contacts.
+    """
+    changes, gaps = [], []
+    for run in study.of(Role.HELDOUT) or study.of(Role.TRAIN):
+        among = contacts(study, run)
+        for model in (NOMINAL, finding.answer):
+            coarse = one_contact_ahead(study, run, model, among)
+            fine = one_contact_ahead(study, run, model, among, 2 * SUBSTEPS)
+            if model is NOMINAL:
+                gaps += [float(np.mean(one**2)) for one, _ in coarse.traces]
+            changes += [
+                float(np.mean((one - other) ** 2))
+                for (one, _), (other, _) in zip(coarse.traces, fine.traces, strict=True)
+            ]
+    if not gaps:
+        return {"error": None, "gap": None, "fraction": None, "substeps": SUBSTEPS}
+    error, gap = float(np.sqrt(np.mean(changes))), float(np.sqrt(np.mean(gaps)))
+    return {"error": error, "gap": gap, "fraction": error / gap if gap > 0.0 else None, "substeps": SUBSTEPS}
+
+
+def replay_error(study: Study, run: Run) -> dict[str, float]:
+    """Largest departure of the nominal model's replays from a log, by signal, SI.
+
+    A log that the nominal system itself made replays to rounding errors; more tells of an input that was
+    taken a tick early or late, or held for two.
+    """
+    rig = RigModel(study, [run]).replay(0, {})
+    controller, _ = ControllerReplay(study, [run]).replay(0, (), np.zeros(0))
+    dynamics = DynamicsReplay(study, [run])
+    return {
+        "encoder_position": float(np.abs(run["encoder_position"] - rig[2]).max()),
+        "sensor_force": float(np.abs(run["sensor_force"] - rig[3]).max()),
+        "compensated_force": float(np.abs(run["compensated_force"] - controller[0]).max()),
+        "desired_velocity": float(
+            np.abs(dynamics.residuals({}, (), np.zeros(0))[0]).max() * dynamics.noise[0]
+        ),
+    }
