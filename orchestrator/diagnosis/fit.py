@@ -114,6 +114,21 @@ class Fitter:
         values = self._centre + self._tolerance * z[: len(self._names)]
         return dict(zip(self._names, values.tolist(), strict=True))
 
+    def normalised(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Array:
+        """Normalised parameters of a model; calibrated ones that are not named are nominal."""
+        values = [calibrated.get(name, centre) for name, centre in zip(self._names, self._centre, strict=True)]
+        parameters = [one for effect in effects for one in effect.parameters]
+        return np.concatenate(
+            [
+                (np.array(values) - self._centre) / self._tolerance,
+                [_normalised(one, value) for one, value in zip(parameters, theta, strict=True)],
+            ]
+        )
+
+    def values(self, effects: tuple[Effect, ...], z: Array) -> tuple[dict[str, float], Array]:
+        """Calibration by name, and parameters of the effects, from normalised ones."""
+        return self._calibrated(z), self._theta(effects, z)
+
     def residuals(self, effects: tuple[Effect, ...], z: Array) -> list[Array]:
         """Normalised residuals, per run and channel, at normalised parameters."""
         return self.replay.residuals(self._calibrated(z), effects, self._theta(effects, z))

@@ -134,6 +134,7 @@ class RigModel:
 
     Attributes:
         commands: sent, by tick, of each run; the first HISTORY before it, shape (HISTORY + n,) [m].
+        noise: standard deviations of encoder [m] and sensor force [N], rounding included.
         correction: added to the robot's position in replays, shape (n + 1,) of each run [m].
     """
 
@@ -145,7 +146,7 @@ class RigModel:
         self.commands = [self._sent(run) for run in runs]
         self.correction = [np.zeros(len(run) + 1) for run in runs]
         nominal = study.nominal
-        self._noise = (
+        self.noise = (
             hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0)),
             hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0)),
         )
@@ -163,8 +164,8 @@ class RigModel:
         found = []
         for index, run in enumerate(self.runs):
             out = self.replay(index, calibrated, effects, theta)
-            found.append((run["encoder_position"] - out[2]) / self._noise[0])
-            found.append((run["sensor_force"] - out[3]) / self._noise[1])
+            found.append((run["encoder_position"] - out[2]) / self.noise[0])
+            found.append((run["sensor_force"] - out[3]) / self.noise[1])
         return found
 
     def _sent(self, run: Run) -> Array:
