@@ -1,4 +1,4 @@
-"""How far the gap shrinks once effects are added: on held-out runs, which no fit saw, against the noise floor."""
+"""How far the gap shrinks once effects are added: on held-out runs that no fit saw, against the noise."""
 
 from __future__ import annotations
 
@@ -145,9 +145,7 @@ def _differences(one: Ahead, other: Ahead) -> Array:
 def _noise_alone(study: Study, runs: Sequence[Run]) -> float:
     """NRMSE by the sensor's noise, where nothing was repeated."""
     peaks = [
-        np.abs(run["sensor_force"][one.begin : one.end]).max()
-        for run in runs
-        for one in contacts(study, run)
+        np.abs(run["sensor_force"][one.begin : one.end]).max() for run in runs for one in contacts(study, run)
     ]
     return float(np.sqrt(np.mean((study.nominal["force_noise"].value / np.array(peaks)) ** 2) / 2.0))
 

@@ -84,8 +84,8 @@ def energy(study: Study, finding: Finding) -> dict[str, Any]:
     """Energy balance of the held-out contacts; of the training runs' where nothing was held out.
 
     Returns: `interfaces`; means over contacts of `measured`, `nominal` (the model as handed over), `excess`
-        (their difference) and `answer` (of the model with the effects), by interface, and `change`, CoR^2 - 1,
-        which each adds up to; and `contacts`, the same one by one for the log. Empty without contacts.
+        (their difference) and `answer` (of the model with the effects), by interface; `change`, CoR^2 - 1,
+        which each adds up to; and `contacts`, the excess one by one. Empty without contacts.
     """
     runs: Sequence[Run] = study.of(Role.HELDOUT) or study.of(Role.TRAIN)
     nominal = [one for run in runs for one in balances(study, run, NOMINAL)]

@@ -116,7 +116,9 @@ class Fitter:
 
     def normalised(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Array:
         """Normalised parameters of a model; calibrated ones that are not named are nominal."""
-        values = [calibrated.get(name, centre) for name, centre in zip(self._names, self._centre, strict=True)]
+        values = [
+            calibrated.get(name, centre) for name, centre in zip(self._names, self._centre, strict=True)
+        ]
         parameters = [one for effect in effects for one in effect.parameters]
         return np.concatenate(
             [

@@ -59,13 +59,14 @@ class Experiment:
         if not self.rod > 0 or self.ticks < 2 or not self.levers or self.tracker < 0:
             raise ValueError(
                 f"experiment {self.name}: rod {self.rod}, ticks {self.ticks}, levers {self.levers}, "
-                f"tracker {self.tracker}; needed are a positive rod, two ticks, one lever, no negative tracker"
+                f"tracker {self.tracker}; needed: a positive rod, two ticks, a lever, no negative tracker"
             )
 
 
 @law
 def _stairs(time, step, value, context, memory, theta):
-    return value - theta[0] * math.floor(time / theta[1])
+    whole = math.floor(time / theta[1])
+    return value - theta[0] * (whole + min((time / theta[1] - whole) * theta[1] / theta[2], 1.0))
 
 
 @law
@@ -76,12 +77,10 @@ def _blows(time, step, value, context, memory, theta):
 
 def _load(name: str, apply: object, theta: tuple[float, ...]) -> Load:
     parameters = tuple(Parameter(f"p{place}", "1", 1.0) for place in range(len(theta)))
-    return Load(
-        Effect(f"load.{name}", name, "known load", parameters, site=Site.FORCE, apply=apply), theta
-    )
+    return Load(Effect(f"load.{name}", name, "known load", parameters, site=Site.FORCE, apply=apply), theta)
 
 
-_WEIGHTS = _load("weights", _stairs, (40.0, 0.3))  # 40 N more every 0.3 s
+_WEIGHTS = _load("weights", _stairs, (40.0, 0.3, 0.1))  # 40 N more every 0.3 s, let go within 0.1 s
 _HAMMER = _load("hammer", _blows, (100.0, 0.004, 0.1))  # half sines of 100 N and 4 ms, ten a second
 
 
@@ -122,9 +121,7 @@ MENU = (
     Experiment("slow reversals", "command a triangle of 4 mm at 16 mm/s", motion=_reversals, ticks=3000),
     Experiment("pressed chirp", "press into the front frame, command 2 to 40 Hz upon it", motion=_pressed),
     Experiment("dead weights", "hang known weights on the rod, 40 N each", motion=_still, load=_WEIGHTS),
-    Experiment(
-        "tip tracker", "contacts with a laser on the rod's tip (5 um)", tracker=5e-6
-    ),
+    Experiment("tip tracker", "contacts with a laser on the rod's tip (5 um)", tracker=5e-6),
     Experiment(
         "dead weights with tip tracker",
         "hang known weights on the rod, 40 N each, with a laser on its tip (5 um)",
@@ -132,7 +129,12 @@ MENU = (
         load=_WEIGHTS,
         tracker=5e-6,
     ),
-    Experiment("hammer", "tap the rod with an instrumented hammer (100 N, 4 ms)", motion=_still, load=_HAMMER),
+    Experiment(
+        "hammer",
+        "tap the rod with a hammer that measures its force (100 N, 4 ms)",
+        motion=_still,
+        load=_HAMMER,
+    ),
     Experiment(
         "off-axis contact", "contacts with the contact line moved by 0.3 m to either side", levers=(0.3, -0.3)
     ),

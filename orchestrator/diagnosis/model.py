@@ -207,7 +207,18 @@ class RigModel:
         inject[0] = self.correction[index]
         p = self.parameters(index, calibrated, effects, theta)
         state = begin_state(self.study, self.runs[index])
-        run_rig(p, False, self.commands[index], state, laws.table, *laws.room(theta), inject, 0, out, self.substeps)
+        run_rig(
+            p,
+            False,
+            self.commands[index],
+            state,
+            laws.table,
+            *laws.room(theta),
+            inject,
+            0,
+            out,
+            self.substeps,
+        )
         return out
 
     def closed_loop(

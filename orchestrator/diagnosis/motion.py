@@ -13,7 +13,7 @@ __all__ = ["Contact", "Phase", "contacts", "phases"]
 
 # Force that counts as a push, in standard deviations of the sensor's noise, and where its flanks end.
 _PUSH, _FLANK = 10.0, 5.0
-# Flight that parts two contacts, and what a window holds of it before and after, where there is so much [ticks].
+# Flight that parts two contacts, and what a window holds of it before and after at most [ticks].
 _APART, _BEFORE, _AFTER = 20, 60, 40
 # The robot reaches the wall before the delayed sensor tells [ticks].
 _ONSET = 5

@@ -26,8 +26,8 @@ class Shares:
     """Shapley values of the components.
 
     Attributes:
-        values: of each component, in the order of `COMPONENTS`, shape (4,): by how much its measured residual,
-            injected, lessens the gap. They add up to `gap - left`.
+        values: of each component, in the order of `COMPONENTS`, shape (4,): by how much its measured
+            residual, injected, lessens the gap. They add up to `gap - left`.
         gap, left: mean square of model minus log over the windows, without residuals and with all injected.
         windows: how many.
     """
@@ -39,7 +39,7 @@ class Shares:
 
     @property
     def shares(self) -> Array:
-        """Fractions of what all components account for; they add up to 1. Equal ones where there is no gap."""
+        """Fractions of what all components account for, adding up to 1; equal ones where there is no gap."""
         total = self.values.sum()
         return self.values / total if total > 0.0 else np.full(_COUNT, 1.0 / _COUNT)
 

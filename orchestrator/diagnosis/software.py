@@ -60,10 +60,11 @@ class DynamicsReplay:
     def force(
         self, index: int, effects: tuple[Effect, ...], memory: Array, theta: Array, ticks: int | None = None
     ) -> Array:
-        """Mean force on the satellite over each of the first ticks of a run, laws included, shape (ticks,) [N].
+        """Mean force on the satellite over each tick, laws included, shape (ticks,) [N].
 
         Args:
             memory, theta: of all laws, as `Laws.room` gives them; the memory is left as it is at the end.
+            ticks: how many of the run; all by default.
         """
         run, laws = self.runs[index], Laws.of(effects)
         body = run["compensated_force"][:ticks].copy()
