@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TypeVar
 
 from ..errors import ConfigError, Problem
 from .effect import Effect
 
-__all__ = ["ENTRY_POINTS", "catalogue"]
+__all__ = ["ENTRY_POINTS", "catalogue", "installed"]
+
+_Kind = TypeVar("_Kind")
 
 # A package adds an effect by an entry point of this group that names an Effect.
 ENTRY_POINTS = "orchestrator.diagnosis.effects"
@@ -27,19 +31,31 @@ def catalogue() -> dict[str, Effect]:
     for path in sorted((Path(__file__).parent / "effects").glob("[!_]*.py")):
         effect = import_module(f".effects.{path.stem}", __package__).EFFECT
         found[effect.id] = effect
-    for point in entry_points(group=ENTRY_POINTS):
-        place = f"entry point {point.name} of {point.value}"
-        try:
-            effect = point.load()
-        except Exception as error:  # whatever a foreign module raises
-            problems.append(Problem(place, f"cannot be loaded: {error!r}"))
-            continue
-        if not isinstance(effect, Effect):
-            problems.append(Problem(place, f"is {type(effect).__name__}", "an Effect"))
-        elif effect.id in found:
+    for place, effect in installed(ENTRY_POINTS, Effect, problems):
+        if effect.id in found:
             problems.append(Problem(place, f"effect {effect.id} exists already", "an id of its own"))
         else:
             found[effect.id] = effect
     if problems:
         raise ConfigError(problems)
     return dict(sorted(found.items()))
+
+
+def installed(group: str, kind: type[_Kind], problems: list[Problem]) -> Iterator[tuple[str, _Kind]]:
+    """What installed packages add by entry points of a group, each with its place for messages.
+
+    Args:
+        kind: that each must be; problems: what is wrong with others is added to it.
+    """
+    for point in entry_points(group=group):
+        place = f"entry point {point.name} of {point.value}"
+        try:
+            one = point.load()
+        except Exception as error:  # whatever a foreign module raises
+            problems.append(Problem(place, f"cannot be loaded: {error!r}"))
+            continue
+        if isinstance(one, kind):
+            yield place, one
+        else:
+            article = "an" if kind.__name__[0] in "AEIOU" else "a"
+            problems.append(Problem(place, f"is {type(one).__name__}", f"{article} {kind.__name__}"))

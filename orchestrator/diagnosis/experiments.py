@@ -13,7 +13,7 @@ from .catalogue import catalogue
 from .effect import Effect
 from .finding import Augmented, Candidate, Finding
 from .fit import Fitter
-from .menu import MENU, Experiment
+from .menu import Experiment, menu
 from .model import RigModel
 from .study import Array, Role, Study
 from .trial import Chain, Trial
@@ -124,21 +124,22 @@ def _in_software(one: Posterior) -> bool:
 
 
 def next_experiment(
-    study: Study, finding: Finding, menu: Sequence[Experiment] = MENU
+    study: Study, finding: Finding, among: Sequence[Experiment] | None = None
 ) -> dict[str, Any] | None:
     """The experiment with the largest expected evidence between the first candidate and its closest rival.
 
     Rivals are its ties, and other candidates of at least 1 % probability.
 
     Args:
-        menu: to choose from; the user's own experiments are added to it.
+        among: to choose from; all of `menu()` by default, with those of installed packages.
     Returns: name, description, expected_evidence [nats] over the rival that is told apart least, between
         (the tied effects, the first candidate's first), evidence by rival, `menu` with the number of each
         experiment, and `then`, the best one for what the first one leaves tied, "" if there is none. None
         where no candidate has a rival that the rig's model holds.
-    Raises: ValueError if the menu is empty.
+    Raises: ValueError if there is nothing to choose from.
     """
-    if not menu:
+    among = menu() if among is None else among
+    if not among:
         raise ValueError("no experiment to choose from")
     inflation = max([1.0, *finding.misfit.values()])
     tied = _tied(study, finding)
@@ -148,11 +149,11 @@ def next_experiment(
     names = list(tied)[1:]
     expected = {
         one.name: np.array([expected_evidence(study, one, cause, rival, inflation) for rival in rivals])
-        for one in menu
+        for one in among
     }
-    best = max(menu, key=lambda one: expected[one.name].min())
+    best = max(among, key=lambda one: expected[one.name].min())
     left = np.flatnonzero(expected[best.name] < _TOLD_APART)
-    then = max(menu, key=lambda one: expected[one.name][left].min()) if left.size else None
+    then = max(among, key=lambda one: expected[one.name][left].min()) if left.size else None
     return {
         "name": best.name,
         "description": best.description,

@@ -5,13 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from ..errors import ConfigError, Problem
+from .catalogue import installed
 from .effect import Effect, Parameter, Site, law
 from .study import Array
 
-__all__ = ["MENU", "Experiment", "Load"]
+__all__ = ["ENTRY_POINTS", "MENU", "Experiment", "Load", "menu"]
+
+# A package adds an experiment by an entry point of this group that names an Experiment.
+ENTRY_POINTS = "orchestrator.diagnosis.experiments"
 
 _FLIGHT_STROKE = 0.003  # within the walls of the rig
 _ACCELERATION = 2.0  # that its robot follows [m/s2]
@@ -110,6 +116,7 @@ def _reversals(time: Array) -> Array:
     return 0.004 * (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * time))
 
 
+# Their order is that of effort, cheapest first: of equals the first is taken.
 MENU = (
     Experiment("light satellite", "a contact with 150 kg", mass=150.0),
     Experiment("heavy satellite", "a contact with 900 kg", mass=900.0, ticks=2000),
@@ -139,3 +146,20 @@ MENU = (
         "off-axis contact", "contacts with the contact line moved by 0.3 m to either side", levers=(0.3, -0.3)
     ),
 )
+
+
+@lru_cache(maxsize=1)
+def menu() -> tuple[Experiment, ...]:
+    """The menu and the experiments of installed packages.
+
+    Raises: ConfigError if an entry point does not give an Experiment, or two share a name.
+    """
+    problems: list[Problem] = []
+    found = {one.name: one for one in MENU}
+    for place, one in installed(ENTRY_POINTS, Experiment, problems):
+        if one.name in found:
+            problems.append(Problem(place, f"experiment {one.name!r} exists already", "a name of its own"))
+        found[one.name] = one
+    if problems:
+        raise ConfigError(problems)
+    return tuple(found.values())

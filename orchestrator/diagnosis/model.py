@@ -207,18 +207,8 @@ class RigModel:
         inject[0] = self.correction[index]
         p = self.parameters(index, calibrated, effects, theta)
         state = begin_state(self.study, self.runs[index])
-        run_rig(
-            p,
-            False,
-            self.commands[index],
-            state,
-            laws.table,
-            *laws.room(theta),
-            inject,
-            0,
-            out,
-            self.substeps,
-        )
+        commands, room = self.commands[index], laws.room(theta)
+        run_rig(p, False, commands, state, laws.table, *room, inject, 0, out, self.substeps)
         return out
 
     def closed_loop(
@@ -228,9 +218,12 @@ class RigModel:
         effects: tuple[Effect, ...] = (),
         theta: Array | None = None,
         ticks: int | None = None,
+        inject: Array | None = None,
     ) -> Array:
         """Run the whole rig from its start; arguments as in `replay`.
 
+        Args:
+            inject: what is added to the components' outputs, by `Inject`, shape (4, ticks + 1).
         Returns: channels by `CHANNELS`, shape (8, n).
         """
         laws = Laws.of(effects)
@@ -238,7 +231,8 @@ class RigModel:
         n = ticks or len(self.runs[index])
         commands = np.zeros(HISTORY + n)
         commands[:HISTORY] = self.commands[index][:HISTORY]
-        inject, out = np.zeros((4, n + 1)), np.zeros((len(CHANNELS), n))
+        inject = np.zeros((4, n + 1)) if inject is None else inject
+        out = np.zeros((len(CHANNELS), n))
         p = self.parameters(index, calibrated, effects, theta)
         state = begin_state(self.study, self.runs[index])
         run_rig(p, True, commands, state, laws.table, *laws.room(theta), inject, 0, out, self.substeps)
