@@ -195,7 +195,9 @@ def _replayable(candidate: Candidate) -> bool:
 
 def _fitted(study: Study, effect: Effect) -> Augmented:
     """A tie that no candidate was fitted for."""
-    fitter = Fitter(Chain.of(study, study.of(Role.TRAIN), (effect,)))
+    chain = Chain.of(study, study.of(Role.TRAIN), (effect,))
+    # Software knows no calibration; its residuals, exact to the log's digits, would drown that of the robot.
+    fitter = Fitter(chain.replays[-1])
     nominal = fitter.base((), np.zeros(len(fitter.replay.tolerances)))
     _, base, start = fitter.screen(effect, [nominal])
     fit = fitter.fit((effect,), base.z, start, base.jacobian)

@@ -1,0 +1,128 @@
+"""How far the gap shrinks: near 1 with the right effect, near 0 with a wrong one, null without a gap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.closure import MEASURES, how_far, one_contact_ahead
+from orchestrator.diagnosis.finding import Augmented
+from orchestrator.diagnosis.motion import contacts
+from orchestrator.diagnosis.numerics import numerics, replay_error
+from orchestrator.diagnosis.rig import SUBSTEPS
+from orchestrator.diagnosis.study import Role
+from tests.diagnosis.labs import NONE, found, lab
+
+CAUSES = [
+    (("robot.delay",), (0.002,)),
+    (("contact.hertz",), (0.3,)),
+    (("sensor.gain",), (0.15,)),
+    (("controller.lead",), (0.001,)),
+    (("dynamics.drag",), (80.0,)),
+]
+KEYS = {"before", "after", "recalibrated", "noise_floor", "closure", "interval", "recalibration_only"}
+
+
+@pytest.mark.parametrize(("ids", "theta"), CAUSES, ids=str)
+def test_the_right_effect_closes_the_gap(ids, theta):
+    told = how_far(lab(ids, theta), found(ids, theta))
+    assert set(told) >= KEYS and set(told["full_run"]) >= KEYS
+    assert 0.95 < told["closure"] < 1.05
+    assert told["interval"][0] <= told["closure"] <= told["interval"][1]
+    assert told["after"] == pytest.approx(told["noise_floor"], rel=0.15)
+    assert not told["within_floor"]
+    # The lab is calibrated: without the effect nothing is gained.
+    assert told["recalibration_only"] == 0.0
+    if ids != ("robot.delay",):  # which two runs of the same rig hide: they fall apart by as much
+        assert told["full_run"]["closure"] > 0.8
+    assert set(told["measures"]) == set(told["full_run"]["measures"]) == set(MEASURES)
+    assert told["measures"]["nrmse"]["closure"] == told["closure"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "theta"), [(("sensor.bias",), (0.05,)), (("robot.bandwidth",), (3.0,))], ids=str
+)
+def test_a_wrong_effect_closes_nothing(wrong, theta):
+    told = how_far(lab(("contact.hertz",), (0.3,)), found(wrong, theta))
+    assert abs(told["closure"]) < 0.1
+
+
+def test_an_effect_of_half_its_size_closes_half():
+    told = how_far(lab(("sensor.gain",), (0.16,)), found(("sensor.gain",), (0.08,)))
+    assert 0.4 < told["closure"] < 0.65
+
+
+def test_recalibration_is_told_beside_the_effect():
+    bent = Augmented({"contact_stiffness": 176000.0 * 1.15}, (), np.zeros(0))
+    told = how_far(lab(("sensor.gain",), (0.15,)), found(("sensor.gain",), (0.15,), recalibrated=bent))
+    # A gain of the sensor and a stiffer contact look alike.
+    assert told["recalibration_only"] > 0.9 and told["closure"] > 0.95
+
+
+def test_a_gap_within_the_noise_has_no_closure():
+    told = how_far(lab(), found())
+    assert told["within_floor"] and told["closure"] is None and told["interval"] is None
+    assert told["before"] == pytest.approx(told["noise_floor"], rel=0.15)
+
+
+def test_without_repeats_the_noise_of_the_sensor_is_the_floor():
+    study = lab(("sensor.gain",), (0.15,))
+    alone = replace(study, runs=tuple(run for run in study.runs if run.role is not Role.REPEAT))
+    full, told = (how_far(one, found(("sensor.gain",), (0.15,))) for one in (study, alone))
+    assert told["noise_floor"] == pytest.approx(full["noise_floor"], rel=0.3)
+    assert told["closure"] > 0.95
+
+
+def test_without_held_out_runs_nothing_is_told():
+    study = lab()
+    alone = replace(study, runs=study.of(Role.TRAIN))
+    told = how_far(alone, found())
+    assert told["closure"] is None and told["before"] is None and told["full_run"]["before"] is None
+
+
+def test_the_interval_is_the_same_every_time():
+    study, finding = lab(("contact.hertz",), (0.3,)), found(("contact.hertz",), (0.3,))
+    assert how_far(study, finding) == how_far(study, finding)
+
+
+def test_a_model_that_runs_away_is_held_at_the_stop():
+    runaway = found(("controller.stiffness-gain",), (-0.9,))
+    told = how_far(lab(), runaway)
+    assert all(np.isfinite(told["full_run"][key]) for key in ("before", "after", "noise_floor"))
+
+
+def test_a_log_of_the_nominal_system_replays_exactly():
+    study = lab(noise=0.0)
+    for run in study.runs:
+        assert max(replay_error(study, run).values()) <= 1e-9
+
+
+@pytest.mark.parametrize("column", ["sensor_force", "encoder_position", "desired_position"])
+def test_an_input_taken_a_tick_late_shows_in_the_replay(column):
+    study = lab(noise=0.0)
+    run = study.runs[0]
+    late = replace(run, columns={**run.columns, column: np.roll(run[column], 1)})
+    assert max(replay_error(study, late).values()) > 1e-3
+
+
+def test_numerical_error_is_a_small_part_of_the_gap_and_falls_with_the_step():
+    ids, theta = ("contact.hertz",), (0.3,)
+    study = lab(ids, theta)
+    told = numerics(study, found(ids, theta))
+    assert told["substeps"] == SUBSTEPS
+    assert 0.0 < told["error"] and told["fraction"] == told["error"] / told["gap"] < 0.02
+    run = study.of(Role.HELDOUT)[0]
+    among = contacts(study, run)
+    traces = [one_contact_ahead(study, run, NONE, among, SUBSTEPS * factor).traces for factor in (1, 2, 4)]
+    changes = [
+        sum(np.sum((a - b) ** 2) for (a, _), (b, _) in zip(one, other, strict=True))
+        for one, other in pairwise(traces)
+    ]
+    assert changes[1] < 0.5 * changes[0]
+
+
+def test_numerics_of_a_study_without_contacts():
+    assert numerics(lab(ticks=100), found())["fraction"] is None

@@ -1,0 +1,146 @@
+"""The experiment that is proposed breaks the tie: simulated with noise, the evidence falls to the cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis import menu as menus
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.experiments import expected_evidence, next_experiment, posterior
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.menu import MENU, Experiment, menu
+from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.trial import Chain, Trial
+from orchestrator.errors import ConfigError
+from tests.diagnosis.labs import found, lab, model
+
+TIES = [
+    (("sensor.delay",), (0.0004,), ("sensor.low-pass", "contact.damping")),
+    (("sensor.low-pass",), (0.0006,), ("sensor.delay", "contact.damping")),
+    (("contact.damping",), (-60.0,), ("sensor.delay",)),
+    (("contact.stiffness",), (-0.1,), ("sensor.gain", "structure.compliance")),
+    (("structure.compliance",), (8e-7,), ("sensor.gain", "contact.stiffness")),
+    (("sensor.gain",), (-0.1,), ("contact.stiffness", "structure.compliance")),
+    (("dynamics.mass-offset",), (0.3,), ("dynamics.mass",)),
+    (("dynamics.mass",), (-0.1,), ("dynamics.mass-offset",)),
+    (("robot.delay",), (0.0005,), ("robot.bandwidth", "robot.damping")),
+]
+
+
+def _named(name):
+    return next(one for one in MENU if one.name == name)
+
+
+@pytest.mark.parametrize(("ids", "theta", "ties"), TIES, ids=str)
+def test_the_proposed_experiment_breaks_the_tie(ids, theta, ties):
+    study = lab(ids, theta)
+    told = next_experiment(study, found(ids, theta, ties))
+    assert told["between"] == [*ids, *ties]
+    assert told["expected_evidence"] == min(told["evidence"].values()) == told["menu"][told["name"]]
+    assert told["expected_evidence"] > 10.0 and told["then"] == ""
+    assert told["expected_evidence"] == max(told["menu"].values())
+    # Made with noise, and every candidate fitted to old and new logs alike: the cause wins.
+    experiment = _named(told["name"])
+    trial = Trial(study, experiment, model(ids, theta), [catalogue()[one] for one in (*ids, *ties)])
+    costs = {}
+    for name in (*ids, *ties):
+        effect = catalogue()[name]
+        chain = Chain((Chain.of(study, study.of(Role.TRAIN), (effect,)), _Noisy(trial)))
+        fitter = Fitter(chain)
+        signs = (1.0,) if effect.parameters[0].low == 0.0 else (1.0, -1.0)
+        costs[name] = min(fitter.fit((effect,), None, sign * fitter.starts(effect)[0]).cost for sign in signs)
+    for tie in ties:
+        assert costs[tie] - costs[ids[0]] > told["expected_evidence"] * 0.5
+
+
+class _Noisy:
+    """A trial with the noise of its channels."""
+
+    def __init__(self, trial):
+        self.trial, self.tolerances = trial, trial.tolerances
+
+    def residuals(self, calibrated, effects, theta):
+        random = np.random.default_rng(3)
+        parts = self.trial.residuals(calibrated, effects, theta)
+        return [part + random.normal(size=len(part)) for part in parts]
+
+
+def test_what_tells_nothing_is_told_to_tell_nothing():
+    ids, theta = ("sensor.gain",), (-0.1,)
+    study = lab(ids, theta)
+    told = next_experiment(study, found(ids, theta, ("contact.stiffness",)))
+    for name in ("free-flight chirp", "slow reversals", "light satellite"):
+        assert told["menu"][name] < 1.0
+    assert told["menu"]["dead weights"] > 1000.0
+    ids, theta = ("dynamics.mass-offset",), (0.3,)
+    told = next_experiment(lab(ids, theta), found(ids, theta, ("dynamics.mass",)))
+    assert [name for name, value in told["menu"].items() if value > 10.0] == ["off-axis contact"]
+
+
+def test_no_tie_needs_no_experiment():
+    ids, theta = ("robot.delay",), (0.002,)
+    assert next_experiment(lab(ids, theta), found(ids, theta)) is None
+    outside = replace(found(), candidates=(replace(found().candidates[0], effects=("outside",), model=None),))
+    assert next_experiment(lab(), outside) is None
+
+
+def test_an_experiment_of_ones_own_is_taken_where_it_is_best():
+    ids, theta, tie = ("sensor.gain",), (-0.1,), ("contact.stiffness",)
+    heavier = replace(_named("dead weights"), name="heavier weights", ticks=3000)
+    told = next_experiment(lab(ids, theta), found(ids, theta, tie), [*MENU, heavier])
+    assert told["name"] == "heavier weights"
+    with pytest.raises(ValueError, match="no experiment to choose from"):
+        next_experiment(lab(ids, theta), found(ids, theta, tie), [])
+
+
+def test_what_stays_tied_is_told_with_the_experiment_for_it():
+    ids, theta = ("structure.compliance",), (8e-7,)
+    some = [_named("dead weights"), _named("slow reversals")]
+    study, finding = lab(ids, theta), found(ids, theta, ("sensor.gain", "contact.stiffness"))
+    told = next_experiment(study, finding, some)
+    assert told["evidence"]["contact.stiffness"] < 10.0
+    assert told["expected_evidence"] < 10.0
+
+
+def test_a_candidate_has_no_evidence_over_itself():
+    ids, theta = ("sensor.delay",), (0.0004,)
+    study = lab(ids, theta)
+    one = posterior(study, model(ids, theta))
+    for experiment in MENU:
+        assert expected_evidence(study, experiment, one, one) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_packages_add_experiments(monkeypatch):
+    class Point:
+        name, value = "mine", "pkg:mine"
+
+        def __init__(self, one):
+            self.load = lambda: one
+
+    def offer(*ones):
+        menu.cache_clear()
+        monkeypatch.setattr(
+            "orchestrator.diagnosis.catalogue.entry_points",
+            lambda group: [Point(one) for one in ones] if group == menus.ENTRY_POINTS else [],
+        )
+
+    own = Experiment("mine", "as I please", mass=300.0)
+    try:
+        offer(own)
+        assert menu() == (*MENU, own)
+        offer(own, own, 3)
+        with pytest.raises(ConfigError) as caught:
+            menu()
+        assert "experiment 'mine' exists already" in str(caught.value)
+        assert "is int" in str(caught.value)
+    finally:
+        menu.cache_clear()
+
+
+@pytest.mark.parametrize("wrong", [{"rod": 0.0}, {"ticks": 1}, {"levers": ()}, {"tracker": -1e-6}], ids=str)
+def test_impossible_experiments_are_refused(wrong):
+    with pytest.raises(ValueError, match=r"experiment odd: rod .* needed: a positive rod"):
+        Experiment("odd", "", **wrong)
