@@ -76,8 +76,8 @@ def how_far(study: Study, finding: Finding) -> dict[str, Any]:
     Keys: before (the model as handed over), after (the answer), recalibrated, and noise_floor, as root mean
     squares over contacts; closure = (before - after)/(before - noise_floor) with its 95 % interval;
     recalibration_only, the closure by other calibrated numbers alone; within_floor. The main ones are of
-    the signals (NRMSE); `measures` holds the same for each of `MEASURES`. Numbers are None where the
-    held-out runs hold no contact.
+    the signals (NRMSE); `measures` holds the same for each of `MEASURES`. A run without
+    contacts is taken as a whole. Numbers are None where nothing was held out.
     """
     models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}
     heldout = study.of(Role.HELDOUT)
@@ -85,6 +85,12 @@ def how_far(study: Study, finding: Finding) -> dict[str, Any]:
     ahead = _ahead(study, pairs, models)
     whole = _whole(study, pairs, models)
     return {**ahead, "full_run": whole}
+
+
+def _windows(study: Study, run: Run) -> list[Contact]:
+    """Contacts of a run; the whole of it where it has none."""
+    peak = int(np.argmax(np.abs(run["sensor_force"])))
+    return contacts(study, run) or [Contact(0, peak, peak, peak, len(run))]
 
 
 def _repeat(study: Study, run: Run) -> Run | None:
@@ -101,8 +107,8 @@ def _ahead(
     errors: dict[str, list[Array]] = {name: [] for name in models}
     floors: dict[str, list[Array]] = {name: [] for name in models}
     for run, repeat in pairs:
-        found = contacts(study, run)
-        again = [] if repeat is None else contacts(study, repeat)
+        found = _windows(study, run)
+        again = [] if repeat is None else _windows(study, repeat)
         for name, model in models.items():
             one = one_contact_ahead(study, run, model, found)
             errors[name].append(one.errors)
@@ -145,7 +151,7 @@ def _differences(one: Ahead, other: Ahead) -> Array:
 def _noise_alone(study: Study, runs: Sequence[Run]) -> float:
     """NRMSE by the sensor's noise, where nothing was repeated."""
     peaks = [
-        np.abs(run["sensor_force"][one.begin : one.end]).max() for run in runs for one in contacts(study, run)
+        np.abs(run["sensor_force"][one.begin : one.end]).max() for run in runs for one in _windows(study, run)
     ]
     return float(np.sqrt(np.mean((study.nominal["force_noise"].value / np.array(peaks)) ** 2) / 2.0))
 

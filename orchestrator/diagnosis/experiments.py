@@ -25,6 +25,8 @@ _SOFTWARE = ("dynamics", "controller")
 _SHORTEST = 20
 # Candidates at least this probable are rivals of the first; evidence that tells two apart [nats].
 _RIVAL, _TOLD_APART = 0.01, 10.0
+# How many rivals an experiment is chosen for.
+_RIVALS = 4
 _ITERATIONS = 6
 # A fit ends when a step lowers the sum of squares by no more than this part of it.
 _SETTLED = 1e-4
@@ -116,7 +118,9 @@ def expected_evidence(
         count = len(trial.tolerances)
         places = range(count, len(rival.z))
         rival = replace(rival, z=np.concatenate([cause.z[:count], rival.z[count:]]))
-    return 0.5 * _least(fitter, rival, rival.z, places)[1]
+    cost = _least(fitter, rival, rival.z, places)[1]
+    # Where a rival's replay has no end, nothing was simulated that could tell.
+    return 0.5 * cost if np.isfinite(cost) else 0.0
 
 
 def _in_software(one: Posterior) -> bool:
@@ -128,14 +132,14 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """The experiment with the largest expected evidence between the first candidate and its closest rival.
 
-    Rivals are its ties, and other candidates of at least 1 % probability.
+    Rivals are its ties, and other candidates of at least 1 % probability; at most four.
 
     Args:
         among: to choose from; all of `menu()` by default, with those of installed packages.
     Returns: name, description, expected_evidence [nats] over the rival that is told apart least, between
         (the tied effects, the first candidate's first), evidence by rival, `menu` with the number of each
         experiment, and `then`, the best one for what the first one leaves tied, "" if there is none. None
-        where no candidate has a rival that the rig's model holds.
+        where the first candidate has no rival, or is none that the rig's model holds.
     Raises: ValueError if there is nothing to choose from.
     """
     among = menu() if among is None else among
@@ -167,9 +171,9 @@ def next_experiment(
 
 def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
     """The first candidate that the model holds, its ties and other probable ones, by their effects."""
-    modelled = [one for one in finding.candidates if one.model is not None and _replayable(one)]
-    if not modelled:
+    if not finding.candidates or not _replayable(finding.candidates[0]):
         return {}
+    modelled = [one for one in finding.candidates if _replayable(one)]
     first = modelled[0]
     found = {_named(first.effects): first.model or finding.recalibrated}
     alone = {one.effects[0]: one for one in modelled if len(one.effects) == 1}
@@ -181,7 +185,7 @@ def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
     for one in modelled[1:]:
         if one.probability >= _RIVAL and one.model is not None:
             found.setdefault(_named(one.effects), one.model)
-    return found
+    return dict(list(found.items())[: _RIVALS + 1])
 
 
 def _named(effects: tuple[str, ...]) -> str:

@@ -126,3 +126,8 @@ def test_numerical_error_is_a_small_part_of_the_gap_and_falls_with_the_step():
 
 def test_numerics_of_a_study_without_contacts():
     assert numerics(lab(ticks=100), found())["fraction"] is None
+
+
+def test_runs_without_contacts_are_taken_whole():
+    told = how_far(lab(("structure.offset",), (1e-4,), ticks=150), found(("structure.offset",), (1e-4,)))
+    assert told["contacts"] == 2 and np.isfinite(told["before"])

@@ -144,3 +144,13 @@ def test_packages_add_experiments(monkeypatch):
 def test_impossible_experiments_are_refused(wrong):
     with pytest.raises(ValueError, match=r"experiment odd: rod .* needed: a positive rod"):
         Experiment("odd", "", **wrong)
+
+
+def test_rivals_of_some_probability_are_told_apart_too():
+    study, ids, theta = lab(("robot.delay",), (0.0005,)), ("robot.delay",), (0.0005,)
+    finding = found(ids, theta)
+    other = replace(finding.candidates[0], effects=(), probability=0.02, model=finding.recalibrated)
+    told = next_experiment(study, replace(finding, candidates=(*finding.candidates, other)))
+    assert told["between"] == ["robot.delay", "none"]
+    unlikely = replace(other, probability=0.001)
+    assert next_experiment(study, replace(finding, candidates=(*finding.candidates, unlikely))) is None
