@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
@@ -25,6 +25,8 @@ _SOFTWARE = ("dynamics", "controller")
 _SHORTEST = 20
 # Candidates at least this probable are rivals of the first; evidence that tells two apart [nats].
 _RIVAL, _TOLD_APART = 0.01, 10.0
+# Of experiments within so much of the best, the first of the menu is taken: it costs least.
+_AS_GOOD = 0.95
 # How many rivals an experiment is chosen for.
 _RIVALS = 4
 _ITERATIONS = 6
@@ -132,7 +134,7 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """The experiment with the largest expected evidence between the first candidate and its closest rival.
 
-    Rivals are its ties, and other candidates of at least 1 % probability; at most four.
+    Of those within 5 % of it, the first of the menu, which is in order of effort. Rivals are its ties, and other candidates of at least 1 % probability; at most four.
 
     Args:
         among: to choose from; all of `menu()` by default, with those of installed packages.
@@ -155,9 +157,10 @@ def next_experiment(
         one.name: np.array([expected_evidence(study, one, cause, rival, inflation) for rival in rivals])
         for one in among
     }
-    best = max(among, key=lambda one: expected[one.name].min())
+    best = _cheapest(among, {name: float(values.min()) for name, values in expected.items()})
     left = np.flatnonzero(expected[best.name] < _TOLD_APART)
-    then = max(among, key=lambda one: expected[one.name][left].min()) if left.size else None
+    further = {name: float(values[left].min()) for name, values in expected.items()} if left.size else {}
+    then = _cheapest(among, further) if further else None
     return {
         "name": best.name,
         "description": best.description,
@@ -167,6 +170,12 @@ def next_experiment(
         "menu": {name: float(values.min()) for name, values in expected.items()},
         "then": then.name if then is not None and then is not best else "",
     }
+
+
+def _cheapest(among: Sequence[Experiment], evidence: Mapping[str, float]) -> Experiment:
+    """The first of those that are as good as the best."""
+    enough = _AS_GOOD * max(evidence.values())
+    return next(one for one in among if evidence[one.name] >= enough)
 
 
 def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
