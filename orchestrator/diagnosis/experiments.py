@@ -134,7 +134,8 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """The experiment with the largest expected evidence between the first candidate and its closest rival.
 
-    Of those within 5 % of it, the first of the menu, which is in order of effort. Rivals are its ties, and other candidates of at least 1 % probability; at most four.
+    Of those within 5 % of it, the first of the menu, which is in order of effort. Rivals are its ties, and
+    other candidates of at least 1 % probability; at most four.
 
     Args:
         among: to choose from; all of `menu()` by default, with those of installed packages.
@@ -147,10 +148,11 @@ def next_experiment(
     among = menu() if among is None else among
     if not among:
         raise ValueError("no experiment to choose from")
-    inflation = max([1.0, *finding.misfit.values()])
     tied = _tied(study, finding)
     if len(tied) < 2:
         return None
+    places = {effect.place for model in tied.values() for effect in model.effects}
+    inflation = max([1.0, *(finding.misfit.get(place, 1.0) for place in places)])
     cause, *rivals = (posterior(study, model, inflation) for model in tied.values())
     names = list(tied)[1:]
     expected = {

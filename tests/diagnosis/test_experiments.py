@@ -162,3 +162,14 @@ def test_rivals_of_some_probability_are_told_apart_too():
     assert told["between"] == ["robot.delay", "none"]
     unlikely = replace(other, probability=0.001)
     assert next_experiment(study, replace(finding, candidates=(*finding.candidates, unlikely))) is None
+
+
+def test_what_the_answer_leaves_lessens_the_evidence():
+    ids, theta = ("sensor.gain",), (-0.1,)
+    study, finding = lab(ids, theta), found(ids, theta, ("contact.stiffness",))
+    some = [_named("dead weights")]
+    clean, rough, elsewhere = (
+        next_experiment(study, replace(finding, misfit=misfit), some)["expected_evidence"]
+        for misfit in ({}, {"sensor": 4.0}, {"dynamics": 1e6})
+    )
+    assert rough == pytest.approx(clean / 4.0, rel=0.5) and elsewhere == clean
