@@ -6,9 +6,14 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+
+with suppress(ImportError):
+    # Before an FMU's own copy, which lacks the binaries, can stand for it.
+    import pythonfmu  # noqa: F401
 
 SOURCES = Path(__file__).parent / "fmu_sources"
 
