@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import zipfile
@@ -16,6 +17,12 @@ with suppress(ImportError):
     import pythonfmu  # noqa: F401
 
 SOURCES = Path(__file__).parent / "fmu_sources"
+
+
+def pytest_configure() -> None:
+    """A shell that starts the tests in the background has them ignore interrupts, which some of them raise."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

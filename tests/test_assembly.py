@@ -288,7 +288,7 @@ def test_missing_fmu_with_suggestion(tmp_path):
         load_system(load_config(path))
     first, second = caught.value.problems
     assert first.what == "no FMU 'SateliteDynamics'" and first.place == "mine.yaml:3: instances.satellite.fmu"
-    assert first.remedy == "Did you mean SatelliteDynamics?"
+    assert first.remedy == "Did you mean SatelliteDynamics or SatellitePair?"
     assert second.what == f"no file {tmp_path / 'parts/Robot.fmu'}"
     assert second.place == "mine.yaml:4: instances.robot.fmu"
 
