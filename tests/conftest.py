@@ -20,7 +20,7 @@ SOURCES = Path(__file__).parent / "fmu_sources"
 
 
 def pytest_configure() -> None:
-    """A shell that starts the tests in the background has them ignore interrupts, which some of them raise."""
+    """A shell that starts the tests in the background has them ignore interrupts; some tests raise them."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
