@@ -1,0 +1,219 @@
+"""Bad data told apart from a bad model: what is wrong with logs, before anything is fitted to them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import Problem
+from .consistency import check_columns
+from .study import Array, Role, Run, Study
+from .traces import contacts
+
+__all__ = ["check_logs"]
+
+# Of a tick; stamps are rounded to the log's digits.
+_LATE = 0.5
+_FEWEST_ROWS = 100
+_FEWEST_CONTACTS = 3
+# A value that stands still for so many rows, while the column moves elsewhere, is frozen.
+_FROZEN = 60
+# So many rows in succession at the highest or lowest value, and so many times as many as just below it.
+_PILED, _PILE = 8, 4
+# Runs are stopped when they leave this way, and then end early for a reason [m].
+_TRAVEL = 0.08
+_MOVING = ("desired_position", "desired_velocity", "encoder_position", "sensor_force", "compensated_force")
+
+
+def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
+    """Check the logs of a study.
+
+    Returns: what forbids a diagnosis, and what a reader should be warned of; each with run, column, row,
+        value and remedy.
+    """
+    refused: list[Problem] = []
+    warned: list[Problem] = []
+    for run in study.runs:
+        wrong = _time(study, run) or _still(run)
+        if not wrong:
+            wrong = check_columns(study, run)
+        refused += wrong
+        if not wrong:
+            warned += _clipped(run) + _frozen(run)
+    if not refused:
+        warned += _left_early(study)
+        fewest, few = _contacts(study)
+        refused += fewest
+        warned += few + _repeats(study)
+    return refused, warned
+
+
+def _time(study: Study, run: Run) -> list[Problem]:
+    """Time stamps: as many as needed, in order, each once, without gaps, at the study's tick."""
+    time, tick = run["time"], study.tick
+    place = f"{run.name}: column time"
+    if len(time) < _FEWEST_ROWS:
+        return [
+            Problem(run.name, f"has {len(time)} rows", f"at least {_FEWEST_ROWS}", "Log the run to its end.")
+        ]
+    steps = np.diff(time)
+    typical = float(np.median(steps))
+    if typical > 0 and abs(typical / tick - 1.0) > 0.05:
+        factor = typical / tick
+        return [
+            Problem(
+                place,
+                f"rows are {typical:.6g} s apart, the tick is {tick:g} s ({factor:.4g} times)",
+                remedy="Correct the unit of the time, or `tick`.",
+            )
+        ]
+    found = []
+    repeated = np.flatnonzero(steps == 0.0)
+    if repeated.size:
+        found.append(
+            _at(place, repeated[0] + 1, time, f"{len(repeated)} stamps stand twice", "Remove the second row.")
+        )
+    back = np.flatnonzero(steps < 0.0)
+    if back.size:
+        found.append(
+            _at(place, back[0] + 1, time, "time runs backwards", "Sort the rows by time, and look why.")
+        )
+    gaps = np.flatnonzero(steps > (1.0 + _LATE) * tick)
+    # A row out of order leaves a gap where it belongs; it is told once.
+    if gaps.size and not back.size:
+        row = int(gaps[0]) + 1
+        lost = round(float(steps[gaps].sum()) / tick) - len(gaps)
+        found.append(
+            _at(
+                place,
+                row,
+                time,
+                f"{lost} rows are missing in {len(gaps)} places, the first {steps[row - 1]:.6g} s long",
+                "Log every tick: replays need each input.",
+            )
+        )
+    return found
+
+
+def _at(place: str, row: int, values: Array, what: str, remedy: str) -> Problem:
+    return Problem(place, f"row {int(row)} ({values[int(row)]:.9g}): {what}", remedy=remedy)
+
+
+def _still(run: Run) -> list[Problem]:
+    """Columns that never change."""
+    return [
+        Problem(
+            f"{run.name}: column {name}",
+            f"rows 0 to {len(run) - 1} are all {run[name][0]:.9g}",
+            remedy="The channel is dead or not connected; log it, or leave the run out.",
+        )
+        for name in _MOVING
+        if np.ptp(run[name]) == 0.0
+    ]
+
+
+def _runs(values: Array) -> tuple[Array, Array]:
+    """First row and length of each stretch of equal values."""
+    firsts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    return firsts, np.diff(np.concatenate([firsts, [len(values)]]))
+
+
+def _left_by_jump(values: Array, firsts: Array, lengths: Array) -> Array:
+    """Whether the first value after each stretch is far away, as it is when a channel comes back to life."""
+    ends = firsts + lengths
+    after = values[np.minimum(ends, len(values) - 1)]
+    return np.abs(after - values[firsts]) > 10.0 * np.median(np.abs(np.diff(values)))
+
+
+def _clipped(run: Run) -> list[Problem]:
+    """Channels whose values pile up at an end of their range: the sensor's range, or the logger's."""
+    found = []
+    for name in ("encoder_position", "sensor_force"):
+        values = run[name]
+        firsts, lengths = _runs(values)
+        levels, counts = np.unique(values, return_counts=True)
+        for end, near in ((0, slice(1, 4)), (len(levels) - 1, slice(-4, -1))):
+            at = (values[firsts] == levels[end]) & ~_left_by_jump(values, firsts, lengths)
+            longest = int(lengths[at].max(initial=0))
+            if longest >= _PILED and counts[end] > _PILE * counts[near].max(initial=1):
+                row = int(firsts[at][lengths[at] >= _PILED][0])
+                found.append(
+                    _at(
+                        f"{run.name}: column {name}",
+                        row,
+                        values,
+                        f"clipped: {counts[end]} rows stand at exactly this value, the "
+                        f"{'lowest' if end == 0 else 'highest'}",
+                        "Raise the range of the channel; if this is the sensor's own, the verdict counts it "
+                        "as an effect.",
+                    )
+                )
+    return found
+
+
+def _frozen(run: Run) -> list[Problem]:
+    """Channels that stand still for a while, and nowhere else for nearly as long."""
+    found = []
+    for name in _MOVING:
+        values = run[name]
+        if name in ("sensor_force", "compensated_force") and np.median(np.abs(np.diff(values))) == 0.0:
+            continue  # coarse steps, or no noise: a force at rest is told by equal values
+        firsts, lengths = _runs(values)
+        order = np.argsort(lengths)[::-1]
+        longest, others = int(lengths[order[0]]), lengths[order[1:11]]
+        extreme = values[firsts[order[0]]] in (values.min(), values.max())
+        jumps = _left_by_jump(values, firsts, lengths)[order[0]]
+        if longest >= _FROZEN and longest > 5 * np.median(others) and (jumps or not extreme):
+            found.append(
+                _at(
+                    f"{run.name}: column {name}",
+                    int(firsts[order[0]]),
+                    values,
+                    f"frozen for {longest} rows",
+                    "The channel stopped; leave the run out, or log it again.",
+                )
+            )
+    return found
+
+
+def _left_early(study: Study) -> list[Problem]:
+    """Runs much shorter than others that did not leave their way."""
+    longest = max(len(run) for run in study.runs)
+    return [
+        Problem(
+            run.name,
+            f"ends at row {len(run) - 1} ({run['encoder_position'][-1]:.6g} m); others have {longest} rows",
+            remedy="Was it left early? It counts as far as it goes.",
+        )
+        for run in study.runs
+        if len(run) < 0.7 * longest and np.max(np.abs(run["encoder_position"])) < 0.9 * _TRAVEL
+    ]
+
+
+def _contacts(study: Study) -> tuple[list[Problem], list[Problem]]:
+    counts = {run.name: len(contacts(study, run)) for run in study.of(Role.TRAIN)}
+    total = sum(counts.values())
+    told = ", ".join(f"{name} {count}" for name, count in counts.items())
+    problem = Problem(
+        "runs of the role train",
+        f"{total} contacts in all ({told})",
+        remedy="Run longer, or faster: effects of contact and sensor show in contacts only.",
+    )
+    if total == 0:
+        return [problem], []
+    return [], [problem] if total < _FEWEST_CONTACTS else []
+
+
+def _repeats(study: Study) -> list[Problem]:
+    """Repeats are compared with held-out runs of the same mass and speed."""
+    found = []
+    heldout = {(run.mass, run.approach_speed) for run in study.of(Role.HELDOUT)}
+    for run in study.of(Role.REPEAT):
+        if (run.mass, run.approach_speed) not in heldout:
+            found.append(
+                Problem(
+                    run.name,
+                    f"repeats no held-out run: mass {run.mass:g} kg, speed {run.approach_speed:g} m/s",
+                    remedy="Give it the mass and the speed of the run that it repeats.",
+                )
+            )
+    return found

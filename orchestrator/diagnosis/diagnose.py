@@ -1,0 +1,267 @@
+"""A study in, a diagnosis out: which effects, where, how far, what next; and what is written of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from pydantic import ValidationError
+
+from ..errors import ConfigError, OrchestratorError, Problem
+from ..formats import strict
+from .checks import check_logs
+from .finding import Finding
+from .parts import Parts
+from .study import Role, Study, load_study
+from .verdict import NAME, Diagnosis, Share, Verdict, Warned, Which, problems_of
+
+__all__ = ["STAGES", "Diagnosed", "diagnose"]
+
+# What is shown of a diagnosis under way, in its order.
+STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
+_PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
+# Answers less probable than this are told together with those that are more so, not one by one.
+_SHOWN = 1e-6
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A diagnosis and what it was made of.
+
+    Attributes:
+        diagnosis: content of diagnosis.json.
+        folder, files: where it was written and the files' names; None and none if it was not.
+    """
+
+    study: Study
+    finding: Finding
+    diagnosis: Diagnosis
+    folder: Path | None = None
+    files: tuple[str, ...] = ()
+
+
+def diagnose(
+    study: Study | Path | str,
+    out: Path | str | None = None,
+    *,
+    parts: Parts | None = None,
+    report: bool = True,
+    progress: Report = lambda stage: None,
+) -> Diagnosed:
+    """Diagnose a sim-to-real gap.
+
+    Args:
+        study: or the folder of a case, or a study.yaml.
+        out: folder to write to; nothing is written without it.
+        parts: the analyses; all of this package by default.
+        report: whether to write the page, too.
+        progress: is told each of `STAGES` as it begins.
+    Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
+    """
+    begin = perf_counter()
+    parts = parts or Parts.standard()
+    progress("read")
+    source = None if isinstance(study, Study) else Path(study)
+    study = study if isinstance(study, Study) else load_study(Path(study))
+    progress("check")
+    refused, warned = check_logs(study)
+    if refused:
+        raise ConfigError(refused)
+    # What fits see and what they must not see are told apart here, once for all parts.
+    progress("weigh")
+    finding = parts.weigh(replace(study, runs=study.of(Role.TRAIN)))
+    told: dict[str, Any] = {}
+    left_out: dict[str, str] = {}
+    for stage, analyses in (
+        ("where", ("where", "ledger", "energy")),
+        ("how far", ("how_far",)),
+        ("what next", ("next_experiment",)),
+        ("numerics", ("numerics",)),
+    ):
+        progress(stage)
+        for name in analyses:
+            reason = _missing(name, getattr(parts, name), study)
+            if reason:
+                left_out[name] = reason
+            else:
+                told[name] = getattr(parts, name)(study, finding)
+    diagnosis = _collect(study, finding, told, left_out, warned, _provenance(study, source))
+    progress("write")
+    if out is None:
+        return Diagnosed(study, finding, diagnosis)
+    diagnosis.provenance["seconds"] = round(perf_counter() - begin, 3)
+    folder, files = _write(Diagnosed(study, finding, diagnosis), Path(out), report)
+    return Diagnosed(study, finding, diagnosis, folder, files)
+
+
+def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:
+    """Why an analysis cannot be made; "" if it can."""
+    if part is None:
+        return "this installation has no such analysis"
+    if name in ("where", "how_far") and not study.of(Role.HELDOUT):
+        return "no run has the role heldout"
+    return ""
+
+
+def _collect(
+    study: Study,
+    finding: Finding,
+    told: Mapping[str, Any],
+    left_out: Mapping[str, str],
+    warned: list[Problem],
+    provenance: Mapping[str, Any],
+) -> Diagnosis:
+    """All findings as diagnosis.json holds them. Raises: OrchestratorError if they contradict each other."""
+    shares = sorted((told.get("where") or {}).items(), key=lambda item: -item[1])
+    data = {
+        "case": study.name,
+        "verdict": Verdict(effects=list(finding.effects), places=list(finding.places)),
+        "where": [Share(place=place, share=share) for place, share in shares],
+        "which": _which(finding),
+        "outside_place": finding.outside_place,
+        "answer_set": list(finding.answer_set),
+        "doubtful_tolerances": finding.doubtful_tolerances,
+        "how_far": told.get("how_far"),
+        "next_experiment": told.get("next_experiment"),
+        "numerics": told.get("numerics"),
+        "ledger": told.get("ledger", []),
+        "energy": told.get("energy", {}),
+        "misfit": dict(finding.misfit),
+        "calibration": _calibration(study, finding),
+        "data": [Warned(place=one.place, what=one.what, remedy=one.remedy or one.allowed) for one in warned],
+        "left_out": dict(left_out),
+        "provenance": provenance,
+    }
+    try:
+        return Diagnosis.model_validate(strict_parts(data))
+    except ValidationError as error:
+        problems = problems_of(error, f"{study.name}: the diagnosis contradicts itself")
+        raise OrchestratorError("\n".join(str(one) for one in problems)) from error
+
+
+def strict_parts(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain values of what the parts told."""
+    return {
+        key: value if key in ("verdict", "where", "which", "data") else strict(value)
+        for key, value in data.items()
+    }
+
+
+def _which(finding: Finding) -> list[Which]:
+    """Answers, most probable first; the least probable ones of the tail are joined to the last that is told.
+
+    Their probabilities are scaled to add up to 1, which rounding alone would not let them.
+    """
+    ranked = sorted(finding.candidates, key=lambda one: -one.probability)
+    shown = [one for one in ranked if one.probability >= _SHOWN] or ranked[:1]
+    total = sum(one.probability for one in shown)
+    return [
+        Which(
+            effects=list(one.effects),
+            probability=one.probability / total if total > 0 else 1.0 / len(shown),
+            parameters={name: float(value) for name, value in one.parameters.items()},
+            ties=list(one.ties),
+        )
+        for one in shown
+    ]
+
+
+def _calibration(study: Study, finding: Finding) -> dict[str, dict[str, float]]:
+    """Calibrated numbers: as believed, tolerance, with the answer and without effects."""
+    answer = _answer(finding)
+    fitted = dict(answer.calibrated) if answer is not None else {}
+    told = {}
+    for name, one in study.nominal.items():
+        if one.tolerance > 0:
+            alone = finding.recalibrated.calibrated.get(name, one.value)
+            told[name] = {
+                "nominal": one.value,
+                "tolerance": one.tolerance,
+                "fitted": float(fitted.get(name, alone)),
+                "recalibrated": float(alone),
+            }
+    return told
+
+
+def _answer(finding: Finding) -> Any:
+    """The model of the answer given; that without effects where the answer has none."""
+    for one in finding.candidates:
+        if set(one.effects) == set(finding.effects) and one.model is not None:
+            return one.model
+    return finding.recalibrated
+
+
+def _provenance(study: Study, source: Path | None) -> dict[str, Any]:
+    files = {}
+    if source is not None:
+        folder = source if source.is_dir() else source.parent
+        for path in sorted(folder.iterdir()):
+            # Of the study only: truth, verdicts and other things may stand in the folder, and are not opened.
+            if path.name in ("case.yaml", source.name) or path.name.partition(".")[0] in {
+                run.name for run in study.runs
+            }:
+                files[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "packages": {name: _version(name) for name in _PACKAGES},
+        "sha256": files,
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _write(diagnosed: Diagnosed, out: Path, report: bool) -> tuple[Path, tuple[str, ...]]:
+    """Write everything; diagnosis.json last, so that where it stands the rest does, too."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError([Problem("", f"cannot make the folder {out} ({error})")]) from error
+    files = [NAME]
+    answer = _answer(diagnosed.finding)
+    if report:
+        # matplotlib takes a third of a second to import.
+        from .report import page
+
+        _atomically(out / "report.html", page(diagnosed.study, diagnosed.diagnosis, answer))
+        files.append("report.html")
+    text = json.dumps(diagnosed.diagnosis.data_of(), indent=2, allow_nan=False, ensure_ascii=False)
+    _atomically(out / NAME, text + "\n")
+    return out, tuple(files)
+
+
+def _atomically(path: Path, text: str) -> None:
+    """Write a file so that it is there whole or not at all."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as stream:
+            stream.write(text)
+        os.chmod(name, 0o666 & ~_umask())
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

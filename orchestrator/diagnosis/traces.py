@@ -1,0 +1,112 @@
+"""Measured against modelled, signal by signal, before and after effects are added: what a report shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+
+from .finding import Augmented
+from .model import RigModel
+from .software import ControllerReplay, DynamicsReplay
+from .study import Array, Run, Study
+
+__all__ = ["CHANNEL_OF", "Trace", "contacts", "traces"]
+
+# The signal in which a place's residual is looked for.
+CHANNEL_OF = {
+    "link": "encoder_position",
+    "robot": "encoder_position",
+    "structure": "sensor_force",
+    "contact": "sensor_force",
+    "sensor": "sensor_force",
+    "controller": "compensated_force",
+    "dynamics": "body_force",
+}
+_NONE = Augmented({}, (), np.zeros(0))
+# Force at which a contact counts, in standard deviations of the sensor's noise, and the free flight [ticks]
+# that parts two contacts.
+_PUSH, _APART = 10.0, 20
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One signal of a run, and its models, each driven by what was logged at the component's inputs.
+
+    Attributes:
+        name, unit: of the signal; body_force is what moves the satellite, from the logged velocities.
+        time: shape (n,) [s].
+        measured: shape (n,).
+        before, after: by the model as calibrated, and with effects and refitted calibration, shape (n,).
+        noise: standard deviation that the log has by itself: noise and rounding.
+    """
+
+    name: str
+    unit: str
+    time: Array
+    measured: Array
+    before: Array
+    after: Array
+    noise: float
+
+    def misfit(self) -> tuple[float, float]:
+        """Root mean square of what the models leave before and after, over the noise."""
+        return tuple(
+            float(np.sqrt(np.mean(np.square(self.measured - model))) / self.noise)
+            for model in (self.before, self.after)
+        )  # type: ignore[return-value]
+
+
+def traces(study: Study, run: Run, model: Augmented) -> dict[str, Trace]:
+    """All signals of a run that a model predicts, by name."""
+    rig = RigModel(study, [run])
+    found = {}
+    before, after = (
+        rig.replay(0, one.calibrated, one.effects, np.asarray(one.theta, float)) for one in (_NONE, model)
+    )
+    nominal, time = study.nominal, run["time"]
+    for row, (name, unit, sigma, step) in enumerate(
+        (
+            ("encoder_position", "m", "encoder_noise", "encoder_resolution"),
+            ("sensor_force", "N", "force_noise", "force_resolution"),
+        ),
+        start=2,
+    ):
+        noise = hypot(nominal[sigma].value, nominal[step].value / sqrt(12.0))
+        found[name] = Trace(name, unit, time, run[name], before[row], after[row], noise)
+    controller = ControllerReplay(study, [run])
+    outputs = [
+        controller.replay(0, one.effects, np.asarray(one.theta, float))[0][0] for one in (_NONE, model)
+    ]
+    found["compensated_force"] = Trace(
+        "compensated_force", "N", time, run["compensated_force"], *outputs, controller.noise[0][0]
+    )
+    found["body_force"] = _body(study, run, model)
+    return found
+
+
+def _body(study: Study, run: Run, model: Augmented) -> Trace:
+    """Force that the logged velocities tell, against the force that the software was given."""
+    replay = DynamicsReplay(study, [run])
+    change = run.mass / study.tick * np.diff(run["desired_velocity"])
+    noise = replay.noise[0] * run.mass / study.tick
+    left = [
+        replay.residuals({}, one.effects, np.asarray(one.theta, float))[0] * noise for one in (_NONE, model)
+    ]
+    return Trace("body_force", "N", run["time"][:-1], change, change - left[0], change - left[1], noise)
+
+
+def contacts(study: Study, run: Run) -> list[tuple[int, int]]:
+    """First and last tick of each contact, as the measured force tells.
+
+    Pushes less than 20 ticks apart, as in a chattering release, count as one.
+    """
+    threshold = max(_PUSH * study.nominal["force_noise"].value, 4.0)
+    ticks = np.flatnonzero(np.abs(run["sensor_force"] - np.median(run["sensor_force"])) > threshold)
+    if not ticks.size:
+        return []
+    ends = np.flatnonzero(np.diff(ticks) > _APART)
+    firsts = np.concatenate([[ticks[0]], ticks[ends + 1]])
+    lasts = np.concatenate([ticks[ends], [ticks[-1]]])
+    return [(int(first), int(last)) for first, last in zip(firsts, lasts, strict=True)]

@@ -1,0 +1,202 @@
+"""What a diagnosis writes: the content of diagnosis.json, checked as it is made and as it is read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ..errors import ConfigError, Problem
+from ..formats import strict
+
+__all__ = [
+    "Diagnosis",
+    "Experiment",
+    "Gap",
+    "HowFar",
+    "LedgerRow",
+    "Numerics",
+    "Share",
+    "Verdict",
+    "Warned",
+    "Which",
+    "read_diagnosis",
+]
+
+FORMAT = "gap-diagnosis/1"
+NAME = "diagnosis.json"
+# Parts of a whole are sums of floating-point numbers.
+_ADDS_UP = 1e-9
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError(f"got {value}; a finite number is needed")
+    return value
+
+
+Number = Annotated[float, AfterValidator(_finite)]
+Probability = Annotated[float, AfterValidator(_finite), Field(ge=0, le=1 + _ADDS_UP)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Open(BaseModel):
+    """What further analyses add is kept."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class Share(_Part):
+    """Share of the held-out closed-loop gap that a place causes; negative where it hides another's part."""
+
+    place: str
+    share: Number
+
+
+class Which(_Part):
+    """An answer to which effects cause the gap; none, or "outside" for one outside the catalogue."""
+
+    effects: list[str]
+    probability: Probability
+    parameters: dict[str, Number]
+    ties: list[str]
+
+
+class Verdict(_Part):
+    """The answer given."""
+
+    effects: list[str]
+    places: list[str]
+
+
+class Gap(_Open):
+    """How far the gap shrinks.
+
+    Attributes:
+        before, after: of the model as calibrated, and with the effects added.
+        noise_floor: of two runs of the same rig.
+        closure: (before - after)/(before - noise_floor); None where the gap is within the noise.
+        interval: 95 % of it.
+        recalibration_only: closure by other calibrated numbers alone.
+    """
+
+    before: Number | None
+    after: Number | None
+    noise_floor: Number | None
+    closure: Number | None
+    interval: tuple[Number, Number] | None
+    recalibration_only: Number | None
+    within_floor: bool = False
+
+
+class HowFar(Gap):
+    """One contact ahead; and over whole runs."""
+
+    full_run: Gap | None = None
+
+
+class Experiment(_Open):
+    """What to run next, and the evidence that it is expected to give between the tied candidates [nats]."""
+
+    name: str
+    description: str
+    expected_evidence: Number | None
+    between: list[str]
+
+
+class Numerics(_Open):
+    """The co-simulation's own error, by step halving, as a fraction of the gap."""
+
+    fraction: Number | None
+
+
+class LedgerRow(_Part):
+    """Excess residual energy of a component in a phase of motion and a band, as a fraction of all of it."""
+
+    component: str
+    phase: str
+    band: str
+    share: Number
+
+
+class Warned(_Part):
+    """Something about the logs that a reader should know."""
+
+    place: str
+    what: str
+    remedy: str = ""
+
+
+class Diagnosis(_Part):
+    """diagnosis.json. See CATALOGUE in the README of the diagnosis for the keys."""
+
+    format: Literal["gap-diagnosis/1"] = FORMAT
+    case: str
+    verdict: Verdict
+    where: list[Share]
+    which: Annotated[list[Which], Field(min_length=1)]
+    outside_place: str = ""
+    answer_set: list[str]
+    doubtful_tolerances: bool
+    how_far: HowFar | None
+    next_experiment: Experiment | None
+    numerics: Numerics | None
+    ledger: list[LedgerRow] = []
+    energy: dict[str, Any] = {}
+    misfit: dict[str, Number]
+    calibration: dict[str, dict[str, Number]]
+    data: list[Warned]
+    left_out: dict[str, str] = {}
+    provenance: dict[str, Any]
+
+    @model_validator(mode="after")
+    def _whole(self) -> Diagnosis:
+        for name, total in (
+            ("where: shares", sum(one.share for one in self.where) if self.where else 1.0),
+            ("which: probabilities", sum(one.probability for one in self.which)),
+            ("ledger: shares", sum(one.share for one in self.ledger) if self.ledger else 1.0),
+        ):
+            if abs(total - 1.0) > _ADDS_UP:
+                raise ValueError(f"{name} add up to {total!r}, not to 1")
+        ranks = [one.probability for one in self.which]
+        if ranks != sorted(ranks, reverse=True):
+            raise ValueError(f"which: the most probable answer comes first; got probabilities {ranks}")
+        if self.verdict.effects == ["outside"] and not self.outside_place:
+            raise ValueError("outside_place: an effect outside the catalogue needs its place")
+        return self
+
+    def data_of(self) -> dict[str, Any]:
+        """Plain values, as written to JSON."""
+        return strict(self.model_dump(mode="json"))
+
+
+def read_diagnosis(path: Path) -> Diagnosis:
+    """Read a diagnosis.json, or that of a folder.
+
+    Raises: ConfigError with all problems.
+    """
+    file = path / NAME if path.is_dir() else path
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Problem(str(file), f"cannot be read: {error.strerror}")]) from None
+    try:
+        return Diagnosis.model_validate_json(text)
+    except ValidationError as error:
+        raise ConfigError(problems_of(error, str(file))) from None
+
+
+def problems_of(error: ValidationError, place: str) -> list[Problem]:
+    """What is wrong with data that pydantic refused, each with its place."""
+    found = []
+    for one in error.errors():
+        where: Mapping[str, Any] | tuple[Any, ...] = one["loc"]
+        path = ".".join(str(part) for part in where)
+        found.append(Problem(f"{place}: {path}" if path else place, one["msg"]))
+    return found

@@ -1,0 +1,199 @@
+"""Bad data is told apart from a bad model: mistakes put into good logs are named, effects are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logged import logged_study, with_column
+
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.checks import check_logs
+from orchestrator.diagnosis.study import Role, load_study
+
+CASES = Path(__file__).parents[3] / "shared" / "gap" / "cases"
+
+
+@pytest.fixture(scope="module")
+def good():
+    return logged_study()
+
+
+def told(study):
+    refused, warned = check_logs(study)
+    return [str(one) for one in refused], [str(one) for one in warned]
+
+
+def rows(study, keep, run=0):
+    runs = list(study.runs)
+    runs[run] = replace(runs[run], columns={name: one[keep] for name, one in runs[run].columns.items()})
+    return replace(study, runs=tuple(runs))
+
+
+def test_a_good_log_passes(good):
+    assert told(good) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("effect", "theta"),
+    [
+        ("dynamics.mass", (0.15,)),
+        ("sensor.gain", (0.25,)),
+        ("robot.delay", (0.004,)),
+        ("controller.lead", (0.002,)),
+        ("structure.offset", (0.0005,)),
+        ("dynamics.residual-gravity", (0.005,)),
+        ("contact.stiffness", (-0.4,)),
+    ],
+)
+def test_an_effect_is_no_bad_data(effect, theta):
+    assert told(logged_study((catalogue()[effect],), theta)) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        ("sensor_force", -1.0, "its sign is reversed"),
+        ("compensated_force", -1.0, "its sign is reversed"),
+        ("encoder_position", -1.0, "its sign is reversed"),
+        ("desired_velocity", -1.0, "its sign is reversed"),
+        ("desired_position", 1e3, "1000 times too large"),
+        ("desired_velocity", 1e3, "1000 times too large"),
+        ("encoder_position", 1e3, "1000 times too large"),
+        ("sensor_force", 1e-3, "1000 times too small"),
+        ("sensor_force", 0.22480894309971052, "pounds-force"),
+        ("stiffness_estimate", 1e-3, "1000 times too small"),
+        ("desired_position", 39.37007874015748, "inches"),
+    ],
+)
+def test_a_wrong_sign_or_unit_is_named(good, column, factor, said):
+    refused, _ = told(with_column(good, column, lambda values: factor * values))
+    assert len(refused) == 1
+    assert refused[0].startswith(f"train-1: column {column}: from row ")
+    assert said in refused[0]
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("desired_position", "encoder_position"),
+        ("desired_position", "desired_velocity"),
+        ("sensor_force", "compensated_force"),
+        ("encoder_position", "desired_velocity"),
+        ("sensor_force", "encoder_position"),
+    ],
+)
+def test_exchanged_columns_are_named(good, one, other):
+    run = good.runs[0]
+    columns = {**run.columns, one: run[other], other: run[one]}
+    refused, _ = told(replace(good, runs=(replace(run, columns=columns), *good.runs[1:])))
+    assert len(refused) == 1
+    place = refused[0].split(":")[1]
+    assert one in place and other in place
+    assert "Exchange their headers" in refused[0]
+
+
+@pytest.mark.parametrize(
+    "column", ["sensor_force", "compensated_force", "encoder_position", "desired_velocity"]
+)
+@pytest.mark.parametrize("shift", [-7, -1, 1, 12])
+def test_the_clock_of_a_column_is_named(good, column, shift):
+    def late(values):
+        moved = np.roll(values, shift)
+        if shift > 0:
+            moved[:shift] = values[0]
+        else:
+            moved[shift:] = values[-1]
+        return moved
+
+    refused, _ = told(with_column(good, column, late))
+    assert len(refused) == 1
+    assert column in refused[0]
+    assert f"{abs(shift)} ticks {'late' if shift > 0 else 'early'}" in refused[0]
+
+
+def test_gaps_repeats_and_order_of_time_are_named(good):
+    keep = np.ones(2000, bool)
+    keep[700:710] = False
+    (gap,), _ = told(rows(good, keep))
+    assert gap == (
+        "train-1: column time: row 700 (0.71): 10 rows are missing in 1 places, the first 0.011 s long\n"
+        "  Log every tick: replays need each input."
+    )
+    (twice,), _ = told(rows(good, np.sort(np.append(np.arange(2000), [900, 1200]))))
+    assert twice == ("train-1: column time: row 901 (0.9): 2 stamps stand twice\n  Remove the second row.")
+    order = np.arange(2000)
+    order[[500, 501]] = 501, 500
+    (back,), _ = told(rows(good, order))
+    assert "row 501 (0.5): time runs backwards" in back
+
+
+def test_the_unit_of_time_is_named(good):
+    (unit,), _ = told(with_column(good, "time", lambda time: 1e3 * time))
+    assert "rows are 1 s apart, the tick is 0.001 s (1000 times)" in unit
+
+
+def test_a_dead_channel_is_named(good):
+    (dead,), _ = told(with_column(good, "encoder_position", np.zeros_like))
+    assert dead == (
+        "train-1: column encoder_position: rows 0 to 1999 are all 0\n"
+        "  The channel is dead or not connected; log it, or leave the run out."
+    )
+
+
+def test_a_clipped_channel_is_a_warning(good):
+    top = 0.5 * np.max(good.runs[0]["sensor_force"])
+
+    # The sensor clips, and the software computes with what it was given.
+    def clip(values):
+        return np.clip(values, -np.inf, top)
+
+    study = with_column(good, "sensor_force", clip)
+    refused, warned = told(study)
+    assert refused == []
+    assert any(one.startswith("train-1: column sensor_force: row ") and "clipped" in one for one in warned)
+
+
+def test_a_frozen_channel_is_a_warning(good):
+    def freeze(values):
+        values[500:600] = values[500]
+        return values
+
+    refused, warned = told(with_column(good, "encoder_position", freeze))
+    assert refused == []
+    assert any("column encoder_position: row 500" in one and "frozen for 100 rows" in one for one in warned)
+
+
+def test_runs_left_early_are_warned_of(good):
+    refused, warned = told(rows(good, slice(0, 900)))
+    assert refused == []
+    assert any(one.startswith("train-1: ends at row 899") for one in warned)
+
+
+def test_too_few_contacts(good):
+    short = good
+    for run in range(len(good.runs)):
+        short = rows(short, slice(0, 180), run)
+    refused, _ = told(short)
+    assert len(refused) == 1
+    assert refused[0].startswith("runs of the role train: 0 contacts in all (train-1 0, train-2 0)")
+
+
+def test_a_repeat_of_no_heldout_run_is_warned_of(good):
+    runs = tuple(replace(run, role=Role.TRAIN) if run.role is Role.HELDOUT else run for run in good.runs)
+    _, warned = told(replace(good, runs=runs))
+    assert any("repeats no held-out run: mass 340 kg" in one for one in warned)
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the labelled cases are not here")
+def test_the_labelled_cases_have_good_data():
+    found = {}
+    for folder in sorted(CASES.glob("case-*")):
+        refused, warned = check_logs(load_study(folder))
+        assert refused == [], folder.name
+        if warned:
+            found[folder.name] = {one.what.split(": ")[1] for one in warned}
+    # Its hidden fault is a sensor that clips.
+    assert found == {"case-003": {"clipped"}}
