@@ -1,0 +1,296 @@
+"""A diagnosis as one page that needs no network: what a lab engineer reads in two minutes."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib import resources
+
+from .catalogue import catalogue
+from .figures import figure_of
+from .finding import Augmented
+from .study import Role, Study
+from .verdict import Diagnosis, Gap, Which
+
+__all__ = ["headline", "page"]
+
+# A share of probability below which an answer is not worth a line, and so many lines.
+_WORTH, _LINES = 0.005, 8
+# Energy shares are shown with a colour that is full from here on.
+_FULL = 0.5
+
+
+def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
+    """The page as HTML.
+
+    Args:
+        model: the answer's, by which residuals are shown after the effects are added.
+    """
+    style = resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
+    places = list(dict.fromkeys(diagnosis.verdict.places)) or ["sensor"]
+    figures = [figure_of(study, place, model) for place in places[:3]]
+    seen: dict[str, str] = {words: drawn for drawn, words in figures}
+    parts = [
+        f"<p class=headline>{escape(headline(diagnosis))}</p>",
+        _warnings(diagnosis),
+        "<div class=cards>",
+        _card("Which effect", _posterior(diagnosis)),
+        _card("Where the gap lies", _where(diagnosis)),
+        _card("How far it shrinks", _how_far(diagnosis)),
+        _card("What to run next", _next(diagnosis)),
+        "</div>",
+        "<h2>Residuals before and after</h2>",
+        *(f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>" for words, drawn in seen.items()),
+        _ledger(diagnosis),
+        _energy(diagnosis),
+        _calibration(diagnosis),
+        _assumed(study, diagnosis),
+        _provenance(diagnosis),
+    ]
+    title = escape(f"{diagnosis.case}: diagnosis of the sim-to-real gap")
+    body = "\n".join(part for part in parts if part)
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>\n{style}</style></head>\n'
+        f"<body><header><h1>{title}</h1></header>\n{body}\n</body></html>\n"
+    )
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in a sentence or two."""
+    effects, first = diagnosis.verdict.effects, _given(diagnosis)
+    chance = f"probability {_percent(first.probability)}"
+    gap = diagnosis.how_far
+    if not effects:
+        text = f"No unmodelled effect is needed: the calibrated model explains the logs ({chance})."
+        if diagnosis.doubtful_tolerances:
+            text = (
+                "The calibration is farther off than its tolerances allow, and no effect explains it: doubt the "
+                f"tolerances ({chance} that no effect is hidden)."
+            )
+        return text
+    if effects == ["outside"]:
+        return (
+            f"An effect outside the catalogue acts at the {diagnosis.outside_place} ({chance}). None of the "
+            f"{len(catalogue())} known effects leaves only noise."
+        )
+    named = " and ".join(effects)
+    text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
+    if gap is not None and gap.closure is not None:
+        text += f"; adding {'them' if len(effects) > 1 else 'it'} closes {_percent(gap.closure)} of the gap on runs that no fit saw"
+    text += "."
+    if first.ties:
+        text += f" These logs cannot tell {'them' if len(effects) > 1 else 'it'} from {_listed(first.ties)}."
+    return text
+
+
+def _given(diagnosis: Diagnosis) -> Which:
+    """The answer that the verdict gives."""
+    effects = set(diagnosis.verdict.effects)
+    return next((one for one in diagnosis.which if set(one.effects) == effects), diagnosis.which[0])
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def _percent(value: float) -> str:
+    text = f"{100 * value:.0f} %" if 0.01 <= abs(value) <= 0.99 or value in (0, 1) else f"{100 * value:.3g} %"
+    return "over 99.9 %" if 0.999 < value < 1 else text
+
+
+def _number(value: float | None, digits: int = 3) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"
+
+
+def _card(title: str, content: str) -> str:
+    return f"<section class=card><h2>{escape(title)}</h2>{content}</section>"
+
+
+def _bar(label: str, value: float, text: str, note: str = "", strong: bool = False) -> str:
+    width = 100 * min(max(abs(value), 0.0), 1.0)
+    kind = "bar negative" if value < 0 else "bar"
+    name = f"<b>{escape(label)}</b>" if strong else escape(label)
+    more = f"<div class=note>{escape(note)}</div>" if note else ""
+    return (
+        f'<div class=row><div class=name>{name}</div><div class=track><div class="{kind}" '
+        f'style="width:{width:.1f}%"></div></div><div class=value>{escape(text)}</div>{more}</div>'
+    )
+
+
+def _posterior(diagnosis: Diagnosis) -> str:
+    rows = []
+    given = _given(diagnosis)
+    shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
+    for one in shown:
+        label = " + ".join(one.effects) or "no effect"
+        notes = [", ".join(_parameter(name, value) for name, value in one.parameters.items())]
+        if one.ties:
+            notes.append(f"tied with {', '.join(one.ties)}")
+        note = "; ".join(part for part in notes if part)
+        rows.append(_bar(label, one.probability, _percent(one.probability), note, one is given))
+    rest = 1.0 - sum(one.probability for one in shown)
+    if rest > 1e-4:
+        rows.append(_bar("all others", rest, _percent(rest)))
+    answers = ", ".join(diagnosis.answer_set)
+    return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
+
+
+def _parameter(name: str, value: float) -> str:
+    """A fitted parameter with the unit that the catalogue gives it."""
+    effect, _, parameter = name.rpartition(".")
+    known = catalogue().get(effect)
+    units = {one.name: one.unit for one in known.parameters} if known else {}
+    unit = units.get(parameter, "")
+    return f"{parameter} {value:.4g}{'' if unit in ('', '1') else ' ' + unit}"
+
+
+def _where(diagnosis: Diagnosis) -> str:
+    if not diagnosis.where:
+        return _left_out(diagnosis, "where")
+    rows = [
+        _bar(one.place, one.share, _percent(one.share), strong=one.place in diagnosis.verdict.places)
+        for one in diagnosis.where
+    ]
+    return "".join(rows) + "<p class=note>Shares of the held-out closed-loop gap; they add up to 100 %.</p>"
+
+
+def _how_far(diagnosis: Diagnosis) -> str:
+    gap = diagnosis.how_far
+    if gap is None:
+        return _left_out(diagnosis, "how_far")
+    rows = [("one contact ahead", gap)] + ([("whole run", gap.full_run)] if gap.full_run is not None else [])
+    body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
+    head = "".join(f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by recalibration"))
+    note = "Error of the model on held-out runs. High closure alone does not prove the cause."
+    return f"<table><tr>{head}</tr>{body}</table><p class=note>{note}</p>"
+
+
+def _gap_cells(gap: Gap) -> str:
+    closed = "within the noise" if gap.within_floor else "-" if gap.closure is None else _percent(gap.closure)
+    if gap.interval is not None and not gap.within_floor:
+        closed += f"<div class=note>{_percent(gap.interval[0])} to {_percent(gap.interval[1])}</div>"
+    alone = "-" if gap.recalibration_only is None else _percent(gap.recalibration_only)
+    cells = (*map(_number, (gap.before, gap.after, gap.noise_floor)), closed, alone)
+    return "".join(f"<td>{one}</td>" for one in cells)
+
+
+def _next(diagnosis: Diagnosis) -> str:
+    one = diagnosis.next_experiment
+    if one is None:
+        if "next_experiment" in diagnosis.left_out:
+            return _left_out(diagnosis, "next_experiment")
+        return "<p>No experiment is needed: no tie is left to break.</p>"
+    text = f"<p><b>{escape(one.name)}</b></p><p>{escape(one.description)}</p>"
+    if one.between:
+        text += f"<p class=note>Between {escape(_listed(one.between))}"
+        if one.expected_evidence is not None:
+            text += f": {one.expected_evidence:.3g} nats of evidence expected"
+        text += ".</p>"
+    return text
+
+
+def _left_out(diagnosis: Diagnosis, name: str) -> str:
+    return f"<p class=note>Left out: {escape(diagnosis.left_out.get(name, 'no result'))}.</p>"
+
+
+def _warnings(diagnosis: Diagnosis) -> str:
+    told = [f"{one.place}: {one.what}. {one.remedy}" for one in diagnosis.data]
+    if diagnosis.doubtful_tolerances and diagnosis.verdict.effects:
+        told.insert(0, "Calibrated numbers moved farther than their tolerances allow: doubt the tolerances.")
+    items = "".join(f"<li>{escape(one)}</li>" for one in told)
+    return f"<aside><b>About the data</b><ul>{items}</ul></aside>" if items else ""
+
+
+def _ledger(diagnosis: Diagnosis) -> str:
+    if not diagnosis.ledger:
+        return ""
+    components = list(dict.fromkeys(one.component for one in diagnosis.ledger))
+    phases = list(dict.fromkeys(one.phase for one in diagnosis.ledger))
+    bands = list(dict.fromkeys(one.band for one in diagnosis.ledger))
+    shares = {(one.component, one.phase, one.band): one.share for one in diagnosis.ledger}
+    head = "".join(f"<th colspan={len(bands)}>{escape(phase)}</th>" for phase in phases)
+    sub = "".join(f"<th class=band>{escape(band)}</th>" for _ in phases for band in bands)
+    body = ""
+    for component in components:
+        cells = [shares.get((component, phase, band), 0.0) for phase in phases for band in bands]
+        body += f"<tr><th>{escape(component)}</th>{''.join(map(_heat, cells))}{_heat(sum(cells))}</tr>"
+    return (
+        "<h2>Residual energy</h2><p class=note>Excess over noise, in percent of all of it, by component, phase of "
+        f"motion and frequency band. Cells add up to 100.</p><div class=wide><table class=heat><tr><th></th>{head}"
+        f"<th>all</th></tr><tr><th></th>{sub}<th></th></tr>{body}</table></div>"
+    )
+
+
+def _heat(share: float) -> str:
+    depth = min(abs(share) / _FULL, 1.0) ** 0.5
+    colour = f"rgba(213,94,0,{0.75 * depth:.2f})" if share >= 0 else f"rgba(0,114,178,{0.75 * depth:.2f})"
+    return f'<td style="background:{colour}">{100 * share:.1f}</td>'
+
+
+def _energy(diagnosis: Diagnosis) -> str:
+    energy = diagnosis.energy
+    if not energy.get("interfaces"):
+        return ""
+    columns = [name for name in ("measured", "nominal", "excess", "answer") if name in energy]
+    head = "".join(f"<th>{escape(one)}</th>" for one in columns)
+    rows = [
+        f"<tr><th>{escape(one)}</th>{''.join(f'<td>{energy[name][one]:+.4f}</td>' for name in columns)}</tr>"
+        for one in energy["interfaces"]
+    ]
+    total = "".join(f"<td><b>{energy['change'][name]:+.4f}</b></td>" for name in columns)
+    return (
+        "<h2>Energy of a contact</h2><p class=note>CoR^2 - 1, the share of kinetic energy that a contact adds, by the "
+        "interface at which it enters; mean over held-out contacts. Excess is measured less nominal.</p>"
+        f"<table><tr><th></th>{head}</tr>{''.join(rows)}<tr><th>CoR^2 - 1</th>{total}</tr></table>"
+    )
+
+
+def _calibration(diagnosis: Diagnosis) -> str:
+    rows = ""
+    for name, one in diagnosis.calibration.items():
+        moved = [(one[key] - one["nominal"]) / one["tolerance"] for key in ("fitted", "recalibrated")]
+        cells = f"<td>{_number(one['nominal'], 6)}</td><td>{_number(one['tolerance'])}</td>"
+        cells += "".join(f"<td>{'<b>' if abs(by) > 3 else ''}{by:+.1f}</td>" for by in moved)
+        rows += f"<tr><th>{escape(name.replace('_', ' '))}</th>{cells}</tr>"
+    head = "".join(
+        f"<th>{one}</th>"
+        for one in ("", "as calibrated (SI)", "tolerance", "moved, with effects", "moved, without effects")
+    )
+    return (
+        "<details><summary>Calibration</summary><p class=note>Moves in tolerances; more than 3 in bold.</p>"
+        f"<table><tr>{head}</tr>{rows}</table></details>"
+    )
+
+
+def _assumed(study: Study, diagnosis: Diagnosis) -> str:
+    roles = {role: [run.name for run in study.of(role)] for role in Role}
+    told = [
+        f"Fits saw {', '.join(roles[Role.TRAIN])} only; "
+        + (f"closure is measured on {', '.join(roles[Role.HELDOUT])}." if roles[Role.HELDOUT] else "nothing is held out."),
+        "A calibrated number deviates from its value by its tolerance, one standard deviation of a normal distribution; "
+        "rigs have small roughness besides, which is not called an effect.",
+        f"Causes are those of a catalogue of {len(catalogue())} effects, alone or together, none of them, or "
+        "one outside the catalogue.",
+        "Probabilities are calibrated on simulated rigs, not on measured ones.",
+    ]
+    if diagnosis.numerics is not None and diagnosis.numerics.fraction is not None:
+        told.append(
+            f"The co-simulation's own error, by step halving, is {_percent(diagnosis.numerics.fraction)} of the gap."
+        )
+    told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
+    items = "".join(f"<li>{escape(one)}</li>" for one in told)
+    return f"<h2>What was assumed</h2><ul>{items}</ul>"
+
+
+def _provenance(diagnosis: Diagnosis) -> str:
+    kept = diagnosis.provenance
+    packages = ", ".join(f"{name} {version}" for name, version in (kept.get("packages") or {}).items())
+    lines = "".join(
+        f"<tr><td>{escape(name)}</td><td><code>{escape(digest)}</code></td></tr>"
+        for name, digest in (kept.get("sha256") or {}).items()
+    )
+    return (
+        f"<details><summary>Provenance</summary><p>{escape(str(kept.get('created', '')))}; Python "
+        f"{escape(str(kept.get('python', '')))}, {escape(str(kept.get('platform', '')))}; {escape(packages)}</p>"
+        f"<table>{lines}</table></details>"
+    )
