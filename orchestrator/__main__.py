@@ -95,6 +95,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     export.add_argument("--format", default="csv", metavar="LIST", help="formats: csv, parquet, mat")
     export.set_defaults(command_function=_export)
 
+    diagnose = commands.add_parser("diagnose", help="tell from logs why a rig differs from its model")
+    if arguments[:1] == ["diagnose"]:
+        from .diagnosis import cli as diagnosis_cli
+
+        diagnosis_cli.add_arguments(diagnose)
+    diagnose.set_defaults(command_function=_diagnose)
+
     schema = commands.add_parser("schema", help="print the JSON Schema of configs")
     schema.set_defaults(command_function=_schema)
 
@@ -195,6 +202,12 @@ def _export(args: argparse.Namespace) -> int:
         f"{len(results)} rows written to {base.parent}: {', '.join(f'{base.stem}.{one}' for one in suffixes)}"
     )
     return 0
+
+
+def _diagnose(args: argparse.Namespace) -> int:
+    from .diagnosis import cli
+
+    return cli.main(args)
 
 
 def _schema(args: argparse.Namespace) -> int:

@@ -71,8 +71,8 @@ def diagnose(
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
     """
     begin = perf_counter()
-    parts = parts or Parts.standard()
     progress("read")
+    parts = parts or Parts.standard()
     source = None if isinstance(study, Study) else Path(study)
     study = study if isinstance(study, Study) else load_study(Path(study))
     progress("check")

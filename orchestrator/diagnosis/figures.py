@@ -44,7 +44,9 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
     scale, unit = _scale(trace)
     _draw_left(grid["run"], trace, slice(None), scale, unit)
     grid["run"].axvspan(trace.time[first], trace.time[last], color="#000000", alpha=0.07, linewidth=0)
-    grid["run"].set_title(f"residual over {run.name}; shaded: what is enlarged below", fontsize="small", loc="left")
+    grid["run"].set_title(
+        f"residual over {run.name}; shaded: what is enlarged below", fontsize="small", loc="left"
+    )
     grid["run"].legend(loc="upper right", fontsize="x-small", ncols=3, frameon=False)
     span = slice(first, last + 1)
     axes = grid["zoom"]
@@ -55,7 +57,9 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
         (trace.after, _AFTER, 1.3, "model of the verdict"),
     ):
         axes.plot(trace.time[span], size * values[span], color=color, linewidth=width, label=label)
-    axes.set_title(_TITLES[trace.name] + (f", contact {number}" if number else ""), fontsize="small", loc="left")
+    axes.set_title(
+        _TITLES[trace.name] + (f", contact {number}" if number else ""), fontsize="small", loc="left"
+    )
     axes.set_ylabel(f"[{size_unit}]")
     axes.legend(fontsize="x-small", frameon=False)
     _draw_left(grid["left"], trace, span, scale, unit)

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from .finding import Finding
 from .study import Study
 
 __all__ = ["Parts"]
+
+# Imported when a diagnosis is made: they bring machine code along.
+_HOME = {
+    "weigh": "weigh:weigh",
+    "where": "shapley:where",
+    "ledger": "ledgers:ledger",
+    "energy": "energy:energy",
+    "how_far": "closure:how_far",
+    "next_experiment": "experiments:next_experiment",
+    "numerics": "numerics:numerics",
+}
 
 
 @dataclass(frozen=True)
@@ -35,7 +48,12 @@ class Parts:
 
     @staticmethod
     def standard() -> Parts:
-        """Those of this package."""
-        from .weigh import weigh
+        """Those of this package; an analysis whose module is not installed is left out."""
+        return Parts(**{name: _load(home) for name, home in _HOME.items()})
 
-        return Parts(weigh)
+
+def _load(home: str) -> Callable[..., Any] | None:
+    module, _, function = home.partition(":")
+    if find_spec(f"{__package__}.{module}") is None:
+        return None
+    return getattr(import_module(f".{module}", __package__), function)

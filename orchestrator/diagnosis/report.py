@@ -8,10 +8,11 @@ from importlib import resources
 from .catalogue import catalogue
 from .figures import figure_of
 from .finding import Augmented
+from .headline import given, headline, listed_or, percent
 from .study import Role, Study
-from .verdict import Diagnosis, Gap, Which
+from .verdict import Diagnosis, Gap
 
-__all__ = ["headline", "page"]
+__all__ = ["page"]
 
 # A share of probability below which an answer is not worth a line, and so many lines.
 _WORTH, _LINES = 0.005, 8
@@ -39,7 +40,10 @@ def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
         _card("What to run next", _next(diagnosis)),
         "</div>",
         "<h2>Residuals before and after</h2>",
-        *(f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>" for words, drawn in seen.items()),
+        *(
+            f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>"
+            for words, drawn in seen.items()
+        ),
         _ledger(diagnosis),
         _energy(diagnosis),
         _calibration(diagnosis),
@@ -53,49 +57,6 @@ def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>\n{style}</style></head>\n'
         f"<body><header><h1>{title}</h1></header>\n{body}\n</body></html>\n"
     )
-
-
-def headline(diagnosis: Diagnosis) -> str:
-    """The verdict in a sentence or two."""
-    effects, first = diagnosis.verdict.effects, _given(diagnosis)
-    chance = f"probability {_percent(first.probability)}"
-    gap = diagnosis.how_far
-    if not effects:
-        text = f"No unmodelled effect is needed: the calibrated model explains the logs ({chance})."
-        if diagnosis.doubtful_tolerances:
-            text = (
-                "The calibration is farther off than its tolerances allow, and no effect explains it: doubt the "
-                f"tolerances ({chance} that no effect is hidden)."
-            )
-        return text
-    if effects == ["outside"]:
-        return (
-            f"An effect outside the catalogue acts at the {diagnosis.outside_place} ({chance}). None of the "
-            f"{len(catalogue())} known effects leaves only noise."
-        )
-    named = " and ".join(effects)
-    text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
-    if gap is not None and gap.closure is not None:
-        text += f"; adding {'them' if len(effects) > 1 else 'it'} closes {_percent(gap.closure)} of the gap on runs that no fit saw"
-    text += "."
-    if first.ties:
-        text += f" These logs cannot tell {'them' if len(effects) > 1 else 'it'} from {_listed(first.ties)}."
-    return text
-
-
-def _given(diagnosis: Diagnosis) -> Which:
-    """The answer that the verdict gives."""
-    effects = set(diagnosis.verdict.effects)
-    return next((one for one in diagnosis.which if set(one.effects) == effects), diagnosis.which[0])
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
-
-
-def _percent(value: float) -> str:
-    text = f"{100 * value:.0f} %" if 0.01 <= abs(value) <= 0.99 or value in (0, 1) else f"{100 * value:.3g} %"
-    return "over 99.9 %" if 0.999 < value < 1 else text
 
 
 def _number(value: float | None, digits: int = 3) -> str:
@@ -119,7 +80,7 @@ def _bar(label: str, value: float, text: str, note: str = "", strong: bool = Fal
 
 def _posterior(diagnosis: Diagnosis) -> str:
     rows = []
-    given = _given(diagnosis)
+    answer = given(diagnosis)
     shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
     for one in shown:
         label = " + ".join(one.effects) or "no effect"
@@ -127,10 +88,10 @@ def _posterior(diagnosis: Diagnosis) -> str:
         if one.ties:
             notes.append(f"tied with {', '.join(one.ties)}")
         note = "; ".join(part for part in notes if part)
-        rows.append(_bar(label, one.probability, _percent(one.probability), note, one is given))
+        rows.append(_bar(label, one.probability, percent(one.probability), note, one is answer))
     rest = 1.0 - sum(one.probability for one in shown)
     if rest > 1e-4:
-        rows.append(_bar("all others", rest, _percent(rest)))
+        rows.append(_bar("all others", rest, percent(rest)))
     answers = ", ".join(diagnosis.answer_set)
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
@@ -148,7 +109,7 @@ def _where(diagnosis: Diagnosis) -> str:
     if not diagnosis.where:
         return _left_out(diagnosis, "where")
     rows = [
-        _bar(one.place, one.share, _percent(one.share), strong=one.place in diagnosis.verdict.places)
+        _bar(one.place, one.share, percent(one.share), strong=one.place in diagnosis.verdict.places)
         for one in diagnosis.where
     ]
     return "".join(rows) + "<p class=note>Shares of the held-out closed-loop gap; they add up to 100 %.</p>"
@@ -160,16 +121,18 @@ def _how_far(diagnosis: Diagnosis) -> str:
         return _left_out(diagnosis, "how_far")
     rows = [("one contact ahead", gap)] + ([("whole run", gap.full_run)] if gap.full_run is not None else [])
     body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
-    head = "".join(f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by recalibration"))
+    head = "".join(
+        f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by recalibration")
+    )
     note = "Error of the model on held-out runs. High closure alone does not prove the cause."
     return f"<table><tr>{head}</tr>{body}</table><p class=note>{note}</p>"
 
 
 def _gap_cells(gap: Gap) -> str:
-    closed = "within the noise" if gap.within_floor else "-" if gap.closure is None else _percent(gap.closure)
+    closed = "within the noise" if gap.within_floor else "-" if gap.closure is None else percent(gap.closure)
     if gap.interval is not None and not gap.within_floor:
-        closed += f"<div class=note>{_percent(gap.interval[0])} to {_percent(gap.interval[1])}</div>"
-    alone = "-" if gap.recalibration_only is None else _percent(gap.recalibration_only)
+        closed += f"<div class=note>{percent(gap.interval[0])} to {percent(gap.interval[1])}</div>"
+    alone = "-" if gap.recalibration_only is None else percent(gap.recalibration_only)
     cells = (*map(_number, (gap.before, gap.after, gap.noise_floor)), closed, alone)
     return "".join(f"<td>{one}</td>" for one in cells)
 
@@ -182,7 +145,7 @@ def _next(diagnosis: Diagnosis) -> str:
         return "<p>No experiment is needed: no tie is left to break.</p>"
     text = f"<p><b>{escape(one.name)}</b></p><p>{escape(one.description)}</p>"
     if one.between:
-        text += f"<p class=note>Between {escape(_listed(one.between))}"
+        text += f"<p class=note>Between {escape(listed_or(one.between))}"
         if one.expected_evidence is not None:
             text += f": {one.expected_evidence:.3g} nats of evidence expected"
         text += ".</p>"
@@ -266,7 +229,11 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> str:
     roles = {role: [run.name for run in study.of(role)] for role in Role}
     told = [
         f"Fits saw {', '.join(roles[Role.TRAIN])} only; "
-        + (f"closure is measured on {', '.join(roles[Role.HELDOUT])}." if roles[Role.HELDOUT] else "nothing is held out."),
+        + (
+            f"closure is measured on {', '.join(roles[Role.HELDOUT])}."
+            if roles[Role.HELDOUT]
+            else "nothing is held out."
+        ),
         "A calibrated number deviates from its value by its tolerance, one standard deviation of a normal distribution; "
         "rigs have small roughness besides, which is not called an effect.",
         f"Causes are those of a catalogue of {len(catalogue())} effects, alone or together, none of them, or "
@@ -275,7 +242,7 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> str:
     ]
     if diagnosis.numerics is not None and diagnosis.numerics.fraction is not None:
         told.append(
-            f"The co-simulation's own error, by step halving, is {_percent(diagnosis.numerics.fraction)} of the gap."
+            f"The co-simulation's own error, by step halving, is {percent(diagnosis.numerics.fraction)} of the gap."
         )
     told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
     items = "".join(f"<li>{escape(one)}</li>" for one in told)

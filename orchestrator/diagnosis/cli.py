@@ -1,0 +1,137 @@
+"""The sub-command `diagnose`: cases to verdicts."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
+
+__all__ = ["add_arguments", "main"]
+
+_DESCRIPTION = """Tell from logs which unmodelled effect makes a rig differ from its model, where, how far the gap
+shrinks once the effect is added, and what to run next. A case is a folder with case.yaml and its logs, or a
+study.yaml. Writes diagnosis.json and report.html."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator diagnose`."""
+    parser.description = _DESCRIPTION
+    parser.add_argument(
+        "cases", nargs="+", type=Path, metavar="CASE", help="a case's folder, or a study.yaml"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="write to this folder; with several cases, one folder each in it",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print the content of diagnosis.json, one line a case"
+    )
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Diagnose each case.
+
+    A case that fails is told, and the others are done all the same.
+
+    Returns: 0; 1 if some case failed.
+    Raises: ConfigError if the command is wrong, or no case could be read.
+    """
+    folders = _folders(args.cases, args.out)
+    # Imported after the command is known to make sense: machine code takes a second to load.
+    from .diagnose import STAGES, diagnose
+    from .report_text import text
+
+    refused: list[Problem] = []
+    failed = 0
+    bar = _Bar(len(args.cases) * len(STAGES), shown=not args.quiet)
+    for case, folder in zip(args.cases, folders, strict=True):
+        bar.begin(case.name or str(case))
+        try:
+            made = diagnose(case, folder, report=not args.no_report, progress=bar.stage)
+        except Interrupted:
+            bar.close()
+            raise
+        except OrchestratorError as error:
+            failed += 1
+            refused += error.problems if isinstance(error, ConfigError) else []
+            if len(args.cases) == 1:
+                bar.close()
+                raise
+            bar.write(f"orchestrator: {case}: {error}", sys.stderr)
+            continue
+        finally:
+            bar.end(len(STAGES))
+        if args.json:
+            bar.write(json.dumps(made.diagnosis.data_of(), allow_nan=False, ensure_ascii=False), sys.stdout)
+        elif not args.quiet:
+            bar.write(text(made), sys.stdout)
+    bar.close()
+    if failed == len(args.cases) and len(refused) >= failed:
+        return 2
+    return 1 if failed else 0
+
+
+def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:
+    """Where each case is written to. Raises: ConfigError for cases that are not there or share a name."""
+    problems = [
+        Problem(str(case), "no such file or folder", "a case's folder or a study.yaml")
+        for case in cases
+        if not case.exists()
+    ]
+    names = [case.resolve().parent.name if case.is_file() else case.resolve().name for case in cases]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if out is not None and twice:
+        problems.append(
+            Problem("", f"several cases are called {listed(twice)}", remedy="Diagnose them one by one.")
+        )
+    if problems:
+        raise ConfigError(problems)
+    if out is None:
+        return [None] * len(cases)
+    return [out] if len(cases) == 1 else [out / name for name in names]
+
+
+class _Bar:
+    """A progress bar over the stages of all cases, on a terminal only."""
+
+    def __init__(self, total: int, shown: bool) -> None:
+        self._bar: Any = None
+        self._stages = 0
+        if shown and sys.stderr.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=total, unit="stage", file=sys.stderr, leave=False)
+
+    def begin(self, case: str) -> None:
+        self._stages = 0
+        if self._bar is not None:
+            self._bar.set_description(case)
+
+    def stage(self, name: str) -> None:
+        """A stage begins; the one before it is over."""
+        if self._bar is not None:
+            self._bar.update(1 if self._stages else 0)
+            self._bar.set_postfix_str(name)
+        self._stages += 1
+
+    def end(self, stages: int) -> None:
+        """A case is over, whether all its stages were gone through or not."""
+        if self._bar is not None:
+            self._bar.update(stages - max(self._stages - 1, 0))
+
+    def write(self, line: str, file: Any) -> None:
+        if self._bar is not None:
+            self._bar.clear()
+        print(line, file=file)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()

@@ -1,0 +1,55 @@
+"""The verdict of a diagnosis in a sentence or two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .catalogue import catalogue
+from .verdict import Diagnosis, Which
+
+__all__ = ["given", "headline", "listed_or", "percent"]
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict in a sentence or two."""
+    effects, first = diagnosis.verdict.effects, given(diagnosis)
+    chance = f"probability {percent(first.probability)}"
+    gap = diagnosis.how_far
+    if not effects:
+        text = f"No unmodelled effect is needed: the calibrated model explains the logs ({chance})."
+        if diagnosis.doubtful_tolerances:
+            text = (
+                "The calibration is farther off than its tolerances allow, and no effect explains it: doubt the "
+                f"tolerances ({chance} that no effect is hidden)."
+            )
+        return text
+    if effects == ["outside"]:
+        return (
+            f"An effect outside the catalogue acts at the {diagnosis.outside_place} ({chance}). None of the "
+            f"{len(catalogue())} known effects leaves only noise."
+        )
+    named = " and ".join(effects)
+    text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
+    if gap is not None and gap.closure is not None:
+        text += f"; adding {'them' if len(effects) > 1 else 'it'} closes {percent(gap.closure)} of the gap on runs that no fit saw"
+    text += "."
+    if first.ties:
+        text += (
+            f" These logs cannot tell {'them' if len(effects) > 1 else 'it'} from {listed_or(first.ties)}."
+        )
+    return text
+
+
+def given(diagnosis: Diagnosis) -> Which:
+    """The answer that the verdict gives."""
+    effects = set(diagnosis.verdict.effects)
+    return next((one for one in diagnosis.which if set(one.effects) == effects), diagnosis.which[0])
+
+
+def listed_or(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def percent(value: float) -> str:
+    text = f"{100 * value:.0f} %" if 0.01 <= abs(value) <= 0.99 or value in (0, 1) else f"{100 * value:.3g} %"
+    return "over 99.9 %" if 0.999 < value < 1 else text

@@ -1,0 +1,31 @@
+"""A diagnosis in a few lines, for a terminal."""
+
+from __future__ import annotations
+
+from .diagnose import Diagnosed
+from .headline import headline, percent
+
+__all__ = ["text"]
+
+_LINES = 4
+
+
+def text(made: Diagnosed) -> str:
+    """What a command prints of a case."""
+    found = made.diagnosis
+    lines = [f"{found.case}: {headline(found)}"]
+    for one in found.which[:_LINES]:
+        ties = f" (tied with {', '.join(one.ties)})" if one.ties else ""
+        lines.append(f"  {percent(one.probability):>12}  {' + '.join(one.effects) or 'no effect'}{ties}")
+    if found.where:
+        told = ", ".join(f"{one.place} {percent(one.share)}" for one in found.where)
+        lines.append(f"  where: {told}")
+    if found.next_experiment is not None:
+        evidence = found.next_experiment.expected_evidence
+        nats = "" if evidence is None else f" ({evidence:.3g} nats expected)"
+        lines.append(f"  next: {found.next_experiment.name}{nats}")
+    lines += [f"  data: {one.place}: {one.what}" for one in found.data]
+    lines += [f"  left out: {name.replace('_', ' ')}: {why}" for name, why in found.left_out.items()]
+    if made.folder is not None:
+        lines.append(f"  written to {made.folder}: {', '.join(made.files)}")
+    return "\n".join(lines)
