@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import Problem
@@ -39,12 +41,27 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
         refused += wrong
         if not wrong:
             warned += _clipped(run) + _frozen(run)
+    warned = _together(warned)
     if not refused:
         warned += _left_early(study)
         fewest, few = _contacts(study)
         refused += fewest
         warned += few + _repeats(study)
     return refused, warned
+
+
+def _together(problems: list[Problem]) -> list[Problem]:
+    """The first problem of each column and kind, with the count of the others."""
+    kinds: dict[tuple[str, str], list[Problem]] = {}
+    for one in problems:
+        column, kind = one.place.partition(": ")[2], one.what.split(": ")[1].split(" ")[0]
+        kinds.setdefault((column, kind), []).append(one)
+    return [
+        replace(same[0], what=f"{same[0].what}; {len(same) - 1} more of this kind in this column")
+        if len(same) > 1
+        else same[0]
+        for same in kinds.values()
+    ]
 
 
 def _time(study: Study, run: Run) -> list[Problem]:

@@ -12,9 +12,9 @@ from ..errors import ConfigError, Interrupted, OrchestratorError, Problem, liste
 
 __all__ = ["add_arguments", "main"]
 
-_DESCRIPTION = """Tell from logs which unmodelled effect makes a rig differ from its model, where, how far the gap
-shrinks once the effect is added, and what to run next. A case is a folder with case.yaml and its logs, or a
-study.yaml. Writes diagnosis.json and report.html."""
+_DESCRIPTION = """Tell from logs which unmodelled effect makes a rig differ from its model, where, how far
+the gap shrinks once the effect is added, and what to run next. A case is a folder with case.yaml
+and its logs, or a study.yaml. Writes diagnosis.json and report.html."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -44,10 +44,10 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
     scale, unit = _scale(trace)
     _draw_left(grid["run"], trace, slice(None), scale, unit)
     grid["run"].axvspan(trace.time[first], trace.time[last], color="#000000", alpha=0.07, linewidth=0)
-    grid["run"].set_title(
-        f"residual over {run.name}; shaded: what is enlarged below", fontsize="small", loc="left"
+    grid["run"].set_title(f"residual over {run.name}; shaded: enlarged below", fontsize="small", loc="left")
+    grid["run"].legend(
+        loc="lower right", bbox_to_anchor=(1.0, 0.97), fontsize="x-small", ncols=3, frameon=False
     )
-    grid["run"].legend(loc="upper right", fontsize="x-small", ncols=3, frameon=False)
     span = slice(first, last + 1)
     axes = grid["zoom"]
     size, size_unit = _scale(trace, trace.measured)
@@ -71,14 +71,14 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
         grid[name].set_xlabel("time [s]", fontsize="small")
     before, after = trace.misfit()
     words = (
-        f"{_TITLES[trace.name].capitalize()} in {run.name}: the residual is {before:.3g} times the noise before "
-        f"and {after:.3g} times after (1: nothing but noise)."
+        f"{_TITLES[trace.name].capitalize()} in {run.name}: the residual is {before:.3g} times the noise "
+        f"before and {after:.3g} times after (1: nothing but noise)."
     )
     return svg(figure, f"{place}-{run.name}"), words
 
 
 def _worst(study: Study, run: Run, trace: Trace) -> tuple[int, int, int]:
-    """First and last row of the contact with the largest residual, and its number from 1; 0 without contacts."""
+    """First and last row of the contact with the largest residual, and its number; 0 without contacts."""
     left = np.square(trace.measured - trace.before)
     found = [(first, last) for first, last in contacts(study, run) if last < len(left)]
     if not found:

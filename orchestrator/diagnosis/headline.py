@@ -19,8 +19,8 @@ def headline(diagnosis: Diagnosis) -> str:
         text = f"No unmodelled effect is needed: the calibrated model explains the logs ({chance})."
         if diagnosis.doubtful_tolerances:
             text = (
-                "The calibration is farther off than its tolerances allow, and no effect explains it: doubt the "
-                f"tolerances ({chance} that no effect is hidden)."
+                "The calibration is farther off than its tolerances allow, and no effect explains it: doubt "
+                f"the tolerances ({chance} that no effect is hidden)."
             )
         return text
     if effects == ["outside"]:
@@ -31,7 +31,8 @@ def headline(diagnosis: Diagnosis) -> str:
     named = " and ".join(effects)
     text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
     if gap is not None and gap.closure is not None:
-        text += f"; adding {'them' if len(effects) > 1 else 'it'} closes {percent(gap.closure)} of the gap on runs that no fit saw"
+        it = "them" if len(effects) > 1 else "it"
+        text += f"; adding {it} closes {percent(gap.closure)} of the gap on runs that no fit saw"
     text += "."
     if first.ties:
         text += (
@@ -51,5 +52,9 @@ def listed_or(names: Sequence[str]) -> str:
 
 
 def percent(value: float) -> str:
-    text = f"{100 * value:.0f} %" if 0.01 <= abs(value) <= 0.99 or value in (0, 1) else f"{100 * value:.3g} %"
-    return "over 99.9 %" if 0.999 < value < 1 else text
+    """A share or probability, without digits that mean nothing."""
+    if 0.999 < value < 1.0:
+        return "over 99.9 %"
+    digits = 1 if 0.0005 <= abs(value) < 0.0995 or 0.99 < value < 1.0 else 0
+    text = f"{100 * value:.{digits}f} %"
+    return text.removeprefix("-") if abs(value) < 0.0005 else text

@@ -54,7 +54,8 @@ def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
     body = "\n".join(part for part in parts if part)
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>\n{style}</style></head>\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<style>\n{style}</style></head>\n"
         f"<body><header><h1>{title}</h1></header>\n{body}\n</body></html>\n"
     )
 
@@ -102,7 +103,7 @@ def _parameter(name: str, value: float) -> str:
     known = catalogue().get(effect)
     units = {one.name: one.unit for one in known.parameters} if known else {}
     unit = units.get(parameter, "")
-    return f"{parameter} {value:.4g}{'' if unit in ('', '1') else ' ' + unit}"
+    return f"{effect.partition('.')[2]} {parameter} {value:.4g}{'' if unit in ('', '1') else ' ' + unit}"
 
 
 def _where(diagnosis: Diagnosis) -> str:
@@ -122,7 +123,7 @@ def _how_far(diagnosis: Diagnosis) -> str:
     rows = [("one contact ahead", gap)] + ([("whole run", gap.full_run)] if gap.full_run is not None else [])
     body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
     head = "".join(
-        f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by recalibration")
+        f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
     )
     note = "Error of the model on held-out runs. High closure alone does not prove the cause."
     return f"<table><tr>{head}</tr>{body}</table><p class=note>{note}</p>"
@@ -131,7 +132,7 @@ def _how_far(diagnosis: Diagnosis) -> str:
 def _gap_cells(gap: Gap) -> str:
     closed = "within the noise" if gap.within_floor else "-" if gap.closure is None else percent(gap.closure)
     if gap.interval is not None and not gap.within_floor:
-        closed += f"<div class=note>{percent(gap.interval[0])} to {percent(gap.interval[1])}</div>"
+        closed += f"<div class=note>{100 * gap.interval[0]:.0f} to {100 * gap.interval[1]:.0f} %</div>"
     alone = "-" if gap.recalibration_only is None else percent(gap.recalibration_only)
     cells = (*map(_number, (gap.before, gap.after, gap.noise_floor)), closed, alone)
     return "".join(f"<td>{one}</td>" for one in cells)
@@ -178,8 +179,9 @@ def _ledger(diagnosis: Diagnosis) -> str:
         cells = [shares.get((component, phase, band), 0.0) for phase in phases for band in bands]
         body += f"<tr><th>{escape(component)}</th>{''.join(map(_heat, cells))}{_heat(sum(cells))}</tr>"
     return (
-        "<h2>Residual energy</h2><p class=note>Excess over noise, in percent of all of it, by component, phase of "
-        f"motion and frequency band. Cells add up to 100.</p><div class=wide><table class=heat><tr><th></th>{head}"
+        "<h2>Residual energy</h2><p class=note>Excess over noise, in percent of all of it, by component, "
+        "phase of motion and frequency band. Cells add up to 100.</p>"
+        f"<div class=wide><table class=heat><tr><th></th>{head}"
         f"<th>all</th></tr><tr><th></th>{sub}<th></th></tr>{body}</table></div>"
     )
 
@@ -187,7 +189,8 @@ def _ledger(diagnosis: Diagnosis) -> str:
 def _heat(share: float) -> str:
     depth = min(abs(share) / _FULL, 1.0) ** 0.5
     colour = f"rgba(213,94,0,{0.75 * depth:.2f})" if share >= 0 else f"rgba(0,114,178,{0.75 * depth:.2f})"
-    return f'<td style="background:{colour}">{100 * share:.1f}</td>'
+    text = f"{100 * share:.1f}"
+    return f'<td style="background:{colour}">{text.removeprefix("-") if float(text) == 0 else text}</td>'
 
 
 def _energy(diagnosis: Diagnosis) -> str:
@@ -202,8 +205,9 @@ def _energy(diagnosis: Diagnosis) -> str:
     ]
     total = "".join(f"<td><b>{energy['change'][name]:+.4f}</b></td>" for name in columns)
     return (
-        "<h2>Energy of a contact</h2><p class=note>CoR^2 - 1, the share of kinetic energy that a contact adds, by the "
-        "interface at which it enters; mean over held-out contacts. Excess is measured less nominal.</p>"
+        "<h2>Energy of a contact</h2><p class=note>CoR^2 - 1, the share of kinetic energy that a contact "
+        "adds, by the interface at which it enters; mean over held-out contacts. Excess is measured less "
+        "nominal.</p>"
         f"<table><tr><th></th>{head}</tr>{''.join(rows)}<tr><th>CoR^2 - 1</th>{total}</tr></table>"
     )
 
@@ -234,15 +238,16 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> str:
             if roles[Role.HELDOUT]
             else "nothing is held out."
         ),
-        "A calibrated number deviates from its value by its tolerance, one standard deviation of a normal distribution; "
-        "rigs have small roughness besides, which is not called an effect.",
+        "A calibrated number deviates from its value by its tolerance, one standard deviation of a normal "
+        "distribution; rigs have small roughness besides, which is not called an effect.",
         f"Causes are those of a catalogue of {len(catalogue())} effects, alone or together, none of them, or "
         "one outside the catalogue.",
         "Probabilities are calibrated on simulated rigs, not on measured ones.",
     ]
     if diagnosis.numerics is not None and diagnosis.numerics.fraction is not None:
         told.append(
-            f"The co-simulation's own error, by step halving, is {percent(diagnosis.numerics.fraction)} of the gap."
+            "The co-simulation's own error, by step halving, is "
+            f"{percent(diagnosis.numerics.fraction)} of the gap."
         )
     told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
     items = "".join(f"<li>{escape(one)}</li>" for one in told)
@@ -258,6 +263,7 @@ def _provenance(diagnosis: Diagnosis) -> str:
     )
     return (
         f"<details><summary>Provenance</summary><p>{escape(str(kept.get('created', '')))}; Python "
-        f"{escape(str(kept.get('python', '')))}, {escape(str(kept.get('platform', '')))}; {escape(packages)}</p>"
+        f"{escape(str(kept.get('python', '')))}, {escape(str(kept.get('platform', '')))}; "
+        f"{escape(packages)}</p>"
         f"<table>{lines}</table></details>"
     )

@@ -18,7 +18,9 @@ def text(made: Diagnosed) -> str:
         ties = f" (tied with {', '.join(one.ties)})" if one.ties else ""
         lines.append(f"  {percent(one.probability):>12}  {' + '.join(one.effects) or 'no effect'}{ties}")
     if found.where:
-        told = ", ".join(f"{one.place} {percent(one.share)}" for one in found.where)
+        told = ", ".join(
+            f"{one.place} {percent(one.share)}" for one in found.where if abs(one.share) >= 0.0005
+        )
         lines.append(f"  where: {told}")
     if found.next_experiment is not None:
         evidence = found.next_experiment.expected_evidence

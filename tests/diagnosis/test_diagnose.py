@@ -1,0 +1,254 @@
+"""From a study to diagnosis.json and the page, with analyses made by hand and, where installed, with all."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from logged import logged_study, with_column
+
+from orchestrator.__main__ import main
+from orchestrator.diagnosis import diagnose as module
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.diagnose import STAGES, diagnose
+from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.headline import headline, percent
+from orchestrator.diagnosis.parts import Parts
+from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.verdict import read_diagnosis
+from orchestrator.errors import ConfigError, OrchestratorError
+
+HERTZ = catalogue()["contact.hertz"]
+THETA = np.array([(one.starts or (0.2,))[0] for one in HERTZ.parameters])
+NONE = Augmented({}, (), np.zeros(0))
+
+
+def finding(effects=("contact.hertz",), ties=("contact.cubic",), probability=0.9, **other):
+    model = Augmented({"force_bias": 0.01}, (HERTZ,), THETA) if effects == ("contact.hertz",) else None
+    parameters = {f"contact.hertz.{one.name}": 0.4 for one in HERTZ.parameters} if model else {}
+    candidates = (
+        Candidate(tuple(effects), probability, parameters, tuple(ties), 120.0, model),
+        Candidate(("sensor.gain",), 1.0 - probability, {"sensor.gain.relative": 0.1}, (), 90.0),
+    )
+    places = tuple(dict.fromkeys(one.partition(".")[0] for one in effects if one != "outside"))
+    return Finding(
+        candidates, tuple(effects), places, other.pop("outside_place", ""), tuple(effects), NONE, **other
+    )
+
+
+def how_far(study, found):
+    gap = {"before": 0.1, "after": 0.01, "noise_floor": 0.008, "closure": 0.978, "interval": [0.95, 0.99],
+           "recalibration_only": 0.2, "within_floor": False}  # fmt: skip
+    return {**gap, "full_run": gap}
+
+
+def parts(found=None, **other):
+    seen = []
+
+    def weigh(study):
+        seen.append({run.role for run in study.runs})
+        return found or finding()
+
+    made = {
+        "where": lambda study, found: {"contact": 0.97, "sensor": 0.05, "robot": -0.02},
+        "ledger": lambda study, found: [
+            {"component": one, "phase": "compression", "band": "0-5 Hz", "share": share}
+            for one, share in (("rig", 1.25), ("controller", -0.25))
+        ],
+        "how_far": how_far,
+        "next_experiment": lambda study, found: {
+            "name": "slow approach", "description": "Run at 5 mm/s.", "expected_evidence": 31.0,
+            "between": ["contact.hertz", "contact.cubic"]},
+        "numerics": lambda study, found: {"fraction": 0.002},
+    } | other  # fmt: skip
+    return Parts(weigh, **made), seen
+
+
+@pytest.fixture(scope="module")
+def study():
+    return logged_study((HERTZ,), THETA, ticks=1200)
+
+
+def write_case(study, folder):
+    """A study as a case folder, as a lab would keep it."""
+    folder.mkdir(parents=True)
+    runs = []
+    for run in study.runs:
+        units = ("s", "m", "m/s", "m", "N", "N", "N/m")
+        names = ("time", "desired_position", "desired_velocity", "encoder_position", "sensor_force",
+                 "compensated_force", "stiffness_estimate")  # fmt: skip
+        text = ",".join(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)) + "\n"
+        rows = np.column_stack([run[name] for name in names])
+        text += "\n".join(",".join(repr(float(value)) for value in row) for row in rows) + "\n"
+        (folder / f"{run.name}.csv.gz").write_bytes(gzip.compress(text.encode()))
+        runs.append({"file": f"{run.name}.csv.gz", "role": run.role.value, "mass": run.mass,
+                     "approach_speed": run.approach_speed})  # fmt: skip
+    unit = {"contact_stiffness": "N/m", "contact_damping": "N.s/m", "damping_ratio": "1", "force_bias": "N",
+            "force_noise": "N", "force_resolution": "N", "natural_frequency": "rad/s",
+            "sensor_cutoff": "rad/s", "response_delay": "s", "sensor_delay": "s"}  # fmt: skip
+    nominal = {
+        name: {"value": float(one.value), "unit": unit.get(name, "m"), "tolerance": float(one.tolerance)}
+        for name, one in study.nominal.items()
+    }
+    data = {"format": "gap-case/1", "rig": "docking-1d", "tick": study.tick, "nominal": nominal, "runs": runs}
+    (folder / "case.yaml").write_text(yaml.safe_dump(data))
+    return folder
+
+
+def test_what_is_written(study, tmp_path):
+    case = write_case(study, tmp_path / "case-x")
+    (case / "truth.json").write_text("{}")
+    chosen, seen = parts()
+    stages = []
+    made = diagnose(case, tmp_path / "out", parts=chosen, progress=stages.append)
+    assert tuple(stages) == STAGES
+    assert seen == [{Role.TRAIN}], "fits see training runs only"
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["diagnosis.json", "report.html"]
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert found["case"] == "case-x"
+    assert found["verdict"] == {"effects": ["contact.hertz"], "places": ["contact"]}
+    assert [one["place"] for one in found["where"]] == ["contact", "sensor", "robot"]
+    assert found["which"][0]["probability"] == pytest.approx(0.9)
+    assert found["which"][0]["ties"] == ["contact.cubic"]
+    assert found["how_far"]["full_run"]["closure"] == 0.978
+    assert found["next_experiment"]["expected_evidence"] == 31.0
+    assert found["numerics"] == {"fraction": 0.002}
+    assert found["calibration"]["force_bias"]["fitted"] == 0.01
+    assert found["calibration"]["force_bias"]["recalibrated"] == 0.0
+    # The truth may lie beside the logs; it is not even opened.
+    assert set(found["provenance"]["sha256"]) == {"case.yaml", *(f"{run.name}.csv.gz" for run in study.runs)}
+    assert read_diagnosis(tmp_path / "out") == made.diagnosis
+
+
+def test_the_page_stands_alone_and_tells_all(study, tmp_path):
+    diagnose(study, tmp_path, parts=parts()[0])
+    text = (tmp_path / "report.html").read_text()
+    assert not re.search(r"(?:src|href)\s*=\s*[\"'](?!#)", text), "nothing is loaded from elsewhere"
+    assert not re.search(r"@import|url\((?!#)", text)
+    for part in (
+        "contact.hertz causes the gap (probability 90 %); adding it closes 98 % of the gap on runs that no "
+        "fit saw. These logs cannot tell it from contact.cubic.",
+        "slow approach", "31 nats of evidence expected", "Residual energy", "125.0", "-25.0",
+        "What was assumed",
+    ):  # fmt: skip
+        assert part in text
+    # The effect that made the logs leaves nothing but noise.
+    before, after = map(
+        float, re.search(r"residual is ([\d.]+) times the noise before and ([\d.]+)", text).groups()
+    )
+    assert before > 5.0
+    assert after < 1.2
+
+
+def test_the_same_study_gives_the_same_page(study, tmp_path):
+    pages = []
+    for name in ("a", "b"):
+        diagnose(study, tmp_path / name, parts=parts()[0])
+        text = (tmp_path / name / "report.html").read_text()
+        pages.append(text[: text.index("<summary>Provenance")])
+    assert pages[0] == pages[1]
+
+
+def test_headlines():
+    def told(found, **other):
+        return headline(diagnose(LOGGED, parts=parts(found, **other)[0]).diagnosis)
+
+    assert told(finding((), ())) == (
+        "No unmodelled effect is needed: the calibrated model explains the logs (probability 90 %)."
+    )
+    assert told(finding((), (), doubtful_tolerances=True)).startswith(
+        "The calibration is farther off than its tolerances allow, and no effect explains it"
+    )
+    assert told(finding(("outside",), (), outside_place="sensor")).startswith(
+        "An effect outside the catalogue acts at the sensor (probability 90 %)."
+    )
+    assert told(finding(("robot.delay", "sensor.gain"), ()), how_far=None) == (
+        "robot.delay and sensor.gain cause the gap (probability 90 %)."
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1.0, "100 %"), (0.9995, "over 99.9 %"), (0.991, "99.1 %"), (0.5, "50 %"), (0.012, "1.2 %"),
+     (-1e-9, "0 %"), (0.0, "0 %"), (-0.2, "-20 %"), (1.03, "103 %")],
+)  # fmt: skip
+def test_percent(value, text):
+    assert percent(value) == text
+
+
+def test_what_is_missing_is_told(study, tmp_path):
+    runs = tuple(run for run in study.runs if run.role is Role.TRAIN)
+    made = diagnose(replace(study, runs=runs), tmp_path, parts=parts(numerics=None, energy=None)[0])
+    assert made.diagnosis.left_out == {
+        "where": "no run has the role heldout",
+        "how_far": "no run has the role heldout",
+        "energy": "this installation has no such analysis",
+        "numerics": "this installation has no such analysis",
+    }
+    assert "Left out: no run has the role heldout" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({"where": lambda study, found: {"contact": 0.9}}, "where: shares add up to 0.9, not to 1"),
+        (
+            {"numerics": lambda study, found: {"fraction": "much"}},
+            "numerics.fraction: Input should be a valid number",
+        ),
+    ],
+)
+def test_contradictions_are_refused(study, other, said):
+    with pytest.raises(OrchestratorError) as caught:
+        diagnose(study, parts=parts(**other)[0])
+    assert said in str(caught.value)
+    assert not isinstance(caught.value, ConfigError)
+
+
+def test_bad_data_is_refused_before_anything_is_fitted(study):
+    chosen, seen = parts()
+    with pytest.raises(ConfigError, match="its sign is reversed"):
+        diagnose(with_column(study, "sensor_force", np.negative), parts=chosen)
+    assert seen == []
+
+
+def test_a_verdict_that_cannot_be_written_leaves_nothing_behind(study, tmp_path, monkeypatch):
+    def fail(*arguments):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(module.os, "replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        diagnose(study, tmp_path, parts=parts()[0])
+    assert list(tmp_path.iterdir()) == []
+
+
+LOGGED = logged_study(ticks=900)
+
+
+def test_command(study, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(Parts, "standard", staticmethod(lambda: parts()[0]))
+    good = write_case(study, tmp_path / "good")
+    bad = write_case(with_column(study, "sensor_force", np.negative), tmp_path / "bad")
+    assert main(["diagnose", str(good), "--out", str(tmp_path / "one")]) == 0
+    assert "good: contact.hertz causes the gap" in capsys.readouterr().out
+    assert (tmp_path / "one" / "diagnosis.json").is_file()
+    assert (
+        main(["diagnose", str(good), str(bad), "--out", str(tmp_path / "two"), "--no-report", "--json"]) == 1
+    )
+    out, err = capsys.readouterr()
+    assert [json.loads(line)["case"] for line in out.splitlines()] == ["good"]
+    assert "its sign is reversed" in err
+    assert [path.name for path in (tmp_path / "two" / "good").iterdir()] == ["diagnosis.json"]
+    assert not (tmp_path / "two" / "bad").exists()
+    assert main(["diagnose", str(bad)]) == 2
+    assert main(["diagnose", str(tmp_path / "nowhere")]) == 2
+    assert "nowhere: no such file or folder" in capsys.readouterr().err
+    (tmp_path / "other").mkdir()
+    twin = write_case(study, tmp_path / "other" / "good")
+    assert main(["diagnose", str(good), str(twin), "--out", str(tmp_path / "three")]) == 2
+    assert "several cases are called good" in capsys.readouterr().err
