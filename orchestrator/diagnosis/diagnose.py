@@ -207,12 +207,17 @@ def _provenance(study: Study, source: Path | None) -> dict[str, Any]:
     files = {}
     if source is not None:
         folder = source if source.is_dir() else source.parent
+        named = {source.name} if source.is_file() else {"case.yaml", "study.yaml"}
+        runs = {run.name for run in study.runs}
         for path in sorted(folder.iterdir()):
             # Of the study only: truth, verdicts and other things may stand in the folder, and are not opened.
-            if path.name in ("case.yaml", source.name) or path.name.partition(".")[0] in {
-                run.name for run in study.runs
-            }:
-                files[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+            if path.name in named or path.name.partition(".")[0] in runs:
+                # A ROS bag is a folder.
+                for file in (
+                    [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file())
+                ):
+                    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+                    files[file.relative_to(folder).as_posix()] = digest
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),

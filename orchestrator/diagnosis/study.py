@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from ..errors import ConfigError, Problem, listed, nearest
 from ..units import UnitError, convert, parse_unit
+from .mapping import Column, columns_of, read_mapping
 
 __all__ = ["Nominal", "Role", "Run", "Study", "load_study"]
 
 Array = NDArray[np.float64]
 
+_FORMATS = ("gap-case/1", "gap-study/1")
 _COLUMNS = {
     "time": "s",
     "desired_position": "m",
@@ -108,37 +110,48 @@ class Study:
 
 
 def load_study(folder: Path) -> Study:
-    """Read a case folder: case.yaml and its logs.
+    """Read a case folder (case.yaml and its logs), or a study file.
+
+    A study file has the keys of case.yaml, the format gap-study/1, and `columns`, which tells how its logs
+    call the signals; see `mapping.Column`. Logs are of any kind that `logs.read_log` reads.
 
     Raises: ConfigError with all problems at once: missing files, columns, units, numbers that are not finite.
     """
-    path = folder / "case.yaml"
+    path = folder if folder.is_file() else folder / "case.yaml"
+    if not path.is_file() and (folder / "study.yaml").is_file():
+        path = folder / "study.yaml"
+    folder = path.parent
     if not path.is_file():
         raise ConfigError(
-            [Problem(str(folder), "no case.yaml", "a folder with case.yaml and its logs is needed")]
+            [Problem(str(folder), "no case.yaml", "a folder with case.yaml and its logs, or a study.yaml")]
         )
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ConfigError([Problem(str(path), f"is no YAML: {error}")]) from None
     problems: list[Problem] = []
-    if not isinstance(data, dict) or data.get("format") != "gap-case/1":
+    if not isinstance(data, dict) or data.get("format") not in _FORMATS:
         got = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise ConfigError([Problem(f"{path}: format", f"got {got!r}", "gap-case/1")])
+        raise ConfigError([Problem(f"{path}: format", f"got {got!r}", listed(_FORMATS))])
     tick = data.get("tick")
     if not isinstance(tick, int | float) or not tick > 0:
         problems.append(Problem(f"{path}: tick", f"got {tick!r}", "a positive number of seconds"))
     nominal = _nominal(data.get("nominal") or {}, path, problems)
+    mapping = None
+    if data["format"] == "gap-study/1":
+        mapping = read_mapping(data.get("columns"), _COLUMNS, f"{path}: columns", problems)
+        if problems:
+            raise ConfigError(problems)
     runs = []
     for number, entry in enumerate(data.get("runs") or []):
-        run = _run(folder, entry, f"{path}: runs[{number}]", problems)
+        run = _run(folder, entry, f"{path}: runs[{number}]", problems, mapping, tick)
         if run is not None:
             runs.append(run)
     if not any(run.role is Role.TRAIN for run in runs) and not problems:
         problems.append(Problem(f"{path}: runs", "no run has the role train", "at least one"))
     if problems:
         raise ConfigError(problems)
-    return Study(folder.name, float(tick), nominal, tuple(runs))
+    return Study(folder.resolve().name, float(tick), nominal, tuple(runs))
 
 
 def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> dict[str, Nominal]:
@@ -162,7 +175,14 @@ def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> di
     return found
 
 
-def _run(folder: Path, entry: Any, place: str, problems: list[Problem]) -> Run | None:
+def _run(
+    folder: Path,
+    entry: Any,
+    place: str,
+    problems: list[Problem],
+    mapping: Mapping[str, Column] | None,
+    tick: float,
+) -> Run | None:
     try:
         file, role = str(entry["file"]), Role(entry["role"])
         mass, speed = float(entry["mass"]), float(entry["approach_speed"])
@@ -175,10 +195,13 @@ def _run(folder: Path, entry: Any, place: str, problems: list[Problem]) -> Run |
         problems.append(Problem(f"{place}.mass", f"got {mass}", "a positive mass [kg]"))
         return None
     path = folder / file
-    if not path.is_file() or path.resolve().parent != folder.resolve():
+    if not path.exists() or path.resolve().parent != folder.resolve():
         problems.append(Problem(f"{place}.file", f"no file {file} in {folder}"))
         return None
-    columns = _columns(path, problems)
+    if mapping is None:
+        columns = _columns(path, problems)
+    else:
+        columns = columns_of(path, mapping, _COLUMNS, tick, problems)
     return None if columns is None else Run(file.partition(".")[0], role, mass, speed, columns)
 
 

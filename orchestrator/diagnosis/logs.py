@@ -1,0 +1,230 @@
+"""Logs of rigs and robots: CSV, Parquet, MAT, HDF5, MCAP and ROS bags, as named signals.
+
+Tables have one time for all columns; recordings of messages have the time of each message. A number in a
+message is named by its topic and its path, as in `/joint_states.position[0]`.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LogError", "Signal", "read_log"]
+
+Array = NDArray[np.float64]
+
+
+class LogError(ValueError):
+    """A log that cannot be read; says why, and what would help."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A logged signal.
+
+    Attributes:
+        values: shape (n,).
+        unit: as the log names it; "" if it does not.
+        time: of each value [s], of recordings of messages; None in tables.
+    """
+
+    values: Array
+    unit: str = ""
+    time: Array | None = None
+
+
+def read_log(path: Path) -> dict[str, Signal]:
+    """All numeric signals of a log, by name. Raises: LogError if it cannot be read."""
+    if path.is_dir():
+        return _rosbag(path)
+    suffix = "".join(path.suffixes[-2:]) if path.suffix == ".gz" else path.suffix
+    reader = _READERS.get(suffix.lower())
+    if reader is None:
+        raise LogError(f"no reader for {suffix or 'a file without suffix'}; there are {', '.join(_READERS)}")
+    try:
+        return reader(path)
+    except LogError:
+        raise
+    except ImportError as error:
+        raise LogError(f"needs the package {error.name}: pip install 'orchestrator[logs]'") from None
+    except Exception as error:  # whatever a reader trips over in a damaged file
+        raise LogError(f"cannot be read: {error}") from None
+
+
+def _named(header: str) -> tuple[str, str]:
+    """Name and unit of a header like `force [N]`."""
+    match = re.fullmatch(r"\s*(.+?)\s*\[([^\[\]]*[^\[\]\d][^\[\]]*)\]\s*", header)
+    return (match[1], match[2]) if match else (header.strip(), "")
+
+
+def _table(table: Any) -> dict[str, Signal]:
+    found = {}
+    for header in table.column_names:
+        name, unit = _named(header)
+        try:
+            values = table[header].to_numpy().astype(float)
+        except (TypeError, ValueError):
+            continue  # text and dates are no signals
+        kept = table.schema.field(header).metadata or {}
+        found[name] = Signal(values, unit or kept.get(b"unit", b"").decode())
+    return found
+
+
+def _csv(path: Path) -> dict[str, Signal]:
+    import pyarrow.csv
+
+    raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+    return _table(pyarrow.csv.read_csv(pyarrow.BufferReader(raw)))
+
+
+def _parquet(path: Path) -> dict[str, Signal]:
+    import pyarrow.parquet
+
+    return _table(pyarrow.parquet.read_table(path))
+
+
+def _mat(path: Path) -> dict[str, Signal]:
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(path, squeeze_me=True, struct_as_record=False)
+    except NotImplementedError:
+        return _hdf5(path)  # version 7.3 of the format is HDF5
+    found: dict[str, Signal] = {}
+
+    def visit(name: str, value: Any) -> None:
+        if hasattr(value, "_fieldnames"):
+            for one in value._fieldnames:
+                visit(f"{name}.{one}", getattr(value, one))
+        else:
+            _add(found, name, np.asarray(value))
+
+    for name, value in content.items():
+        if not name.startswith("__"):
+            visit(name, value)
+    return found
+
+
+def _hdf5(path: Path) -> dict[str, Signal]:
+    import h5py
+
+    found: dict[str, Signal] = {}
+
+    def visit(name: str, node: Any) -> None:
+        if isinstance(node, h5py.Dataset) and node.dtype.kind in "iufb":
+            unit = next((node.attrs[key] for key in ("unit", "units", "Unit") if key in node.attrs), "")
+            text = unit.decode() if isinstance(unit, bytes) else str(unit)
+            _add(found, name.replace("/", "."), np.squeeze(node[()]), text)
+
+    with h5py.File(path) as file:
+        file.visititems(visit)
+    return found
+
+
+def _add(found: dict[str, Signal], name: str, values: np.ndarray, unit: str = "") -> None:
+    """Add a series, or each of the shorter side of a table of numbers, from 0."""
+    if values.dtype.kind not in "iufb":
+        return
+    if values.ndim == 1:
+        found[name] = Signal(values.astype(float), unit)
+    elif values.ndim == 2:
+        columns = values if values.shape[0] >= values.shape[1] else values.T
+        for index in range(columns.shape[1]):
+            found[f"{name}[{index}]"] = Signal(np.ascontiguousarray(columns[:, index], float), unit)
+
+
+def _mcap(path: Path) -> dict[str, Signal]:
+    from mcap.reader import make_reader
+
+    with path.open("rb") as stream:
+        return _recorded(_decoded(make_reader(stream)))
+
+
+def _decoded(reader: Any) -> Iterator[tuple[str, int, Any]]:
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+    for schema, channel, message in reader.iter_messages():
+        if channel.id not in decoders:
+            decoders[channel.id] = _decoder(schema, channel)
+        yield channel.topic, message.log_time, decoders[channel.id](message.data)
+
+
+def _decoder(schema: Any, channel: Any) -> Callable[[bytes], Any]:
+    if channel.message_encoding == "json":
+        return json.loads
+    if channel.message_encoding in ("cdr", "ros1") and schema is not None:
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+        store = get_typestore(Stores.EMPTY)
+        name = schema.name if "/msg/" in schema.name else schema.name.replace("/", "/msg/")
+        store.register(get_types_from_msg(schema.data.decode(), name))
+        read = store.deserialize_cdr if channel.message_encoding == "cdr" else store.deserialize_ros1
+        return lambda data: read(data, name)
+    raise LogError(
+        f"topic {channel.topic}: messages are encoded as {channel.message_encoding!r}; "
+        "json, cdr and ros1 can be read"
+    )
+
+
+def _rosbag(path: Path) -> dict[str, Signal]:
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    def messages() -> Iterator[tuple[str, int, Any]]:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            for connection, stamp, raw in reader.messages():
+                yield connection.topic, stamp, reader.deserialize(raw, connection.msgtype)
+
+    return _recorded(messages())
+
+
+def _recorded(messages: Iterator[tuple[str, int, Any]]) -> dict[str, Signal]:
+    """Signals of messages, at the log's stamps; stamps in headers are numbers like others."""
+    series: dict[str, tuple[list[int], list[float]]] = {}
+    for topic, stamp, message in messages:
+        for name, value in _numbers(topic, message):
+            times, values = series.setdefault(name, ([], []))
+            times.append(stamp)
+            values.append(value)
+    if not series:
+        return {}
+    begin = min(times[0] for times, _ in series.values())
+    # Differences of whole nanoseconds: as floats, absolute ones would be rounded to a quarter microsecond.
+    return {
+        name: Signal(np.array(values), "", (np.array(times) - begin) * 1e-9)
+        for name, (times, values) in series.items()
+    }
+
+
+def _numbers(name: str, value: Any) -> Iterator[tuple[str, float]]:
+    if isinstance(value, bool | int | float | np.number):
+        yield name, float(value)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _numbers(f"{name}.{key}", item)
+    elif isinstance(value, list | tuple | np.ndarray):
+        for index, item in enumerate(value):
+            yield from _numbers(f"{name}[{index}]", item)
+    elif hasattr(value, "__dataclass_fields__"):
+        for key in value.__dataclass_fields__:
+            if not key.startswith("__"):
+                yield from _numbers(f"{name}.{key}", getattr(value, key))
+
+
+_READERS: dict[str, Callable[[Path], dict[str, Signal]]] = {
+    ".csv": _csv,
+    ".csv.gz": _csv,
+    ".parquet": _parquet,
+    ".mat": _mat,
+    ".h5": _hdf5,
+    ".hdf5": _hdf5,
+    ".mcap": _mcap,
+    ".bag": _rosbag,
+}

@@ -1,0 +1,246 @@
+"""Logs of every kind give the same study, by a mapping of names, units, signs and clocks."""
+
+from __future__ import annotations
+
+import json
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+import yaml
+from logged import logged_study
+from mcap.writer import Writer
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.io import savemat
+
+from orchestrator.diagnosis.checks import check_logs
+from orchestrator.diagnosis.logs import LogError, read_log
+from orchestrator.diagnosis.study import load_study
+from orchestrator.errors import ConfigError
+
+SIGNALS = (
+    "desired_position", "desired_velocity", "encoder_position", "sensor_force", "compensated_force",
+    "stiffness_estimate",
+)  # fmt: skip
+UNITS = dict(zip(SIGNALS, ("m", "m/s", "m", "N", "N", "N/m"), strict=True))
+# How this lab logs: other units, and a force that counts the other way round.
+LAB = {"desired_position": ("mm", 1e3), "sensor_force": ("kN", -1e-3)}
+
+
+@pytest.fixture(scope="module")
+def study():
+    made = logged_study(ticks=600)
+    return made
+
+
+def lab_values(run):
+    return {name: run[name] * LAB.get(name, ("", 1.0))[1] for name in SIGNALS}
+
+
+def lab_units():
+    return {name: LAB.get(name, (UNITS[name], 1.0))[0] for name in SIGNALS}
+
+
+def write_study(study, folder, suffix, column, **columns):
+    """A study file whose signals are called `column.format(name)` in its logs."""
+    unit = {"stiffness": "N/m", "damping": "N.s/m", "ratio": "1", "bias": "N", "force": "N",
+            "frequency": "rad/s", "cutoff": "rad/s", "delay": "s"}  # fmt: skip
+    nominal = {}
+    for name, one in study.nominal.items():
+        first, last = name.split("_")
+        kind = "force" if first == "force" else last
+        nominal[name] = {
+            "value": float(one.value),
+            "unit": unit.get(kind, "m"),
+            "tolerance": float(one.tolerance),
+        }
+    mapping = {name: {"column": column.format(name), "unit": lab_units()[name]} for name in SIGNALS}
+    mapping["sensor_force"]["sign"] = -1
+    runs = [
+        {
+            "file": run.name + suffix,
+            "role": run.role.value,
+            "mass": run.mass,
+            "approach_speed": run.approach_speed,
+        }
+        for run in study.runs
+    ]
+    data = {"format": "gap-study/1", "rig": "docking-1d", "tick": study.tick, "nominal": nominal,
+            "runs": runs, "columns": mapping | columns}  # fmt: skip
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    return folder / "study.yaml"
+
+
+def same(study, loaded, tolerance=1e-12):
+    for run, other in zip(study.runs, loaded.runs, strict=True):
+        for name in ("time", *SIGNALS):
+            size = np.abs(run[name]).max()
+            np.testing.assert_allclose(other[name], run[name], rtol=0, atol=tolerance * size, err_msg=name)
+
+
+def test_csv(study, tmp_path):
+    for run in study.runs:
+        header = ",".join(["t [ms]", *(f"{name}_x [{unit}]" for name, unit in lab_units().items())])
+        table = np.column_stack([1e3 * run["time"], *lab_values(run).values()])
+        np.savetxt(
+            tmp_path / f"{run.name}.csv", table, delimiter=",", header=header, comments="", fmt="%.17g"
+        )
+    same(study, load_study(write_study(study, tmp_path, ".csv", "{}_x", time="t")))
+
+
+def test_parquet(study, tmp_path):
+    for run in study.runs:
+        fields = [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in lab_units().items()]
+        table = pa.table([pa.array(one) for one in lab_values(run).values()], schema=pa.schema(fields))
+        pyarrow.parquet.write_table(table, tmp_path / f"{run.name}.parquet")
+    same(study, load_study(write_study(study, tmp_path, ".parquet", "{}")))
+
+
+def test_mat(study, tmp_path):
+    for run in study.runs:
+        savemat(tmp_path / f"{run.name}.mat", {"rig": {"time": run["time"], **lab_values(run)}})
+    time = {"column": "rig.time", "unit": "s"}
+    same(study, load_study(write_study(study, tmp_path, ".mat", "rig.{}", time=time)))
+
+
+def test_hdf5(study, tmp_path):
+    for run in study.runs:
+        with h5py.File(tmp_path / f"{run.name}.h5", "w") as file:
+            for name, values in lab_values(run).items():
+                file[f"rig/{name}"] = values
+    same(study, load_study(write_study(study, tmp_path, ".h5", "rig.{}")))
+
+
+def test_hdf5_tables_and_units(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["a/q"] = np.arange(12.0).reshape(2, 6)
+        file["a/f"] = np.arange(3)
+        file["a/f"].attrs["units"] = "N"
+    log = read_log(tmp_path / "x.h5")
+    assert set(log) == {"a.q[0]", "a.q[1]", "a.f"}
+    assert log["a.q[1]"].values.tolist() == [6, 7, 8, 9, 10, 11]
+    assert log["a.f"].unit == "N"
+
+
+def test_mcap_of_json(study, tmp_path):
+    for run in study.runs:
+        values = lab_values(run)
+        with (tmp_path / f"{run.name}.mcap").open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            schema = writer.register_schema("x", "jsonschema", b"{}")
+            channels = {name: writer.register_channel(f"/{name}", "json", schema) for name in SIGNALS}
+            for index, time in enumerate(run["time"]):
+                for name in SIGNALS:
+                    stamp = 1_700_000_000_000_000_000 + round(time * 1e9)
+                    data = json.dumps({"data": {"v": [0.0, values[name][index]]}, "frame": "rod"}).encode()
+                    writer.add_message(channels[name], stamp, data, stamp)
+            writer.finish()
+    same(study, load_study(write_study(study, tmp_path, ".mcap", "/{}.data.v[1]")))
+
+
+def test_ros_bag_of_messages_that_come_late(study, tmp_path):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg("float64 value\nbool valid", "lab_msgs/msg/Value"))
+    message = store.types["lab_msgs/msg/Value"]
+    for run in study.runs:
+        values = lab_values(run)
+        with BagWriter(tmp_path / run.name, version=9) as writer:
+            connections = {
+                name: writer.add_connection(f"/{name}", "lab_msgs/msg/Value", typestore=store)
+                for name in SIGNALS
+            }
+            for index, time in enumerate(run["time"]):
+                for name in SIGNALS:
+                    # The force is stamped 2.0003 ms too late.
+                    late = 2_000_300 if name == "sensor_force" else 0
+                    data = store.serialize_cdr(message(values[name][index], True), "lab_msgs/msg/Value")
+                    writer.write(connections[name], round(time * 1e9) + late, data)
+    path = write_study(study, tmp_path, "", "/{}.value")
+    data = yaml.safe_load(path.read_text())
+    data["columns"]["sensor_force"]["clock"] = "2.0003 ms"
+    path.write_text(yaml.safe_dump(data))
+    same(study, load_study(path))
+    data["columns"]["sensor_force"]["clock"] = "0 s"
+    path.write_text(yaml.safe_dump(data))
+    refused, _ = check_logs(load_study(path))
+    assert len(refused) == len(study.runs)
+    assert all("ticks late" in one.remedy for one in refused)
+
+
+def test_a_clock_in_a_table(study, tmp_path):
+    for run in study.runs:
+        values = lab_values(run)
+        values["encoder_position"] = np.roll(values["encoder_position"], 3)
+        savemat(tmp_path / f"{run.name}.mat", values)
+    path = write_study(study, tmp_path, ".mat", "{}")
+    data = yaml.safe_load(path.read_text())
+    data["columns"]["encoder_position"]["clock"] = "3 ms"
+    path.write_text(yaml.safe_dump(data))
+    for run, other in zip(study.runs, load_study(path).runs, strict=True):
+        assert len(other) == 597
+        np.testing.assert_allclose(
+            other["encoder_position"], run["encoder_position"][:597], rtol=0, atol=1e-15
+        )
+        np.testing.assert_allclose(
+            other["desired_position"], run["desired_position"][:597], rtol=0, atol=1e-15
+        )
+    data["columns"]["encoder_position"]["clock"] = "3.5 ms"
+    path.write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match=r"clock 0.0035 s is no whole number of ticks of 0.001 s"):
+        load_study(path)
+
+
+def test_what_is_wrong_is_told_at_once(study, tmp_path):
+    for run in study.runs:
+        savemat(tmp_path / f"{run.name}.mat", lab_values(run))
+    path = write_study(study, tmp_path, ".mat", "{}")
+    data = yaml.safe_load(path.read_text())
+    data["columns"]["sensor_farce"] = "x"
+    del data["columns"]["encoder_position"]
+    data["columns"]["sensor_force"]["sign"] = 2
+    data["columns"]["desired_position"]["clock"] = 0.002
+    path.write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError) as caught:
+        load_study(path)
+    said = str(caught.value)
+    assert "columns.sensor_farce: unknown" in said and "Did you mean sensor_force?" in said
+    assert "no column for encoder_position" in said
+    assert "columns.desired_position.clock: " in said and "a number with a unit, like 2 s" in said
+    assert "columns.sensor_force.sign: got 2\n  1 or -1" in said
+
+    path = write_study(study, tmp_path, ".mat", "{}", encoder_position="encoder_positron", compensated_force={
+        "column": "compensated_force", "unit": "mm"})  # fmt: skip
+    with pytest.raises(ConfigError) as caught:
+        load_study(path)
+    said = str(caught.value)
+    assert (
+        "encoder_position: no column encoder_positron" in said and "Did you mean encoder_position or" in said
+    )
+
+
+def test_units_are_needed_and_checked(study, tmp_path):
+    for run in study.runs:
+        savemat(tmp_path / f"{run.name}.mat", lab_values(run))
+    path = write_study(study, tmp_path, ".mat", "{}", encoder_position="encoder_position")
+    with pytest.raises(
+        ConfigError, match=r"column encoder_position has no unit\n  Give `unit` in the study file."
+    ):
+        load_study(path)
+    path = write_study(
+        study, tmp_path, ".mat", "{}", encoder_position={"column": "encoder_position", "unit": "N"}
+    )
+    with pytest.raises(ConfigError, match=r"train-1.mat: encoder_position: .*N.*m"):
+        load_study(path)
+
+
+def test_files_that_no_reader_knows(tmp_path):
+    (tmp_path / "log.xyz").write_text("?")
+    with pytest.raises(LogError, match=r"no reader for \.xyz; there are \.csv, \.csv\.gz, \.parquet, "):
+        read_log(tmp_path / "log.xyz")
+    (tmp_path / "log.mcap").write_bytes(b"not one")
+    with pytest.raises(LogError, match="cannot be read"):
+        read_log(tmp_path / "log.mcap")
