@@ -7,7 +7,12 @@ from collections.abc import Sequence
 from .catalogue import catalogue
 from .verdict import Diagnosis, Which
 
-__all__ = ["given", "headline", "listed_or", "percent"]
+__all__ = ["TELLS", "given", "headline", "listed_or", "percent"]
+
+# An answer that is likelier than this is named alone, its ties after it.
+_SURE = 0.8
+# Evidence below which an experiment tells nothing apart [nats].
+TELLS = 1.0
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -29,12 +34,18 @@ def headline(diagnosis: Diagnosis) -> str:
             f"{len(catalogue())} known effects leaves only noise."
         )
     named = " and ".join(effects)
+    tied = [one for one in diagnosis.which if len(one.effects) == 1 and one.effects[0] in first.ties]
+    among = len(effects) == 1 and bool(tied) and first.probability < _SURE
+    if among:
+        together = first.probability + sum(one.probability for one in tied)
+        named = f"One of {listed_or([*effects, *first.ties])}"
+        chance = f"together {percent(together)}; these logs cannot tell them apart"
     text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
     if gap is not None and gap.closure is not None:
-        it = "them" if len(effects) > 1 else "it"
+        it = "them" if len(effects) > 1 else effects[0] if among else "it"
         text += f"; adding {it} closes {percent(gap.closure)} of the gap on runs that no fit saw"
     text += "."
-    if first.ties:
+    if first.ties and not among:
         text += (
             f" These logs cannot tell {'them' if len(effects) > 1 else 'it'} from {listed_or(first.ties)}."
         )

@@ -8,7 +8,7 @@ from importlib import resources
 from .catalogue import catalogue
 from .figures import figure_of
 from .finding import Augmented
-from .headline import given, headline, listed_or, percent
+from .headline import TELLS, given, headline, listed_or, percent
 from .study import Role, Study
 from .verdict import Diagnosis, Gap
 
@@ -113,7 +113,10 @@ def _where(diagnosis: Diagnosis) -> str:
         _bar(one.place, one.share, percent(one.share), strong=one.place in diagnosis.verdict.places)
         for one in diagnosis.where
     ]
-    return "".join(rows) + "<p class=note>Shares of the held-out closed-loop gap; they add up to 100 %.</p>"
+    note = "Shares of the held-out closed-loop gap; they add up to 100 %."
+    if diagnosis.how_far is not None and diagnosis.how_far.within_floor:
+        note += " The gap is within the noise: they mean little."
+    return f"{''.join(rows)}<p class=note>{note}</p>"
 
 
 def _how_far(diagnosis: Diagnosis) -> str:
@@ -145,6 +148,8 @@ def _next(diagnosis: Diagnosis) -> str:
             return _left_out(diagnosis, "next_experiment")
         return "<p>No experiment is needed: no tie is left to break.</p>"
     text = f"<p><b>{escape(one.name)}</b></p><p>{escape(one.description)}</p>"
+    if one.expected_evidence is not None and one.expected_evidence < TELLS:
+        text = "<p>No experiment of the menu tells these answers apart. The best of them:</p>" + text
     if one.between:
         text += f"<p class=note>Between {escape(listed_or(one.between))}"
         if one.expected_evidence is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .diagnose import Diagnosed
-from .headline import headline, percent
+from .headline import TELLS, headline, percent
 
 __all__ = ["text"]
 
@@ -25,7 +25,10 @@ def text(made: Diagnosed) -> str:
     if found.next_experiment is not None:
         evidence = found.next_experiment.expected_evidence
         nats = "" if evidence is None else f" ({evidence:.3g} nats expected)"
-        lines.append(f"  next: {found.next_experiment.name}{nats}")
+        if evidence is not None and evidence < TELLS:
+            lines.append("  next: no experiment of the menu tells these answers apart")
+        else:
+            lines.append(f"  next: {found.next_experiment.name}{nats}")
     lines += [f"  data: {one.place}: {one.what}" for one in found.data]
     lines += [f"  left out: {name.replace('_', ' ')}: {why}" for name, why in found.left_out.items()]
     if made.folder is not None:

@@ -167,6 +167,10 @@ def test_headlines():
     assert told(finding(("outside",), (), outside_place="sensor")).startswith(
         "An effect outside the catalogue acts at the sensor (probability 90 %)."
     )
+    assert told(finding(("sensor.delay",), ("sensor.gain",), 0.6), how_far=None) == (
+        "One of sensor.delay or sensor.gain causes the gap (together 100 %; "
+        "these logs cannot tell them apart)."
+    )
     assert told(finding(("robot.delay", "sensor.gain"), ()), how_far=None) == (
         "robot.delay and sensor.gain cause the gap (probability 90 %)."
     )
