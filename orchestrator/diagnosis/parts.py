@@ -8,6 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
+from ..errors import OrchestratorError
 from .finding import Finding
 from .study import Study
 
@@ -48,8 +49,14 @@ class Parts:
 
     @staticmethod
     def standard() -> Parts:
-        """Those of this package; an analysis whose module is not installed is left out."""
-        return Parts(**{name: _load(home) for name, home in _HOME.items()})
+        """Those of this package; an analysis whose module is not installed is left out.
+
+        Raises: OrchestratorError if there is nothing to weigh effects with.
+        """
+        found = {name: _load(home) for name, home in _HOME.items()}
+        if found["weigh"] is None:
+            raise OrchestratorError("this installation lacks orchestrator.diagnosis.weigh; install it anew")
+        return Parts(**found)
 
 
 def _load(home: str) -> Callable[..., Any] | None:

@@ -103,7 +103,9 @@ def _parameter(name: str, value: float) -> str:
     known = catalogue().get(effect)
     units = {one.name: one.unit for one in known.parameters} if known else {}
     unit = units.get(parameter, "")
-    return f"{effect.partition('.')[2]} {parameter} {value:.4g}{'' if unit in ('', '1') else ' ' + unit}"
+    own = effect.partition(".")[2]
+    label = own if own == parameter else f"{own} {parameter.replace('_', ' ')}"
+    return f"{label} {value:.4g}{'' if unit in ('', '1') else ' ' + unit}"
 
 
 def _where(diagnosis: Diagnosis) -> str:
