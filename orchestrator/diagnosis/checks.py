@@ -8,8 +8,8 @@ import numpy as np
 
 from ..errors import Problem
 from .consistency import check_columns
+from .motion import contacts
 from .study import Array, Role, Run, Study
-from .traces import contacts
 
 __all__ = ["check_logs"]
 

@@ -180,8 +180,7 @@ def _which(finding: Finding) -> list[Which]:
 
 def _calibration(study: Study, finding: Finding) -> dict[str, dict[str, float]]:
     """Calibrated numbers: as believed, tolerance, with the answer and without effects."""
-    answer = _answer(finding)
-    fitted = dict(answer.calibrated) if answer is not None else {}
+    fitted = finding.answer.calibrated
     told = {}
     for name, one in study.nominal.items():
         if one.tolerance > 0:
@@ -193,14 +192,6 @@ def _calibration(study: Study, finding: Finding) -> dict[str, dict[str, float]]:
                 "recalibrated": float(alone),
             }
     return told
-
-
-def _answer(finding: Finding) -> Any:
-    """The model of the answer given; that without effects where the answer has none."""
-    for one in finding.candidates:
-        if set(one.effects) == set(finding.effects) and one.model is not None:
-            return one.model
-    return finding.recalibrated
 
 
 def _provenance(study: Study, source: Path | None) -> dict[str, Any]:
@@ -241,12 +232,11 @@ def _write(diagnosed: Diagnosed, out: Path, report: bool) -> tuple[Path, tuple[s
     except OSError as error:
         raise ConfigError([Problem("", f"cannot make the folder {out} ({error})")]) from error
     files = [NAME]
-    answer = _answer(diagnosed.finding)
     if report:
         # matplotlib takes a third of a second to import.
         from .report import page
 
-        _atomically(out / "report.html", page(diagnosed.study, diagnosed.diagnosis, answer))
+        _atomically(out / "report.html", page(diagnosed.study, diagnosed.diagnosis, diagnosed.finding.answer))
         files.append("report.html")
     text = json.dumps(diagnosed.diagnosis.data_of(), indent=2, allow_nan=False, ensure_ascii=False)
     _atomically(out / NAME, text + "\n")

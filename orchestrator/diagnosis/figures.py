@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from ..plotting import COLORS
 from .finding import Augmented
+from .motion import contacts
 from .study import Array, Role, Run, Study
-from .traces import CHANNEL_OF, Trace, contacts, traces
+from .traces import CHANNEL_OF, Trace, traces
 
 __all__ = ["figure_of", "shown_run", "svg"]
 
@@ -80,7 +81,7 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
 def _worst(study: Study, run: Run, trace: Trace) -> tuple[int, int, int]:
     """First and last row of the contact with the largest residual, and its number; 0 without contacts."""
     left = np.square(trace.measured - trace.before)
-    found = [(first, last) for first, last in contacts(study, run) if last < len(left)]
+    found = [(one.first, one.last) for one in contacts(study, run) if one.last < len(left)]
     if not found:
         return 0, len(left) - 1, 0
     number = int(np.argmax([left[first : last + 1].sum() for first, last in found]))

@@ -12,7 +12,7 @@ from .model import RigModel
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["CHANNEL_OF", "Trace", "contacts", "traces"]
+__all__ = ["CHANNEL_OF", "Trace", "traces"]
 
 # The signal in which a place's residual is looked for.
 CHANNEL_OF = {
@@ -25,9 +25,6 @@ CHANNEL_OF = {
     "dynamics": "body_force",
 }
 _NONE = Augmented({}, (), np.zeros(0))
-# Force at which a contact counts, in standard deviations of the sensor's noise, and the free flight [ticks]
-# that parts two contacts.
-_PUSH, _APART = 10.0, 20
 
 
 @dataclass(frozen=True)
@@ -95,18 +92,3 @@ def _body(study: Study, run: Run, model: Augmented) -> Trace:
         replay.residuals({}, one.effects, np.asarray(one.theta, float))[0] * noise for one in (_NONE, model)
     ]
     return Trace("body_force", "N", run["time"][:-1], change, change - left[0], change - left[1], noise)
-
-
-def contacts(study: Study, run: Run) -> list[tuple[int, int]]:
-    """First and last tick of each contact, as the measured force tells.
-
-    Pushes less than 20 ticks apart, as in a chattering release, count as one.
-    """
-    threshold = max(_PUSH * study.nominal["force_noise"].value, 4.0)
-    ticks = np.flatnonzero(np.abs(run["sensor_force"] - np.median(run["sensor_force"])) > threshold)
-    if not ticks.size:
-        return []
-    ends = np.flatnonzero(np.diff(ticks) > _APART)
-    firsts = np.concatenate([[ticks[0]], ticks[ends + 1]])
-    lasts = np.concatenate([ticks[ends], [ticks[-1]]])
-    return [(int(first), int(last)) for first, last in zip(firsts, lasts, strict=True)]
