@@ -91,7 +91,8 @@ def find_bonds(
 
     A bond is sought wherever connections whose unit is an effort's lead from one instance to another, and
     connections of the same domain's flow or displacement lead back. Where two that have a connection in
-    common are found, nobody but the author can tell which of them carries the energy: both are left out.
+    common are found, nobody but the author can tell which of them carries the energy: both are left out,
+    and with them all others between the same two instances.
     Between two instances that are connected by a flow and its displacement, the displacement counts.
 
     Args:
@@ -146,10 +147,11 @@ def _undoubted(
     found: list[Bond], connections: Sequence[Connection]
 ) -> tuple[tuple[Bond, ...], tuple[str, ...]]:
     shared = Counter(one for bond in found for one in {*bond.effort, *bond.flow})
-    kept = [bond for bond in found if all(shared[one] == 1 for one in (*bond.effort, *bond.flow))]
+    clear = [bond for bond in found if all(shared[one] == 1 for one in (*bond.effort, *bond.flow))]
+    doubted = dict.fromkeys(bond.name for bond in found if bond not in clear)
+    kept = [bond for bond in clear if bond.name not in doubted]
     rank = {one: place for place, one in enumerate(connections)}
     kept.sort(key=lambda bond: rank[bond.effort[0]])
-    doubted = dict.fromkeys(bond.name for bond in found if bond not in kept)
     notes = (
         (f"power bonds {listed(doubted)} overlap: say under bonds which connections carry energy",)
         if doubted

@@ -134,15 +134,13 @@ def run(
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     folder = _folder(out)
     if folder is not None:
-        for name in ("summary.json", *(f"results.{suffix}" for suffix in FORMATS)):
-            (folder / name).unlink(missing_ok=True)  # of an earlier run: not to be taken for this one's
-        (folder / "config.yaml").write_text(_moved(prepared.config, folder).text(), encoding="utf-8")
+        _begin(folder, prepared.config)
     try:
         path = None if folder is None else folder / "results.arrow"
         results, statistics, ledger = _run_once(prepared, prepared.grid, path, progress)
     except _Stopped as stopped:
-        _finish_failed(prepared, stopped, folder, formats)
-        raise stopped.error from stopped.error.__cause__
+        error = _finish_failed(prepared, stopped, folder, formats)
+        raise error from error.__cause__
     summary: dict[str, Any] = {
         "title": prepared.config.model.title,
         "config": prepared.config.model.to_data(),
@@ -166,7 +164,10 @@ def run(
     summary["provenance"] = dict(results.provenance)
     made.summary = summary = strict(summary)
     if folder is not None:
-        _write(made, formats, figures and failed is None)
+        try:
+            _write(made, formats, figures and failed is None)
+        except OSError as error:
+            failed = failed or _incomplete(folder, error)
     if failed is not None:
         failed.result = made  # type: ignore[attr-defined]
         raise failed
@@ -354,6 +355,25 @@ def _folder(out: Path | str | None) -> Path | None:
     return folder
 
 
+def _begin(folder: Path, config: Config) -> None:
+    """Clear what an earlier run left, which is not to be taken for this one's, and keep the config.
+
+    Raises: ConfigError if the folder cannot be written to.
+    """
+    try:
+        for name in ("summary.json", "coupling.csv", *(f"results.{suffix}" for suffix in FORMATS)):
+            (folder / name).unlink(missing_ok=True)
+        (folder / "config.yaml").write_text(_moved(config, folder).text(), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Problem("", f"cannot write to the folder {folder} ({error})")]) from error
+
+
+def _incomplete(folder: Path, error: OSError) -> OrchestratorError:
+    return OrchestratorError(
+        f"{folder}: not all files could be written ({error}); what was recorded is in results.arrow"
+    )
+
+
 def _moved(config: Config, folder: Path) -> Config:
     """The same config for another folder: relative paths in it lead to the same files."""
     data = config.model.to_data()
@@ -374,8 +394,8 @@ def _moved(config: Config, folder: Path) -> Config:
 
 def _finish_failed(
     prepared: Prepared, stopped: _Stopped, folder: Path | None, formats: Sequence[str]
-) -> None:
-    """Keep what a failed run recorded: on disk, and with the exception."""
+) -> OrchestratorError:
+    """Keep what a failed run recorded: on disk, and with the exception, which is to be raised."""
     summary = {
         "title": prepared.config.model.title,
         "config": prepared.config.model.to_data(),
@@ -386,8 +406,13 @@ def _finish_failed(
     }
     result = RunResult(stopped.results, strict(summary), prepared, folder)
     stopped.error.result = result  # type: ignore[attr-defined]
-    if folder is not None:
-        _write(result, formats, False)
+    try:
+        if folder is not None:
+            _write(result, formats, False)
+    except OSError as unwritten:
+        # Most often the disk is full, and the run failed for it: the first error is the one to act on.
+        stopped.error.args = (f"{stopped.error}\n  {_incomplete(folder, unwritten)}",)
+    return stopped.error
 
 
 def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
@@ -396,7 +421,11 @@ def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
     assert folder is not None
     result.files = ["config.yaml", "results.arrow", "summary.json"]
     text = json.dumps(result.summary, indent=2, allow_nan=False, ensure_ascii=False)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    try:
+        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    except OSError:
+        (folder / "summary.json").unlink(missing_ok=True)  # half a summary is none
+        raise
     for suffix in dict.fromkeys(formats):
         if suffix != "arrow":
             result.results.write(folder / f"results.{suffix}")

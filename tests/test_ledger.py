@@ -245,6 +245,47 @@ def test_elements_of_arrays_are_matched_by_their_subscripts():
     assert [bond.name for bond in system.bonds] == ["pad-body", "pad-body-2", "pad-body-3"]
 
 
+def test_where_one_way_is_in_doubt_the_others_between_the_same_two_are():
+    """A torque beside a force that may come by a sensor: half of an account is none."""
+    motion = {"v": "m/s", "w": "rad/s"}
+    body = FakeFmu(inputs={"f": "N", "t": "N.m"}, outputs=motion)
+    law = FakeFmu(inputs={"measured": "N", **motion}, outputs={"f": "N", "t": "N.m"})
+    sensor = FakeFmu(inputs={"v": "m/s"}, outputs={"f": "N"})
+    system = assemble(
+        [Part("body", body), Part("law", law), Part("sensor", sensor)],
+        [
+            "sensor.f -> law.measured",
+            "law.f -> body.f",
+            "law.t -> body.t",
+            "body.v -> sensor.v",
+            "body.v -> law.v",
+            "body.w -> law.w",
+        ],
+    )
+    assert system.bonds == ()
+    assert system.notes == (
+        "power bonds sensor-body, law-body overlap: say under bonds which connections carry energy",
+    )
+
+
+@pytest.mark.parametrize("loop", ["python", "native"])
+def test_the_course_of_a_long_run_is_thinned_and_its_sums_are_not(monkeypatch, loop):
+    if loop == "native":
+        pytest.importorskip("numba")
+    prepared = prepare("docking-1d-uncompensated", ["satellite.form=native", "run.stop_time=0.5 s"])
+    found = []
+    for most in (1 << 16, 100):
+        monkeypatch.setattr("orchestrator.ledger.ledger._MOST_KEPT", most)
+        ledger = Ledger(prepared.system)
+        simulate(prepared.system, prepared.master, prepared.grid, loop=loop, ledger=ledger)
+        found.append((*ledger.course(), ledger.summary()))
+    (times, whole, summary), (fewer, course, other) = found
+    every = next(n for n in (2**power for power in range(20)) if len(times[::n]) <= 100)
+    assert fewer.tolist() == times[::every].tolist()
+    assert course["contact-satellite"] == pytest.approx(whole["contact-satellite"][::every], abs=1e-15)
+    assert other["contact-satellite"]["created"] == pytest.approx(summary["contact-satellite"]["created"])
+
+
 @pytest.mark.parametrize(
     ("effort", "motion", "displaced"),
     [("N.m", "rad/s", False), ("N.m", "rad", True), ("kPa", "l/min", False), ("mV", "A", False)],

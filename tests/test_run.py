@@ -17,7 +17,7 @@ import pytest
 from archives import repack
 
 from orchestrator.__main__ import main
-from orchestrator.errors import ConfigError, StepError
+from orchestrator.errors import ConfigError, OrchestratorError, StepError
 from orchestrator.measures import changes, signal_changes
 from orchestrator.results import Results, read_results
 from orchestrator.run import prepare, run
@@ -274,6 +274,37 @@ def test_schema_and_list(capsys):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a POSIX signal")
+def test_a_folder_that_cannot_be_written_to_is_refused_before_the_run(config, tmp_path, capsys):
+    out = tmp_path / "out"
+    (out / "summary.json").mkdir(parents=True)
+    assert main(["run", str(config), "--out", str(out)]) == 2
+    assert f"orchestrator: cannot write to the folder {out} (" in capsys.readouterr().err
+    assert not (out / "results.arrow").exists()
+
+
+def test_what_an_earlier_run_left_is_not_taken_for_this_ones(config, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/coupling.csv").write_text("of an earlier run")
+    run(config, out=tmp_path / "out", figures=False)
+    assert not (tmp_path / "out/coupling.csv").exists()
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_full_disk_at_the_end_is_told_beside_what_went_wrong(config, tmp_path, monkeypatch, fails):
+    def refuse(self, path):
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(Results, "write", refuse)
+    overrides = ["one.way=error", "one.at=0.2"] if fails else []
+    with pytest.raises(OrchestratorError) as caught:
+        run(config, out=tmp_path / "out", overrides=overrides)
+    assert isinstance(caught.value, StepError) == fails
+    assert f"{tmp_path / 'out'}: not all files could be written ([Errno 28] No space" in str(caught.value)
+    assert len(read_results(tmp_path / "out/results.arrow")) == (21 if fails else 51)
+    assert json.loads((tmp_path / "out/summary.json").read_text())["title"] == "Two tanks"
+    assert caught.value.result.summary["run"]["steps"] == 50
+
+
 def test_an_interrupted_run_keeps_its_results(config, tmp_path):
     out = tmp_path / "out"
     process = subprocess.Popen(

@@ -18,6 +18,8 @@ from .books import Before, Books, Step
 __all__ = ["Account", "Ledger"]
 
 _ROWS = 1024
+# Points of which the course is kept: from here on, every second of them goes, again and again.
+_MOST_KEPT = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ class Ledger:
         """
         Args:
             system: what runs.
-            every: keep the course of the energies at every n-th communication point.
+            every: keep the course of the energies at every n-th communication point; of long runs at every
+                2 n-th, 4 n-th, ..., so that memory does not grow with them.
         """
         self.layout = Layout.of(system)
         self.books = Books(system, self.layout)
@@ -77,7 +80,9 @@ class Ledger:
         self._outputs = self.books.outputs(np.empty((_ROWS + 1, self.layout.size)))
         self._inputs = np.empty((_ROWS, 3, len(self.books.inputs)))
         self._used = 0
-        self._ends: list[tuple[int, float]] = []  # after which rows points are reached that are kept; times
+        # Points that are kept: after which rows they are reached, time, index.
+        self._ends: list[tuple[int, float, int]] = []
+        self._kept = 0
         self._before: Before | None = None
         self._late: NDArray[np.bool_] | None = None
 
@@ -88,6 +93,7 @@ class Ledger:
         """See the first point: signals, shape (layout.size,)."""
         self._before = self.books.start(values)
         self._outputs[0] = self.books.outputs(values)
+        self._kept = 1
         self._times.append(np.array([time]))
         self._course.append(np.zeros((1, 3, len(self.books.bonds))))
 
@@ -106,7 +112,7 @@ class Ledger:
             self._outputs[row] = self.books.outputs(step.after)
             self._inputs[row - 1] = step.inputs
         if point.index % self._every == 0:
-            self._ends.append((self._used, point.time))
+            self._ends.append((self._used, point.time, point.index))
         if self._used >= _ROWS and self._used % self.books.stride == 0:
             self.settle()
 
@@ -122,19 +128,19 @@ class Ledger:
         whole = self._used // self.books.stride * self.books.stride
         if self._before is None or not whole:
             return
-        kept = [end for end in self._ends if end[0] <= whole]
+        kept = [one for one in self._ends if one[0] <= whole and one[2] % self._every == 0]
         self._account(
             self._sizes[:whole],
             self._outputs[: whole + 1],
             self._inputs[:whole],
-            np.array([row for row, _ in kept], np.intp),
-            np.array([time for _, time in kept]),
+            np.array([row for row, _, _ in kept], np.intp),
+            np.array([time for _, time, _ in kept]),
         )
         left = self._used - whole
         self._sizes[:left] = self._sizes[whole : self._used].copy()
         self._inputs[:left] = self._inputs[whole : self._used].copy()
         self._outputs[: left + 1] = self._outputs[whole : self._used + 1].copy()
-        self._ends = [(row - whole, time) for row, time in self._ends if row > whole]
+        self._ends = [(row - whole, time, index) for row, time, index in self._ends if row > whole]
         self._used = left
 
     def _account(
@@ -150,6 +156,12 @@ class Ledger:
         self._totals = course[-1]
         self._exchanged += np.abs(taken).sum(0)
         self._parts += parts.sum(0)
+        self._kept += len(times)
+        while self._kept > _MOST_KEPT:
+            self._every *= 2
+            self._times = [np.concatenate(self._times)[::2].copy()]
+            self._course = [np.concatenate(self._course)[::2].copy()]
+            self._kept = len(self._times[0])
 
     # For the native loop, whose inputs follow from the order of stepping.
 
