@@ -184,15 +184,15 @@ def test_overrides_that_lead_nowhere_are_refused_together():
     message = refusal(data(), ["on.a=1 N", "run.stepsize=1 ms", "rubbish", "measures.docking.x=1"])
     assert message.splitlines() == [
         "--set on.a=1 N: no 'on.a' to set",
-        "  instances: one, two; sections: run, connections, measures, title. "
+        "  instances: one, two; sections: run, connections[...].through, bonds, measures, title. "
         "Did you mean one.a or one.e or one.d?",
         "--set run.stepsize=1 ms: no 'run.stepsize' to set",
-        "  instances: one, two; sections: run, connections, measures, title. "
+        "  instances: one, two; sections: run, connections[...].through, bonds, measures, title. "
         "Did you mean run.step_size or run.stop_time or run.master?",
         "--set rubbish: not an override",
         '  written as path=value, for example robot.tau_m="6 ms"',
         "--set measures.docking.x=1: no 'measures.docking.x' to set",
-        "  instances: one, two; sections: run, connections, measures, title",
+        "  instances: one, two; sections: run, connections[...].through, bonds, measures, title",
     ]
 
 

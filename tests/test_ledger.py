@@ -356,6 +356,13 @@ def test_sign_and_port_of_a_declared_bond():
     assert list(alone.parts) == ["damped.force -> mass.force"]
 
 
+def test_bonds_are_declared_from_the_command_line():
+    assert prepare("docking-1d-uncompensated", ["bonds=[]"]).system.bonds == ()
+    bond = "{name: tip, effort: contact.force -> satellite.force, flow: satellite.velocity}"
+    (found,) = prepare("docking-1d-uncompensated", [f"bonds=[{bond}]"]).system.bonds
+    assert str(found) == "tip: contact.force -> satellite.force, satellite.velocity"
+
+
 def test_wrong_bonds_are_told_all_at_once():
     bonds = [
         BondModel(effort="damped.forc -> mass.force", flow="mass.velocity -> damped.velocity"),

@@ -217,7 +217,8 @@ def _override(data: dict[str, Any], places: Places, text: str) -> list[Problem]:
             for m, its in enumerate(through if isinstance(through, list) else ()):
                 known += [f"connections[{n}].through[{m}].{key}" for key in its or ()]
         known += [f"measures.{one}.{key}" for one, its in measures.items() for key in its or ()]
-        allowed = f"instances: {listed(instances)}; sections: run, connections, measures, title"
+        sections = "run, connections[...].through, bonds, measures, title"
+        allowed = f"instances: {listed(instances)}; sections: {sections}"
         return [Problem(place, f"no {name!r} to set", allowed, nearest(name, known))]
     _put(data, path, value)
     places.known[path] = Place(place)
@@ -251,7 +252,7 @@ def _override_path(data: dict[str, Any], name: str) -> Path | None:
         return (
             ("measures", measure, *option.split(".")) if measure in _section(data, head) and option else None
         )
-    return ("title",) if name == "title" else None
+    return (name,) if name in ("title", "bonds") else None
 
 
 _CONNECTION = re.compile(r"connections\[([^]]+)\]\.(through)(?:\[(\d+)\]\.([\w-]+(?:\.[\w-]+)*))?")
