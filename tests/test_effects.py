@@ -66,6 +66,17 @@ MASTERS = {
     "fixed-point": {"name": "iterative", "tolerance": 1e-10, "method": "fixed-point"},
     "doubling": {"name": "adaptive", "tolerance": 1e-4},
     "inputs": {"name": "adaptive", "tolerance": 1e-3, "estimate": "inputs"},
+    "inputs-1": {
+        "name": "adaptive",
+        "tolerance": 1e-3,
+        "estimate": "inputs",
+        "base": {"name": "jacobi", "extrapolation": 1},
+    },
+    "iterative-parts": {
+        "name": "adaptive",
+        "tolerance": 1e-3,
+        "base": {"name": "iterative", "tolerance": 1e-10},
+    },
 }
 every_effect = pytest.mark.parametrize("name", BUILT_IN)
 every_master = pytest.mark.parametrize("master", MASTERS.values(), ids=MASTERS.keys())

@@ -425,6 +425,17 @@ def test_effects_of_zero_size_change_nothing_in_the_books(name):
         assert (two.taken, two.given, two.created) == (one.taken, one.given, one.created)
 
 
+@pytest.mark.parametrize("rollback", [False, True])
+def test_effects_of_zero_size_change_no_step_that_power_chooses(rollback):
+    master = {"name": "adaptive", "tolerance": "1 mJ", "estimate": "power", "rollback": rollback}
+    plain, books = simulated(oscillator(), master, 20)
+    other, others = simulated(through({"delay": "0 s"}, {"quantise": "0 N"}), master, 20)
+    fixed, _ = simulated(oscillator(), "gauss-seidel", 20)
+    assert other["mass.position"].tolist() == plain["mass.position"].tolist()
+    assert other["mass.position"].tolist() != fixed["mass.position"].tolist()
+    assert created(others) == created(books)
+
+
 @pytest.mark.parametrize("on", ["position", "force"])
 @pytest.mark.parametrize("effect", [{"gain": 1.1}, {"delay": "0.1 s"}, {"low-pass": "2 Hz"}], ids=str)
 @pytest.mark.parametrize("name", ["jacobi", {"name": "iterative", "tolerance": 1e-12}], ids=str)
