@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import mmap
 from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
@@ -25,19 +26,34 @@ _SECONDS_PER_FLUSH = 1.0
 _ROWS, _WIDE = 1024, 128
 _TYPES = {Kind.REAL: np.dtype(np.float64), Kind.BOOLEAN: np.dtype(np.bool_)}
 _WHOLE = np.dtype(np.int64)
+# From this size on numpy asks the kernel for huge pages [B].
+_HUGE = 1 << 22
+
+
+def _untouched(width: int, points: int) -> Array:
+    """An array of small pages, shape (width, points), with any content.
+
+    Huge pages, which numpy asks for, are the dearer ones to touch for the first time where memory is in
+    pieces or virtual, and columns that grow side by side touch many at once.
+    """
+    size = 8 * width * points
+    if size < _HUGE or not hasattr(mmap, "MAP_PRIVATE"):
+        return np.empty((width, points))
+    pages = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    return np.frombuffer(pages, np.float64).reshape(width, points)
 
 
 class _Memory:
     """Columns in memory that rows are appended to."""
 
     def __init__(self, width: int, points: int) -> None:
-        self._columns = np.empty((width, points))
+        self._columns = _untouched(width, points)
         self.rows = 0
 
     def write(self, first: Array, others: Array) -> None:
         end = self.rows + len(first)
         if end > self._columns.shape[1]:
-            grown = np.empty((len(self._columns), max(2 * self._columns.shape[1], end)))
+            grown = _untouched(len(self._columns), max(2 * self._columns.shape[1], end))
             grown[:, : self.rows] = self._columns[:, : self.rows]
             self._columns = grown
         self._columns[0, self.rows : end], self._columns[1:, self.rows : end] = first, others
