@@ -1,0 +1,1 @@
+"""Blind checks: a rig of its own that makes cases with hidden effects, sealed truths, and scores of verdicts."""

@@ -1,0 +1,205 @@
+"""Servo, structure, contact and sensor of the real rig between two ticks: classical Runge-Kutta in fine steps.
+
+Written without a look at the model that diagnosis fits: forms of effects differ from it where a real rig's
+would (rounded onset of contact, soft limits, an exponential Stribeck curve, stiffness that decays).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+__all__ = ["MEMORY", "STATES", "contact_force", "integrate", "output", "remember"]
+
+# Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'.
+STATES = 9
+# Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat.
+MEMORY = 5
+_REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
+_CUBIC_DEPTH = 1e-3
+
+
+@njit(cache=True, error_model="numpy")
+def output(p, s, memory):
+    """Position [m] and rate [m/s] of the robot's flange, which the encoder sees."""
+    x, v = s[0] + s[2], s[1] + s[3]
+    if p.backlash > 0.0:
+        half = 0.5 * p.backlash
+        if x - half > memory[0]:
+            x -= half
+        elif x + half < memory[0]:
+            x += half
+        else:
+            return memory[0], 0.0
+    return x, v
+
+
+@njit(cache=True, error_model="numpy")
+def _contact_point(p, s, memory):
+    position, rate = output(p, s, memory)
+    stretch = 1.0 + p.scale + p.bend * position
+    return stretch * position - p.offset, (stretch + p.bend * position) * rate
+
+
+@njit(cache=True, error_model="numpy")
+def _depth(p, s, memory):
+    """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
+    point, rate = _contact_point(p, s, memory)
+    if 2.0 * point > p.front + p.rear:
+        return 1.0, point - p.front - memory[2] - s[7], rate - s[8]
+    return -1.0, p.rear - memory[2] - point, -rate
+
+
+@njit(cache=True, error_model="numpy")
+def contact_force(p, t, s, memory):
+    """Force on the rod [N], negative at the front frame; side, effective penetration [m] and its rate."""
+    side, depth, rate = _depth(p, s, memory)
+    touch = 1.0
+    if p.onset > 0.0:
+        if depth < -50.0 * p.onset:
+            return 0.0, side, 0.0, 0.0
+        reach = math.sqrt(depth * depth + p.onset * p.onset)
+        touch = 0.5 * (1.0 + depth / reach)
+        depth = 0.5 * (depth + reach)
+    elif depth <= 0.0:
+        return 0.0, side, 0.0, 0.0
+    rate *= touch
+    k = p.k * (1.0 - side * p.asymmetry) * math.exp(-p.softening * t)
+    spring = k * depth
+    if p.hertz != 0.0:
+        spring *= (depth / _REFERENCE_DEPTH) ** p.hertz
+    if p.plasticity > 0.0 and depth < memory[1]:
+        left = (depth - p.plasticity * memory[1]) / (1.0 - p.plasticity)
+        spring = k * memory[1] * (left / memory[1]) ** 1.1 if left > 0.0 else 0.0
+    if p.cubic != 0.0:
+        spring += k * p.cubic * depth * (depth / _CUBIC_DEPTH) ** 2
+    if p.second != 0.0:
+        beyond = depth - p.second_depth
+        spring += 0.5 * p.second * k * (beyond + math.sqrt(beyond * beyond + 1e-10))
+    if p.maxwell != 0.0:
+        spring += p.maxwell * k * s[4]
+    damper = (p.c + p.crossley * depth) * rate
+    if p.compliance > 0.0:
+        # The mount's spring in series with spring and damper of the frame, to first order in the rate.
+        soft = 1.0 + k * p.compliance
+        spring, damper = spring / soft, damper / (soft * soft)
+    push = spring + damper
+    if p.slack > 0.0 and push > 0.0:
+        push -= k * p.slack * (1.0 - math.exp(-push / p.slack_force))
+    if p.friction != 0.0:
+        push *= 1.0 + p.friction * math.tanh(rate / p.friction_rate)
+    push = max(push, 0.0)
+    if p.adhesion > 0.0:
+        push -= p.adhesion * (1.0 - math.exp(-depth / 2e-6))
+    return -side * push, side, depth, rate
+
+
+@njit(cache=True, error_model="numpy")
+def _derivative(p, t, s, memory, command, ds):
+    x, v = s[0], s[1]
+    force, side, depth, rate = contact_force(p, t, s, memory)
+    a = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v + p.load * force
+    if p.coulomb > 0.0:
+        excess = p.stribeck * math.exp(-abs(v) / p.stribeck_rate) if p.stribeck > 0.0 else 0.0
+        a -= p.coulomb * (1.0 + excess) * math.tanh(v / 1.5e-4)
+    if p.acceleration_limit > 0.0:
+        share = abs(a) / p.acceleration_limit
+        if share > 0.05:
+            a /= (1.0 + share**12) ** (1.0 / 12.0)
+    if p.rate_limit > 0.0 and ((v >= p.rate_limit and a > 0.0) or (v <= -p.rate_limit and a < 0.0)):
+        a = 0.0
+    ds[0], ds[1] = v, a
+    total = a
+    if p.resonance != 0.0:
+        w = p.resonance_omega
+        ds[2] = s[3]
+        ds[3] = -w * w * s[2] - 2.0 * p.resonance_xi * w * s[3] - p.resonance * a
+        total += ds[3]
+    if p.maxwell != 0.0:
+        ds[4] = (rate if depth > 0.0 else 0.0) - s[4] / p.maxwell_time
+    ds[5] = p.cutoff * (force - p.tool * total - s[5])
+    if p.filter_time > 0.0:
+        ds[6] = (s[5] - s[6]) / p.filter_time
+    if p.wall_mass > 0.0:
+        w = p.wall_omega
+        ds[7] = s[8]
+        ds[8] = (-force if side > 0.0 else 0.0) / p.wall_mass - w * w * s[7] - 0.1 * w * s[8]
+
+
+@njit(cache=True, error_model="numpy")
+def remember(p, s, memory, step):
+    """What outlasts a step: play, deepest penetration, creep of the servo, the sensor's heat."""
+    if p.backlash > 0.0:
+        memory[0], _ = output(p, s, memory)
+    if p.rate_limit > 0.0:
+        s[1] = min(max(s[1], -p.rate_limit), p.rate_limit)
+    if p.plasticity > 0.0 or p.maxwell != 0.0:
+        _, depth, _ = _depth(p, s, memory)
+        memory[1] = max(memory[1], depth) if depth > 0.0 else 0.0
+        if depth <= 0.0:
+            s[4] = 0.0
+    if p.creep != 0.0:
+        memory[3] += step * (p.creep * s[0] - memory[3]) / p.creep_time
+    if p.heat != 0.0:
+        memory[4] += step * (p.heat * abs(s[5]) - memory[4]) / p.heat_time
+
+
+@njit(cache=True, error_model="numpy")
+def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, count):
+    """Integrate from one instant to another, over which the command is constant.
+
+    Args:
+        longest: step [s]; work: room, shape (5, STATES).
+        times, sensed: instants and the sensor's filtered force there, circular; count: how many were written.
+    Returns: the new count.
+    """
+    steps = max(int(math.ceil((end - begin) / longest - 1e-9)), 1)
+    step = (end - begin) / steps
+    k1, k2, k3, k4, mid = work[0], work[1], work[2], work[3], work[4]
+    size = times.shape[0]
+    n = s.shape[0]
+    for i in range(steps):
+        t = begin + i * step
+        _derivative(p, t, s, memory, command, k1)
+        for j in range(n):
+            mid[j] = s[j] + 0.5 * step * k1[j]
+        _derivative(p, t + 0.5 * step, mid, memory, command, k2)
+        for j in range(n):
+            mid[j] = s[j] + 0.5 * step * k2[j]
+        _derivative(p, t + 0.5 * step, mid, memory, command, k3)
+        for j in range(n):
+            mid[j] = s[j] + step * k3[j]
+        _derivative(p, t + step, mid, memory, command, k4)
+        for j in range(n):
+            s[j] += step / 6.0 * (k1[j] + 2.0 * (k2[j] + k3[j]) + k4[j])
+        remember(p, s, memory, step)
+        times[count % size] = t + step
+        sensed[count % size] = s[6] if p.filter_time > 0.0 else s[5]
+        count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def past(times, sensed, count, t):
+    """The sensor's filtered force at an instant not long ago, linear between steps; zero before the run."""
+    size = times.shape[0]
+    index = count - 1
+    last = max(count - size, 0)
+    while index > last and times[index % size] > t:
+        index -= 1
+    at = index % size
+    if index < last or times[at] > t:
+        return 0.0 if count < size else sensed[at]
+    if index == count - 1:
+        return sensed[at]
+    following = (index + 1) % size
+    share = (t - times[at]) / (times[following] - times[at])
+    return (1.0 - share) * sensed[at] + share * sensed[following]
+
+
+@njit(cache=True, error_model="numpy")
+def fresh():
+    """State, memory, room and history of a run."""
+    return np.zeros(STATES), np.zeros(MEMORY), np.zeros((5, STATES)), np.zeros(4096), np.zeros(4096)

@@ -1,0 +1,210 @@
+"""The real rig, tick by tick: software in its ticks, the plant between them, and what the lab logs of both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .knobs import knobs
+from .plant import contact_force, fresh, integrate, output, past, remember
+from .series import Series
+from .software import compensate, first_controller, first_satellite, move_satellite
+
+__all__ = ["COLUMNS", "FORCE_RESOLUTION", "POSITION_RESOLUTION", "Lab", "drive", "simulate"]
+
+Array = NDArray[np.float64]
+
+COLUMNS = (
+    "desired_position",
+    "desired_velocity",
+    "encoder_position",
+    "sensor_force",
+    "compensated_force",
+    "stiffness_estimate",
+)
+TICK = 1e-3
+LIMIT = 0.08  # a run that leaves this range is stopped [m]
+POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
+_SUBSTEPS = 50
+_HISTORY = 64  # ticks before the first, at which the rod moved already
+
+
+@dataclass(frozen=True)
+class Lab:
+    """What the lab believes of its rig: calibrated numbers by the names of case.yaml, SI."""
+
+    nominal: Mapping[str, float]
+
+    @property
+    def lead(self) -> float:
+        """Lead time of the controller [s]."""
+        return self.nominal["sensor_delay"] + 1.0 / self.nominal["sensor_cutoff"]
+
+    def begin(self, speed: float) -> float:
+        """Position of the robot at the start [m]."""
+        lag = 2.0 * self.nominal["damping_ratio"] / self.nominal["natural_frequency"]
+        return -(lag + self.nominal["response_delay"]) * speed
+
+
+def simulate(
+    lab: Lab, values: Mapping[str, float], mass: float, speed: float, ticks: int, series: Series
+) -> Array:
+    """Run the rig in closed loop.
+
+    Args:
+        values: knobs of the real rig; mass [kg], speed of approach [m/s]: of the satellite software.
+        series: what chance does in this run.
+    Returns: what is logged, rows by `COLUMNS`, shape (6, n) with n <= ticks, SI.
+    """
+    none = np.zeros((6, 0))
+    return _run(lab, values, mass, speed, ticks, series, none)
+
+
+def drive(
+    lab: Lab, values: Mapping[str, float], mass: float, speed: float, logged: Array, series: Series
+) -> Array:
+    """Run the rig's blocks apart from each other, each driven by what was logged, shape (6, n).
+
+    Returns: what each would have given, rows by `COLUMNS`, shape (6, n); the satellite's position and
+        velocity at a tick are those one tick after the logged ones.
+    """
+    return _run(lab, values, mass, speed, logged.shape[1], series, np.ascontiguousarray(logged))
+
+
+def _run(
+    lab: Lab,
+    values: Mapping[str, float],
+    mass: float,
+    speed: float,
+    ticks: int,
+    series: Series,
+    logged: Array,
+) -> Array:
+    nominal = lab.nominal
+    believed = np.array(
+        [nominal["contact_stiffness"], nominal["contact_damping"], lab.lead, lab.begin(speed), speed]
+    )
+    out = np.zeros((6, ticks))
+    done = _ticks(
+        knobs(values),
+        believed,
+        mass,
+        series.arrival,
+        series.encoder,
+        series.force,
+        series.held,
+        series.missed,
+        series.body,
+        series.wall,
+        logged,
+        out,
+    )
+    return out[:, :done]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall, logged, out):
+    """Fill `out`; returns how many ticks were run."""
+    k, c, lead, start, speed = believed
+    driven = logged.shape[1] > 0
+    ticks = out.shape[1]
+    s, memory, work, times, sensed = fresh()
+    s[0], s[1] = start, speed
+    memory[0] = start
+    satellite, controller = first_satellite(speed), first_controller(k, c, start, speed)
+    commands = np.empty(_HISTORY + ticks)
+    for i in range(_HISTORY):
+        commands[i] = _rounded(p, speed * TICK * (i + 1 - _HISTORY))
+    active = _HISTORY - 1
+    while active > 0 and arrival[active] > 0.0:
+        active -= 1
+    count, contact, touching = 0, 0, False
+    memory[2] = wall[0]
+    reading, played = 0.0, 0.0
+    for n in range(ticks):
+        now = n * TICK
+        position, _ = output(p, s, memory)
+        position += p.encoder_wave * math.sin(2.0 * math.pi * position / p.encoder_pitch) + encoder[n]
+        position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
+        if not held[n] or n == 0:
+            reading, played = _read(p, now, past(times, sensed, count, now - p.tau_s), memory, played)
+            reading = _digits(p, reading + force[n])
+        out[2, n], out[3, n] = position, reading
+        seen_force, seen_position, acting = reading, position, 0.0
+        if driven:
+            seen_force, seen_position = logged[3, n], logged[2, n]
+            satellite[0], satellite[1] = logged[0, n], logged[1, n]
+        else:
+            out[0, n], out[1, n] = satellite[0], satellite[1]
+        if not missed[n]:
+            compensate(p, k, lead, TICK, seen_force, seen_position, satellite[0], satellite[1], controller)
+        out[4, n], out[5, n] = controller[11], controller[6]
+        acting = logged[4, n] if driven else controller[11]
+        move_satellite(p, mass, TICK, acting, body[n], satellite)
+        sent = satellite[0]
+        if driven:
+            out[0, n], out[1, n] = satellite[0], satellite[1]
+            if n + 1 < ticks:
+                sent = logged[0, n + 1]
+        if abs(satellite[0]) > LIMIT or abs(position) > LIMIT:
+            return n + 1
+        commands[_HISTORY + n] = _rounded(p, sent)
+        end = (n + 1) * TICK
+        while now < end - 1e-12:
+            for i in range(_HISTORY + n, active, -1):
+                if arrival[i] <= now + 1e-12:
+                    active = i
+                    break
+            stop = end
+            for i in range(active + 1, _HISTORY + n + 1):
+                if now + 1e-12 < arrival[i] < stop:
+                    stop = arrival[i]
+            command = commands[active] + _cogging(p, commands[active])
+            count = integrate(p, now, stop, TICK / _SUBSTEPS, s, memory, command, work, times, sensed, count)
+            now = stop
+        f, _, _, _ = contact_force(p, end, s, memory)
+        if abs(f) > 1.0:
+            touching = True
+        elif touching and f == 0.0:
+            touching = False
+            contact = min(contact + 1, wall.shape[0] - 1)
+            memory[2] = wall[contact]
+    return ticks
+
+
+@njit(cache=True, error_model="numpy")
+def _rounded(p, command):
+    if p.command_step > 0.0:
+        return p.command_step * math.floor((command - p.command_phase) / p.command_step + 0.5) + p.command_phase
+    return command
+
+
+@njit(cache=True, error_model="numpy")
+def _cogging(p, position):
+    return p.cogging * math.sin(2.0 * math.pi * position / p.cogging_pitch) if p.cogging != 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _read(p, now, value, memory, played):
+    """The sensor's reading [N] before noise, and the play of its hysteresis."""
+    if p.hysteresis != 0.0:
+        played = min(max(played, value - p.hysteresis_width), value + p.hysteresis_width)
+        value += p.hysteresis * (played - value)
+    reading = (1.0 + p.gain) * value * (1.0 + p.force_curve * abs(value)) + p.bias + memory[4]
+    # A drift that slows down, as of something that warms.
+    reading += p.drift * 20.0 * (1.0 - math.exp(-now / 20.0))
+    return reading, played
+
+
+@njit(cache=True, error_model="numpy")
+def _digits(p, reading):
+    if p.clip > 0.0:
+        reading = min(max(reading, -p.clip), p.clip)
+    if p.force_step > 0.0:
+        return p.force_step * round(reading / p.force_step)
+    return FORCE_RESOLUTION * round(reading / FORCE_RESOLUTION)

@@ -1,0 +1,93 @@
+"""What chance and the clock do to a run: noise, arrivals of commands, lost samples, bursts, scattered walls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+__all__ = ["Series", "draw_series"]
+
+Array = NDArray[np.float64]
+
+TICK = 1e-3
+HISTORY = 64
+_CONTACTS = 400
+
+
+@dataclass(frozen=True)
+class Series:
+    """Series of a run.
+
+    Attributes:
+        arrival: when the command sent at tick i - 64 reaches the servo, shape (64 + n,) [s]; infinite if lost.
+        encoder: noise [m]; force: noise of all kinds [N]; body: force on the satellite [N]; shape (n,).
+        held, missed: ticks at which sensor or controller do nothing, shape (n,).
+        wall: where the frames stand in each contact, shape (400,) [m].
+    """
+
+    arrival: Array
+    encoder: Array
+    force: Array
+    held: NDArray[np.bool_]
+    missed: NDArray[np.bool_]
+    body: Array
+    wall: Array
+
+
+def draw_series(
+    values: Mapping[str, float], noise: tuple[float, float], ticks: int, seed: np.random.SeedSequence
+) -> Series:
+    """Draw the series of a run.
+
+    Each kind has a stream of its own: taking an effect away leaves the chance of all others as it was.
+
+    Args:
+        values: knobs of the rig.
+        noise: standard deviations of encoder [m] and sensor [N].
+    """
+    get = values.get
+    streams = [np.random.default_rng(one) for one in seed.spawn(9)]
+    t = TICK * np.arange(ticks)
+    scale = get("noise_scale", 0.0)
+    encoder = scale * noise[0] * streams[0].standard_normal(ticks)
+    force = scale * noise[1] * streams[1].standard_normal(ticks)
+    keep = get("coloured_keep", 0.0)
+    coloured = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], streams[2].standard_normal(ticks))
+    force += get("coloured", 0.0) * coloured
+    phase = 2.0 * np.pi * streams[3].random(2)
+    force += get("hum", 0.0) * np.sin(get("hum_omega", 0.0) * t + phase[0])
+    spikes = streams[3].random(ticks) < get("spike_rate", 0.0) * TICK
+    force += get("spikes", 0.0) * spikes * streams[3].standard_normal(ticks)
+    held = streams[4].random(ticks) < get("dropout", 0.0)
+    missed = streams[5].random(ticks) < get("missed", 0.0)
+    missed[0] = False
+    body = get("wheel", 0.0) * np.sin(get("wheel_omega", 0.0) * t + phase[1])
+    if get("burst", 0.0):
+        period, length = get("burst_period", 1.0), get("burst_length", 0.0)
+        at = np.mod(t + period * streams[6].random(), period)
+        sign = np.where(np.floor((t + period) / period) % 2.0 < 1.0, 1.0, -1.0)
+        body = body + get("burst", 0.0) * sign * (at < length)
+    wall = get("wall_scatter", 0.0) * streams[8].standard_normal(_CONTACTS)
+    return Series(_arrivals(values, ticks, streams[7]), encoder, force, held, missed, body, wall)
+
+
+def _arrivals(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:
+    get = values.get
+    index = np.arange(-HISTORY, ticks)
+    sent = TICK * index
+    arrival = sent + get("tau", 0.0) + get("skew", 0.0) * np.maximum(sent, 0.0)
+    arrival += get("jitter", 0.0) * stream.random(len(sent))
+    lost = stream.random(len(sent)) < get("loss", 0.0)
+    stall, period = get("stall", 0.0), get("stall_period", 1.0)
+    if stall > 0.0:
+        into = np.mod(arrival + period * stream.random(), period)
+        arrival += np.where(into < stall, stall - into, 0.0)
+    hold = round(get("hold", 0.0))
+    if hold > 1:
+        lost |= (index + 1) % hold != 0
+    lost[0] = False
+    return np.where(lost, np.inf, arrival)

@@ -1,0 +1,98 @@
+"""The rig's software at a tick, satellite and compliance controller, hidden effects included."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+__all__ = ["compensate", "first_controller", "first_satellite", "move_satellite"]
+
+
+@njit(cache=True, error_model="numpy")
+def first_satellite(speed):
+    """Position and velocity of the satellite and of what hangs on it, shape (4,)."""
+    return np.array([0.0, speed, 0.0, speed])
+
+
+@njit(cache=True, error_model="numpy")
+def move_satellite(p, mass, tick, force, extra, s):
+    """A tick of the satellite under a held force [N]: four semi-implicit Euler sub-steps.
+
+    Args:
+        extra: force of the rig's surroundings on the body [N].
+        s: position, velocity, and those of an appendage or sloshing mass, shape (4,); advanced.
+    """
+    dt = 0.25 * tick
+    total = mass * (1.0 + p.mass)
+    hung = total * p.appendage
+    w = p.appendage_omega
+    for _ in range(4):
+        push = force * (1.0 + p.mass_offset * p.mass_offset) + extra + mass * p.gravity
+        if p.cable != 0.0:
+            push -= p.cable * s[0] * (1.0 + 0.02 * (s[0] / 5e-3) ** 2)
+        if p.drag != 0.0:
+            push -= p.drag * s[1] * (1.0 + 0.05 * abs(s[1]) / 0.02)
+        if hung > 0.0:
+            pull = hung * (w * w * (s[2] - s[0]) + 2.0 * p.appendage_xi * w * (s[3] - s[1]))
+            s[3] -= dt * pull / hung
+            push += pull
+        s[1] += dt * push / (total - hung)
+        s[0] += dt * s[1]
+        s[2] += dt * s[3]
+
+
+@njit(cache=True, error_model="numpy")
+def first_controller(k, c, position, speed):
+    """What the controller remembers at the start, shape (12,).
+
+    By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output.
+    """
+    return np.array(
+        [0.0, 0.0, position, speed, 0.0, 0.0, k, c, (0.15 * k) ** 2, 0.0, 60.0**2, 0.0],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def compensate(p, k, lead, tick, force, position, desired, rate, s):
+    """A tick of the compliance controller: RIG.md, block 4.
+
+    Args:
+        k: nominal stiffness [N/m], which bounds the estimate; lead: as calibrated [s].
+        force, position: measured; desired, rate: of the satellite software.
+        s: see `first_controller`; advanced, the output [N] last.
+    """
+    slope = (force - s[0]) / tick
+    speed = (position - s[2]) / tick
+    s[1] = 0.65 * s[1] + 0.35 * slope
+    s[3] = 0.75 * s[3] + 0.25 * speed
+    s[0], s[2] = force, position
+    ahead = force + (lead + p.lead) * s[1]
+    if abs(force) > 4.0:
+        if s[4] < 0.5:
+            s[4], s[5] = 1.0, position + force / max(s[6], 1000.0)
+        if abs(ahead) > 15.0:
+            _estimate(s, k, ahead)
+        out = ahead - (1.0 + p.stiffness_gain) * s[6] * (desired - position) - s[7] * (rate - s[3])
+    else:
+        s[4] = 0.0
+        out = force
+    if p.output_limit > 0.0:
+        out = math.copysign(min(abs(out), p.output_limit), out)
+    s[11] = out
+
+
+@njit(cache=True, error_model="numpy")
+def _estimate(s, k, ahead):
+    s[8] += 1e4
+    s[10] += 1.0
+    h0, h1 = s[5] - s[2], -s[3]
+    ph0, ph1 = s[8] * h0 + s[9] * h1, s[9] * h0 + s[10] * h1
+    spread = h0 * ph0 + h1 * ph1 + 4.0
+    surprise = ahead - h0 * s[6] - h1 * s[7]
+    s[6] = min(max(s[6] + ph0 / spread * surprise, 0.4 * k), 2.0 * k)
+    s[7] = min(max(s[7] + ph1 / spread * surprise, 0.0), 600.0)
+    s[8] -= ph0 * ph0 / spread
+    s[9] -= ph0 * ph1 / spread
+    s[10] -= ph1 * ph1 / spread
