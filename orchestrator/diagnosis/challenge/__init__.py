@@ -1,1 +1,1 @@
-"""Blind checks: a rig of its own that makes cases with hidden effects, sealed truths, and scores of verdicts."""
+"""Blind checks: a rig of its own that makes cases with hidden effects, sealed truths, scores of verdicts."""

@@ -13,7 +13,18 @@ from .knobs import CALIBRATED
 from .rig import Array, Lab, simulate
 from .series import Series, draw_series
 
-__all__ = ["RUNS", "TOLERANCES", "Case", "Plan", "RunPlan", "draw_case", "make_run", "plan_cases", "run_series"]
+__all__ = [
+    "NOISE",
+    "RUNS",
+    "Case",
+    "Plan",
+    "RunPlan",
+    "draw_case",
+    "make_run",
+    "plan_cases",
+    "run_series",
+    "tolerances",
+]
 
 
 @dataclass(frozen=True)
@@ -40,7 +51,7 @@ NOISE = (2e-6, 0.5)  # of encoder [m] and force sensor [N]
 
 _TURN = 2.0 * np.pi
 # What the lab's calibration leaves open: one standard deviation, SI; of the stiffness, relative.
-TOLERANCES = {
+_TOLERANCES = {
     "contact_damping": 5.0,
     "front_wall": 8e-6,
     "rear_wall": 8e-6,
@@ -56,7 +67,7 @@ _STIFFNESS_TOLERANCE = 0.015
 
 @dataclass(frozen=True)
 class Plan:
-    """What a case is to hide: kind (none, single, pair, outside), effects, and their magnitude (1: strong)."""
+    """What a case is to hide: kind (none, single, pair, outside), effects, their magnitude (1: strong)."""
 
     kind: str
     effects: tuple[Hidden, ...]
@@ -84,7 +95,7 @@ class Case:
 
 def tolerances(lab: Lab) -> dict[str, float]:
     """Standard deviations of the lab's calibration by the names of case.yaml, SI."""
-    return {"contact_stiffness": _STIFFNESS_TOLERANCE * lab.nominal["contact_stiffness"], **TOLERANCES}
+    return {"contact_stiffness": _STIFFNESS_TOLERANCE * lab.nominal["contact_stiffness"], **_TOLERANCES}
 
 
 def plan_cases(
@@ -191,16 +202,16 @@ def _roughness(rng: np.random.Generator, factor: float) -> dict[str, float]:
     """What every rig has and no model holds, each kind in a size of its own."""
     sizes = factor * np.abs(rng.standard_normal(8))
     found = {
-        "load": 6e-4 * sizes[0] * signed(rng),
+        "load": 5e-4 * sizes[0] * signed(rng),
         "coulomb": 4e-3 * sizes[1],
-        "encoder_wave": 4e-7 * sizes[2],
+        "encoder_wave": 6e-7 * sizes[2],
         "encoder_pitch": between(rng, 5e-4, 4e-3),
         "onset": 1e-6 * sizes[3],
-        "cubic": 4e-3 * sizes[4] * signed(rng),
+        "cubic": 8e-4 * sizes[4] * signed(rng),
         "force_curve": 1e-5 * sizes[5] * signed(rng),
         "wall_scatter": 6e-7 * sizes[6],
         "jitter": 8e-6 * sizes[7],
-        "noise_scale": float(np.exp(0.02 * factor * rng.standard_normal())),
+        "noise_scale": float(np.exp(0.01 * factor * rng.standard_normal())),
     }
     return {name: float(value) for name, value in found.items()}
 

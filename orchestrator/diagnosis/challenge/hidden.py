@@ -88,7 +88,7 @@ def _mass_offset(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 def _command_step(rng: np.random.Generator, size: float) -> dict[str, float]:
     step = max(size * between(rng, 1e-5, 5e-5), 1e-6)
-    return {"command_step": step, "command_phase": 0.1 * step * rng.uniform(-1.0, 1.0)}
+    return {"command_step": step, "command_phase": 0.02 * step * rng.uniform(-1.0, 1.0)}
 
 
 def _hung(masses: tuple[float, float], hertz: tuple[float, float], xi: tuple[float, float]) -> Draw:
@@ -113,9 +113,7 @@ _ALL = (
     ),
     Hidden(
         "robot.resonance",
-        _sized(
-            "resonance", 0.2, 0.8, shape={"resonance_omega": (50.0, 280.0), "resonance_xi": (0.02, 0.05)}
-        ),
+        _sized("resonance", 0.2, 0.8, shape={"resonance_omega": (50.0, 280.0), "resonance_xi": (0.02, 0.05)}),
     ),
     Hidden("robot.command-quantisation", _command_step),
     Hidden("robot.load-sensitivity", _sized("load", 0.03, 0.12)),

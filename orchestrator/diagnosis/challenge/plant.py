@@ -1,4 +1,4 @@
-"""Servo, structure, contact and sensor of the real rig between two ticks: classical Runge-Kutta in fine steps.
+"""Servo, structure, contact and sensor of the real rig between two ticks, by Runge-Kutta in fine steps.
 
 Written without a look at the model that diagnosis fits: forms of effects differ from it where a real rig's
 would (rounded onset of contact, soft limits, an exponential Stribeck curve, stiffness that decays).
@@ -72,7 +72,7 @@ def contact_force(p, t, s, memory):
         spring *= (depth / _REFERENCE_DEPTH) ** p.hertz
     if p.plasticity > 0.0 and depth < memory[1]:
         left = (depth - p.plasticity * memory[1]) / (1.0 - p.plasticity)
-        spring = k * memory[1] * (left / memory[1]) ** 1.1 if left > 0.0 else 0.0
+        spring = k * memory[1] * (left / memory[1]) ** 1.03 if left > 0.0 else 0.0
     if p.cubic != 0.0:
         spring += k * p.cubic * depth * (depth / _CUBIC_DEPTH) ** 2
     if p.second != 0.0:
@@ -103,7 +103,7 @@ def _derivative(p, t, s, memory, command, ds):
     a = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v + p.load * force
     if p.coulomb > 0.0:
         excess = p.stribeck * math.exp(-abs(v) / p.stribeck_rate) if p.stribeck > 0.0 else 0.0
-        a -= p.coulomb * (1.0 + excess) * math.tanh(v / 1.5e-4)
+        a -= p.coulomb * (1.0 + excess) * v / math.sqrt(v * v + 2.25e-8)  # rounded over 0.15 mm/s
     if p.acceleration_limit > 0.0:
         share = abs(a) / p.acceleration_limit
         if share > 0.05:
@@ -155,24 +155,23 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
         times, sensed: instants and the sensor's filtered force there, circular; count: how many were written.
     Returns: the new count.
     """
-    steps = max(int(math.ceil((end - begin) / longest - 1e-9)), 1)
+    steps = max(math.ceil((end - begin) / longest - 1e-9), 1)
     step = (end - begin) / steps
     k1, k2, k3, k4, mid = work[0], work[1], work[2], work[3], work[4]
     size = times.shape[0]
-    n = s.shape[0]
     for i in range(steps):
         t = begin + i * step
         _derivative(p, t, s, memory, command, k1)
-        for j in range(n):
+        for j in range(STATES):
             mid[j] = s[j] + 0.5 * step * k1[j]
         _derivative(p, t + 0.5 * step, mid, memory, command, k2)
-        for j in range(n):
+        for j in range(STATES):
             mid[j] = s[j] + 0.5 * step * k2[j]
         _derivative(p, t + 0.5 * step, mid, memory, command, k3)
-        for j in range(n):
+        for j in range(STATES):
             mid[j] = s[j] + step * k3[j]
         _derivative(p, t + step, mid, memory, command, k4)
-        for j in range(n):
+        for j in range(STATES):
             s[j] += step / 6.0 * (k1[j] + 2.0 * (k2[j] + k3[j]) + k4[j])
         remember(p, s, memory, step)
         times[count % size] = t + step

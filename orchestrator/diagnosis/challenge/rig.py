@@ -1,4 +1,4 @@
-"""The real rig, tick by tick: software in its ticks, the plant between them, and what the lab logs of both."""
+"""The real rig, tick by tick: software at the ticks, the plant between them, and what the lab logs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .knobs import knobs
-from .plant import contact_force, fresh, integrate, output, past, remember
+from .plant import contact_force, fresh, integrate, output, past
 from .series import Series
 from .software import compensate, first_controller, first_satellite, move_satellite
 
@@ -30,7 +30,8 @@ COLUMNS = (
 TICK = 1e-3
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
-_SUBSTEPS = 50
+_SUBSTEPS = 40  # per tick
+_DRIVEN_SUBSTEPS = 12  # where differences between two runs are wanted, not the runs
 _HISTORY = 64  # ticks before the first, at which the rod moved already
 
 
@@ -69,6 +70,8 @@ def drive(
     lab: Lab, values: Mapping[str, float], mass: float, speed: float, logged: Array, series: Series
 ) -> Array:
     """Run the rig's blocks apart from each other, each driven by what was logged, shape (6, n).
+
+    Nothing is rounded, so that small differences of two such runs are those of what was changed.
 
     Returns: what each would have given, rows by `COLUMNS`, shape (6, n); the satellite's position and
         velocity at a tick are those one tick after the logged ones.
@@ -112,6 +115,7 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
     """Fill `out`; returns how many ticks were run."""
     k, c, lead, start, speed = believed
     driven = logged.shape[1] > 0
+    longest = TICK / (_DRIVEN_SUBSTEPS if driven else _SUBSTEPS)
     ticks = out.shape[1]
     s, memory, work, times, sensed = fresh()
     s[0], s[1] = start, speed
@@ -130,10 +134,11 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
         now = n * TICK
         position, _ = output(p, s, memory)
         position += p.encoder_wave * math.sin(2.0 * math.pi * position / p.encoder_pitch) + encoder[n]
-        position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
+        if not driven:
+            position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
         if not held[n] or n == 0:
             reading, played = _read(p, now, past(times, sensed, count, now - p.tau_s), memory, played)
-            reading = _digits(p, reading + force[n])
+            reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
         seen_force, seen_position, acting = reading, position, 0.0
         if driven:
@@ -151,7 +156,7 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
             out[0, n], out[1, n] = satellite[0], satellite[1]
             if n + 1 < ticks:
                 sent = logged[0, n + 1]
-        if abs(satellite[0]) > LIMIT or abs(position) > LIMIT:
+        if not driven and (abs(satellite[0]) > LIMIT or abs(position) > LIMIT):
             return n + 1
         commands[_HISTORY + n] = _rounded(p, sent)
         end = (n + 1) * TICK
@@ -165,7 +170,7 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
                 if now + 1e-12 < arrival[i] < stop:
                     stop = arrival[i]
             command = commands[active] + _cogging(p, commands[active])
-            count = integrate(p, now, stop, TICK / _SUBSTEPS, s, memory, command, work, times, sensed, count)
+            count = integrate(p, now, stop, longest, s, memory, command, work, times, sensed, count)
             now = stop
         f, _, _, _ = contact_force(p, end, s, memory)
         if abs(f) > 1.0:
@@ -180,7 +185,7 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
 @njit(cache=True, error_model="numpy")
 def _rounded(p, command):
     if p.command_step > 0.0:
-        return p.command_step * math.floor((command - p.command_phase) / p.command_step + 0.5) + p.command_phase
+        return p.command_step * round((command - p.command_phase) / p.command_step) + p.command_phase
     return command
 
 
@@ -202,9 +207,8 @@ def _read(p, now, value, memory, played):
 
 
 @njit(cache=True, error_model="numpy")
-def _digits(p, reading):
+def _digits(p, reading, resolution):
     if p.clip > 0.0:
         reading = min(max(reading, -p.clip), p.clip)
-    if p.force_step > 0.0:
-        return p.force_step * round(reading / p.force_step)
-    return FORCE_RESOLUTION * round(reading / FORCE_RESOLUTION)
+    step = max(p.force_step, resolution)
+    return step * round(reading / step) if step > 0.0 else reading

@@ -1,4 +1,4 @@
-"""What chance and the clock do to a run: noise, arrivals of commands, lost samples, bursts, scattered walls."""
+"""What chance and the clock do to a run: noise, arrivals of commands, lost samples, bursts, walls."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Series:
     """Series of a run.
 
     Attributes:
-        arrival: when the command sent at tick i - 64 reaches the servo, shape (64 + n,) [s]; infinite if lost.
+        arrival: when the command of tick i - 64 reaches the servo, shape (64 + n,) [s]; infinite if lost.
         encoder: noise [m]; force: noise of all kinds [N]; body: force on the satellite [N]; shape (n,).
         held, missed: ticks at which sensor or controller do nothing, shape (n,).
         wall: where the frames stand in each contact, shape (400,) [m].

@@ -1,0 +1,109 @@
+"""Makes a folder of cases and their sealed truth."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from ...errors import ConfigError, Problem
+from .draw import RUNS, Plan, draw_case, make_run, plan_cases
+from .evidence import visibility
+from .hidden import HIDDEN
+from .outside import OUTSIDE
+from .seal import seal_truth
+from .write import write_case
+
+__all__ = ["Order", "make", "workers"]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked of `make`.
+
+    Attributes:
+        seed: None draws a secret one, which is kept in the sealed truth alone.
+        magnitude: of every effect; None draws one per case.
+        pairs, outside: whether these kinds are among the cases.
+    """
+
+    cases: int
+    seed: int | None
+    magnitude: float | None = None
+    pairs: bool = False
+    outside: bool = False
+
+    def __post_init__(self) -> None:
+        problems = []
+        if self.cases < 1:
+            problems.append(Problem("--cases", f"got {self.cases}", "at least 1"))
+        if self.seed is not None and self.seed < 0:
+            problems.append(Problem("--seed", f"got {self.seed}", "a whole number from 0, or `secret`"))
+        if self.magnitude is not None and not 0.0 < self.magnitude <= 2.0:
+            problems.append(
+                Problem("--magnitude", f"got {self.magnitude:g}", "above 0 (absent) up to 2; 1 is strong")
+            )
+        if problems:
+            raise ConfigError(problems)
+
+
+@contextmanager
+def workers(jobs: int) -> Iterator[Callable[..., Any]]:
+    """A function like map, over processes where there is more than one."""
+    if jobs == 1:
+        yield map
+        return
+    # Forked workers inherit threads' locks in whatever state they are.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        yield pool.map
+
+
+def make(
+    folder: Path, order: Order, jobs: int = 1, progress: Callable[[str], None] = lambda name: None
+) -> str:
+    """Write case folders and the sealed truth into a folder.
+
+    Args:
+        progress: called with the name of each case when it stands.
+    Returns: the digest of the sealed truth.
+    Raises: ConfigError if the folder is not empty.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ConfigError([Problem(str(folder), "is not empty", remedy="Name a new folder.")])
+    folder.mkdir(parents=True, exist_ok=True)
+    seed = secrets.randbits(63) if order.seed is None else order.seed
+    outside = tuple(OUTSIDE.values()) if order.outside else ()
+    plans = plan_cases(order.cases, seed, tuple(HIDDEN.values()), outside, order.pairs, order.magnitude)
+    tasks = [(folder, plan, seed, number) for number, plan in enumerate(plans, start=1)]
+    cases = {}
+    with workers(min(jobs, len(tasks))) as mapped:
+        for name, truth in mapped(_make_one, tasks):
+            cases[name] = truth
+            progress(name)
+    key = hashlib.sha256(f"challenge {seed}".encode()).digest()  # the same seed gives the same bytes
+    return seal_truth(folder, {"format": "gap-truth/1", "seed": seed, "cases": cases}, key)
+
+
+def _make_one(task: tuple[Path, Plan, int, int]) -> tuple[str, dict[str, Any]]:
+    folder, plan, seed, number = task
+    case = draw_case(plan, seed, number)
+    logs = [make_run(case, index) for index in range(len(RUNS))]
+    name = f"case-{number:04d}"
+    write_case(folder / name, case, logs)
+    outside = plan.kind == "outside"
+    return name, {
+        "kind": plan.kind,
+        "effects": ["outside"] if outside else [one.id for one in plan.effects],
+        "hides": [one.id for one in plan.effects],
+        "places": sorted({one.place for one in plan.effects}),
+        "magnitude": plan.magnitude,
+        "parameters": {name: dict(values) for name, values in case.hidden.items()},
+        "evidence": visibility(case, logs) if plan.effects else 0.0,
+        "rows": [log.shape[1] for log in logs],
+    }
