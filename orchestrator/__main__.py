@@ -116,6 +116,15 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         cli.add_arguments(build)
     build.set_defaults(command_function=_build)
 
+    challenge = commands.add_parser(
+        "challenge", help="check diagnosis blind: make cases with hidden effects, diagnose and score them"
+    )
+    if arguments[:1] == ["challenge"]:
+        from .diagnosis.challenge import cli as challenge_cli
+
+        challenge_cli.add_arguments(challenge)
+    challenge.set_defaults(command_function=_challenge)
+
     for command in commands.choices.values():
         command.add_argument("--debug", action="store_true", help="show tracebacks of errors")
     return parser
@@ -240,6 +249,12 @@ def _build(args: argparse.Namespace) -> int:
     from .translate import cli
 
     return cli.main(args) or 0
+
+
+def _challenge(args: argparse.Namespace) -> int:
+    from .diagnosis.challenge import cli
+
+    return cli.main(args)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,16 +52,19 @@ def signed(rng: np.random.Generator) -> float:
     return 1.0 if rng.random() < 0.5 else -1.0
 
 
-def _sized(
-    knob: str, low: float, high: float, sign: bool = False, shape: Mapping[str, tuple[float, float]] = {}
-) -> Draw:
+@dataclass(frozen=True)
+class _Sized:
     """An effect whose knob grows in proportion to the magnitude; shape knobs do not depend on it."""
 
-    def draw(rng: np.random.Generator, size: float) -> dict[str, float]:
-        found = {knob: size * between(rng, low, high) * (signed(rng) if sign else 1.0)}
-        return found | {name: between(rng, *bounds) for name, bounds in shape.items()}
+    knob: str
+    low: float
+    high: float
+    sign: bool = False
+    shape: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
-    return draw
+    def __call__(self, rng: np.random.Generator, size: float) -> dict[str, float]:
+        found = {self.knob: size * between(rng, self.low, self.high) * (signed(rng) if self.sign else 1.0)}
+        return found | {name: between(rng, *bounds) for name, bounds in self.shape.items()}
 
 
 def _hold(rng: np.random.Generator, size: float) -> dict[str, float]:
@@ -91,66 +94,67 @@ def _command_step(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"command_step": step, "command_phase": 0.02 * step * rng.uniform(-1.0, 1.0)}
 
 
-def _hung(masses: tuple[float, float], hertz: tuple[float, float], xi: tuple[float, float]) -> Draw:
+def _hung(masses: tuple[float, float], hertz: tuple[float, float], xi: float) -> Draw:
+    # Software is textbook to its last digit: unlike the plant's, its effects keep the catalogue's form.
     turns = (2.0 * np.pi * hertz[0], 2.0 * np.pi * hertz[1])
-    return _sized("appendage", *masses, shape={"appendage_omega": turns, "appendage_xi": xi})
+    return _Sized("appendage", *masses, shape={"appendage_omega": turns, "appendage_xi": (xi, xi)})
 
 
 _ALL = (
     Hidden("link.sample-and-hold", _hold),
-    Hidden("link.clock-skew", _sized("skew", 1.2e-4, 5e-4, sign=True)),
-    Hidden("link.packet-loss", _sized("loss", 0.04, 0.15)),
-    Hidden("link.jitter", _sized("jitter", 6e-4, 2e-3)),
-    Hidden("robot.delay", _sized("tau", 1e-3, 4e-3)),
-    Hidden("robot.bandwidth", _sized("omega", 0.15, 0.5, sign=True), frozenset({"omega"})),
-    Hidden("robot.damping", _sized("xi", 0.15, 0.5, sign=True), frozenset({"xi"})),
+    Hidden("link.clock-skew", _Sized("skew", 1.2e-4, 5e-4, sign=True)),
+    Hidden("link.packet-loss", _Sized("loss", 0.04, 0.15)),
+    Hidden("link.jitter", _Sized("jitter", 6e-4, 2e-3)),
+    Hidden("robot.delay", _Sized("tau", 1e-3, 4e-3)),
+    Hidden("robot.bandwidth", _Sized("omega", 0.15, 0.5, sign=True), frozenset({"omega"})),
+    Hidden("robot.damping", _Sized("xi", 0.15, 0.5, sign=True), frozenset({"xi"})),
     Hidden("robot.rate-limit", _rate_limit),
     Hidden("robot.acceleration-limit", _acceleration_limit),
-    Hidden("robot.backlash", _sized("backlash", 1e-4, 4e-4)),
+    Hidden("robot.backlash", _Sized("backlash", 1e-4, 4e-4)),
     Hidden(
         "robot.friction",
-        _sized("coulomb", 0.5, 1.8, shape={"stribeck": (0.3, 0.9), "stribeck_rate": (1.5e-3, 3e-3)}),
+        _Sized("coulomb", 0.5, 1.8, shape={"stribeck": (0.3, 0.9), "stribeck_rate": (1.5e-3, 3e-3)}),
     ),
     Hidden(
         "robot.resonance",
-        _sized("resonance", 0.2, 0.8, shape={"resonance_omega": (50.0, 280.0), "resonance_xi": (0.02, 0.05)}),
+        _Sized("resonance", 0.2, 0.8, shape={"resonance_omega": (50.0, 280.0), "resonance_xi": (0.02, 0.05)}),
     ),
     Hidden("robot.command-quantisation", _command_step),
-    Hidden("robot.load-sensitivity", _sized("load", 0.03, 0.12)),
-    Hidden("structure.compliance", _sized("compliance", 4e-7, 2e-6)),
-    Hidden("structure.kinematic-scale", _sized("scale", 0.006, 0.02, sign=True)),
-    Hidden("structure.offset", _sized("offset", 1.2e-4, 4e-4, sign=True)),
-    Hidden("sensor.delay", _sized("tau_s", 3e-4, 1.5e-3)),
-    Hidden("sensor.low-pass", _sized("filter_time", 6e-4, 2e-3)),
-    Hidden("sensor.bias", _sized("bias", 0.8, 3.0, sign=True)),
-    Hidden("sensor.drift", _sized("drift", 0.25, 1.0, sign=True)),
-    Hidden("sensor.gain", _sized("gain", 0.08, 0.25, sign=True)),
-    Hidden("sensor.coloured-noise", _sized("coloured", 1.2, 4.0, shape={"coloured_keep": (0.8, 0.97)})),
+    Hidden("robot.load-sensitivity", _Sized("load", 0.03, 0.12)),
+    Hidden("structure.compliance", _Sized("compliance", 4e-7, 2e-6)),
+    Hidden("structure.kinematic-scale", _Sized("scale", 0.006, 0.02, sign=True)),
+    Hidden("structure.offset", _Sized("offset", 1.2e-4, 4e-4, sign=True)),
+    Hidden("sensor.delay", _Sized("tau_s", 3e-4, 1.5e-3)),
+    Hidden("sensor.low-pass", _Sized("filter_time", 6e-4, 2e-3)),
+    Hidden("sensor.bias", _Sized("bias", 0.8, 3.0, sign=True)),
+    Hidden("sensor.drift", _Sized("drift", 0.25, 1.0, sign=True)),
+    Hidden("sensor.gain", _Sized("gain", 0.08, 0.25, sign=True)),
+    Hidden("sensor.coloured-noise", _Sized("coloured", 1.2, 4.0, shape={"coloured_keep": (0.8, 0.97)})),
     Hidden("sensor.quantisation", _force_step),
-    Hidden("sensor.dropout", _sized("dropout", 0.08, 0.25)),
-    Hidden("sensor.tool-inertia", _sized("tool", 2.5, 9.0)),
-    Hidden("contact.stiffness", _sized("k", 0.1, 0.35, sign=True), frozenset({"k"})),
-    Hidden("contact.damping", _sized("c", 60.0, 300.0)),
-    Hidden("contact.hertz", _sized("hertz", 0.15, 0.6)),
-    Hidden("contact.cubic", _sized("cubic", 0.12, 0.5)),
-    Hidden("contact.hunt-crossley", _sized("crossley", 8e4, 3e5)),
-    Hidden("contact.wall-offset", _sized("front", 1.5e-4, 5e-4, sign=True)),
-    Hidden("contact.adhesion", _sized("adhesion", 1.2, 5.0)),
-    Hidden("contact.plasticity", _sized("plasticity", 0.03, 0.1)),
-    Hidden("contact.friction", _sized("friction", 0.02, 0.08, shape={"friction_rate": (5e-4, 2e-3)})),
-    Hidden("contact.second-contact", _sized("second", 0.3, 0.9, shape={"second_depth": (2e-4, 6e-4)})),
-    Hidden("contact.asymmetry", _sized("asymmetry", 0.04, 0.14, sign=True)),
-    Hidden("contact.softening", _sized("softening", 0.03, 0.12)),
-    Hidden("contact.viscoelastic", _sized("maxwell", 0.2, 0.6, shape={"maxwell_time": (6e-3, 5e-2)})),
-    Hidden("dynamics.mass", _sized("mass", 0.02, 0.1, sign=True)),
+    Hidden("sensor.dropout", _Sized("dropout", 0.08, 0.25)),
+    Hidden("sensor.tool-inertia", _Sized("tool", 2.5, 9.0)),
+    Hidden("contact.stiffness", _Sized("k", 0.1, 0.35, sign=True), frozenset({"k"})),
+    Hidden("contact.damping", _Sized("c", 60.0, 300.0)),
+    Hidden("contact.hertz", _Sized("hertz", 0.15, 0.6)),
+    Hidden("contact.cubic", _Sized("cubic", 0.12, 0.5)),
+    Hidden("contact.hunt-crossley", _Sized("crossley", 8e4, 3e5)),
+    Hidden("contact.wall-offset", _Sized("front", 1.5e-4, 5e-4, sign=True)),
+    Hidden("contact.adhesion", _Sized("adhesion", 1.2, 5.0)),
+    Hidden("contact.plasticity", _Sized("plasticity", 0.03, 0.1)),
+    Hidden("contact.friction", _Sized("friction", 0.02, 0.08, shape={"friction_rate": (5e-4, 2e-3)})),
+    Hidden("contact.second-contact", _Sized("second", 0.3, 0.9, shape={"second_depth": (2e-4, 6e-4)})),
+    Hidden("contact.asymmetry", _Sized("asymmetry", 0.04, 0.14, sign=True)),
+    Hidden("contact.softening", _Sized("softening", 0.03, 0.12)),
+    Hidden("contact.viscoelastic", _Sized("maxwell", 0.2, 0.6, shape={"maxwell_time": (6e-3, 5e-2)})),
+    Hidden("dynamics.mass", _Sized("mass", 0.02, 0.1, sign=True)),
     Hidden("dynamics.mass-offset", _mass_offset),
-    Hidden("dynamics.residual-gravity", _sized("gravity", 1e-3, 5e-3, sign=True)),
-    Hidden("dynamics.cable", _sized("cable", 500.0, 2000.0)),
-    Hidden("dynamics.drag", _sized("drag", 30.0, 150.0)),
-    Hidden("dynamics.appendage", _hung((0.04, 0.15), (1.5, 8.0), (0.005, 0.02))),
-    Hidden("dynamics.slosh", _hung((0.07, 0.25), (0.25, 0.9), (0.08, 0.16))),
-    Hidden("controller.lead", _sized("lead", 5e-4, 2e-3, sign=True)),
-    Hidden("controller.stiffness-gain", _sized("stiffness_gain", 0.08, 0.3, sign=True)),
+    Hidden("dynamics.residual-gravity", _Sized("gravity", 1e-3, 5e-3, sign=True)),
+    Hidden("dynamics.cable", _Sized("cable", 500.0, 2000.0)),
+    Hidden("dynamics.drag", _Sized("drag", 30.0, 150.0)),
+    Hidden("dynamics.appendage", _hung((0.04, 0.15), (1.5, 8.0), 0.01)),
+    Hidden("dynamics.slosh", _hung((0.07, 0.25), (0.25, 0.9), 0.12)),
+    Hidden("controller.lead", _Sized("lead", 5e-4, 2e-3, sign=True)),
+    Hidden("controller.stiffness-gain", _Sized("stiffness_gain", 0.08, 0.3, sign=True)),
 )
 
 HIDDEN = {one.id: one for one in _ALL}

@@ -72,7 +72,7 @@ def contact_force(p, t, s, memory):
         spring *= (depth / _REFERENCE_DEPTH) ** p.hertz
     if p.plasticity > 0.0 and depth < memory[1]:
         left = (depth - p.plasticity * memory[1]) / (1.0 - p.plasticity)
-        spring = k * memory[1] * (left / memory[1]) ** 1.03 if left > 0.0 else 0.0
+        spring = k * memory[1] * (left / memory[1]) ** (1.0 + 0.3 * p.plasticity) if left > 0.0 else 0.0
     if p.cubic != 0.0:
         spring += k * p.cubic * depth * (depth / _CUBIC_DEPTH) ** 2
     if p.second != 0.0:

@@ -31,9 +31,9 @@ def move_satellite(p, mass, tick, force, extra, s):
     for _ in range(4):
         push = force * (1.0 + p.mass_offset * p.mass_offset) + extra + mass * p.gravity
         if p.cable != 0.0:
-            push -= p.cable * s[0] * (1.0 + 0.02 * (s[0] / 5e-3) ** 2)
+            push -= p.cable * s[0]
         if p.drag != 0.0:
-            push -= p.drag * s[1] * (1.0 + 0.05 * abs(s[1]) / 0.02)
+            push -= p.drag * s[1]
         if hung > 0.0:
             pull = hung * (w * w * (s[2] - s[0]) + 2.0 * p.appendage_xi * w * (s[3] - s[1]))
             s[3] -= dt * pull / hung

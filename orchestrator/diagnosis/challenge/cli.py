@@ -1,0 +1,123 @@
+"""`orchestrator challenge make | run | score`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ...errors import ConfigError, Problem
+
+__all__ = ["add_arguments", "main"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the three commands."""
+    parts = parser.add_subparsers(dest="part", required=True, metavar="make|run|score")
+    make = parts.add_parser("make", help="make cases of a rig with hidden effects, and seal the truth")
+    make.add_argument("folder", metavar="DIR", help="a new folder")
+    make.add_argument("--cases", type=int, required=True, metavar="N")
+    make.add_argument(
+        "--seed",
+        required=True,
+        metavar="S",
+        help="a whole number: the same one gives the same bytes; or `secret`: one that nobody knows",
+    )
+    make.add_argument(
+        "--magnitude",
+        type=float,
+        metavar="M",
+        help="of every effect, 1 is strong; without it each case draws its own, from 0.03 to 1.2",
+    )
+    make.add_argument("--pairs", action="store_true", help="hide two effects in a quarter of those with any")
+    make.add_argument(
+        "--outside", action="store_true", help="hide effects outside the catalogue in a quarter of them"
+    )
+    run = parts.add_parser("run", help="diagnose every case that has no verdict yet")
+    _add_folders(run)
+    run.add_argument(
+        "--by",
+        metavar="MODULE:FUNCTION",
+        help="what diagnoses: called with the folder of a case and that of its verdict; ours by default",
+    )
+    score = parts.add_parser("score", help="open the truth, once all verdicts are written, and score them")
+    _add_folders(score)
+    for part in (make, run):
+        part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
+    for part in (make, run, score):
+        part.add_argument(
+            "--debug", action="store_true", default=argparse.SUPPRESS, help="show tracebacks of errors"
+        )
+
+
+def _add_folders(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", metavar="DIR", help="what `make` was given")
+    parser.add_argument(
+        "--verdicts", required=True, metavar="OUT", help="folder of verdicts, OUT/<case>/diagnosis.json"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run what was asked. Returns: the exit code."""
+    return {"make": _make, "run": _run, "score": _score}[args.part](args)
+
+
+@contextmanager
+def _bar(total: int, label: str) -> Iterator[Callable[[str], None]]:
+    """Shows a bar on a terminal, from two seconds on."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, desc=label, unit="case", file=sys.stderr, disable=None, delay=2.0) as bar:
+        yield lambda name: bar.update() and None
+
+
+def _seed(text: str) -> int | None:
+    if text == "secret":
+        return None
+    try:
+        return int(text)
+    except ValueError:
+        raise ConfigError([Problem("--seed", f"got {text!r}", "a whole number, or `secret`")]) from None
+
+
+def _make(args: argparse.Namespace) -> int:
+    from .make import Order, make
+    from .seal import SEALED
+
+    order = Order(args.cases, _seed(args.seed), args.magnitude, args.pairs, args.outside)
+    with _bar(order.cases, "make") as progress:
+        digest = make(Path(args.folder), order, _jobs(args), progress)
+    print(f"{order.cases} cases in {args.folder}; the truth is sealed in {SEALED}, SHA-256 {digest}")
+    return 0
+
+
+def _run(args: argparse.Namespace) -> int:
+    from .run import OURS, diagnose_all
+
+    folder, verdicts = Path(args.folder), Path(args.verdicts)
+    with _bar(len(list(folder.glob("*/case.yaml"))), "diagnose") as progress:
+        done, failed = diagnose_all(folder, verdicts, _jobs(args), args.by or OURS, progress)
+    print(f"{done} cases diagnosed; verdicts in {verdicts}")
+    for name, error in failed:
+        print(f"orchestrator: {name}: {error}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _score(args: argparse.Namespace) -> int:
+    from .score import score, score_text, write_score
+
+    out = Path(args.verdicts)
+    found = score(Path(args.folder), out)
+    write_score(out / "score.json", found)
+    print(score_text(found))
+    print(f"Written to {out / 'score.json'}")
+    return 0
+
+
+def _jobs(args: argparse.Namespace) -> int:
+    if args.jobs < 1:
+        raise ConfigError([Problem("--jobs", f"got {args.jobs}", "at least 1")])
+    return args.jobs

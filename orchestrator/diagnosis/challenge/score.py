@@ -1,0 +1,302 @@
+"""Scores verdicts against what the cases hid."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from scipy.stats import binomtest
+
+from ...errors import ConfigError, Problem
+from .seal import note_opening, open_truth, truth_digest
+from .verdict import Verdict, names, read_verdict
+
+__all__ = ["BANDS", "CLEAR", "Marked", "figures", "score", "score_text"]
+
+# Evidence [nats] from which on an effect should be named.
+CLEAR = 10.0
+# By magnitude: name and lower bound.
+BANDS = (("strong", 0.5), ("medium", 0.2), ("weak", 0.08), ("faint", 0.0))
+_BINS = 10
+_SET = 0.95
+
+
+@dataclass(frozen=True)
+class Marked:
+    """A case with its truth and its verdict."""
+
+    name: str
+    truth: Mapping[str, Any]
+    verdict: Verdict
+
+    @property
+    def kind(self) -> str:
+        """What it hides: none, single, pair or outside."""
+        return self.truth["kind"]
+
+    @property
+    def clear(self) -> bool:
+        """Whether the logs could tell."""
+        return self.truth["evidence"] >= CLEAR
+
+    @property
+    def effect_right(self) -> bool:
+        """Whether the verdict names what is hidden, ties as declared."""
+        return names(self.verdict.effects, self.verdict.ties, self.truth["effects"])
+
+    @property
+    def place_right(self) -> bool:
+        """Whether the verdict names the places; the place of an effect named through a tie counts."""
+        if self.verdict.places == set(self.truth["places"]):
+            return True
+        return self.kind in ("single", "pair") and self.effect_right
+
+    @property
+    def top_two(self) -> bool:
+        """Whether one of the two most probable candidates names what is hidden."""
+        return any(names(one.effects, one.ties, self.truth["effects"]) for one in self.verdict.answers[:2])
+
+    @property
+    def covered(self) -> bool:
+        """Whether the smallest set that holds 95 % of the probability holds what is hidden."""
+        return any(self.truth["effects"] == sorted(one.effects) for one in self._set())
+
+    @property
+    def set_size(self) -> int:
+        """How many candidates that set holds."""
+        return len(self._set())
+
+    def _set(self) -> list[Any]:
+        found, total = [], 0.0
+        for one in self.verdict.answers:
+            found.append(one)
+            total += one.probability
+            if total >= _SET - 1e-9:
+                break
+        return found
+
+    @property
+    def confidence(self) -> float:
+        """Probability of the first candidate with those that it cannot be told from."""
+        first = self.verdict.answers[0]
+        return min(
+            sum(
+                one.probability
+                for one in self.verdict.answers
+                if one is first or names(first.effects, first.ties, one.effects)
+            ),
+            1.0,
+        )
+
+    @property
+    def first_right(self) -> bool:
+        """Whether the first candidate names what is hidden, ties as declared."""
+        first = self.verdict.answers[0]
+        return names(first.effects, first.ties, self.truth["effects"])
+
+
+def score(folder: Path, verdicts: Path) -> dict[str, Any]:
+    """Score the verdicts on a folder of cases; the truth is opened after their digests are in the ledger.
+
+    Args:
+        verdicts: holds <case>/diagnosis.json for every case.
+    Raises: ConfigError with every verdict that is missing or cannot be read; the truth then stays sealed.
+    """
+    sealed = truth_digest(folder)
+    cases = sorted(path.parent.name for path in folder.glob("*/case.yaml"))
+    problems: list[Problem] = []
+    if not cases:
+        problems.append(Problem(str(folder), "holds no cases"))
+    found: dict[str, Verdict] = {}
+    missing = []
+    for case in cases:
+        path = verdicts / case / "diagnosis.json"
+        if not path.is_file():
+            missing.append(case)
+            continue
+        try:
+            found[case] = read_verdict(path)
+        except ConfigError as error:
+            problems += error.problems
+    if missing:
+        shown = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
+        problems.append(
+            Problem(
+                str(verdicts),
+                f"{len(missing)} of {len(cases)} verdicts are missing: {shown}",
+                "the truth is opened after all verdicts are written",
+                "Run `orchestrator challenge run` first.",
+            )
+        )
+    if problems:
+        raise ConfigError(problems)
+    blind = note_opening(folder, {case: verdict.digest for case, verdict in found.items()})
+    truth = open_truth(folder)["cases"]
+    if set(truth) != set(cases):
+        odd = ", ".join(sorted(set(truth) ^ set(cases))[:5])
+        raise ConfigError([Problem(str(folder), f"cases and truth differ: {odd}", "cases as they were made")])
+    marked = [Marked(case, truth[case], found[case]) for case in cases]
+    return {"truth": sealed, "blind": blind, **figures(marked), "each": [_line(one) for one in marked]}
+
+
+def figures(marked: Sequence[Marked]) -> dict[str, Any]:
+    """All figures of a score: rates with their counts and 95 % Wilson intervals."""
+    hiding = [one for one in marked if one.kind in ("single", "pair")]
+    clear = [one for one in marked if one.kind == "single" and one.clear]
+    pairs = [one for one in marked if one.kind == "pair" and one.clear]
+    inner = [one for one in pairs if len(one.truth["places"]) == 1]
+    across = [one for one in pairs if len(one.truth["places"]) > 1]
+    none = [one for one in marked if one.kind == "none"]
+    outside = [one for one in marked if one.kind == "outside"]
+    inside = [one for one in marked if one.kind != "outside"]
+    right = [one for one in hiding if one.effect_right]
+    closures = [one.verdict.closure for one in right if one.verdict.closure is not None]
+    recalibrated = [
+        one.verdict.recalibration
+        for one in right
+        if one.verdict.closure is not None and one.verdict.recalibration is not None
+    ]
+    return {
+        "cases": {kind: sum(one.kind == kind for one in marked) for kind in _kinds(marked)},
+        "place_right": _rate(clear, lambda one: one.place_right),
+        "effect_right": _rate(clear, lambda one: one.effect_right),
+        "top_two": _rate(clear, lambda one: one.top_two),
+        "pairs_across": _rate(across, lambda one: one.effect_right),
+        "pairs_within": _rate(inner, lambda one: one.effect_right),
+        "pairs_one_named": _rate(pairs, lambda one: bool(one.verdict.effects & set(one.truth["effects"]))),
+        "false_alarms": _rate(none, lambda one: bool(one.verdict.effects)),
+        "outside_flagged": _rate(
+            [one for one in outside if one.clear], lambda one: "outside" in one.verdict.effects
+        ),
+        "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
+        "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
+        "ece": _ece(marked),
+        "coverage": _rate(marked, lambda one: one.covered),
+        "set_size": sum(one.set_size for one in marked) / len(marked),
+        "closure_median": median(closures) if closures else None,
+        "recalibration_median": median(recalibrated) if recalibrated else None,
+        "bands": {name: _band(marked, name) for name, _ in BANDS},
+    }
+
+
+def _band(marked: Sequence[Marked], name: str) -> dict[str, Any]:
+    here = [one for one in marked if one.kind != "none" and band(one.truth["magnitude"]) == name]
+    single = [one for one in here if one.kind == "single"]
+    return {
+        "cases": len(here),
+        "clear": sum(one.clear for one in here),
+        "effect_right": _rate([one for one in single if one.clear], lambda one: one.effect_right),
+        "wrongly_named": _rate(single, lambda one: bool(one.verdict.effects) and not one.effect_right),
+        "coverage": _rate(here, lambda one: one.covered),
+        "ece": _ece(here),
+    }
+
+
+def band(magnitude: float) -> str:
+    """Name of the band of a magnitude."""
+    return next(name for name, low in BANDS if magnitude >= low)
+
+
+def _kinds(marked: Iterable[Marked]) -> list[str]:
+    return sorted({one.kind for one in marked})
+
+
+def _rate(group: Sequence[Marked], test: Callable[[Marked], bool]) -> dict[str, Any] | None:
+    if not group:
+        return None
+    count = sum(test(one) for one in group)
+    interval = binomtest(count, len(group)).proportion_ci(method="wilson")
+    return {
+        "rate": count / len(group),
+        "count": count,
+        "of": len(group),
+        "interval": [round(float(interval.low), 4), round(float(interval.high), 4)],
+    }
+
+
+def _ece(group: Sequence[Marked]) -> float | None:
+    """Expected calibration error of the first candidate, in ten bins of equal width (Naeini et al., 2015)."""
+    if not group:
+        return None
+    total = 0.0
+    for index in range(_BINS):
+        here = [one for one in group if min(int(one.confidence * _BINS), _BINS - 1) == index]
+        total += abs(sum(one.confidence for one in here) - sum(one.first_right for one in here))
+    return total / len(group)
+
+
+def _line(one: Marked) -> dict[str, Any]:
+    return {
+        "case": one.name,
+        "kind": one.kind,
+        "hides": one.truth["hides"],
+        "magnitude": one.truth["magnitude"],
+        "evidence": one.truth["evidence"],
+        "answer": sorted(one.verdict.effects),
+        "ties": sorted(one.verdict.ties),
+        "confidence": one.confidence,
+        "place_right": one.place_right,
+        "effect_right": one.effect_right,
+        "covered": one.covered,
+        "verdict": one.verdict.digest,
+    }
+
+
+_ROWS = (
+    ("place_right", "place right (single, clear)"),
+    ("effect_right", "effect right (single, clear)"),
+    ("top_two", "among the first two"),
+    ("pairs_across", "both of a pair, two places"),
+    ("pairs_within", "both of a pair, one place"),
+    ("pairs_one_named", "at least one of a pair"),
+    ("false_alarms", "false alarms (nothing hidden)"),
+    ("outside_flagged", "outside flagged"),
+    ("outside_place_right", "place of outside right"),
+    ("outside_false", "outside, though in the catalogue"),
+    ("coverage", "95 % sets hold the truth"),
+)
+
+
+def score_text(found: Mapping[str, Any]) -> str:
+    """The figures as a table."""
+    kinds = ", ".join(f"{count} {kind}" for kind, count in found["cases"].items())
+    blind = "" if found["blind"] else "; NOT blind: the truth had been opened before for other verdicts"
+    lines = [f"{kinds}{blind}"]
+    lines += [f"{title:<34} {_shown(found[name])}" for name, title in _ROWS]
+    lines.append(f"{'mean size of those sets':<34} {found['set_size']:.2f}")
+    lines.append(f"{'expected calibration error':<34} {found['ece']:.3f}")
+    for name, title in (
+        ("closure_median", "closure, median where right"),
+        ("recalibration_median", "recalibration alone"),
+    ):
+        lines.append(f"{title:<34} {'-' if found[name] is None else format(found[name], '.3f')}")
+    lines.append("")
+    lines.append(
+        f"{'magnitude':<9} {'cases':>5} {'clear':>5}  {'effect right':<18} {'wrongly named':<18} 95 % sets"
+    )
+    for name, low in BANDS:
+        one = found["bands"][name]
+        shown = [_shown(one[key], short=True) for key in ("effect_right", "wrongly_named", "coverage")]
+        lines.append(
+            f"{name:<9} {one['cases']:>5} {one['clear']:>5}  {shown[0]:<18} {shown[1]:<18} {shown[2]}"
+            f"   (from {low:g})"
+        )
+    lines.append(f"clear: the logs hold at least {CLEAR:g} nats for who knew the effect")
+    return "\n".join(lines)
+
+
+def _shown(rate: Mapping[str, Any] | None, short: bool = False) -> str:
+    if rate is None:
+        return "-"
+    text = f"{rate['rate']:.3f} ({rate['count']}/{rate['of']})"
+    low, high = rate["interval"]
+    return text if short else f"{text}  [{low:.3f}, {high:.3f}]"
+
+
+def write_score(path: Path, found: Mapping[str, Any]) -> None:
+    """Write score.json."""
+    path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
