@@ -1,0 +1,149 @@
+"""The rig that makes cases: as the model believes where it is smooth, and off where an effect is hidden."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run, plan_cases, tolerances
+from orchestrator.diagnosis.challenge.evidence import visibility
+from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED
+from orchestrator.diagnosis.challenge.knobs import CALIBRATED
+from orchestrator.diagnosis.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
+from orchestrator.diagnosis.study import Nominal, Role, Run, Study
+
+_DIGITS = (9, 9, 6, 2, 4, 1)
+_ALL = {**HIDDEN, **OUTSIDE}
+
+
+def study_of(case, indices):
+    """What the lab hands over of some runs of a case, without files between."""
+    nominal = {name: Nominal(value, tolerances(case.lab)[name]) for name, value in case.lab.nominal.items()}
+    nominal |= {
+        "encoder_noise": Nominal(NOISE[0], 0.0),
+        "force_noise": Nominal(NOISE[1], 0.0),
+        "encoder_resolution": Nominal(POSITION_RESOLUTION, 0.0),
+        "force_resolution": Nominal(FORCE_RESOLUTION, 0.0),
+    }
+    runs = []
+    for index in indices:
+        log = make_run(case, index)
+        columns = {
+            name: np.round(row, digits) for name, row, digits in zip(COLUMNS, log, _DIGITS, strict=True)
+        }
+        columns["time"] = TICK * np.arange(log.shape[1])
+        plan = RUNS[index]
+        runs.append(Run(plan.name, Role(plan.role), plan.mass, plan.speed, columns))
+    return Study("made", TICK, nominal, tuple(runs))
+
+
+def square(parts):
+    """Mean square of all residuals, over their noise."""
+    return float(np.mean(np.concatenate(parts) ** 2))
+
+
+@cache
+def plain():
+    """A rig without roughness and effects, and its study."""
+    case = draw_case(Plan("none", (), 0.0), 5, 1, roughness=0.0)
+    return case, study_of(case, (0, 3))
+
+
+def test_the_model_leaves_only_noise_of_a_smooth_rig():
+    case, study = plain()
+    true = {name: case.plain[knob] for name, knob in CALIBRATED.items()}
+    for part in RigModel(study, study.runs).residuals(true, (), np.zeros(0)):
+        # 3000 samples: the mean square of pure noise has a standard deviation of 0.026.
+        assert np.mean(part**2) == pytest.approx(1.0, abs=0.1)
+        assert np.abs(part).max() < 6.5
+    assert max(np.abs(run["sensor_force"]).max() for run in study.runs) > 50.0
+
+
+def test_the_calibration_error_shows():
+    _, study = plain()
+    assert square(RigModel(study, study.runs).residuals({}, (), np.zeros(0))) > 1.15
+
+
+def test_its_software_is_the_lab_s():
+    _, study = plain()
+    for replay in (DynamicsReplay(study, study.runs), ControllerReplay(study, study.runs)):
+        assert square(replay.residuals({}, (), np.zeros(0))) < 1.2  # of the log's last digit
+
+
+def test_effects_hidden_are_those_of_the_catalogue():
+    assert set(HIDDEN) == set(catalogue())
+    assert len(OUTSIDE) >= 8 and not set(OUTSIDE) & set(catalogue())
+    assert {one.place for one in OUTSIDE.values()} == {one.place for one in HIDDEN.values()}
+
+
+@pytest.mark.parametrize("effect", _ALL.values(), ids=lambda one: one.id)
+def test_a_strong_effect_shows_and_only_where_it_acts(effect):
+    case = draw_case(Plan("single", (effect,), 1.0), 3, 7)
+    log = make_run(case, 0)
+    bare = make_run(draw_case(Plan("none", (), 0.0), 3, 7), 0)
+    n = min(log.shape[1], bare.shape[1])
+    assert not np.array_equal(log[:, :n], bare[:, :n])
+    study = study_of(case, (0,))
+    for place, replay in (("dynamics", DynamicsReplay), ("controller", ControllerReplay)):
+        left = square(replay(study, study.runs).residuals({}, (), np.zeros(0)))
+        assert (left > 3.0) == (effect.place == place), (place, left)
+
+
+def test_roughness_is_benign():
+    """A rough rig is told from a smooth one by a few percent of the noise, not by more."""
+    squares = []
+    for number in range(1, 5):
+        case = draw_case(Plan("none", (), 0.0), 8, number)
+        study = study_of(case, (1,))
+        true = {name: case.plain[knob] for name, knob in CALIBRATED.items()}
+        squares.append(square(RigModel(study, study.runs).residuals(true, (), np.zeros(0))))
+    assert 0.95 < np.mean(squares) < 1.12
+    assert max(squares) < 1.2
+
+
+def test_chance_repeats_and_differs_between_runs_of_one_rig():
+    case = draw_case(Plan("single", (HIDDEN["sensor.coloured-noise"],), 0.5), 3, 2)
+    first, again, repeat = make_run(case, 3), make_run(case, 3), make_run(case, 5)
+    assert np.array_equal(first, again)
+    assert RUNS[3].mass == RUNS[5].mass and not np.array_equal(first[3], repeat[3])
+
+
+def test_taking_an_effect_away_leaves_all_other_chance():
+    hidden = draw_case(Plan("single", (HIDDEN["sensor.bias"],), 1.0), 4, 9)
+    bare = draw_case(Plan("none", (), 0.0), 4, 9)
+    assert hidden.plain == bare.values and hidden.lab == bare.lab
+    changed = {name for name in hidden.values if hidden.values[name] != bare.values[name]}
+    assert changed == {"bias"}
+
+
+def test_evidence_falls_with_the_magnitude_and_calibration_explains_its_part():
+    found = {}
+    for magnitude in (1.0, 0.1):
+        case = draw_case(Plan("single", (HIDDEN["contact.cubic"],), magnitude), 3, 4)
+        logs = [make_run(case, index) for index in range(3)]
+        found[magnitude] = visibility(case, logs)
+    # Twice ten times smaller is a hundred times less, to first order.
+    assert 20.0 < found[1.0] / found[0.1] < 400.0
+    # A wall displaced by a thousandth of its tolerance is nothing that logs could tell.
+    case = draw_case(Plan("single", (HIDDEN["contact.wall-offset"],), 1e-5), 3, 4)
+    assert visibility(case, [make_run(case, index) for index in range(3)]) < 0.1
+
+
+def test_plans_take_turns_and_avoid_ties():
+    plans = plan_cases(200, 1, tuple(HIDDEN.values()), tuple(OUTSIDE.values()), pairs=True)
+    counts = {kind: sum(plan.kind == kind for plan in plans) for kind in ("none", "single", "pair", "outside")}
+    assert counts == {"none": 50, "single": 74, "pair": 38, "outside": 38}
+    named = [plan.effects[0].id for plan in plans if plan.kind == "single"]
+    assert set(named) == set(HIDDEN)
+    pairs = [{one.id for one in plan.effects} for plan in plans if plan.kind == "pair"]
+    assert all(len(pair) == 2 and not any(pair <= tied for tied in TIED) for pair in pairs)
+    alike = sum(len({name.partition(".")[0] for name in pair}) == 1 for pair in pairs)
+    assert alike == 19
+    sizes = [plan.magnitude for plan in plans if plan.kind == "single"]
+    assert min(sizes) < 0.08 and max(sizes) > 0.7
