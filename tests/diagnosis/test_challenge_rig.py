@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run, plan_cases, tolerances
+from orchestrator.diagnosis.challenge.draw import (
+    NOISE,
+    RUNS,
+    Plan,
+    draw_case,
+    make_run,
+    plan_cases,
+    tolerances,
+)
 from orchestrator.diagnosis.challenge.evidence import visibility
 from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
@@ -137,7 +145,9 @@ def test_evidence_falls_with_the_magnitude_and_calibration_explains_its_part():
 
 def test_plans_take_turns_and_avoid_ties():
     plans = plan_cases(200, 1, tuple(HIDDEN.values()), tuple(OUTSIDE.values()), pairs=True)
-    counts = {kind: sum(plan.kind == kind for plan in plans) for kind in ("none", "single", "pair", "outside")}
+    counts = {
+        kind: sum(plan.kind == kind for plan in plans) for kind in ("none", "single", "pair", "outside")
+    }
     assert counts == {"none": 50, "single": 74, "pair": 38, "outside": 38}
     named = [plan.effects[0].id for plan in plans if plan.kind == "single"]
     assert set(named) == set(HIDDEN)

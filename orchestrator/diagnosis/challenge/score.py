@@ -62,7 +62,12 @@ class Marked:
 
     @property
     def covered(self) -> bool:
-        """Whether the smallest set that holds 95 % of the probability holds what is hidden."""
+        """Whether the smallest set with 95 % of the probability names what is hidden, ties as declared."""
+        return any(names(one.effects, one.ties, self.truth["effects"]) for one in self._set())
+
+    @property
+    def covered_itself(self) -> bool:
+        """The same, ties not counted."""
         return any(self.truth["effects"] == sorted(one.effects) for one in self._set())
 
     @property
@@ -97,6 +102,12 @@ class Marked:
         """Whether the first candidate names what is hidden, ties as declared."""
         first = self.verdict.answers[0]
         return names(first.effects, first.ties, self.truth["effects"])
+
+    @property
+    def first_itself(self) -> tuple[float, bool]:
+        """Probability of the first candidate alone, and whether it is what is hidden, ties not counted."""
+        first = self.verdict.answers[0]
+        return first.probability, sorted(first.effects) == self.truth["effects"]
 
 
 def score(folder: Path, verdicts: Path) -> dict[str, Any]:
@@ -174,8 +185,10 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         ),
         "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
         "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
-        "ece": _ece(marked),
+        "ece": _ece([(one.confidence, one.first_right) for one in marked]),
+        "ece_without_ties": _ece([one.first_itself for one in marked]),
         "coverage": _rate(marked, lambda one: one.covered),
+        "coverage_without_ties": _rate(marked, lambda one: one.covered_itself),
         "set_size": sum(one.set_size for one in marked) / len(marked),
         "closure_median": median(closures) if closures else None,
         "recalibration_median": median(recalibrated) if recalibrated else None,
@@ -192,7 +205,7 @@ def _band(marked: Sequence[Marked], name: str) -> dict[str, Any]:
         "effect_right": _rate([one for one in single if one.clear], lambda one: one.effect_right),
         "wrongly_named": _rate(single, lambda one: bool(one.verdict.effects) and not one.effect_right),
         "coverage": _rate(here, lambda one: one.covered),
-        "ece": _ece(here),
+        "ece": _ece([(one.confidence, one.first_right) for one in here]),
     }
 
 
@@ -218,14 +231,14 @@ def _rate(group: Sequence[Marked], test: Callable[[Marked], bool]) -> dict[str, 
     }
 
 
-def _ece(group: Sequence[Marked]) -> float | None:
-    """Expected calibration error of the first candidate, in ten bins of equal width (Naeini et al., 2015)."""
+def _ece(group: Sequence[tuple[float, bool]]) -> float | None:
+    """Expected calibration error of confidences, in ten bins of equal width (Naeini et al., 2015)."""
     if not group:
         return None
     total = 0.0
     for index in range(_BINS):
-        here = [one for one in group if min(int(one.confidence * _BINS), _BINS - 1) == index]
-        total += abs(sum(one.confidence for one in here) - sum(one.first_right for one in here))
+        here = [one for one in group if min(int(one[0] * _BINS), _BINS - 1) == index]
+        total += abs(sum(confidence for confidence, _ in here) - sum(right for _, right in here))
     return total / len(group)
 
 
@@ -257,7 +270,8 @@ _ROWS = (
     ("outside_flagged", "outside flagged"),
     ("outside_place_right", "place of outside right"),
     ("outside_false", "outside, though in the catalogue"),
-    ("coverage", "95 % sets hold the truth"),
+    ("coverage", "95 % sets name the truth"),
+    ("coverage_without_ties", "the same, ties not counted"),
 )
 
 
@@ -269,6 +283,7 @@ def score_text(found: Mapping[str, Any]) -> str:
     lines += [f"{title:<34} {_shown(found[name])}" for name, title in _ROWS]
     lines.append(f"{'mean size of those sets':<34} {found['set_size']:.2f}")
     lines.append(f"{'expected calibration error':<34} {found['ece']:.3f}")
+    lines.append(f"{'the same, ties not counted':<34} {found['ece_without_ties']:.3f}")
     for name, title in (
         ("closure_median", "closure, median where right"),
         ("recalibration_median", "recalibration alone"),
