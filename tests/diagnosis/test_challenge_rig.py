@@ -15,13 +15,20 @@ from orchestrator.diagnosis.challenge.draw import (
     draw_case,
     make_run,
     plan_cases,
+    run_series,
     tolerances,
 )
 from orchestrator.diagnosis.challenge.evidence import visibility
 from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
+from orchestrator.diagnosis.challenge.rig import (
+    COLUMNS,
+    FORCE_RESOLUTION,
+    POSITION_RESOLUTION,
+    TICK,
+    drive,
+)
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
 from orchestrator.diagnosis.study import Nominal, Role, Run, Study
@@ -157,3 +164,16 @@ def test_plans_take_turns_and_avoid_ties():
     assert alike == 19
     sizes = [plan.magnitude for plan in plans if plan.kind == "single"]
     assert min(sizes) < 0.08 and max(sizes) > 0.7
+
+
+def test_finer_steps_move_what_is_measured_by_less_than_its_noise():
+    case = draw_case(Plan("single", (HIDDEN["contact.viscoelastic"],), 1.0), 6, 3)
+    log, plan = make_run(case, 0), RUNS[0]
+    outs = [
+        drive(case.lab, case.values, plan.mass, plan.speed, log, run_series(case, 0, case.values), substeps)
+        for substeps in (40, 80, 320)
+    ]
+    coarse, fine = (np.abs(one - outs[2]) for one in outs[:2])
+    assert coarse[2].max() < 0.01 * NOISE[0]
+    assert coarse[3].max() < 0.1 * NOISE[1]
+    assert fine[3].max() < 0.75 * coarse[3].max()

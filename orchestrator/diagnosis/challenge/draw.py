@@ -200,11 +200,11 @@ def _lab(rng: np.random.Generator) -> Lab:
 
 def _roughness(rng: np.random.Generator, factor: float) -> dict[str, float]:
     """What every rig has and no model holds, each kind in a size of its own."""
-    sizes = factor * np.abs(rng.standard_normal(8))
+    sizes = factor * np.minimum(np.abs(rng.standard_normal(8)), 2.0)
     found = {
-        "load": 5e-4 * sizes[0] * signed(rng),
+        "load": 4e-4 * sizes[0] * signed(rng),
         "coulomb": 4e-3 * sizes[1],
-        "encoder_wave": 6e-7 * sizes[2],
+        "encoder_wave": 5e-7 * sizes[2],
         "encoder_pitch": between(rng, 5e-4, 4e-3),
         "onset": 1e-6 * sizes[3],
         "cubic": 8e-4 * sizes[4] * signed(rng),

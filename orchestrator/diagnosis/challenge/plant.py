@@ -106,8 +106,8 @@ def _derivative(p, t, s, memory, command, ds):
         a -= p.coulomb * (1.0 + excess) * v / math.sqrt(v * v + 2.25e-8)  # rounded over 0.15 mm/s
     if p.acceleration_limit > 0.0:
         share = abs(a) / p.acceleration_limit
-        if share > 0.05:
-            a /= (1.0 + share**12) ** (1.0 / 12.0)
+        if share > 0.5:
+            a /= (1.0 + share**32) ** (1.0 / 32.0)
     if p.rate_limit > 0.0 and ((v >= p.rate_limit and a > 0.0) or (v <= -p.rate_limit and a < 0.0)):
         a = 0.0
     ds[0], ds[1] = v, a

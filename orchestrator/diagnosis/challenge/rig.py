@@ -31,7 +31,7 @@ TICK = 1e-3
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
 _SUBSTEPS = 40  # per tick
-_DRIVEN_SUBSTEPS = 12  # where differences between two runs are wanted, not the runs
+_DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs
 _HISTORY = 64  # ticks before the first, at which the rod moved already
 
 
@@ -63,11 +63,17 @@ def simulate(
     Returns: what is logged, rows by `COLUMNS`, shape (6, n) with n <= ticks, SI.
     """
     none = np.zeros((6, 0))
-    return _run(lab, values, mass, speed, ticks, series, none)
+    return _run(lab, values, mass, speed, ticks, series, none, _SUBSTEPS)
 
 
 def drive(
-    lab: Lab, values: Mapping[str, float], mass: float, speed: float, logged: Array, series: Series
+    lab: Lab,
+    values: Mapping[str, float],
+    mass: float,
+    speed: float,
+    logged: Array,
+    series: Series,
+    substeps: int = _DRIVEN_SUBSTEPS,
 ) -> Array:
     """Run the rig's blocks apart from each other, each driven by what was logged, shape (6, n).
 
@@ -76,7 +82,8 @@ def drive(
     Returns: what each would have given, rows by `COLUMNS`, shape (6, n); the satellite's position and
         velocity at a tick are those one tick after the logged ones.
     """
-    return _run(lab, values, mass, speed, logged.shape[1], series, np.ascontiguousarray(logged))
+    driver = np.ascontiguousarray(logged)
+    return _run(lab, values, mass, speed, logged.shape[1], series, driver, substeps)
 
 
 def _run(
@@ -87,6 +94,7 @@ def _run(
     ticks: int,
     series: Series,
     logged: Array,
+    substeps: int,
 ) -> Array:
     nominal = lab.nominal
     believed = np.array(
@@ -105,17 +113,17 @@ def _run(
         series.body,
         series.wall,
         logged,
+        TICK / substeps,
         out,
     )
     return out[:, :done]
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall, logged, out):
+def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall, logged, longest, out):
     """Fill `out`; returns how many ticks were run."""
     k, c, lead, start, speed = believed
     driven = logged.shape[1] > 0
-    longest = TICK / (_DRIVEN_SUBSTEPS if driven else _SUBSTEPS)
     ticks = out.shape[1]
     s, memory, work, times, sensed = fresh()
     s[0], s[1] = start, speed
