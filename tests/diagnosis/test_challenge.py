@@ -6,6 +6,7 @@ import ast
 import gzip
 import json
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -335,6 +336,19 @@ def test_wrong_orders_are_refused(tmp_path, capsys, options, told):
     assert main(["challenge", "make", str(tmp_path / "new"), *options]) == 2
     assert told in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.skipif(
+    find_spec("orchestrator.diagnosis.diagnose") is None, reason="this checkout cannot diagnose yet"
+)
+def test_a_small_challenge_from_end_to_end(tmp_path, capsys):
+    cases, out = tmp_path / "cases", tmp_path / "out"
+    make(cases, Order(cases=2, seed=5, magnitude=1.0))
+    arguments = [str(cases), "--verdicts", str(out)]
+    assert main(["challenge", "run", *arguments, "--jobs", "1"]) == 0, capsys.readouterr().err
+    assert main(["challenge", "score", *arguments]) == 0
+    found = json.loads((out / "score.json").read_text())
+    assert found["blind"] and sum(found["cases"].values()) == len(found["each"]) == 2
 
 
 def test_wrong_diagnosers_are_refused(challenge, tmp_path, capsys):
