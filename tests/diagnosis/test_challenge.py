@@ -217,7 +217,17 @@ def test_verdicts_changed_after_the_opening_are_not_blind(challenge, tmp_path):
     assert len(json.loads((challenge / LEDGER).read_text())) == 2
 
 
-def marked(kind, effects, answers, verdict=None, magnitude=1.0, evidence=100.0, closure=0.9):
+def marked(
+    kind,
+    effects,
+    answers,
+    verdict=None,
+    magnitude=1.0,
+    evidence=100.0,
+    closure=0.9,
+    tight=1.0,
+    doubtful=False,
+):
     """A case with a verdict; answers are (effects, probability, ties)."""
     rows = tuple(Answer(frozenset(one), p, frozenset(ties)) for one, p, ties in answers)
     given = frozenset(answers[0][0] if verdict is None else verdict)
@@ -225,10 +235,11 @@ def marked(kind, effects, answers, verdict=None, magnitude=1.0, evidence=100.0, 
     truth = {
         "kind": kind, "effects": ["outside"] if kind == "outside" else sorted(effects),
         "hides": sorted(effects), "places": sorted(places), "magnitude": magnitude, "evidence": evidence,
+        "tight": tight,
     }  # fmt: skip
     ties = next((row.ties for row in rows if row.effects == given), frozenset())
     found = frozenset(one.partition(".")[0] for one in given if one != "outside")
-    return Marked("case", truth, Verdict(given, found, ties, rows, closure, 0.2, ""))
+    return Marked("case", truth, Verdict(given, found, ties, rows, closure, 0.2, doubtful, ""))
 
 
 def test_figures_of_verdicts_made_by_hand():
@@ -267,6 +278,17 @@ def test_figures_of_verdicts_made_by_hand():
     assert low == pytest.approx(0.15, abs=0.01) and high == pytest.approx(0.85, abs=0.01)
     assert found["bands"]["strong"]["cases"] == 6 and found["bands"]["faint"]["clear"] == 0
     assert found["bands"]["weak"]["coverage"]["rate"] == 0.0
+
+
+def test_doubted_tolerances_are_counted():
+    none = [([], 1.0, ())]
+    found = figures(
+        [marked("none", [], none, tight=2.5, doubtful=True), marked("none", [], none, tight=2.5)]
+        + [marked("none", [], none), marked("none", [], none, doubtful=True)] * 2
+        + [marked("none", [], none)]
+    )
+    assert (found["doubtful_tight"]["count"], found["doubtful_tight"]["of"]) == (1, 2)
+    assert (found["doubtful_false"]["count"], found["doubtful_false"]["of"]) == (2, 5)
 
 
 @pytest.mark.parametrize(
@@ -328,6 +350,10 @@ def test_from_the_command_line(made, challenge, tmp_path, capsys):
         (
             ["--cases", "1", "--seed", "1", "--magnitude", "3"],
             "--magnitude: got 3\n  above 0 (absent) up to 2",
+        ),
+        (
+            ["--cases", "1", "--seed", "1", "--tight", "9"],
+            "--tight: got 9\n  from 1 (tolerances as they are) to 5",
         ),
         (["--cases", "1", "--seed", "1", "--jobs", "0"], "--jobs: got 0\n  at least 1"),
     ],

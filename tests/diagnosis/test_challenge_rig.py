@@ -137,6 +137,16 @@ def test_taking_an_effect_away_leaves_all_other_chance():
     assert changed == {"bias"}
 
 
+def test_tight_tolerances_are_stated_for_the_same_lab():
+    plan = Plan("none", (), 0.0)
+    sound, tight = draw_case(plan, 4, 9), draw_case(plan, 4, 9, tight=2.5)
+    assert tight.lab == sound.lab
+    for name, knob in CALIBRATED.items():
+        if knob != "c":  # which stays above zero
+            error = sound.values[knob] - sound.lab.nominal[name]
+            assert tight.values[knob] - tight.lab.nominal[name] == pytest.approx(2.5 * error, rel=1e-6)
+
+
 def test_evidence_falls_with_the_magnitude_and_calibration_explains_its_part():
     found = {}
     for magnitude in (1.0, 0.1):

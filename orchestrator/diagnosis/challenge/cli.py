@@ -36,6 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     make.add_argument(
         "--outside", action="store_true", help="hide effects outside the catalogue in a quarter of them"
     )
+    make.add_argument(
+        "--tight",
+        type=float,
+        default=1.0,
+        metavar="F",
+        help="have the lab state tolerances that are F times too tight (1 by default)",
+    )
     run = parts.add_parser("run", help="diagnose every case that has no verdict yet")
     _add_folders(run)
     run.add_argument(
@@ -87,7 +94,7 @@ def _make(args: argparse.Namespace) -> int:
     from .make import Order, make
     from .seal import SEALED
 
-    order = Order(args.cases, _seed(args.seed), args.magnitude, args.pairs, args.outside)
+    order = Order(args.cases, _seed(args.seed), args.magnitude, args.pairs, args.outside, args.tight)
     with _bar(order.cases, "make") as progress:
         digest = make(Path(args.folder), order, _jobs(args), progress)
     print(f"{order.cases} cases in {args.folder}; the truth is sealed in {SEALED}, SHA-256 {digest}")

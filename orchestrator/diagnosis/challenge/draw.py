@@ -152,17 +152,18 @@ def _pair(rng: np.random.Generator, pool: Sequence[Hidden], alike: bool) -> tupl
             return tuple(sorted((first, second), key=lambda one: one.id))
 
 
-def draw_case(plan: Plan, seed: int, number: int, roughness: float = 1.0) -> Case:
+def draw_case(plan: Plan, seed: int, number: int, roughness: float = 1.0, tight: float = 1.0) -> Case:
     """A lab and its rig.
 
     Args:
         number: of the case, from 1.
         roughness: factor on all roughness; 0 makes a rig that is as smooth as the lab believes.
+        tight: by how much the lab's tolerances are smaller than its errors.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, number, 0]))
     lab = _lab(rng)
     plain = {
-        knob: lab.nominal[name] + sigma * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+        knob: lab.nominal[name] + tight * sigma * float(np.clip(rng.standard_normal(), -2.5, 2.5))
         for name, knob in CALIBRATED.items()
         for sigma in (tolerances(lab)[name],)
     }

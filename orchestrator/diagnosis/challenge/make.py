@@ -31,6 +31,7 @@ class Order:
         seed: None draws a secret one, which is kept in the sealed truth alone.
         magnitude: of every effect; None draws one per case.
         pairs, outside: whether these kinds are among the cases.
+        tight: by how much the lab's tolerances are smaller than the errors of its calibration.
     """
 
     cases: int
@@ -38,6 +39,7 @@ class Order:
     magnitude: float | None = None
     pairs: bool = False
     outside: bool = False
+    tight: float = 1.0
 
     def __post_init__(self) -> None:
         problems = []
@@ -49,6 +51,8 @@ class Order:
             problems.append(
                 Problem("--magnitude", f"got {self.magnitude:g}", "above 0 (absent) up to 2; 1 is strong")
             )
+        if not 1.0 <= self.tight <= 5.0:
+            problems.append(Problem("--tight", f"got {self.tight:g}", "from 1 (tolerances as they are) to 5"))
         if problems:
             raise ConfigError(problems)
 
@@ -80,7 +84,7 @@ def make(
     seed = secrets.randbits(63) if order.seed is None else order.seed
     outside = tuple(OUTSIDE.values()) if order.outside else ()
     plans = plan_cases(order.cases, seed, tuple(HIDDEN.values()), outside, order.pairs, order.magnitude)
-    tasks = [(folder, plan, seed, number) for number, plan in enumerate(plans, start=1)]
+    tasks = [(folder, plan, seed, number, order.tight) for number, plan in enumerate(plans, start=1)]
     cases = {}
     with workers(min(jobs, len(tasks))) as mapped:
         for name, truth in mapped(_make_one, tasks):
@@ -90,9 +94,9 @@ def make(
     return seal_truth(folder, {"format": "gap-truth/1", "seed": seed, "cases": cases}, key)
 
 
-def _make_one(task: tuple[Path, Plan, int, int]) -> tuple[str, dict[str, Any]]:
-    folder, plan, seed, number = task
-    case = draw_case(plan, seed, number)
+def _make_one(task: tuple[Path, Plan, int, int, float]) -> tuple[str, dict[str, Any]]:
+    folder, plan, seed, number, tight = task
+    case = draw_case(plan, seed, number, tight=tight)
     logs = [make_run(case, index) for index in range(len(RUNS))]
     name = f"case-{number:04d}"
     write_case(folder / name, case, logs)
@@ -103,6 +107,7 @@ def _make_one(task: tuple[Path, Plan, int, int]) -> tuple[str, dict[str, Any]]:
         "hides": [one.id for one in plan.effects],
         "places": sorted({one.place for one in plan.effects}),
         "magnitude": plan.magnitude,
+        "tight": tight,
         "parameters": {name: dict(values) for name, values in case.hidden.items()},
         "evidence": visibility(case, logs) if plan.effects else 0.0,
         "rows": [log.shape[1] for log in logs],

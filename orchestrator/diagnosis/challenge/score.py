@@ -164,6 +164,8 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
     none = [one for one in marked if one.kind == "none"]
     outside = [one for one in marked if one.kind == "outside"]
     inside = [one for one in marked if one.kind != "outside"]
+    tight = [one for one in marked if one.truth["tight"] > 1.0]
+    sound = [one for one in marked if one.truth["tight"] == 1.0]
     right = [one for one in hiding if one.effect_right]
     closures = [one.verdict.closure for one in right if one.verdict.closure is not None]
     recalibrated = [
@@ -186,6 +188,8 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
         "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
         "ece": _ece([(one.confidence, one.first_right) for one in marked]),
+        "doubtful_tight": _rate(tight, lambda one: one.verdict.doubtful),
+        "doubtful_false": _rate(sound, lambda one: one.verdict.doubtful),
         "ece_without_ties": _ece([one.first_itself for one in marked]),
         "coverage": _rate(marked, lambda one: one.covered),
         "coverage_without_ties": _rate(marked, lambda one: one.covered_itself),
@@ -270,6 +274,8 @@ _ROWS = (
     ("outside_flagged", "outside flagged"),
     ("outside_place_right", "place of outside right"),
     ("outside_false", "outside, though in the catalogue"),
+    ("doubtful_tight", "tight tolerances doubted"),
+    ("doubtful_false", "sound tolerances doubted"),
     ("coverage", "95 % sets name the truth"),
     ("coverage_without_ties", "the same, ties not counted"),
 )

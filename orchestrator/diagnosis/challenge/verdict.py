@@ -32,6 +32,7 @@ class Verdict:
         answers: all candidates, most probable first.
         closure, recalibration: share of the gap closed one contact ahead, by the answer and by recalibration
             alone; None where it could not be told.
+        doubtful: whether it doubts the tolerances of the calibration.
     """
 
     effects: frozenset[str]
@@ -40,6 +41,7 @@ class Verdict:
     answers: tuple[Answer, ...]
     closure: float | None
     recalibration: float | None
+    doubtful: bool
     digest: str
 
 
@@ -64,6 +66,7 @@ def read_verdict(path: Path) -> Verdict:
         place = f"{path}: verdict"
         given = content["verdict"]
         effects, places = frozenset(given["effects"]), frozenset(given["places"])
+        doubtful = bool(content.get("doubtful_tolerances", False))
         place = f"{path}: which"
         answers = tuple(
             Answer(frozenset(one["effects"]), float(one["probability"]), frozenset(one["ties"]))
@@ -88,7 +91,7 @@ def read_verdict(path: Path) -> Verdict:
     if problems:
         raise ConfigError(problems)
     ties = next((one.ties for one in answers if one.effects == effects), frozenset())
-    return Verdict(effects, places, ties, answers, closure, recalibration, digest_of(data))
+    return Verdict(effects, places, ties, answers, closure, recalibration, doubtful, digest_of(data))
 
 
 def _number(far: Mapping[str, Any] | None, name: str) -> float | None:
