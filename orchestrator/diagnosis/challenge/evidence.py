@@ -16,7 +16,7 @@ _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 _STEP = 0.1  # of a tolerance, for differences
 
 
-def visibility(case: Case, logs: list[Array]) -> float:
+def visibility(case: Case, logs: list[Array], without: Mapping[str, float] | None = None) -> float:
     """Log evidence [nats] for the hidden effects over none, for one who knew their exact size.
 
     Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
@@ -25,9 +25,10 @@ def visibility(case: Case, logs: list[Array]) -> float:
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
+        without: knobs of the rig to compare with; by default those without any hidden effect.
     """
     with_effects = _measured(case, logs, case.values)
-    difference = with_effects - _measured(case, logs, case.plain)
+    difference = with_effects - _measured(case, logs, case.plain if without is None else without)
     sigma = tolerances(case.lab)
     columns = []
     for name, knob in CALIBRATED.items():

@@ -7,16 +7,17 @@ import secrets
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from ...errors import ConfigError, Problem
-from .draw import RUNS, Plan, draw_case, make_run, plan_cases
+from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
 from .evidence import visibility
 from .hidden import HIDDEN
 from .outside import OUTSIDE
+from .rig import Array
 from .seal import seal_truth
 from .write import write_case
 
@@ -109,6 +110,16 @@ def _make_one(task: tuple[Path, Plan, int, int, float]) -> tuple[str, dict[str, 
         "magnitude": plan.magnitude,
         "tight": tight,
         "parameters": {name: dict(values) for name, values in case.hidden.items()},
-        "evidence": visibility(case, logs) if plan.effects else 0.0,
+        "evidence": _evidence(case, logs, tight),
         "rows": [log.shape[1] for log in logs],
     }
+
+
+def _evidence(case: Case, logs: list[Array], tight: float) -> float:
+    """Evidence for the effect that is hardest to see, beside the others."""
+    found = []
+    for one in case.plan.effects:
+        others = tuple(other for other in case.plan.effects if other is not one)
+        rest = draw_case(replace(case.plan, effects=others), case.seed, case.number, tight=tight)
+        found.append(visibility(case, logs, rest.values))
+    return min(found, default=0.0)
