@@ -365,7 +365,7 @@ def test_wrong_orders_are_refused(tmp_path, capsys, options, told):
 
 
 @pytest.mark.skipif(
-    find_spec("orchestrator.diagnosis.diagnose") is None, reason="this checkout cannot diagnose yet"
+    find_spec("orchestrator.diagnosis.weigh") is None, reason="this checkout cannot weigh effects yet"
 )
 def test_a_small_challenge_from_end_to_end(tmp_path, capsys):
     cases, out = tmp_path / "cases", tmp_path / "out"
