@@ -92,10 +92,14 @@ def predict_contact(loop: Loop, count: int = 12) -> Contact:
     )
     if active:
         return _contact(gain, approach, loop, count)
-    # The frame releases the rod; what the force then still has to go through has unit gain.
-    contact = loop.parameters_of(loop.only("DockingContact"))
+    # The frame releases the rod; of the impulse until then the satellite gets the share that the path back
+    # lets through, some of it later.
+    name = loop.only("DockingContact")
+    contact = loop.parameters_of(name)
     law = Transfer.made(-np.array([contact["stiffness"], contact["damping"]]))
-    return _contact(gain, law * square, loop, count)
+    back = loop.force_from({(name, "force"): one, **nothing})
+    share = float(back(0.0).real)
+    return _contact(gain, law * square * share, loop, count)
 
 
 def _contact(gain: Transfer, source: Transfer, loop: Loop, count: int) -> Contact:

@@ -8,10 +8,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from ..effects import Effect, effect_names
 from ..errors import ConfigError, Problem, listed, nearest
 from ..results import parameters_of
 from ..run import Prepared, prepare
-from ..system import System
+from ..system import Connection, System
+from .connections import effect_note, effect_path
 from .plant import ACTIVE, MODELS, Paths, problems_of
 from .quasi import QuasiPolynomial, characteristic
 from .transfer import Transfer
@@ -21,11 +23,31 @@ __all__ = ["Loop", "Wire"]
 
 @dataclass(frozen=True)
 class Wire:
-    """A connection: (instance, variable) to (instance, variable), with the gain of a unit conversion."""
+    """A connection: (instance, variable) to (instance, variable); several to one target add up.
+
+    Attributes:
+        gain: of unit conversions and of a leg in a sum.
+        effects: through which it goes, in turn, and their names.
+    """
 
     source: tuple[str, str]
     target: tuple[str, str]
     gain: float = 1.0
+    effects: tuple[tuple[str, Effect], ...] = ()
+
+    def path(self, loop: str) -> Transfer:
+        """What it makes of its source. Raises: ConfigError if an effect's law is not known here."""
+        total = Transfer.gain(self.gain)
+        for name, effect in self.effects:
+            law = effect_path(effect)
+            if law is None:
+                place = f"{loop}: connection to {'.'.join(self.target)}"
+                what = f"the effect {name} has no transfer function that is known here"
+                allowed = f"known effects: {listed(effect_names())}"
+                remedy = "Measure the response with orchestrator.frequency.sweep_system."
+                raise ConfigError([Problem(place, what, allowed, remedy)])
+            total = total * law
+        return total
 
 
 @dataclass(frozen=True)
@@ -68,7 +90,7 @@ class Loop:
         for one in system.instances:
             model = one.fmu.description.name.rpartition(".")[2]
             (models if model in MODELS else others)[one.name] = model
-        wires = tuple(Wire((*one.source,), (*one.target,), one.gain) for one in system.connections)
+        wires = tuple(wire for one in system.connections for wire in _wires(one))
         order = tuple(system.instances[index].name for index in system.order)
         loop = Loop(name, models, wires, parameters_of(system), (), others, order)
         loop = replace(loop, notes=tuple(loop._left_out()))
@@ -173,14 +195,19 @@ class Loop:
         Raises: ConfigError as `gain`.
         """
         transfers = self.transfers()
-        incoming = {wire.target: wire for wire in self.wires}
+        incoming: dict[tuple[str, str], list[Wire]] = {}
+        for wire in self.wires:
+            incoming.setdefault(wire.target, []).append(wire)
         seen = dict(outputs)
         under_way: list[tuple[str, str]] = []
 
         def at(port: tuple[str, str]) -> Transfer:
-            if port not in incoming:
-                return Transfer()
-            wire = incoming[port]
+            total = Transfer()
+            for wire in incoming.get(port, ()):
+                total += along(wire)
+            return total
+
+        def along(wire: Wire) -> Transfer:
             if wire.source in under_way:
                 begin = under_way.index(wire.source)
                 told = " -> ".join(".".join(one) for one in [wire.source, *reversed(under_way[begin:])])
@@ -192,13 +219,14 @@ class Loop:
                 under_way.append(wire.source)
                 seen[wire.source] = through(*wire.source)
                 under_way.pop()
-            return seen[wire.source] * wire.gain
+            # A path that carries nothing may hold what it likes.
+            return seen[wire.source] * wire.path(self.name) if seen[wire.source].terms else Transfer()
 
         def through(name: str, output: str) -> Transfer:
             if name in self.others:
                 what = f"{name} is a {self.others[name]}, whose transfer function is not known here"
                 allowed = f"known models: {listed(MODELS)}"
-                remedy = "Give the loop as orchestrator.frequency.Transfer, or measure it with linearise."
+                remedy = "Give the loop as orchestrator.frequency.Transfer, or measure it with sweep_system."
                 raise ConfigError([Problem(self.name, what, allowed, remedy)])
             total = Transfer()
             for (source, target), path in transfers[name].items():
@@ -227,4 +255,18 @@ class Loop:
                 and self.parameters[f"{name}.switching_compensation"]
             ):
                 notes.append(f"{name}.switching_compensation is not linear and is left out")
+        for wire in self.wires:
+            for name, effect in wire.effects:
+                told = effect_note(effect)
+                if told:
+                    notes.append(f"{'.'.join(wire.source)} -> {'.'.join(wire.target)}: {name} {told}")
         return notes
+
+
+def _wires(connection: Connection) -> list[Wire]:
+    """A connection as one wire from each of its sources."""
+    target = (*connection.target,)
+    if connection.wire is None:
+        return [Wire((*connection.source,), target, connection.gain)]
+    effects = tuple((link.name, link.effect) for link in connection.wire.links)
+    return [Wire((*leg.port,), target, leg.gain * connection.gain, effects) for leg in connection.wire.legs]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import OrchestratorError
+from ..errors import ConfigError, OrchestratorError
 from ..run import Prepared, prepare
 from .charts import chart
 from .gain import contact_root, growth_per_contact, predict_contact
@@ -117,11 +117,11 @@ def _step(prepared: Prepared, loop: Loop) -> dict[str, Any] | None:
     ):
         return None
     size = float(prepared.grid.step_size)
-    return {
-        "master": master,
-        "step_size": size,
-        "growth_per_contact": _number(sample(loop, master, size).growth()),
-    }
+    told = {"master": master, "step_size": size}
+    try:
+        return {**told, "growth_per_contact": _number(sample(loop, master, size).growth())}
+    except ConfigError as error:
+        return {**told, "growth_per_contact": None, "error": str(error)}
 
 
 def text(report: Mapping[str, Any]) -> str:
@@ -130,7 +130,9 @@ def text(report: Mapping[str, Any]) -> str:
     growth = report["growth_per_contact"]
     if growth is not None and abs(growth - 1.0) < 1e-5:
         lines.append("on the border of stability: a contact changes the velocity by less than 1e-5")
+        border = True
     else:
+        border = False
         verdict = f"unstable: {m['unstable_roots']} roots with positive real part"
         lines.append("stable" if m["stable"] else verdict)
     for one in m["crossovers"]:
@@ -148,6 +150,7 @@ def text(report: Mapping[str, Any]) -> str:
         )
     if not critical["delays"]:
         state = "stable" if critical["unstable_without"] == 0 else "unstable"
+        state = "on the border" if border else state
         lines.append(f"{critical['parameter']} up to {critical['up_to'] * 1e3:g} ms: {state} throughout")
     for real, imag in report["roots"]:
         if imag >= 0.0:
@@ -165,7 +168,11 @@ def text(report: Mapping[str, Any]) -> str:
             f"{contact['energy_gain']:.5f}, {contact['duration'] * 1e3:.4g} ms"
         )
     step = report["step"]
-    if step is not None and step["growth_per_contact"] is not None:
+    if step is None:
+        lines.append("what the communication step adds is not analysed for this master with these options")
+    elif step["growth_per_contact"] is None:
+        lines.append(f"what the communication step adds is not known: {step.get('error', 'no oscillation')}")
+    else:
         lines.append(
             f"with {step['master']} at {step['step_size'] * 1e3:g} ms: "
             f"growth {step['growth_per_contact']:.5f}"

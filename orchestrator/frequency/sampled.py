@@ -18,8 +18,9 @@ import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import ConfigError, Problem, listed
+from .connections import Feed
 from .gain import growth_per_contact
-from .loop import Loop
+from .loop import Loop, Wire
 from .plant import ACTIVE, OFF
 from .transfer import Array
 
@@ -233,9 +234,27 @@ class _Steps:
         self.sequential = master == "gauss-seidel"
         order = [name for name in loop.order or loop.models if name in loop.models]
         self.parts = {name: _part(loop.models[name], loop.parameters_of(name), step_size) for name in order}
-        self.wires = {wire.target: wire for wire in loop.wires if wire.source[0] in self.parts}
-        back = self.wires[self.satellite, "force"]
-        self.ahead = self.sequential and order.index(back.source[0]) < order.index(self.satellite)
+        self.wires: dict[tuple[str, str], list[Wire]] = {}
+        for wire in loop.wires:
+            if wire.target[0] in self.parts:
+                self.wires.setdefault(wire.target, []).append(wire)
+        # Of instances of unknown models nothing comes: the loop does not pass them.
+        self.wires = {
+            target: [wire for wire in wires if wire.source[0] in self.parts]
+            for target, wires in self.wires.items()
+        }
+        # One connection feeds an input, so that the effects of its wires are the same.
+        self.feeds = {
+            target: Feed(f"{loop.name}: connection to {'.'.join(target)}", wires[0].effects, step_size)
+            for target, wires in self.wires.items()
+            if wires
+        }
+        self.known = {
+            target: self.sequential
+            and any(order.index(wire.source[0]) < order.index(target[0]) for wire in self.wires[target])
+            for target in self.feeds
+        }
+        self.ahead = self.known[self.satellite, "force"]
         self.places: dict[Any, slice | int] = {}
         size = 0
         for name, part in self.parts.items():
@@ -244,7 +263,18 @@ class _Steps:
             for output in part.outputs:
                 self.places[name, output] = size
                 size += 1
+        self.memories: dict[tuple[str, str], slice] = {}
+        for target, feed in self.feeds.items():
+            self.memories[target] = slice(size, size + feed.size)
+            size += feed.size
         self.size = size
+
+    def sources(self, target: tuple[str, str], z: Array) -> Array:
+        """Sum of what feeds an input, before the effects."""
+        total = np.zeros(z.shape[1])
+        for wire in self.wires[target]:
+            total = total + wire.gain * z[self.places[wire.source]]
+        return total
 
     def period(self, z: Array, force: Array | None) -> Array:
         """The whole state after a period, column by column; the satellite's force is given, or fed back."""
@@ -254,9 +284,11 @@ class _Steps:
             for name, part in self.parts.items():
                 seen = z if self.sequential else begin
                 inputs = {}
-                for (target, variable), wire in self.wires.items():
-                    if target == name:
-                        inputs[variable] = wire.gain * seen[self.places[wire.source]]
+                for target, feed in self.feeds.items():
+                    if target[0] == name:
+                        x, memory = self.sources(target, seen), begin[self.memories[target]]
+                        known = self.known[target]
+                        inputs[target[1]] = feed.advance(memory, x)[1] if known else feed.value(memory, x)
                 if name == self.satellite and force is not None:
                     inputs["force"] = force
                 fed = {key: inputs.get(key, np.zeros(z.shape[1])) for key in (*inputs, *_INPUTS)}
@@ -264,14 +296,16 @@ class _Steps:
                 z[self.places[name]] = state
                 for output, value in zip(part.outputs, outputs, strict=True):
                     z[self.places[name, output]] = value
+            for target, feed in self.feeds.items():
+                rows = self.memories[target]
+                z[rows] = feed.advance(begin[rows], self.sources(target, z))[0]
         return z
 
     def assembled(self) -> SampledLoop:
         """The open and the closed loop."""
         eye = np.eye(self.size)
-        back = self.wires[self.satellite, "force"]
-        c = np.zeros(self.size)
-        c[self.places[back.source]] = back.gain
+        back = self.satellite, "force"
+        c = self.feeds[back].value(eye[self.memories[back]], self.sources(back, eye))
         open_loop = self.period(eye, np.zeros(self.size))
         given = self.period(np.zeros((self.size, 1)), np.ones(1))[:, 0]
         period = self.count * self.step_size

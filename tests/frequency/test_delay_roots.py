@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import lambertw
 
+from orchestrator.effects import Effect
 from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.frequency import (
     Loop,
@@ -44,6 +45,16 @@ def test_scalar_equation_against_lambert_w(a, b, tau):
     for root in expected:
         assert np.min(np.abs(found.values - root)) < 1e-8 * max(1.0, abs(root))
     assert np.max(found.residuals) < 1e-12
+
+
+def test_printed_roots():
+    """The On-Line Encyclopedia of Integer Sequences prints the fixed points z of exp(z), A059526 with A059527
+    and A277681, and that of exp(-z), A030178: -z are the roots of x' = -x(t - 1), z that of x' = x(t - 1)."""
+    found = rightmost_roots(characteristic(Transfer.rational([1.0], [1.0, 0.0], 1.0)), 4).values
+    assert found[0] == pytest.approx(-0.318131505204764135312654 + 1.337235701430689408901162j, abs=1e-13)
+    assert found[2].real == pytest.approx(-2.062277729598283884978487, abs=1e-12)
+    found = rightmost_roots(characteristic(Transfer.rational([-1.0], [1.0, 0.0], 1.0)), 1).values
+    assert found[0] == pytest.approx(0.567143290409783872999969, abs=1e-13)
 
 
 def test_triangular_systems_as_jarlebring_and_damm():
@@ -196,3 +207,60 @@ def test_refusals_of_configured_loops():
     assert refused(replace(loop, models=models, others={"robot": "Crane"}).gain).splitlines()[0] == (
         "docking-1d-uncompensated: robot is a Crane, whose transfer function is not known here"
     )
+
+
+class Unknown(Effect):
+    """An effect of a user's, whose law nobody knows here."""
+
+
+def through(effects: str, *more: str) -> Loop:
+    return Loop.of("docking-1d-uncompensated", [f"connections[satellite.force].through={effects}", *more])
+
+
+def test_effects_on_connections_are_part_of_the_loop():
+    plain = Loop.of("docking-1d-uncompensated").gain()
+    s = np.array([1j, 3 + 25j, 400j])
+    found = through("[{delay: 1 ms}, {low-pass: 200 Hz}, {gain: 0.5}, {offset: 3 N}]")
+    expected = 0.5 * np.exp(-1e-3 * s) / (1 + s / (400 * np.pi)) * plain(s)
+    np.testing.assert_allclose(found.gain()(s), expected, rtol=1e-12)
+    assert found.notes == ()
+    held = through("[{saturate: {low: -9 N, high: 9 N}}, {sample-and-hold: 4 ms}]")
+    np.testing.assert_allclose(held.gain()(s), np.exp(-2e-3 * s) * plain(s), rtol=1e-12)
+    assert held.notes == (
+        "contact.force -> satellite.force: saturate is not linear and is left out",
+        "contact.force -> satellite.force: sample-and-hold counts as a delay of half a period",
+    )
+    # A delay in the path back acts as one of the robot.
+    one, two = through("[{delay: 4 ms}]"), Loop.of("docking-1d-uncompensated", ["robot.tau_m=6 ms"])
+    np.testing.assert_allclose(
+        rightmost_roots(one.characteristic(), 4).values, rightmost_roots(two.characteristic(), 4).values
+    )
+
+
+def test_sums_of_sources_add_up(tmp_path):
+    path = tmp_path / "twice.yaml"
+    path.write_text(
+        "extends: docking-1d-uncompensated\n"
+        "connections:\n"
+        "  - satellite.position -> robot.command\n"
+        "  - robot.position -> contact.position\n"
+        "  - robot.velocity -> contact.velocity\n"
+        "  - {from: [contact.force, {port: contact.force, gain: -3}], to: satellite.force}\n",
+        encoding="utf-8",
+    )
+    s = np.array([1j, 30j])
+    np.testing.assert_allclose(Loop.of(path).gain()(s), -2 * Loop.of("docking-1d-uncompensated").gain()(s))
+
+
+def test_an_effect_of_unknown_law_is_refused():
+    loop = Loop.of("docking-1d-uncompensated")
+    wires = tuple(
+        replace(wire, effects=(("mine", Unknown()),)) if wire.target == ("satellite", "force") else wire
+        for wire in loop.wires
+    )
+    told = refused(replace(loop, wires=wires).gain)
+    assert told.startswith(
+        "docking-1d-uncompensated: connection to satellite.force: the effect mine has no transfer function "
+        "that is known here\n  known effects: "
+    )
+    assert told.endswith("Measure the response with orchestrator.frequency.sweep_system.")

@@ -234,3 +234,27 @@ def test_charts_over_other_parameters_of_the_active_loop(x, y):
             continue
         roots = rightmost_roots(loop.with_parameters(values).characteristic(), 4)
         assert drawn.unstable[row, column] == roots.unstable
+
+
+@pytest.mark.parametrize("master", ["jacobi", "gauss-seidel"])
+def test_effects_are_part_of_the_sampled_loop(master):
+    """A delay of no whole number of steps, and a lag, as the co-simulation has them."""
+    overrides = [
+        "connections[satellite.force].through=[{delay: 0.33 ms}, {low-pass: 200 Hz}]",
+        f"run.master={master}",
+        "run.step_size=0.5 ms",
+    ]
+    predicted = sample(Loop.of(PLAIN, overrides), master, 5e-4).growth()
+    assert predicted == pytest.approx(restitutions(PLAIN, overrides)[0], rel=1e-4)
+
+
+def test_a_gain_in_the_path_back_counts_in_the_impulse():
+    overrides = ["connections[satellite.force].through=[{gain: 0.5}]"]
+    predicted = predict_contact(Loop.of(PLAIN, overrides)).velocity_ratio
+    assert predicted == pytest.approx(restitutions(PLAIN, overrides)[0], rel=1e-5)
+
+
+def test_effects_with_instants_of_their_own_are_refused():
+    loop = Loop.of(PLAIN, ["connections[satellite.force].through=[{sample-and-hold: 4 ms}]"])
+    with pytest.raises(ConfigError, match="sample-and-hold samples at instants of its own"):
+        sample(loop, "jacobi", 1e-3)

@@ -1,0 +1,170 @@
+"""Effects on connections as transfer functions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..effects import Effect
+from ..effects.backlash import Backlash
+from ..effects.dead_band import DeadBand
+from ..effects.delay import Delay
+from ..effects.gain import Gain
+from ..effects.low_pass import LowPass
+from ..effects.noise import Noise
+from ..effects.offset import Offset
+from ..effects.quantise import Quantise
+from ..effects.rate_limit import RateLimit
+from ..effects.sample_and_hold import SampleAndHold
+from ..effects.saturate import Saturate
+from ..errors import ConfigError, Problem
+from .transfer import Array, Transfer, polynomial
+
+__all__ = ["Feed", "effect_note", "effect_path", "static_gain"]
+
+
+def _low_pass(effect: Any) -> Transfer:
+    (lag,) = effect.numbers()
+    return Transfer.made(np.ones(1), (polynomial(1.0, lag),)) if lag else Transfer.gain(1.0)
+
+
+def _one(effect: Any) -> Transfer:
+    return Transfer.gain(1.0)
+
+
+# The exact class counts: what a subclass of a user's does is not known.
+_LINEAR: Mapping[type[Effect], Callable[[Any], Transfer]] = {
+    Gain: lambda effect: Transfer.gain(effect.factor),
+    Offset: _one,
+    Delay: lambda effect: Transfer.made(np.ones(1), (), effect.time),
+    LowPass: _low_pass,
+    SampleAndHold: lambda effect: Transfer.made(np.ones(1), (), 0.5 * effect.period),
+}
+_LEFT_OUT = (Saturate, Quantise, RateLimit, DeadBand, Backlash, Noise)
+
+
+def effect_path(effect: Effect) -> Transfer | None:
+    """The transfer function of a bundled effect, around its operating point; None of any other.
+
+    A hold counts as a delay of half its period. Effects that are not linear count as one.
+    """
+    if type(effect) in _LEFT_OUT:
+        return Transfer.gain(1.0)
+    made = _LINEAR.get(type(effect))
+    return None if made is None else made(effect)
+
+
+def static_gain(effect: Effect) -> float | None:
+    """The factor of an effect that is a mere gain around its operating point; None of any other."""
+    path = effect_path(effect)
+    if path is None or type(effect) in _LEFT_OUT:
+        return None
+    if any(term.factors or np.any(term.delay) for term in path.terms):
+        return None
+    return float(path(0.0).real)
+
+
+def effect_note(effect: Effect) -> str:
+    """What the transfer function leaves out; empty if nothing."""
+    if type(effect) in _LEFT_OUT:
+        return "is not linear and is left out"
+    if isinstance(effect, SampleAndHold) and effect.period:
+        return "counts as a delay of half a period"
+    return ""
+
+
+class _Law(Protocol):
+    """A linear effect from instant to instant, on many columns at once."""
+
+    size: int
+
+    def advance(self, memory: Array, x: Array) -> Array:
+        """The memory with the instant's value in it."""
+
+    def value(self, memory: Array, x: Array) -> Array:
+        """What comes out at the instant that the memory ends with."""
+
+
+class _Factor:
+    def __init__(self, factor: float) -> None:
+        self.size, self.factor = 0, factor
+
+    def advance(self, memory: Array, x: Array) -> Array:
+        return memory
+
+    def value(self, memory: Array, x: Array) -> Array:
+        return self.factor * x
+
+
+class _Later:
+    """A delay: on the line between two instants."""
+
+    def __init__(self, delay: float, step: float) -> None:
+        self.whole = math.floor(delay / step + 1e-9)
+        self.share = max(delay / step - self.whole, 0.0)
+        self.size = self.whole + 2
+
+    def advance(self, memory: Array, x: Array) -> Array:
+        return np.concatenate([x[None], memory[:-1]])
+
+    def value(self, memory: Array, x: Array) -> Array:
+        return (1.0 - self.share) * memory[self.whole] + self.share * memory[self.whole + 1]
+
+
+class _Lag:
+    """A first-order lag, exact for lines between instants. Memory: x and y."""
+
+    def __init__(self, lag: float, step: float) -> None:
+        self.size, ratio = 2, step / lag
+        self.gone = -math.expm1(-ratio)
+        self.rest = 1.0 - self.gone / ratio
+
+    def advance(self, memory: Array, x: Array) -> Array:
+        old, y = memory
+        return np.array([x, y + self.gone * (old - y) + self.rest * (x - old)])
+
+    def value(self, memory: Array, x: Array) -> Array:
+        return memory[1]
+
+
+class Feed:
+    """A connection's signal from instant to instant: effects in turn, with what they remember.
+
+    Attributes:
+        size: rows of its memory.
+    """
+
+    def __init__(self, place: str, effects: Sequence[tuple[str, Effect]], step: float) -> None:
+        """Raises: ConfigError for an effect whose instants are not those of the steps."""
+        laws: list[_Law] = []
+        for name, effect in effects:
+            if isinstance(effect, SampleAndHold) and effect.period:
+                what = f"{name} samples at instants of its own"
+                raise ConfigError([Problem(place, what, "the sampled loop knows those of the steps alone")])
+            numbers = effect.numbers()
+            if isinstance(effect, Gain):
+                laws.append(_Factor(effect.factor))
+            elif isinstance(effect, Delay) and numbers[0]:
+                laws.append(_Later(numbers[0], step))
+            elif isinstance(effect, LowPass) and numbers[0]:
+                laws.append(_Lag(numbers[0], step))
+        self._laws = laws
+        self._rows = np.cumsum([0, *(law.size for law in laws)])
+        self.size = int(self._rows[-1])
+
+    def advance(self, memory: Array, x: Array) -> tuple[Array, Array]:
+        """The memory with one more instant, and the signal there; x: sum of the sources, shape (columns,)."""
+        kept = memory.copy()
+        for law, low, high in zip(self._laws, self._rows[:-1], self._rows[1:], strict=True):
+            kept[low:high] = law.advance(memory[low:high], x)
+            x = law.value(kept[low:high], x)
+        return kept, x
+
+    def value(self, memory: Array, x: Array) -> Array:
+        """The signal at the instant that the memory ends with, where the sum of the sources is x."""
+        for law, low, high in zip(self._laws, self._rows[:-1], self._rows[1:], strict=True):
+            x = law.value(memory[low:high], x)
+        return x
