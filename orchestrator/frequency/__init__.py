@@ -1,13 +1,16 @@
 """Stability of delayed loops in the frequency domain, from the co-simulation's own parameters."""
 
 from .charts import Chart, chart
+from .excite import sweep_system
 from .gain import Contact, contact_root, growth_per_contact, predict_contact
-from .linearise import Measured, direct_gains, sweep
+from .linearise import direct_gains, sweep
 from .loop import Loop
 from .margins import CriticalDelay, Crossover, Margins, critical_delays, margins
 from .quasi import QuasiPolynomial, characteristic
 from .roots import Roots, count_right_of, rightmost_roots
 from .sampled import SampledLoop, sample
+from .statespace import StateSpace, state_space, system_state_space
+from .tones import Measured
 from .transfer import Transfer
 
 __all__ = [
@@ -21,6 +24,7 @@ __all__ = [
     "QuasiPolynomial",
     "Roots",
     "SampledLoop",
+    "StateSpace",
     "Transfer",
     "characteristic",
     "chart",
@@ -33,5 +37,8 @@ __all__ = [
     "predict_contact",
     "rightmost_roots",
     "sample",
+    "state_space",
     "sweep",
+    "sweep_system",
+    "system_state_space",
 ]

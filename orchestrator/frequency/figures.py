@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from ..plotting import COLORS
 from .charts import Chart
-from .linearise import Measured
 from .margins import Margins, margins, span
 from .roots import Roots
 from .sampled import SampledLoop
+from .tones import Measured
 from .transfer import Array, Transfer
 
 __all__ = ["bode", "nichols", "nyquist", "root_map", "stability_chart", "step_chart"]

@@ -1,50 +1,20 @@
-"""The frequency response of any FMU, measured: a multisine through its steps, with coherence.
-
-All frequencies are in the record at once, each a whole number of times, with Schroeder's phases (IEEE Trans.
-Inf.
-Theory 16, 1970) that keep the peak low; the first period lets transients die away and is dropped. What the
-response differs from period to period, and what it gives at frequencies that are not in the input, lowers the
-coherence: a nonlinear or a ringing FMU shows there.
-"""
+"""The frequency response of any FMU, measured: a multisine through its steps, with coherence."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import bundled
 from ..errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Fmu, Point, StepStatus, Value, load_fmu
+from .tones import Measured, Tones
 from .transfer import Array
 
-__all__ = ["Measured", "direct_gains", "sweep"]
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A measured frequency response.
-
-    Attributes:
-        omega: frequencies, shape (n,) [rad/s].
-        response: output over input, shape (n,), in the FMU's units.
-        coherence: share of the output around each frequency that the input explains, 0 to 1, shape (n,).
-    """
-
-    omega: Array
-    response: NDArray[np.complex128]
-    coherence: Array
-
-    def frequency_response(self) -> Any:
-        """As python-control's FrequencyResponseData."""
-        import control
-
-        return control.frd(self.response, self.omega)
+__all__ = ["direct_gains", "load", "sweep"]
 
 
 def sweep(
@@ -80,11 +50,11 @@ def sweep(
         periods: of the lowest frequency that are measured, after one that is not.
     Raises: ConfigError for names and numbers that do not fit; StepError if the FMU fails.
     """
-    loaded = _load(fmu)
-    harmonics, steps, lowest = _record(loaded, source, target, frequencies, step_size, amplitude, periods)
+    loaded = load(fmu)
     description = loaded.description
-    omega = 2.0 * np.pi * lowest * harmonics
-    phases = -np.pi * np.arange(len(harmonics)) * (np.arange(len(harmonics)) - 1) / len(harmonics)
+    problems = _unknown_ports(loaded, source, target)
+    tones = Tones.of(description.name, frequencies, step_size, amplitude, periods, problems)
+    omega, phases, steps = tones.omega, tones.phases, tones.steps
     time = np.arange(steps) * step_size
     direct = source in description.variables and _acts_at_once(loaded, source, target)
     interpolating = description.capabilities.interpolate_inputs
@@ -95,11 +65,8 @@ def sweep(
     answer = _run(
         loaded, source, target, value + offset, (slope, bend), step_size, dict(start or {}), inputs, periods
     )
-    spectrum = np.fft.rfft(answer.reshape(periods, steps), axis=1) / steps
     # The input at the instants at which outputs are read, the steps' ends: exact, not the held one.
-    given = 0.5 * factor * np.exp(1j * (phases + omega * step_size)) / 1j
-    mean = spectrum.mean(axis=0)
-    return Measured(omega, mean[harmonics] / given, _coherence(spectrum, harmonics))
+    return tones.measured(answer.reshape(periods, steps), factor, step_size)
 
 
 def direct_gains(
@@ -110,7 +77,7 @@ def direct_gains(
 
     Raises: ConfigError if the FMU offers no directional derivatives.
     """
-    loaded = _load(fmu)
+    loaded = load(fmu)
     name = loaded.description.name
     if not loaded.description.capabilities.directional_derivatives:
         what = "it offers no directional derivatives"
@@ -124,7 +91,7 @@ def direct_gains(
         instance.free()
 
 
-def _load(fmu: Fmu | Path | str) -> Fmu:
+def load(fmu: Fmu | Path | str) -> Fmu:
     if not isinstance(fmu, str | Path):
         return fmu
     path = Path(fmu)
@@ -137,41 +104,14 @@ def _load(fmu: Fmu | Path | str) -> Fmu:
     return load_fmu(found)
 
 
-def _record(
-    fmu: Fmu,
-    source: str,
-    target: str,
-    frequencies: ArrayLike,
-    step_size: float,
-    amplitude: float,
-    periods: int,
-) -> tuple[NDArray[np.int64], int, float]:
-    """Harmonics of the lowest frequency, steps in its period, and itself [Hz]; refuses what does not fit."""
-    wanted = np.unique(np.atleast_1d(np.asarray(frequencies, np.float64)))
+def _unknown_ports(fmu: Fmu, source: str, target: str) -> list[Problem]:
     place, problems = fmu.description.name, []
     for name, causality in ((source, "input"), (target, "output")):
         there = [key for key, one in fmu.description.variables.items() if one.causality.value == causality]
         if name not in there:
-            problems.append(
-                Problem(
-                    place, f"no {causality} {name}", f"{causality}s: {listed(there)}", nearest(name, there)
-                )
-            )
-    if not wanted.size or not (np.isfinite(wanted).all() and wanted[0] > 0.0):
-        problems.append(Problem(place, "a frequency is not positive", "allowed: finite and positive [Hz]"))
-    if not (step_size > 0.0 and amplitude > 0.0 and periods >= 1):
-        got = f"step_size = {step_size!r} s, amplitude = {amplitude!r}, periods = {periods!r}"
-        problems.append(Problem(place, got, "all are to be positive"))
-    if problems:
-        raise ConfigError(problems)
-    steps = 1.0 / (wanted[0] * step_size)
-    if abs(steps - round(steps)) > 1e-6 * steps:
-        what = f"the period of {wanted[0]:g} Hz is {steps:.6g} steps of {step_size:g} s"
-        raise ConfigError([Problem(place, what, "a whole number is needed")])
-    if wanted[-1] * step_size > 0.1:
-        what = f"{wanted[-1]:g} Hz has {1 / (wanted[-1] * step_size):.3g} steps in a period"
-        raise ConfigError([Problem(place, what, "at least 10 are needed", "Take a smaller step size.")])
-    return np.unique(np.rint(wanted / wanted[0]).astype(np.int64)), round(steps), float(wanted[0])
+            told = f"{causality}s: {listed(there)}"
+            problems.append(Problem(place, f"no {causality} {name}", told, nearest(name, there)))
+    return problems
 
 
 def _acts_at_once(fmu: Fmu, source: str, target: str) -> bool:
@@ -236,16 +176,3 @@ def _run(
     finally:
         instance.free()
     return answer
-
-
-def _coherence(spectrum: NDArray[np.complex128], harmonics: NDArray[np.int64]) -> Array:
-    """1 - unexplained/all power: what changes between periods, what lies beside the input's frequencies."""
-    mean = spectrum.mean(axis=0)
-    change = np.mean(np.abs(spectrum[:, harmonics] - mean[harmonics]) ** 2, axis=0)
-    power = np.abs(mean) ** 2
-    others = power.copy()
-    others[[0, *harmonics]] = 0.0
-    # Each harmonic answers for what lies halfway to its neighbours.
-    edges = np.concatenate([[1], (harmonics[:-1] + harmonics[1:] + 1) // 2, [len(power)]])
-    beside = np.array([others[low:high].sum() for low, high in pairwise(edges)])
-    return power[harmonics] / np.maximum(power[harmonics] + change + beside, 1e-300)

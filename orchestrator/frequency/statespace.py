@@ -1,0 +1,257 @@
+"""State space of FMUs, and of systems of them, by the FMUs' own directional derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import ConfigError, Problem, listed
+from ..fmi import Causality, Fmu, FmuInstance, Kind, Value
+from ..instances import instantiate
+from ..run import Prepared, prepare
+from ..system import Connection, Port
+from .connections import static_gain
+from .linearise import load
+from .transfer import Array
+
+__all__ = ["StateSpace", "state_space", "system_state_space"]
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = A x + B u, y = C x + D u around an operating point, in the FMUs' units.
+
+    Attributes:
+        a, b, c, d: shapes (n, n), (n, m), (p, n), (p, m).
+        states, inputs, outputs: names.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def response(self, source: str, target: str, omega: ArrayLike) -> NDArray[np.complex128]:
+        """From an input to an output at omega, shape (n,) [rad/s]."""
+        column, row = self.inputs.index(source), self.outputs.index(target)
+        s = 1j * np.atleast_1d(np.asarray(omega, np.float64))
+        eye = np.eye(len(self.a))
+        inner = np.linalg.solve(s[:, None, None] * eye - self.a, self.b[:, column, None])[..., 0]
+        return inner @ self.c[row] + self.d[row, column]
+
+    def control(self) -> Any:
+        """As python-control's StateSpace."""
+        import control
+
+        names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        return control.ss(self.a, self.b, self.c, self.d, **{key: list(one) for key, one in names.items()})
+
+
+def state_space(
+    fmu: Fmu | Path | str,
+    inputs: Sequence[str] | None = None,
+    outputs: Sequence[str] | None = None,
+    start: Mapping[str, Value] | None = None,
+) -> StateSpace:
+    """The state space of one FMU at its start values.
+
+    Args:
+        fmu: a bundled name, a path or what `load_fmu` gave.
+        inputs, outputs: names; all real ones by default.
+        start: start values, FMU's units.
+    Raises: ConfigError if it offers no directional derivatives, or if an input acts neither on a state nor on
+        an output at once, as behind a delay: then only measuring tells its effect.
+    """
+    loaded = load(fmu)
+    description = loaded.description
+    chosen = _real(loaded, Causality.INPUT) if inputs is None else tuple(inputs)
+    seen = _real(loaded, Causality.OUTPUT) if outputs is None else tuple(outputs)
+    problems = _cannot(description.name, loaded) or [
+        Problem(description.name, f"no {kind.value} {name}", f"{kind.value}s: {listed(there)}")
+        for names, kind in ((chosen, Causality.INPUT), (seen, Causality.OUTPUT))
+        for there in (_real(loaded, kind),)
+        for name in names
+        if name not in there
+    ]
+    if problems:
+        raise ConfigError(problems)
+    instance = loaded.instantiate("linearised")
+    try:
+        instance.enter_initialisation(0.0, dict(start or {}))
+        instance.exit_initialisation()
+        found = _matrices(loaded, instance, chosen, seen)
+    finally:
+        instance.free()
+    problems = _hidden(description.name, found)
+    if problems:
+        raise ConfigError(problems)
+    return found
+
+
+def system_state_space(
+    config: str | Path | Mapping[str, Any] | Prepared,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    overrides: Iterable[str] = (),
+) -> StateSpace:
+    """The state space of a configured system at its start, without communication steps.
+
+    Args:
+        config, overrides: as `orchestrator.run.prepare`.
+        inputs: as "robot.command"; what drives an input adds to what is connected to it.
+        outputs: as "contact.force".
+    Raises: ConfigError with all instances that offer no directional derivatives or hide a delay, and all
+        connections whose effects have memory: `sweep_system` measures those.
+    """
+    prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
+    system, place = prepared.system, prepared.config.name
+    problems = [problem for one in system.instances for problem in _cannot(one.name, one.fmu)]
+    gains = {}
+    for connection in system.connections:
+        gain = _gain(connection)
+        if gain is None:
+            what = f"{connection}: its effects are not a mere gain"
+            problems.append(Problem(place, what, "", "Measure the response with sweep_system."))
+        gains[connection] = gain or 0.0
+    for names, kind in ((inputs, Causality.INPUT), (outputs, Causality.OUTPUT)):
+        there = [f"{one.name}.{name}" for one in system.instances for name in _real(one.fmu, kind)]
+        for name in names:
+            if name not in there:
+                told = f"{kind.value}s: {listed(there)}"
+                problems.append(Problem(place, f"no real {kind.value} {name}", told))
+    if problems:
+        raise ConfigError(problems)
+    parts: list[StateSpace] = []
+    fed = {str(connection.target) for connection in system.connections} | set(inputs)
+    with instantiate(system) as instances:
+        instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
+        for one, running in zip(system.instances, instances.running, strict=True):
+            own = tuple(name for name in _real(one.fmu, Causality.INPUT) if f"{one.name}.{name}" in fed)
+            part = _matrices(one.fmu, running, own, _real(one.fmu, Causality.OUTPUT))
+            problems += _hidden(one.name, part)
+            parts.append(_named(part, one.name))
+    if problems:
+        raise ConfigError(problems)
+    return _joined(parts, gains, inputs, outputs, place)
+
+
+def _joined(
+    parts: Sequence[StateSpace],
+    gains: Mapping[Connection, float],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    place: str,
+) -> StateSpace:
+    """With u = K y + E r: x' = (A + B S K C) x + B S E r, where S = (1 - K D)^-1."""
+    import scipy.linalg
+
+    a, b, c, d = (scipy.linalg.block_diag(*(getattr(one, name) for one in parts)) for name in "abcd")
+    states, every_input, every_output = (
+        tuple(name for one in parts for name in getattr(one, kind))
+        for kind in ("states", "inputs", "outputs")
+    )
+    k = np.zeros((len(every_input), len(every_output)))
+    for connection, gain in gains.items():
+        legs = [(str(connection.source), 1.0)]
+        if connection.wire is not None:
+            legs = [(str(leg.port), leg.gain) for leg in connection.wire.legs]
+        for source, share in legs:
+            if source in every_output:
+                k[every_input.index(str(connection.target)), every_output.index(source)] += gain * share
+    e = np.array([[float(one == name) for name in inputs] for one in every_input])
+    e = e.reshape(len(every_input), len(inputs))
+    loop = np.eye(len(every_input)) - k @ d
+    if every_input and np.linalg.cond(loop) > 1e12:
+        raise ConfigError([Problem(place, "an algebraic loop has no solution at the start", "")])
+    s = np.linalg.inv(loop)
+    rows = [every_output.index(name) for name in outputs]
+    y_x, y_r = c + d @ s @ k @ c, d @ s @ e
+    return StateSpace(
+        a + b @ s @ k @ c, b @ s @ e, y_x[rows], y_r[rows], states, tuple(inputs), tuple(outputs)
+    )
+
+
+def _real(fmu: Fmu, causality: Causality) -> tuple[str, ...]:
+    return tuple(
+        name
+        for name, one in fmu.description.variables.items()
+        if one.causality is causality and one.kind is Kind.REAL
+    )
+
+
+def _cannot(name: str, fmu: Fmu) -> list[Problem]:
+    if fmu.description.capabilities.directional_derivatives and fmu.path is not None:
+        return []
+    what = "it offers no directional derivatives"
+    return [Problem(name, what, "", "Measure the response with sweep or sweep_system.")]
+
+
+def _states(fmu: Fmu) -> list[tuple[str, str]]:
+    """Derivatives of the continuous states, and the states."""
+    from fmpy import read_model_description
+
+    raw = read_model_description(str(fmu.path), validate=False)
+    found = [(one.variable, one.variable.derivative) for one in raw.derivatives]
+    return [(rate.name, state.name) for rate, state in found if state is not None]
+
+
+def _matrices(
+    fmu: Fmu, instance: FmuInstance, inputs: tuple[str, ...], outputs: tuple[str, ...]
+) -> StateSpace:
+    pairs = _states(fmu)
+    rates, states = [rate for rate, _ in pairs], tuple(state for _, state in pairs)
+    n = len(states)
+    # A state that is an output, too, is asked for as the state it is.
+    whole = np.zeros((n + len(outputs), n + len(inputs)))
+    asked = [*rates, *(name for name in outputs if name not in states)]
+    rows = [*range(n), *(n + index for index, name in enumerate(outputs) if name not in states)]
+    if asked and (states or inputs):
+        whole[rows] = instance.output_derivatives(asked, [*states, *inputs])
+    for index, name in enumerate(outputs):
+        if name in states:
+            whole[n + index, states.index(name)] = 1.0
+    return StateSpace(whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:], states, inputs, outputs)
+
+
+def _hidden(name: str, part: StateSpace) -> list[Problem]:
+    """Inputs without effect at once: behind a delay, or sampled."""
+    idle = [
+        one
+        for index, one in enumerate(part.inputs)
+        if not part.b[:, index].any() and not part.d[:, index].any()
+    ]
+    return [
+        Problem(
+            name,
+            f"input {one} acts on no state's derivative and no output at once",
+            "a delay, a sample or an inactive part of the model lies between",
+            "Measure the response with sweep or sweep_system.",
+        )
+        for one in idle
+    ]
+
+
+def _named(part: StateSpace, name: str) -> StateSpace:
+    states, inputs, outputs = (
+        tuple(str(Port(name, one)) for one in names) for names in (part.states, part.inputs, part.outputs)
+    )
+    return StateSpace(part.a, part.b, part.c, part.d, states, inputs, outputs)
+
+
+def _gain(connection: Connection) -> float | None:
+    """What a connection multiplies its sum by; None if it does more."""
+    total = connection.gain
+    for link in connection.wire.links if connection.wire is not None else ():
+        factor = static_gain(link.effect)
+        if factor is None:
+            return None
+        total *= factor
+    return total

@@ -1,0 +1,67 @@
+"""State spaces by directional derivatives against transfer functions."""
+
+import numpy as np
+import pytest
+
+from orchestrator.errors import ConfigError
+from orchestrator.frequency import state_space, system_state_space
+from orchestrator.frequency.plant import robot_response
+
+OMEGA = 2 * np.pi * np.geomspace(0.1, 200, 40)
+SERVO = {"omega_n": 471.23889803846896, "xi_n": 0.8, "tau_m": 0.0}
+
+# A force sensor in contact, fed back to the robot's command: an admittance.
+ADMITTANCE = """
+run: {master: jacobi, step_size: 1 ms, stop_time: 1 s}
+instances:
+  robot: {fmu: RobotResponse, start: {tau_m: 0 ms, position: 7 mm}}
+  contact: {fmu: DockingContact, start: {stiffness: 176 N/mm, damping: 50 N.s/m}}
+  sensor: {fmu: ForceSensor, start: {cutoff: 100 Hz}}
+connections:
+  - robot.position -> contact.position
+  - robot.velocity -> contact.velocity
+  - contact.force -> sensor.force
+  - {from: sensor.measured_force, to: robot.command, through: [{gain: 0.002 mm/N}, {offset: 1 mm}]}
+"""
+
+
+def test_servo_without_delay():
+    found = state_space("RobotResponse", start={"tau_m": 0.0})
+    assert (found.states, found.inputs) == (("position", "velocity"), ("command",))
+    expected = robot_response(SERVO)["command", "position"](1j * OMEGA)
+    np.testing.assert_allclose(found.response("command", "position", OMEGA), expected, rtol=1e-12)
+    poles = np.roots([1.0, 2 * 0.8 * SERVO["omega_n"], SERVO["omega_n"] ** 2])
+    np.testing.assert_allclose(np.sort(found.control().poles()), np.sort(poles))
+
+
+def test_system_in_a_loop(tmp_path):
+    path = tmp_path / "admittance.yaml"
+    path.write_text(ADMITTANCE, encoding="utf-8")
+    found = system_state_space(path, ["robot.command"], ["contact.force", "sensor.measured_force"])
+    assert found.states == ("robot.position", "robot.velocity", "sensor.filtered_force")
+    s = 1j * OMEGA
+    forward = -robot_response(SERVO)["command", "position"](s) * (176e3 + 50 * s)
+    lag = 1 / (1 + s / (200 * np.pi))
+    closed = forward / (1 - forward * lag * 2e-6)
+    np.testing.assert_allclose(found.response("robot.command", "contact.force", OMEGA), closed, rtol=1e-9)
+    np.testing.assert_allclose(
+        found.response("robot.command", "sensor.measured_force", OMEGA), closed * lag, rtol=1e-9
+    )
+
+
+def test_what_a_state_space_cannot_hold_is_refused(tmp_path):
+    with pytest.raises(ConfigError) as caught:
+        state_space("RobotResponse")
+    assert str(caught.value) == (
+        "DockingHIL.RobotResponse: input command acts on no state's derivative and no output at once\n"
+        "  a delay, a sample or an inactive part of the model lies between. "
+        "Measure the response with sweep or sweep_system."
+    )
+    with pytest.raises(ConfigError, match="satellite: it offers no directional derivatives"):
+        system_state_space("docking-1d-uncompensated", ["robot.command"], ["contact.force"])
+    with pytest.raises(ConfigError, match=r"no input comand\n  inputs: command"):
+        state_space("RobotResponse", ["comand"])
+    path = tmp_path / "delayed.yaml"
+    path.write_text(ADMITTANCE.replace("{gain:", "{delay: 1 ms}, {gain:"), encoding="utf-8")
+    with pytest.raises(ConfigError, match="its effects are not a mere gain"):
+        system_state_space(path, ["robot.command"], ["contact.force"])
