@@ -6,10 +6,12 @@ from .gain import Contact, contact_root, growth_per_contact, predict_contact
 from .linearise import direct_gains, sweep
 from .loop import Loop
 from .margins import CriticalDelay, Crossover, Margins, critical_delays, margins
+from .points import source_points
 from .quasi import QuasiPolynomial, characteristic
 from .roots import Roots, count_right_of, rightmost_roots
 from .sampled import SampledLoop, sample
 from .statespace import StateSpace, state_space, system_state_space
+from .stepped import sampled_chart
 from .tones import Measured
 from .transfer import Transfer
 
@@ -37,6 +39,8 @@ __all__ = [
     "predict_contact",
     "rightmost_roots",
     "sample",
+    "sampled_chart",
+    "source_points",
     "state_space",
     "sweep",
     "sweep_system",

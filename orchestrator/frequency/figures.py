@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ..plotting import COLORS
 from .charts import Chart
 from .margins import Margins, margins, span
+from .points import source_points
 from .roots import Roots
 from .sampled import SampledLoop
 from .tones import Measured
@@ -32,6 +33,7 @@ _UNITS = {
     "xi_n": (1.0, "1"),
     "cutoff": (1.0, "Hz"),
     "sample_period": (1e3, "ms"),
+    "step_size": (1e3, "ms"),
 }
 
 
@@ -157,7 +159,12 @@ def root_map(roots: Mapping[str, Roots]) -> Figure:
 
 
 def stability_chart(chart: Chart, points: Mapping[str, tuple[float, float]] | None = None) -> Figure:
-    """Growth per contact, the exact border, the first-order rule, and operating points (x, y in SI)."""
+    """Growth per contact, the exact border, the first-order rule, and operating points.
+
+    Args:
+        points: (x, y) in SI by name, beside those of the source that lie in the chart's plane.
+    """
+    points = {**source_points(chart), **(points or {})}
     figure = Figure(figsize=(8.0, 5.5), layout="constrained")
     axes = figure.subplots()
     (x_factor, x_unit), (y_factor, y_unit) = _unit(chart.x_name), _unit(chart.y_name)
@@ -187,7 +194,7 @@ def stability_chart(chart: Chart, points: Mapping[str, tuple[float, float]] | No
     if chart.rule is not None and (chart.rule > 0).any() and not (chart.rule > 0).all():
         axes.contour(x, y, chart.rule, [0.0], colors=COLORS[2], linestyles="--", linewidths=1.6)
         axes.plot([], [], "--", color=COLORS[2], label="c = k (tau_m + 2 xi_n/omega_n)")
-    for index, (name, (px, py)) in enumerate((points or {}).items()):
+    for index, (name, (px, py)) in enumerate(points.items()):
         axes.plot(
             [px * x_factor],
             [py * y_factor],

@@ -9,6 +9,7 @@ the step where there is none; its eigenvalues z give the roots log(z)/period.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -66,6 +67,11 @@ class SampledLoop:
         z = z[np.abs(z) > 1e-9]
         s = np.log(z.astype(np.complex128)) / self.period
         return s[np.argsort(-s.real)]
+
+    @property
+    def unstable(self) -> int:
+        """How many eigenvalues of the closed loop lie outside the unit circle."""
+        return int(np.sum(np.abs(np.linalg.eigvals(self.closed)) > 1.0 + 1e-9))
 
     def growth(self) -> float:
         """exp(pi sigma/omega) of the rightmost root that oscillates, below half the sampling rate."""
@@ -175,8 +181,15 @@ def _discretised(a: Array, b: Array, time: float, n: int, m: int) -> tuple[Array
     whole = np.zeros((n + m, n + m))
     if n:
         whole[:n, :n], whole[:n, n:] = a, b
-    exponential = scipy.linalg.expm(whole * time)
+    exponential = _exponential((whole * time).tobytes(), n + m)
     return exponential[:n, :n], exponential[:n, n:]
+
+
+@functools.lru_cache(maxsize=4096)
+def _exponential(matrix: bytes, size: int) -> Array:
+    # Points of a chart share most of their matrices.
+    values = np.frombuffer(matrix).reshape(size, size)
+    return scipy.linalg.expm(values) if values.any() else np.eye(size)
 
 
 class _Controller:
