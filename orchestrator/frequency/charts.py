@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import ConfigError, Problem
 from .loop import Loop
 from .quasi import QuasiPolynomial
-from .roots import count_right_of, newton_batch
+from .roots import count_right_of, counts_right_of, newton_batch
 from .transfer import Array
 
 __all__ = ["Chart", "chart", "first_order_damping", "unstable_roots"]
@@ -104,6 +104,8 @@ def unstable_roots(equation: QuasiPolynomial) -> Count:
     if rows <= 2 and full.any():
         whole = flat.pick(full)
         counts[full] = _routh(whole.coefficients[0]) if rows == 1 else _one_delay(whole)
+    elif full.any():
+        counts[full] = counts_right_of(flat.pick(full))
     for index in np.flatnonzero(counts < 0):
         counts[index] = count_right_of(flat.pick(index))
     return counts.reshape(batch)

@@ -71,17 +71,20 @@ class QuasiPolynomial:
             total = total + (inner_slope + delay * inner) * np.exp(-leftmost * delay)
         return total
 
-    def reach(self, leftmost: float) -> float:
-        """A radius beyond which there is no root with Re s >= leftmost [rad/s].
+    def reach(self, leftmost: float) -> Array:
+        """A radius beyond which there is no root with Re s >= leftmost, shape (*batch) [rad/s].
 
         There the highest power outweighs all others: Cauchy's bound, each delay's exponential taken at its
         largest.
         """
         weights = np.exp(-leftmost * self.delays)
-        others = np.einsum("ij,i->j", np.abs(self.coefficients), weights)[:-1] / abs(self.coefficients[0, -1])
-        powers = self.degree - np.arange(self.degree)
+        weighed = np.einsum("ij...,i...->j...", np.abs(self.coefficients), weights)
+        others = weighed[:-1] / np.abs(self.coefficients[0, -1])
+        if not self.degree:
+            return np.zeros(others.shape[1:])
+        powers = (self.degree - np.arange(self.degree)).reshape(-1, *([1] * (others.ndim - 1)))
         # The largest of (n b_j)^(1/(n - j)) is such a radius.
-        return float(np.max((self.degree * others) ** (1.0 / powers))) if self.degree else 0.0
+        return np.max((self.degree * others) ** (1.0 / powers), axis=0)
 
     def pick(self, *index: Any) -> QuasiPolynomial:
         """One of a batch, or some of it, without highest powers that are zero throughout."""

@@ -195,7 +195,7 @@ def stability_figures(loop: Loop) -> dict[str, Figure]:
     late = here[0] + 2.0 * loop.parameters[f"{robot}.xi_n"] / loop.parameters[f"{robot}.omega_n"]
     widest = max(2.5 * late * float(loop.parameters[f"{contact}.stiffness"]), 1.5 * here[1])
     # With several delays each point costs a count of its own.
-    points = 200 if len(loop.characteristic().delays) <= 2 else 40
+    points = 200 if len(loop.characteristic().delays) <= 2 else 60
     across = np.linspace(0.0, max(0.01, 2.0 * here[0]), points)
     active = [
         name for name in loop.named("ComplianceController") if int(loop.parameters[f"{name}.mode"]) == ACTIVE

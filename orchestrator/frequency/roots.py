@@ -24,6 +24,9 @@ _ORDERS = (16, 32, 64, 128, 256)
 # A discretisation that has found some roots but not all asked for is refined no further than this: the others
 # lie so far to the left that they do not matter.
 _ENOUGH = 64
+# Pieces of the upper quarter of a circle to begin with, and equations whose roots are counted at once.
+_ON_ARC = 16
+_AT_ONCE = 2000
 
 
 @dataclass(frozen=True)
@@ -102,46 +105,74 @@ def count_right_of(equation: QuasiPolynomial, line: float = 0.0) -> int:
 
     Raises: OrchestratorError if a root lies on the line to within rounding.
     """
+    batch = QuasiPolynomial(equation.coefficients[..., None], equation.delays[..., None])
+    (count,) = counts_right_of(batch, line)
+    if count < 0:
+        raise OrchestratorError(
+            f"a root lies on the line Re s = {line:g} to within rounding: roots cannot be counted there"
+        )
+    return int(count)
+
+
+def counts_right_of(equation: QuasiPolynomial, line: float = 0.0) -> NDArray[np.int64]:
+    """`count_right_of` for a batch of one axis, shape (n,); -1 where a root lies on the line."""
+    parts = range(0, equation.delays.shape[1], _AT_ONCE)
+    return np.concatenate(
+        [
+            _counts(
+                QuasiPolynomial(
+                    equation.coefficients[..., low : low + _AT_ONCE],
+                    equation.delays[:, low : low + _AT_ONCE],
+                ),
+                line,
+            )
+            for low in parts
+        ]
+    )
+
+
+def _counts(equation: QuasiPolynomial, line: float) -> NDArray[np.int64]:
+    number = equation.delays.shape[1]
     radius = 1.001 * equation.reach(line) + abs(line) + 1e-300
     # Counter-clockwise: from the lower to the upper end, through the right.
-    half_angle = float(np.arccos(np.clip(line / radius, -1.0, 1.0)))
+    half_angle = np.arccos(np.clip(line / radius, -1.0, 1.0))
     top = radius * np.sin(half_angle)
-    angles = np.linspace(-half_angle, half_angle, 33)
-    arc = radius * np.exp(1j * angles)
     # Conjugate symmetry: the upper half of the contour turns as much as the lower.
-    path = np.concatenate([arc[16:], line + 1j * np.linspace(top, 0.0, 65)[1:]])
-    path[16] = line + 1j * top
-    begin, end = path[:-1], path[1:]
-    on_arc = np.arange(len(begin)) < 16
-    turn, depth = 0.0, 0
-    at_begin, at_end = equation(begin), equation(end)
-    while begin.size:
-        middle = np.where(
-            on_arc, radius * np.exp(0.5j * (np.angle(begin) + np.angle(end))), 0.5 * (begin + end)
-        )
-        at_middle = equation(middle)
+    arc = radius * np.exp(1j * half_angle * np.linspace(0.0, 1.0, _ON_ARC + 1)[:, None])
+    arc[-1] = line + 1j * top
+    path = np.concatenate([arc, line + 1j * top * np.linspace(1.0, 0.0, 65)[1:, None]])
+    begin, end = path[:-1].ravel(), path[1:].ravel()
+    owner = np.tile(np.arange(number), len(path) - 1)
+    on_arc = np.repeat(np.arange(len(path) - 1) < _ON_ARC, number)
+    turn, depth = np.zeros(number), 0
+    at_begin, at_end = _of(equation, owner)(begin), _of(equation, owner)(end)
+    while begin.size and depth <= 60:
+        own = _of(equation, owner)
+        bow = radius[owner] * np.exp(0.5j * (np.angle(begin) + np.angle(end)))
+        middle = np.where(on_arc, bow, 0.5 * (begin + end))
+        at_middle = own(middle)
         reach = np.maximum(np.abs(begin - middle), np.abs(end - middle)) * np.where(on_arc, 1.001, 1.0)
-        bound = reach * equation.slope_bound(np.abs(middle) + reach, np.minimum(begin.real, end.real))
+        bound = reach * own.slope_bound(np.abs(middle) + reach, np.minimum(begin.real, end.real))
         fine = bound < np.abs(at_middle)
-        turn += float(
-            np.sum(np.angle(at_middle[fine] / at_begin[fine]) + np.angle(at_end[fine] / at_middle[fine]))
-        )
+        turned = np.angle(at_middle[fine] / at_begin[fine]) + np.angle(at_end[fine] / at_middle[fine])
+        turn += np.bincount(owner[fine], turned, number)
         coarse = ~fine
         depth += 1
-        if depth > 60:
-            raise OrchestratorError(
-                f"a root lies on the line Re s = {line:g} to within rounding: roots cannot be counted there"
-            )
-        begin, end = (
-            np.concatenate([begin[coarse], middle[coarse]]),
-            np.concatenate([middle[coarse], end[coarse]]),
-        )
-        at_begin, at_end = (
-            np.concatenate([at_begin[coarse], at_middle[coarse]]),
-            np.concatenate([at_middle[coarse], at_end[coarse]]),
-        )
-        on_arc = np.concatenate([on_arc[coarse], on_arc[coarse]])
-    return round(turn / np.pi)
+        begin, end = _halves(begin[coarse], middle[coarse], end[coarse])
+        at_begin, at_end = _halves(at_begin[coarse], at_middle[coarse], at_end[coarse])
+        on_arc, owner = np.tile(on_arc[coarse], 2), np.tile(owner[coarse], 2)
+    counts = np.rint(turn / np.pi).astype(np.int64)
+    counts[owner] = -1
+    return counts
+
+
+def _of(equation: QuasiPolynomial, owner: NDArray[np.int64]) -> QuasiPolynomial:
+    """For each piece of contour its own equation."""
+    return QuasiPolynomial(equation.coefficients[..., owner], equation.delays[:, owner])
+
+
+def _halves(begin: Complex, middle: Complex, end: Complex) -> tuple[Complex, Complex]:
+    return np.concatenate([begin, middle]), np.concatenate([middle, end])
 
 
 def _scale(equation: QuasiPolynomial) -> float:

@@ -150,7 +150,7 @@ def grows(mass, stiffness, damping, omega_n, xi_n, tau) -> np.ndarray:
             {"from": f"contact{n}.force", "to": f"satellite{n}.force", "through": hold},
         ]
     names = [f"satellite{n}.position" for n in range(len(mass))]
-    times = {"step_size": "0.2 ms", "stop_time": "2 s", "record": names}
+    times = {"step_size": "0.4 ms", "stop_time": "2 s", "record": names}
     config = {
         "run": {"master": "gauss-seidel", **times},
         "instances": instances,
