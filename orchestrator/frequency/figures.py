@@ -186,10 +186,17 @@ def stability_chart(chart: Chart, points: Mapping[str, tuple[float, float]] | No
         bar.set_ticks(ticks, labels=[f"{tick:.2f}" for tick in ticks])
         bar.ax.minorticks_off()
     if chart.stable.any() and not chart.stable.all():
-        # Where the contact's root alone decides, its growth tells where between two points the border lies.
-        alone = np.isfinite(chart.growth).all() and np.array_equal(chart.growth < 1.0, chart.stable)
-        field, at = (np.log(chart.growth), 0.0) if alone else (chart.stable.astype(float), 0.5)
-        axes.contour(x, y, field, [at], colors="black", linewidths=2.0)
+        # Where the contact's root alone decides, its growth tells where between two points the border lies;
+        # where it does not oscillate, the count of roots does.
+        known = np.isfinite(chart.growth)
+        alone = np.array_equal(chart.growth[known] < 1.0, chart.stable[known])
+        sure = np.where(chart.stable, -0.5, 0.5)
+        field = (
+            np.where(known, np.log(np.where(known, np.maximum(chart.growth, 1e-9), 1.0)), sure)
+            if alone
+            else sure
+        )
+        axes.contour(x, y, field, [0.0], colors="black", linewidths=2.0)
         axes.plot([], [], color="black", linewidth=2.0, label="exact border")
     if chart.rule is not None and (chart.rule > 0).any() and not (chart.rule > 0).all():
         axes.contour(x, y, chart.rule, [0.0], colors=COLORS[2], linestyles="--", linewidths=1.6)
