@@ -109,9 +109,10 @@ def _step(prepared: Prepared, loop: Loop) -> dict[str, Any] | None:
     """What the communication step makes of the growth; None where the master is not analysed."""
     run = prepared.config.model.run
     master = run.master if isinstance(run.master, str) else run.master.get("name")
-    held = isinstance(run.master, str) or not run.master.get("extrapolation")
+    options = {} if isinstance(run.master, str) else run.master
+    held = not options.get("extrapolation") and not options.get("interpolation")
     if (
-        master not in ("jacobi", "gauss-seidel")
+        master not in ("jacobi", "gauss-seidel", "iterative")
         or not held
         or any(one.ratio != 1 for one in prepared.system.instances)
     ):

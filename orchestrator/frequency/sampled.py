@@ -27,7 +27,7 @@ from .transfer import Array
 
 __all__ = ["SampledLoop", "sample"]
 
-_MASTERS = ("jacobi", "gauss-seidel")
+_MASTERS = ("jacobi", "gauss-seidel", "iterative")
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def sample(loop: Loop, master: str, step_size: float) -> SampledLoop:
 
     Args:
         loop: with numbers for parameters.
-        master: "jacobi" or "gauss-seidel", without extrapolation.
+        master: "jacobi" or "gauss-seidel", without extrapolation, or "iterative", without interpolation.
         step_size: [s].
     Raises: ConfigError if the master's steps are not known here, the step is not positive or no part of the
         controller's sample period, or an instance on the loop is of an unknown model.
@@ -244,7 +244,7 @@ class _Steps:
 
     def __init__(self, loop: Loop, master: str, step_size: float, count: int) -> None:
         self.satellite, self.step_size, self.count = loop.only("SatelliteDynamics"), step_size, count
-        self.sequential = master == "gauss-seidel"
+        self.sequential, self.implicit = master == "gauss-seidel", master == "iterative"
         order = [name for name in loop.order or loop.models if name in loop.models]
         self.parts = {name: _part(loop.models[name], loop.parameters_of(name), step_size) for name in order}
         self.wires: dict[tuple[str, str], list[Wire]] = {}
@@ -263,8 +263,11 @@ class _Steps:
             if wires
         }
         self.known = {
-            target: self.sequential
-            and any(order.index(wire.source[0]) < order.index(target[0]) for wire in self.wires[target])
+            target: self.implicit
+            or (
+                self.sequential
+                and any(order.index(wire.source[0]) < order.index(target[0]) for wire in self.wires[target])
+            )
             for target in self.feeds
         }
         self.ahead = self.known[self.satellite, "force"]
@@ -292,26 +295,55 @@ class _Steps:
     def period(self, z: Array, force: Array | None) -> Array:
         """The whole state after a period, column by column; the satellite's force is given, or fed back."""
         for number in range(self.count):
-            begin = z.copy()
-            z = z.copy()
-            for name, part in self.parts.items():
-                seen = z if self.sequential else begin
-                inputs = {}
-                for target, feed in self.feeds.items():
-                    if target[0] == name:
-                        x, memory = self.sources(target, seen), begin[self.memories[target]]
-                        known = self.known[target]
-                        inputs[target[1]] = feed.advance(memory, x)[1] if known else feed.value(memory, x)
-                if name == self.satellite and force is not None:
-                    inputs["force"] = force
-                fed = {key: inputs.get(key, np.zeros(z.shape[1])) for key in (*inputs, *_INPUTS)}
-                state, outputs = part.step(begin[self.places[name]], fed, number == self.count - 1)
-                z[self.places[name]] = state
-                for output, value in zip(part.outputs, outputs, strict=True):
-                    z[self.places[name, output]] = value
+            last = number == self.count - 1
+            z = self.solved(z, force, last) if self.implicit else self.stepped(z, None, force, last)
+        return z
+
+    def stepped(self, begin: Array, end: Array | None, force: Array | None, last: bool) -> Array:
+        """The whole state after a step.
+
+        Args:
+            begin: the state at its begin, shape (size, columns).
+            end: outputs that inputs are to follow instead of those of the begin, placed as in a state; or
+                None.
+            force: on the satellite, shape (columns,); None: the one that is fed back.
+            last: whether the controller samples at the step's end.
+        """
+        z = begin.copy()
+        for name, part in self.parts.items():
+            seen = end if end is not None else z if self.sequential else begin
+            inputs = {}
             for target, feed in self.feeds.items():
-                rows = self.memories[target]
-                z[rows] = feed.advance(begin[rows], self.sources(target, z))[0]
+                if target[0] == name:
+                    x, memory = self.sources(target, seen), begin[self.memories[target]]
+                    known = self.known[target]
+                    inputs[target[1]] = feed.advance(memory, x)[1] if known else feed.value(memory, x)
+            if name == self.satellite and force is not None:
+                inputs["force"] = force
+            fed = {key: inputs.get(key, np.zeros(z.shape[1])) for key in (*inputs, *_INPUTS)}
+            state, outputs = part.step(begin[self.places[name]], fed, last)
+            z[self.places[name]] = state
+            for output, value in zip(part.outputs, outputs, strict=True):
+                z[self.places[name, output]] = value
+        self.remember(begin, z)
+        return z
+
+    def remember(self, begin: Array, z: Array) -> None:
+        """What the connections' effects remember at the step's end, into z."""
+        for target, feed in self.feeds.items():
+            rows = self.memories[target]
+            z[rows] = feed.advance(begin[rows], self.sources(target, z))[0]
+
+    def solved(self, begin: Array, force: Array | None, last: bool) -> Array:
+        """The state after a step at whose end every input agrees with what feeds it: z = P begin + Q z."""
+        places = [self.places[name, one] for name, part in self.parts.items() for one in part.outputs]
+        unit = np.zeros((self.size, len(places)))
+        unit[places, np.arange(len(places))] = 1.0
+        still = None if force is None else np.zeros(len(places))
+        answer = self.stepped(np.zeros_like(unit), unit, still, last)
+        z = self.stepped(begin, np.zeros_like(begin), force, last)
+        z = z + answer @ np.linalg.solve(np.eye(len(places)) - answer[places], z[places])
+        self.remember(begin, z)
         return z
 
     def assembled(self) -> SampledLoop:

@@ -84,6 +84,22 @@ def test_the_step_of_each_master_is_part_of_the_loop(master, step, growth):
     assert sample(Loop.of(PLAIN), master, step).growth() == pytest.approx(growth, rel=2e-4)
 
 
+@pytest.mark.parametrize(
+    ("step", "more"),
+    [
+        ("2 ms", []),
+        ("0.5 ms", ["connections[satellite.force].through=[{delay: 0.33 ms}, {low-pass: 200 Hz}]"]),
+    ],
+)
+def test_the_iterative_master_agrees_with_the_step_s_end(step, more):
+    """Every input holds the value of the step's end: early, so that contacts gain less."""
+    overrides = [*more, "run.master={name: iterative, tolerance: 1e-9}", f"run.step_size={step}"]
+    loop = Loop.of(PLAIN, overrides)
+    predicted = sample(loop, "iterative", float(step[:-3]) * 1e-3).growth()
+    assert predicted == pytest.approx(restitutions(PLAIN, overrides)[0], rel=2e-4)
+    assert predicted < 0.99 * growth_per_contact(contact_root(rightmost_roots(loop.characteristic())))
+
+
 def test_sampled_loop_with_sensor_and_controller():
     overrides = ["controller.mode=off", "sensor.tau_s=2 ms", "run.step_size=50 us"]
     predicted = sample(Loop.of("docking-1d", overrides), "gauss-seidel", 5e-5).growth()
@@ -115,7 +131,7 @@ def test_refusals_of_sampled_loops():
     with pytest.raises(ConfigError) as caught:
         sample(Loop.of(PLAIN), "adaptive", 0.0)
     assert str(caught.value) == (
-        f"{PLAIN}: master 'adaptive' is not analysed\n  known: jacobi, gauss-seidel\n"
+        f"{PLAIN}: master 'adaptive' is not analysed\n  known: jacobi, gauss-seidel, iterative\n"
         f"{PLAIN}: step size is 0.0 s\n  allowed: finite and positive"
     )
 
