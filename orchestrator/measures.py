@@ -48,6 +48,7 @@ _NUMBERS = 1 << 18
 # Name in configs -> where it lives; imported when asked for.
 _MEASURES = {
     "docking": "orchestrator.docking.measures:DockingMeasure",
+    "docking-space": "orchestrator.docking.space:SpaceMeasure",
 }
 
 

@@ -22,6 +22,7 @@ class Contact:
         side: "front" (force on the rod negative) or "rear".
         peak_force: largest absolute force [N].
         velocity_before, velocity_after: free relative velocity of the satellites around the contact [m/s].
+        free_before, free_after: row indices of the instants that these are read at.
     """
 
     first: int
@@ -32,6 +33,8 @@ class Contact:
     peak_force: float
     velocity_before: float
     velocity_after: float
+    free_before: int
+    free_after: int
 
     @property
     def restitution(self) -> float | None:
@@ -39,7 +42,7 @@ class Contact:
         return -self.velocity_after / self.velocity_before if self.velocity_before != 0.0 else None
 
 
-def find_contacts(time: Array, velocity: Array, force: Array) -> list[Contact]:
+def find_contacts(time: Array, velocity: Array, force: Array, settled: float = 1e-6) -> list[Contact]:
     """Find the completed contacts.
 
     A contact is a stretch of rows with a force; stretches that follow one another at the same frame belong
@@ -53,6 +56,8 @@ def find_contacts(time: Array, velocity: Array, force: Array) -> list[Contact]:
         time: instants, shape (n,) [s].
         velocity: relative velocity of the satellites, shape (n,) [m/s].
         force: contact force on the rod, shape (n,) [N].
+        settled: change of the velocity after the last contact, relative to the contact's largest, that still
+            counts as none; in space a turning target carries the rod along in free flight.
     Returns: contacts in order of time.
     """
     touching = force != 0.0
@@ -69,11 +74,11 @@ def find_contacts(time: Array, velocity: Array, force: Array) -> list[Contact]:
             stretches.append((int(first), last, float(peak)))
     contacts = []
     for index, (first, last, peak) in enumerate(stretches):
-        before = velocity[((stretches[index - 1][1] if index else 0) + first) // 2]
+        before = ((stretches[index - 1][1] if index else 0) + first) // 2
         if index + 1 < len(stretches):
-            after = velocity[(last + stretches[index + 1][0]) // 2]
-        elif _has_settled(velocity, first, last):
-            after = velocity[-1]
+            after = (last + stretches[index + 1][0]) // 2
+        elif _has_settled(velocity, first, last, settled):
+            after = len(velocity) - 1
         else:
             break
         contacts.append(
@@ -84,16 +89,18 @@ def find_contacts(time: Array, velocity: Array, force: Array) -> list[Contact]:
                 end_time=float(time[last]),
                 side="front" if peak < 0.0 else "rear",
                 peak_force=abs(peak),
-                velocity_before=float(before),
-                velocity_after=float(after),
+                velocity_before=float(velocity[before]),
+                velocity_after=float(velocity[after]),
+                free_before=before,
+                free_after=after,
             )
         )
     return contacts
 
 
-def _has_settled(velocity: Array, first: int, last: int) -> bool:
+def _has_settled(velocity: Array, first: int, last: int, settled: float) -> bool:
     duration = last - first
     if last + duration >= len(velocity):
         return False
     tail = velocity[last + duration :]
-    return bool(np.ptp(tail) <= 1e-6 * np.max(np.abs(velocity[first : last + 1])))
+    return bool(np.ptp(tail) <= settled * np.max(np.abs(velocity[first : last + 1])))
