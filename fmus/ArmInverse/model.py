@@ -127,10 +127,10 @@ class ArmInverse(Fmi2Slave):
         wrong = wrong + no_turn("orientation", self.orientation)
         refuse(self, what, wrong)
         found, rates = self.current()
-        wrong = singularities(self, geometry_of(self), found)
-        wrong = wrong + stops(self, found.joints, rates)
-        wrong = wrong + jumps(self, self.present, found.joints, step_size)
-        refuse(self, what, wrong)
+        # Out of reach or at a singularity joints and rates mean nothing: what is wrong with them follows.
+        refuse(self, what, singularities(self, geometry_of(self), found))
+        wrong = stops(self, found.joints, rates)
+        refuse(self, what, wrong + jumps(self, self.present, found.joints, step_size))
         self.present = found.joints
 
 
