@@ -88,6 +88,8 @@ UNITS = {
 for _more in (golden_arm, golden_wrench):
     for _table in ("INPUTS", "OUTPUTS", "START", "OTHER", "UNITS"):
         globals()[_table].update(getattr(_more, _table))
+# Models around the engine of a library: no native form, last bits not ours. They have tests apart.
+ENGINES = ("ArmMultibody",)
 # Their outputs follow the inputs of the same instant.
 ALGEBRAIC = tuple(golden_arm.INPUTS)
 
