@@ -131,7 +131,6 @@ def comparison(measured: Mapping[str, Mapping[str, Any]]) -> Figure:
         axes.set_xlabel("contact")
         axes.set_ylabel(text)
         axes.xaxis.get_major_locator().set_params(integer=True)
-    panels[1].set_yscale("log")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
