@@ -102,6 +102,15 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         diagnosis_cli.add_arguments(diagnose)
     diagnose.set_defaults(command_function=_diagnose)
 
+    reproduction = commands.add_parser(
+        "reproduce", help="make the source's figures and numbers again, on one page"
+    )
+    if arguments[:1] == ["reproduce"]:
+        from .docking.reproduction import command as reproducing
+
+        reproducing.add_arguments(reproduction)
+    reproduction.set_defaults(command_function=_reproduce)
+
     schema = commands.add_parser("schema", help="print the JSON Schema of configs")
     schema.set_defaults(command_function=_schema)
 
@@ -217,6 +226,12 @@ def _diagnose(args: argparse.Namespace) -> int:
     from .diagnosis import cli
 
     return cli.main(args)
+
+
+def _reproduce(args: argparse.Namespace) -> int:
+    from .docking.reproduction import command
+
+    return command.main(args)
 
 
 def _schema(args: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..results import Results
     from .measures import DockingOptions
 
-__all__ = ["comparison", "contacts", "estimates", "rebounds"]
+__all__ = ["comparison", "contact_time", "contacts", "estimates", "rebounds"]
 
 Array = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def estimates(results: Results, options: DockingOptions) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True)
     for axes, name in ((upper, "stiffness"), (lower, "damping")):
         estimate = results[f"{options.controller}.{name}_estimate"] * 1e-3
-        for index, (time, rows) in enumerate(_contact_time(results, found)):
+        for index, (time, rows) in enumerate(contact_time(results, found)):
             axes.plot(time, estimate[rows], color=BLUE, label="estimate" if index == 0 else None)
         truth = results.parameters[f"{options.contact}.{name}"] * 1e-3
         axes.axhline(truth, linestyle="--", color=GREY, label="true")
@@ -117,7 +117,7 @@ def _draw_contacts(
 ) -> None:
     velocity = results[f"{options.satellite}.velocity"]
     force = results[f"{options.contact}.force"]
-    for index, (time, rows) in enumerate(_contact_time(results, found)):
+    for index, (time, rows) in enumerate(contact_time(results, found)):
         text = label if index == 0 else None
         upper.plot(time, velocity[rows] * 1e3, color=color, label=text)
         lower.plot(time, force[rows], color=color, label=text)
@@ -137,7 +137,7 @@ def _draw_ideal(
     duration = 2.0 * np.arccos(decay / natural) / damped
     speed = float(results[f"{options.satellite}.velocity"][0])
     restitution = ideal_restitution(stiffness, damping, mass)
-    for index, (time, _) in enumerate(_contact_time(results, found)):
+    for index, (time, _) in enumerate(contact_time(results, found)):
         begin = time[0]
         elapsed = np.linspace(0.0, duration, 200)
         envelope = speed * (-restitution) ** index * np.exp(-decay * elapsed)
@@ -149,7 +149,7 @@ def _draw_ideal(
         lower.plot(begin + elapsed, -(stiffness * depth + damping * rate), **style)
 
 
-def _contact_time(results: Results, found: list[Contact]) -> Iterator[tuple[Array, slice]]:
+def contact_time(results: Results, found: list[Contact]) -> Iterator[tuple[Array, slice]]:
     """Time [s] with the free flight cut out, and rows of each contact with the instants around it."""
     begin = 0.0
     for contact in found:

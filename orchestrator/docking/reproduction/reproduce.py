@@ -1,0 +1,147 @@
+"""Runs the chosen experiments, and puts what they gave beside the source."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from ...formats import strict
+from .catalogue import chosen_figures, experiments
+from .experiment import Case, Experiment, Quantity, Recorded
+from .runs import Failed, Pair, record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Reproduction", "reproduce"]
+
+SOURCE = (
+    'He, Shen, Gao, Zhang: "Active Compliance Control of a Position-Controlled Industrial Robot for '
+    'Simulating Space Operations"'
+)
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """What `reproduce` made.
+
+    Attributes:
+        summary: as in summary.json.
+        figures: by name, in the source's order.
+    """
+
+    summary: dict[str, Any]
+    figures: dict[str, Figure]
+
+    @property
+    def failed(self) -> list[str]:
+        """Messages of the runs that failed."""
+        return [message for one in self.summary["experiments"] for message in one["errors"]]
+
+
+def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bool = False) -> Reproduction:
+    """Make the source's figures and numbers again, by co-simulation.
+
+    Runs are made in processes of their own, which import the calling script: it has to call this under
+    `if __name__ == "__main__"`.
+
+    Args:
+        only: figures, groups of them or experiments, for example ("fig6", "fig3"); everything if empty.
+        jobs: number of processes; as many as there are cores by default.
+        progress: whether to show a bar on a terminal.
+    Returns: numbers beside the source's, and figures. Runs that failed are told in the summary.
+    Raises: ConfigError for an unknown name.
+    """
+    begin = perf_counter()
+    figures = chosen_figures(only)
+    parts = {
+        name: one for name, one in experiments().items() if any(figure in one.FIGURES for figure in figures)
+    }
+    cases = {name: one.cases() for name, one in parts.items()}
+    recorded = record([case for some in cases.values() for case in some], jobs, progress)
+    told, drawn = [], {}
+    for name, one in parts.items():
+        chosen = tuple(figure for figure in one.FIGURES if figure in figures)
+        entry, more = _evaluate(name, one, chosen, cases[name], recorded)
+        told.append(entry)
+        drawn |= more
+    quantities = [quantity for entry in told for quantity in entry["quantities"]]
+    summary = {
+        "reference": SOURCE,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "packages": _packages(recorded),
+        "runs": 2 * len(recorded),
+        "wall_time": perf_counter() - begin,
+        "numbers": len(quantities),
+        "source": _verdicts(quantities, "source"),
+        "theory": _verdicts(quantities, "theory"),
+        "figures": list(drawn),
+        "experiments": told,
+    }
+    return Reproduction(strict(summary), drawn)
+
+
+def _verdicts(quantities: Iterable[Mapping[str, Any]], against: str) -> dict[str, int]:
+    found = [one["agrees"] for one in quantities if one["against"] == against]
+    return {"agree": found.count(True), "differ": found.count(False)}
+
+
+def _packages(recorded: Mapping[Case, Pair | Failed]) -> dict[str, str]:
+    """Versions of what ran, where the installation tells them."""
+    for one in recorded.values():
+        if isinstance(one, Pair):
+            packages = one.whole.results.provenance["packages"]
+            return {name: version for name, version in packages.items() if version is not None}
+    return {}
+
+
+def _evaluate(
+    name: str,
+    experiment: Experiment,
+    chosen: Sequence[str],
+    cases: Iterable[Case],
+    recorded: Mapping[Case, Pair | Failed],
+) -> tuple[dict[str, Any], dict[str, Figure]]:
+    """An experiment's entry of the summary, and its figures."""
+    cases = tuple(cases)
+    entry: dict[str, Any] = {
+        "name": name,
+        "title": experiment.TITLE,
+        "about": list(experiment.ABOUT),
+        "runs": {case.name: {"system": case.system, "overrides": list(case.overrides)} for case in cases},
+        "figures": {},
+        "quantities": [],
+        "errors": [recorded[case].message for case in cases if isinstance(recorded[case], Failed)],
+    }
+    if entry["errors"]:
+        return entry, {}
+    whole: dict[str, Recorded] = {case.name: recorded[case].whole for case in cases}
+    halved: dict[str, Recorded] = {case.name: recorded[case].halved for case in cases}
+    after = {one.key: one.ours for one in experiment.quantities(halved)}
+    entry["quantities"] = [
+        _told(one, after.get(one.key)) for one in experiment.quantities(whole) if one.figure in chosen
+    ]
+    entry["figures"] = {figure: experiment.FIGURES[figure] for figure in chosen}
+    return entry, {figure: experiment.draw(figure, whole) for figure in chosen}
+
+
+def _told(quantity: Quantity, after: float | None) -> dict[str, Any]:
+    return {
+        "key": quantity.key,
+        "figure": quantity.figure,
+        "text": quantity.text,
+        "unit": quantity.unit,
+        "paper": quantity.paper,
+        "ours": quantity.ours,
+        "criterion": None if quantity.criterion is None else quantity.criterion.text,
+        "against": quantity.against,
+        "agrees": quantity.agrees,
+        "halving_change": None if after is None else after - quantity.ours,
+        "note": quantity.note,
+    }
