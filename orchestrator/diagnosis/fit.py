@@ -15,9 +15,9 @@ from .study import Array
 
 __all__ = ["Base", "Fit", "Fitter", "Replay"]
 
-_MAX_ITERATIONS = 12
+_MAX_ITERATIONS = 30
 # A fit has converged when the cost falls by less.
-_CONVERGED = 0.05
+_CONVERGED = 0.3
 
 
 @dataclass(frozen=True)
@@ -93,11 +93,18 @@ class Fitter:
     Args:
         inflation: by which squared residuals are divided: autocorrelated residuals, and what no model holds,
             carry less information than their number.
+        roughness: directions of stacked residuals in which every rig strays a little, scaled to one standard
+            deviation, shape (residuals, k); they are marginalised in every fit.
     """
 
-    def __init__(self, replay: Replay, inflation: float = 1.0) -> None:
+    def __init__(self, replay: Replay, inflation: float = 1.0, roughness: Array | None = None) -> None:
         self.replay = replay
         self.inflation = inflation
+        self._shrink: tuple[Array, Array] | None = None
+        if roughness is not None and roughness.size:
+            directions, spread, _ = np.linalg.svd(roughness / math.sqrt(inflation), full_matrices=False)
+            # (1 + C C')^(-1/2) r, which is r but along the directions.
+            self._shrink = directions, 1.0 / np.sqrt(1.0 + spread**2) - 1.0
         self._names = tuple(replay.tolerances)
         self._centre = np.array([one[0] for one in replay.tolerances.values()])
         self._tolerance = np.array([one[1] for one in replay.tolerances.values()])
@@ -135,8 +142,23 @@ class Fitter:
         """Normalised residuals, per run and channel, at normalised parameters."""
         return self.replay.residuals(self._calibrated(z), effects, self._theta(effects, z))
 
-    def _stacked(self, effects: tuple[Effect, ...], z: Array) -> Array:
-        return np.concatenate(self.residuals(effects, z)) / math.sqrt(self.inflation)
+    def stacked(self, effects: tuple[Effect, ...], z: Array) -> Array:
+        """All residuals in a row, inflation and roughness accounted for."""
+        r = np.concatenate(self.residuals(effects, z)) / math.sqrt(self.inflation)
+        if self._shrink is not None and np.isfinite(r).all():
+            directions, shrink = self._shrink
+            r += directions @ (shrink * (directions.T @ r))
+        return r
+
+    def left(self, residuals: Iterable[Array]) -> list[Array]:
+        """Residuals less what roughness most probably makes of them."""
+        residuals = list(residuals)
+        if self._shrink is None:
+            return residuals
+        directions, shrink = self._shrink
+        r = np.concatenate(residuals)
+        r = r - directions @ ((1.0 - (1.0 + shrink) ** 2) * (directions.T @ r))
+        return np.split(r, np.cumsum([len(one) for one in residuals])[:-1])
 
     def starts(self, effect: Effect) -> list[Array]:
         """Where fits of an effect begin, in normalised parameters."""
@@ -175,7 +197,7 @@ class Fitter:
             [place for place in range(len(z)) if place < count or not parameters[place - count].whole],
             np.intp,
         )
-        r = self._stacked(effects, z)
+        r = self.stacked(effects, z)
         cost = _cost(r, z)
         jacobian = self.jacobian(effects, z, r, range(len(z)) if known is None else range(count, len(z)))
         if known is not None:
@@ -190,7 +212,7 @@ class Fitter:
                 ahead = z.copy()
                 ahead[free] -= np.linalg.solve(damped[np.ix_(free, free)], slope[free])
                 ahead = self._bounded(effects, ahead)
-                r_ahead = self._stacked(effects, ahead)
+                r_ahead = self.stacked(effects, ahead)
                 cost_ahead = _cost(r_ahead, ahead)
                 if cost_ahead < cost:
                     move = ahead - z
@@ -230,7 +252,7 @@ class Fitter:
         for place in places:
             ahead = z.copy()
             ahead[place] += 0.05
-            found[:, place] = (self._stacked(effects, ahead) - r) / 0.05
+            found[:, place] = (self.stacked(effects, ahead) - r) / 0.05
         return found
 
     def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
@@ -243,7 +265,7 @@ class Fitter:
             effects = (*base.effects, effect)
             for start in self.starts(effect):
                 z = np.concatenate([base.z, start])
-                r = self._stacked(effects, z)
+                r = self.stacked(effects, z)
                 if not np.isfinite(r).all():
                     continue
                 columns = base.jacobian
@@ -265,7 +287,7 @@ class Fitter:
 
     def base(self, effects: tuple[Effect, ...], z: Array) -> Base:
         """A point to screen from."""
-        r = self._stacked(effects, z)
+        r = self.stacked(effects, z)
         return Base(effects, z, r, self.jacobian(effects, z, r, range(len(z))))
 
     def _bounded(self, effects: tuple[Effect, ...], z: Array) -> Array:

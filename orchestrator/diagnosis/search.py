@@ -1,0 +1,176 @@
+"""Forward search for the effects that explain a group of logs, alone and combined."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from .effect import Effect
+from .fit import Base, Fit, Fitter
+from .study import Array
+
+__all__ = ["Search", "collinear", "roughness", "search", "sensitivity"]
+
+# Effects at this share of their priors are roughness that every rig has.
+_ROUGH = 0.02
+_KEPT_SINGLES, _KEPT_PAIRS, _LONGEST = 8, 5, 3
+# A further effect is sought while the linearised problem promises to lower the cost by this much.
+_PROMISING = 20.0
+
+_In, _Out = TypeVar("_In"), TypeVar("_Out")
+
+
+@dataclass(frozen=True)
+class Search:
+    """What a search found.
+
+    Attributes:
+        none: the fit of the calibration alone; beside what is there anyway.
+        fits: of one effect and more, largest log evidence first.
+    """
+
+    none: Fit
+    fits: tuple[Fit, ...]
+
+    def gain(self, fit: Fit) -> float:
+        """Log evidence of a fit over that of none [nats]."""
+        return fit.log_evidence - self.none.log_evidence
+
+
+def _each(function: Callable[[_In], _Out], items: Sequence[_In]) -> list[_Out]:
+    """Results in the order of the items; replays release the interpreter's lock."""
+    with ThreadPoolExecutor(max_workers=2) as pool:
+        return list(pool.map(function, items))
+
+
+def roughness(fitter: Fitter, effects: Sequence[Effect]) -> Array:
+    """Directions of the stacked residuals in which effects at 2 % of their priors move them.
+
+    Effects whose size is no continuous parameter that vanishes at zero are left out.
+
+    Returns: one column per effect and start, scaled to one standard deviation, shape (residuals, k).
+    """
+    count = len(fitter.replay.tolerances)
+    r = fitter.stacked((), np.zeros(count))
+    columns = []
+    for effect in effects:
+        if effect.parameters[0].whole or effect.parameters[0].shape or effect.statistic:
+            continue
+        starts = fitter.starts(effect)
+        for start in {tuple(one[1:]) for one in starts}:
+            z = np.concatenate([np.zeros(count), [_ROUGH], start])
+            column = fitter.stacked((effect,), z) - r
+            if np.isfinite(column).all():
+                columns.append(column / math.sqrt(len({tuple(one[1:]) for one in starts})))
+    return np.column_stack(columns) if columns else np.zeros((r.size, 0))
+
+
+def search(
+    fitter: Fitter,
+    effects: Sequence[Effect],
+    always: tuple[Effect, ...] = (),
+    longest: int = _LONGEST,
+) -> Search:
+    """Fit none, the most promising single effects, and combinations built from the best of them.
+
+    Args:
+        effects: to choose from.
+        always: effects that every model holds.
+        longest: how many effects a combination may have.
+    """
+    count = len(fitter.replay.tolerances)
+    start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
+    none = fitter.fit(always, None, start)
+    nominal = np.concatenate([np.zeros(count), none.z[count:]])
+    bases = _each(lambda z: fitter.base(always, z), [nominal, none.z])
+    found: list[Fit] = _grow(fitter, effects, bases, none.cost, _KEPT_SINGLES)
+    level = found
+    for size in range(2, longest + 1):
+        level = sorted(level, key=lambda fit: -fit.log_evidence)[:3]
+        if not level or level[0].cost > none.cost - _PROMISING:
+            break
+        bases = _each(lambda fit: fitter.base(fit.effects, fit.z), level)
+        level = _grow(fitter, effects, bases, level[0].cost - _PROMISING, _KEPT_PAIRS)
+        found += [fit for fit in level if len(fit.effects) == size + len(always)]
+    unique: dict[frozenset[str], Fit] = {}
+    for fit in found:
+        key = frozenset(effect.id for effect in fit.effects)
+        if key not in unique or fit.cost < unique[key].cost:
+            unique[key] = fit
+    return Search(none, tuple(sorted(unique.values(), key=lambda fit: -fit.log_evidence)))
+
+
+def _grow(
+    fitter: Fitter, effects: Sequence[Effect], bases: Sequence[Base], highest: float, kept: int
+) -> list[Fit]:
+    """Fit the most promising effects on top of some bases.
+
+    Args:
+        highest: cost that the linearised problem must promise to stay below.
+        kept: how many are fitted at most.
+    """
+    tasks = [
+        (effect, base)
+        for effect in effects
+        for base in _distinct(bases)
+        if all(effect.id != other.id for other in base[0].effects)
+    ]
+
+    def promise(task: tuple[Effect, tuple[Base, ...]]) -> tuple[float, Base, Array]:
+        return fitter.screen(task[0], task[1])
+
+    screened = [
+        (cost, effect, base, start)
+        for (effect, _), (cost, base, start) in zip(tasks, _each(promise, tasks), strict=True)
+        if cost < highest
+    ]
+    screened.sort(key=lambda one: one[0])
+    chosen, seen = [], set()
+    for one in screened:
+        key = frozenset([*(effect.id for effect in one[2].effects), one[1].id])
+        if key not in seen and len(chosen) < kept:
+            chosen.append(one)
+            seen.add(key)
+
+    def fitted(one: tuple[float, Effect, Base, Array]) -> Fit | None:
+        _, effect, base, start = one
+        count = len(fitter.replay.tolerances)
+        try:
+            return fitter.fit(
+                (*base.effects, effect), base.z[:count], np.concatenate([base.z[count:], start]),
+                base.jacobian[:, :count],
+            )  # fmt: skip
+        except np.linalg.LinAlgError:
+            return None
+
+    return [fit for fit in _each(fitted, chosen) if fit is not None and math.isfinite(fit.cost)]
+
+
+def _distinct(bases: Sequence[Base]) -> list[tuple[Base, ...]]:
+    """Bases by the effects that they hold: an effect is screened from all bases of equal effects at once."""
+    groups: dict[tuple[Effect, ...], list[Base]] = {}
+    for base in bases:
+        groups.setdefault(base.effects, []).append(base)
+    return [tuple(group) for group in groups.values()]
+
+
+def sensitivity(fitter: Fitter, fit: Fit) -> Array:
+    """What the effects of a fit change of its replay, less what the calibration could, shape (residuals,)."""
+    count = len(fitter.replay.tolerances)
+    r = fitter.stacked(fit.effects, fit.z)
+    base = fitter.stacked((), fit.z[:count])
+    columns = fitter.jacobian(fit.effects, fit.z, r, range(count))[:, :count]
+    change = r - base
+    hessian = columns.T @ columns + np.eye(count)
+    return change - columns @ np.linalg.solve(hessian, columns.T @ change)
+
+
+def collinear(one: Array, other: Array) -> float:
+    """Cosine between two changes of a replay, positive where one may stand in for the other."""
+    scale = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return abs(float(one @ other)) / scale if scale > 0 else 0.0

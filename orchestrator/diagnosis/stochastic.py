@@ -1,0 +1,323 @@
+"""Stochastic effects, known by statistics of what the best deterministic model leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.optimize import minimize
+
+from .misfit import hum
+from .model import RigModel
+from .rig import HISTORY, Calibrated, _transition
+from .study import Array
+
+__all__ = ["Force", "Noise", "flights", "link_noise", "sensor_noise"]
+
+# Ticks about a contact that count with it.
+_MARGIN = 40
+_PARTICLES = 96
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A stochastic effect, weighed.
+
+    Attributes:
+        theta: its parameters.
+        log_evidence: over its absence [nats].
+        scale: by which the noise of its channel appears larger to a fit.
+    """
+
+    id: str
+    theta: tuple[float, ...]
+    log_evidence: float
+    scale: float = 1.0
+
+
+def flights(force: Array) -> list[slice]:
+    """Stretches without contact, from the contact force of a replay, shape (n,)."""
+    touched = np.convolve(np.abs(force) > 0.0, np.ones(2 * _MARGIN + 1), "same") > 0.5
+    touched[:20] = True
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], touched.astype(int), [1]])))
+    return [slice(a, b) for a, b in edges.reshape(-1, 2) if b - a >= 40]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _ar_likelihood(r, deviation, keep, white):
+    """Log likelihood of a first-order autoregressive process in white noise (a Kalman filter)."""
+    total, mean, variance = 0.0, 0.0, deviation * deviation
+    for value in r:
+        s = variance + white * white
+        error = value - mean
+        total -= 0.5 * (error * error / s + math.log(s))
+        gain = variance / s
+        mean = keep * (mean + gain * error)
+        variance = keep * keep * variance * (1.0 - gain) + (1.0 - keep * keep) * deviation * deviation
+    return total
+
+
+def _coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float, float]:
+    """Log evidence of coloured noise, its deviation, its memory per sample, and that of white noise alone."""
+    size = sum(map(len, parts))
+    spread = math.sqrt(sum(float(part @ part) for part in parts) / size)
+    white = sum(_ar_likelihood(part, 0.0, 0.0, max(spread, 0.5 * noise)) for part in parts)
+
+    def cost(x: Array) -> float:
+        keep = 1.0 / (1.0 + math.exp(-x[1]))
+        return -sum(_ar_likelihood(part, math.exp(x[0]), keep, math.exp(x[2])) for part in parts)
+
+    best = min(
+        (
+            minimize(cost, [math.log(max(spread, 0.1 * noise)), start, math.log(noise)], method="Nelder-Mead",
+                     options={"maxiter": 250, "xatol": 0.02, "fatol": 0.1})
+            for start in (1.0, 3.0)
+        ),
+        key=lambda one: one.fun,
+    )  # fmt: skip
+    keep = 1.0 / (1.0 + math.exp(-best.x[1]))
+    # Two parameters more than white noise, each worth half the logarithm of the number of samples.
+    return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep, white
+
+
+@dataclass(frozen=True)
+class Force:
+    """What the force's samples tell beside what models of the rig explain.
+
+    Attributes:
+        noises: stochastic effects found.
+        line: log evidence of a narrow-band line [nats]; held: of samples that repeat in contact more often
+            than out of it, as where the sensor saturates. Neither is an effect of the catalogue.
+        repeats: which samples repeat the one before, by run.
+    """
+
+    noises: tuple[Noise, ...]
+    line: float
+    held: float
+    repeats: tuple[Array, ...]
+
+
+def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array]) -> Force:
+    """Weigh coarse resolution, lost samples and coloured noise of the force.
+
+    Args:
+        left: residuals of the force by run, over its noise.
+        contact: replayed contact force by run [N]; coloured noise is sought in flights only.
+    """
+    nominal = model.study.nominal
+    noise, resolution = nominal["force_noise"].value, nominal["force_resolution"].value
+    windows = [flights(force) for force in contact]
+    found = []
+    forces = [run["sensor_force"] for run in model.runs]
+    samples = np.concatenate(forces)
+    step = _lattice(samples, resolution)
+    if step > 1.5 * resolution:
+        found.append(Noise("sensor.quantisation", (step,), float(len(samples)) * math.log(step / resolution)))
+    repeats = tuple(np.concatenate([[False], np.diff(force) == 0.0]) for force in forces)
+    raw = [force[window] for force, some in zip(forces, windows, strict=True) for window in some]
+    lost = 0.0
+    if raw and step < noise:
+        lost, evidence = _lost(raw, step)
+        if evidence > 0.0:
+            found.append(Noise("sensor.dropout", (lost,), evidence))
+    held = 0.0 if step >= noise else _held(repeats, contact, windows)
+    # Repeated samples are no samples of their own; where none are lost they are chance.
+    parts = [
+        r[window][~again[window]] if lost > 0.02 else r[window]
+        for r, again, some in zip(left, repeats, windows, strict=True)
+        for window in some
+    ]
+    parts = [noise * part for part in parts if len(part) >= 30]
+    # A coarse resolution adds a noise of its own that is not white out of contact; it hides small others.
+    if not parts or step > noise:
+        return Force(tuple(found), 0.0, held, repeats)
+    evidence, deviation, keep, _ = _coloured(parts, noise)
+    line, _ = hum(np.concatenate(parts), _consecutive(parts))
+    if line > max(evidence, 10.0):
+        return Force(tuple(found), line, held, repeats)
+    if deviation > 0.3 * noise and keep > 0.3 and evidence > 0.0:
+        apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
+        found.append(
+            Noise("sensor.coloured-noise", (deviation,), evidence, math.hypot(1.0, apparent / noise))
+        )
+    return Force(tuple(found), 0.0, held, repeats)
+
+
+def _held(
+    repeats: Sequence[Array], contact: Sequence[Array], windows: Sequence[Sequence[slice]]
+) -> float:
+    """Log evidence that samples repeat in contact more often than out of it [nats]."""
+    inside = np.concatenate([again[np.abs(force) > 0.0] for again, force in zip(repeats, contact, strict=True)])
+    free = [again[window] for again, some in zip(repeats, windows, strict=True) for window in some]
+    if not free or not inside.size:
+        return 0.0
+    outside = np.concatenate(free)
+    a, n, b, m = inside.sum(), inside.size, outside.sum(), outside.size
+    if a / n <= b / m:
+        return 0.0
+
+    def likelihood(k: float, of: float, p: float) -> float:
+        p = min(max(p, 0.5 / of), 1.0 - 0.5 / of)
+        return float(k * math.log(p) + (of - k) * math.log(1.0 - p))
+
+    both = (a + b) / (n + m)
+    apart = likelihood(a, n, a / n) + likelihood(b, m, b / m)
+    return max(0.0, apart - likelihood(a, n, both) - likelihood(b, m, both) - 0.5 * math.log(n))
+
+
+def _consecutive(parts: Sequence[Array]) -> list[slice]:
+    ends = np.cumsum([0, *map(len, parts)])
+    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def _lattice(samples: Array, resolution: float) -> float:
+    """The coarsest step whose multiples, rounded to the resolution, all samples are."""
+    best = resolution
+    for step in np.arange(1, 401) * 0.5 * resolution:
+        if step <= best:
+            continue
+        nearest = np.round(samples / step) * step
+        if np.mean(np.abs(np.round(nearest / resolution) * resolution - samples) < 0.51 * resolution) > 0.999:
+            fine = np.unique(np.round(samples / resolution))
+            # A step below two of the resolution would hold nearly every sample anyway.
+            expected = len(fine) / max((fine[-1] - fine[0]) + 1.0, 1.0)
+            if step >= 2.0 * resolution and expected < 0.9:
+                best = float(step)
+    return best
+
+
+def _lost(parts: Sequence[Array], step: float) -> tuple[float, float]:
+    """Probability of a lost sample and its log evidence, from how often a sample repeats the last one.
+
+    Steps of one and two resolutions tell how often it would by chance: they are normally distributed.
+    """
+    counts = np.zeros(3)
+    total = 0
+    for part in parts:
+        change = np.abs(np.round(np.diff(part) / step))
+        counts += [np.sum(change == 0), 0.5 * np.sum(change == 1), 0.5 * np.sum(change == 2)]
+        total += len(change)
+    if counts[1] < 20 or counts[2] < 20:
+        return 0.0, 0.0
+    chance = counts[1] ** (4.0 / 3.0) / counts[2] ** (1.0 / 3.0)
+    rest = total - counts[0]
+    # Lost samples are not among the steps that tell of chance.
+    share = counts[0] / total
+    expected = chance / (chance + rest)
+    lost = (share - expected) / (1.0 - expected)
+    error = math.sqrt(expected * (1.0 - expected) / total) + 0.1 * expected
+    if lost <= 0.0:
+        return 0.0, 0.0
+    return float(lost), float(0.5 * (lost / error) ** 2 - math.log(total) / 2.0)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
+    """Log likelihood of encoder samples if commands are lost or delayed at random (a particle filter).
+
+    Args:
+        kind: 0 for commands lost with a probability `amount`, 1 for delays of up to `amount` [s] more.
+        commands: sent, shape (HISTORY + n,), as `run_rig` takes them; encoder: shape (n,) [m].
+    """
+    np.random.seed(seed)
+    h = p[12]
+    subs = 5
+    dt = h / subs
+    e11, e12, e21, e22, _, _ = _transition(p[0], p[1], dt)
+    n = encoder.shape[0]
+    depth = 16
+    x, v = np.empty(particles), np.empty(particles)
+    received = np.empty((particles, depth))
+    for one in range(particles):
+        x[one], v[one] = encoder[0], (commands[HISTORY] - commands[HISTORY - 1]) / h
+        for back in range(depth):
+            received[one, back] = commands[HISTORY - depth + back]
+    weight = np.empty(particles)
+    pick = np.empty(particles, np.int64)
+    x2, v2, received2 = np.empty(particles), np.empty(particles), np.empty((particles, depth))
+    total = 0.0
+    for i in range(n - 1):
+        top = -1e300
+        for one in range(particles):
+            last = received[one, depth - 1]
+            for back in range(depth - 1):
+                received[one, back] = received[one, back + 1]
+            lost = kind == 0 and np.random.random() < amount
+            received[one, depth - 1] = last if lost else commands[HISTORY + i]
+            tau = p[2] + (amount * np.random.random() if kind == 1 else 0.0)
+            for sub in range(subs):
+                since = (sub + 1) * dt - tau
+                ticks = math.floor(since / h)
+                index = depth - 1 + int(ticks)
+                index = min(max(index, 1), depth - 1)
+                share = min((since - ticks * h) / dt, 1.0)
+                c = share * received[one, index] + (1.0 - share) * received[one, index - 1]
+                a, b = x[one] - c, v[one]
+                x[one] = c + e11 * a + e12 * b
+                v[one] = e21 * a + e22 * b
+            error = (encoder[i + 1] - x[one]) / noise
+            weight[one] = -0.5 * error * error
+            top = max(top, weight[one])
+        sum_ = 0.0
+        for one in range(particles):
+            weight[one] = math.exp(weight[one] - top)
+            sum_ += weight[one]
+        total += top + math.log(sum_ / particles)
+        # Systematic resampling.
+        at = np.random.random() / particles
+        have = weight[0] / sum_
+        j = 0
+        for one in range(particles):
+            while have < at + one / particles and j < particles - 1:
+                j += 1
+                have += weight[j] / sum_
+            pick[one] = j
+        for one in range(particles):
+            x2[one], v2[one] = x[pick[one]], v[pick[one]]
+            received2[one] = received[pick[one]]
+        x[:], v[:], received[:] = x2, v2, received2
+    return total
+
+
+def link_noise(model: RigModel, lag: float) -> list[Noise]:
+    """Weigh lost commands and random delays by how well they explain the encoder samples.
+
+    Args:
+        lag: by which the robot follows a ramp of commands, as fitted [s]; delay, servo and the mean of what
+            is random make it up. The servo is taken as calibrated, since a fit that knows of no randomness
+            strays in it.
+    Returns: both, each with its log likelihood, which is -chi2/2 where nothing is random.
+    """
+    nominal = model.study.nominal
+    noise = math.hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / math.sqrt(12.0))
+    tick = model.study.tick
+
+    def likelihood(kind: int, amount: float, mean: float) -> float:
+        total = 0.0
+        for index, run in enumerate(model.runs):
+            p = model.parameters(index, {}, (), np.zeros(0))
+            servo = 2.0 * p[Calibrated.DAMPING_RATIO] / p[Calibrated.NATURAL_FREQUENCY]
+            p[Calibrated.RESPONSE_DELAY] = max(lag - servo - mean, 0.0)
+            commands = model._commands[index]
+            total += _filter(
+                kind, amount, p, commands, run["encoder_position"], noise, _PARTICLES, 7
+            )
+        return total
+
+    found = []
+    for name, kind, amounts in (
+        ("link.packet-loss", 0, (0.01, 0.02, 0.04, 0.07, 0.11, 0.17, 0.25, 0.35)),
+        ("link.jitter", 1, (0.0003, 0.0006, 0.001, 0.0015, 0.0022, 0.003)),
+    ):
+        values = [
+            likelihood(kind, amount, amount / (1 - amount) * tick if kind == 0 else 0.5 * amount)
+            for amount in amounts
+        ]
+        best = int(np.argmax(values))
+        found.append(Noise(name, (amounts[best],), values[best]))
+    return found
+
+
