@@ -55,7 +55,7 @@ class Calibration:
         """
         best = max(max(one.gain for one in answers), 0.0)
         temperature = self.temperature + self.growth * math.sqrt(best)
-        scores = [0.0]
+        scores = [answers[0].gain / temperature]
         for one in answers[1:]:
             scores.append(one.gain / temperature - self.first - (len(one.effects) - 1) * self.further)
         top = int(np.argmax(scores))

@@ -177,6 +177,7 @@ class Fitter:
         begin: Array | None = None,
         start: Array | None = None,
         known: Array | None = None,
+        aim: float = math.inf,
     ) -> Fit:
         """Fit effects and calibration.
 
@@ -185,6 +186,7 @@ class Fitter:
             start: normalised parameters of the effects to begin from.
             known: derivatives of the stacked residuals by the calibration where the fit begins, if at hand,
                 shape (residuals, calibrated).
+            aim: a cost; a fit that will not come near it is given up.
         """
         count = len(self._names)
         parameters = [one for effect in effects for one in effect.parameters]
@@ -203,7 +205,7 @@ class Fitter:
         if known is not None:
             jacobian[:, :count] = known
         fresh, damping = known is None, 1e-3
-        for _ in range(_MAX_ITERATIONS):
+        for iteration in range(_MAX_ITERATIONS):
             hessian = jacobian.T @ jacobian + np.eye(len(z))
             slope = jacobian.T @ r + z
             gain, fresh_before = 0.0, fresh
@@ -224,6 +226,8 @@ class Fitter:
                     break
                 damping *= 10.0
             if gain < _CONVERGED and fresh_before:
+                break
+            if iteration > 3 and cost > aim and 10.0 * gain < cost - aim:
                 break
             if gain < max(_CONVERGED, 2e-4 * cost) and not fresh_before:
                 jacobian, fresh, damping = self.jacobian(effects, z, r, range(len(z))), True, 1e-3

@@ -18,7 +18,9 @@ __all__ = ["Search", "collinear", "roughness", "search", "sensitivity"]
 
 # Effects at this share of their priors are roughness that every rig has.
 _ROUGH = 0.02
-_KEPT_SINGLES, _KEPT_PAIRS, _LONGEST = 8, 5, 3
+_KEPT_SINGLES, _KEPT_PAIRS, _LONGEST = 7, 4, 3
+# Fits that will not come this near the best cost found are given up.
+_NEAR = 60.0
 # A further effect is sought while the linearised problem promises to lower the cost by this much.
 _PROMISING = 20.0
 
@@ -91,12 +93,16 @@ def search(
     found: list[Fit] = _grow(fitter, effects, bases, none.cost, _KEPT_SINGLES)
     level = found
     for size in range(2, longest + 1):
-        level = sorted(level, key=lambda fit: -fit.log_evidence)[:3]
+        level = sorted(level, key=lambda fit: -fit.log_evidence)[:2]
         if not level or level[0].cost > none.cost - _PROMISING:
             break
+        before = level[0]
         bases = _each(lambda fit: fitter.base(fit.effects, fit.z), level)
         level = _grow(fitter, effects, bases, level[0].cost - _PROMISING, _KEPT_PAIRS)
-        found += [fit for fit in level if len(fit.effects) == size + len(always)]
+        level = [fit for fit in level if len(fit.effects) == size + len(always)]
+        found += level
+        if max((fit.log_evidence for fit in level), default=-math.inf) < before.log_evidence + 5.0:
+            break
     unique: dict[frozenset[str], Fit] = {}
     for fit in found:
         key = frozenset(effect.id for effect in fit.effects)
@@ -137,18 +143,25 @@ def _grow(
             chosen.append(one)
             seen.add(key)
 
+    aim = math.inf
+
     def fitted(one: tuple[float, Effect, Base, Array]) -> Fit | None:
         _, effect, base, start = one
         count = len(fitter.replay.tolerances)
         try:
             return fitter.fit(
                 (*base.effects, effect), base.z[:count], np.concatenate([base.z[count:], start]),
-                base.jacobian[:, :count],
+                base.jacobian[:, :count], aim,
             )  # fmt: skip
         except np.linalg.LinAlgError:
             return None
 
-    return [fit for fit in _each(fitted, chosen) if fit is not None and math.isfinite(fit.cost)]
+    found: list[Fit] = []
+    for first in range(0, len(chosen), 2):  # two at a time: what is given up does not depend on the machine
+        fits = _each(fitted, chosen[first : first + 2])
+        found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
+        aim = min([fit.cost for fit in found], default=math.inf) + _NEAR
+    return found
 
 
 def _distinct(bases: Sequence[Base]) -> list[tuple[Base, ...]]:

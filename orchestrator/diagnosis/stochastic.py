@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -38,9 +39,9 @@ class Noise:
     scale: float = 1.0
 
 
-def flights(force: Array) -> list[slice]:
-    """Stretches without contact, from the contact force of a replay, shape (n,)."""
-    touched = np.convolve(np.abs(force) > 0.0, np.ones(2 * _MARGIN + 1), "same") > 0.5
+def flights(touching: Array) -> list[slice]:
+    """Stretches without contact, from whether a replay touches at each tick, shape (n,)."""
+    touched = np.convolve(touching, np.ones(2 * _MARGIN + 1), "same") > 0.5
     touched[:20] = True
     edges = np.flatnonzero(np.diff(np.concatenate([[1], touched.astype(int), [1]])))
     return [slice(a, b) for a, b in edges.reshape(-1, 2) if b - a >= 40]
@@ -105,11 +106,11 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
 
     Args:
         left: residuals of the force by run, over its noise.
-        contact: replayed contact force by run [N]; coloured noise is sought in flights only.
+        contact: whether a replay touches, per tick, by run; coloured noise is sought in flights only.
     """
     nominal = model.study.nominal
     noise, resolution = nominal["force_noise"].value, nominal["force_resolution"].value
-    windows = [flights(force) for force in contact]
+    windows = [flights(one) for one in contact]
     found = []
     forces = [run["sensor_force"] for run in model.runs]
     samples = np.concatenate(forces)
@@ -146,11 +147,9 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     return Force(tuple(found), 0.0, held, repeats)
 
 
-def _held(
-    repeats: Sequence[Array], contact: Sequence[Array], windows: Sequence[Sequence[slice]]
-) -> float:
+def _held(repeats: Sequence[Array], contact: Sequence[Array], windows: Sequence[Sequence[slice]]) -> float:
     """Log evidence that samples repeat in contact more often than out of it [nats]."""
-    inside = np.concatenate([again[np.abs(force) > 0.0] for again, force in zip(repeats, contact, strict=True)])
+    inside = np.concatenate([again[touching] for again, touching in zip(repeats, contact, strict=True)])
     free = [again[window] for again, some in zip(repeats, windows, strict=True) for window in some]
     if not free or not inside.size:
         return 0.0
@@ -170,7 +169,7 @@ def _held(
 
 def _consecutive(parts: Sequence[Array]) -> list[slice]:
     ends = np.cumsum([0, *map(len, parts)])
-    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _lattice(samples: Array, resolution: float) -> float:
@@ -302,9 +301,7 @@ def link_noise(model: RigModel, lag: float) -> list[Noise]:
             servo = 2.0 * p[Calibrated.DAMPING_RATIO] / p[Calibrated.NATURAL_FREQUENCY]
             p[Calibrated.RESPONSE_DELAY] = max(lag - servo - mean, 0.0)
             commands = model._commands[index]
-            total += _filter(
-                kind, amount, p, commands, run["encoder_position"], noise, _PARTICLES, 7
-            )
+            total += _filter(kind, amount, p, commands, run["encoder_position"], noise, _PARTICLES, 7)
         return total
 
     found = []
@@ -319,5 +316,3 @@ def link_noise(model: RigModel, lag: float) -> list[Noise]:
         best = int(np.argmax(values))
         found.append(Noise(name, (amounts[best],), values[best]))
     return found
-
-

@@ -9,6 +9,7 @@ from ..effect import Effect, Parameter, Site, law
 def _law(time, step, value, context, memory, theta):
     return value + 0.5 * theta[0]  # the mean
 
+
 EFFECT = Effect(
     id="link.jitter",
     equation="tau[n] = tau_m + U(0, J)",

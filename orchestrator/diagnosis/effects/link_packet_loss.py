@@ -13,6 +13,7 @@ def _law(time, step, value, context, memory, theta):
     memory[0] = theta[0] * memory[0] + (1.0 - theta[0]) * value
     return memory[0]
 
+
 EFFECT = Effect(
     id="link.packet-loss",
     equation="c[n] = c[n-1] with probability p",

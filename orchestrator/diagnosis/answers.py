@@ -1,0 +1,115 @@
+"""Answers of a group of logs to which effects act there, and those of the rig's software."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from .catalogue import catalogue
+from .fit import Fit, Fitter
+from .search import Search, collinear, search, sensitivity
+from .software import ControllerReplay, DynamicsReplay
+from .stochastic import Noise
+from .study import Role, Study
+
+__all__ = ["SOFTWARE", "Answer", "Group", "simplest", "tied", "weigh_software"]
+
+SOFTWARE = (("dynamics", DynamicsReplay), ("controller", ControllerReplay))
+# Effects whose log evidence differs by less [nats] and whose changes of the replay are as good as parallel,
+# the calibration granted, cannot be told apart.
+_TIED, _PARALLEL = 6.0, 0.97
+# Software is exact: residuals beyond this mean square, in last digits, are a gap.
+_EXACT = 3.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer of a group of logs.
+
+    Attributes:
+        effects: ids, or ("outside",), or none.
+        gain: log evidence over none [nats]; of none, that of wider tolerances.
+        left: unexplained by it [nats].
+        fit: the model; None for outside and for none of the software groups.
+        noises: stochastic effects among the effects.
+    """
+
+    effects: tuple[str, ...]
+    gain: float
+    left: float
+    fit: Fit | None = None
+    ties: tuple[str, ...] = ()
+    noises: tuple[Noise, ...] = ()
+
+
+@dataclass(frozen=True)
+class Group:
+    """Answers of one group of logs, before they are made probabilities.
+
+    Attributes:
+        answers: none first, then by falling evidence.
+        outside: log evidence that something is there that no answer explains [nats], beside what the answers
+            leave; place: where.
+        none: the fit of the calibration alone.
+        misfit: mean square of what the best answer leaves, by place.
+        doubtful: whether the calibration strays in several parameters at once.
+    """
+
+    answers: tuple[Answer, ...]
+    outside: float
+    place: str
+    none: Fit | None = None
+    misfit: Mapping[str, float] | None = None
+    doubtful: bool = False
+
+
+def weigh_software(study: Study, place: str) -> Group:
+    """Weigh the effects of a software component, which replays exactly where nothing is hidden."""
+    replay = dict(SOFTWARE)[place](study, study.of(Role.TRAIN))
+    own = [one for one in catalogue().values() if one.place == place and not one.statistic]
+    fitter = Fitter(replay)
+    none = fitter.fit(())
+    size = sum(map(len, none.residuals))
+    square = none.chi2 / size
+    nothing = Answer((), 0.0, 0.0, none)
+    if square < _EXACT:
+        return Group((nothing,), 0.0, place, none, {place: square})
+    found = search(fitter, own, longest=3)
+    answers = []
+    for fit in found.fits[:8]:
+        left = max(0.0, 0.5 * (fit.chi2 - size))
+        answers.append(Answer(tuple(one.id for one in fit.effects), found.gain(fit), left, fit))
+    answers = tied(fitter, found, answers)
+    best = answers[0] if answers else nothing
+    square = (best.fit or none).chi2 / size
+    # A few last digits of rounding are no effect; what is left beyond them is not in the catalogue.
+    over = 0.5 * size * max(0.0, square / _EXACT - 1.0)
+    return Group((nothing, *answers), over, place, none, {place: square})
+
+
+def simplest(answers: Sequence[Answer]) -> list[Answer]:
+    """Answers less those that only add effects to a better one."""
+    kept: list[Answer] = []
+    for answer in sorted(answers, key=lambda one: -one.gain):
+        if not any(set(other.effects) < set(answer.effects) for other in kept):
+            kept.append(answer)
+    return kept
+
+
+def tied(fitter: Fitter, found: Search, answers: Sequence[Answer]) -> list[Answer]:
+    """Answers with their ties: other effects that change the replay alike and explain it as well."""
+    leading = list(answers)
+    if not leading:
+        return leading
+    near = [one for one in leading if one.fit and one.gain > leading[0].gain - _TIED][:6]
+    changes = {one.effects: sensitivity(fitter, one.fit) for one in near if one.fit is not None}
+    for place, answer in enumerate(leading):
+        if answer.effects not in changes:
+            continue
+        ties = []
+        for other in near:
+            same = len(other.effects) == len(answer.effects) and other.effects != answer.effects
+            if same and collinear(changes[other.effects], changes[answer.effects]) > _PARALLEL:
+                ties += [one for one in other.effects if one not in answer.effects]
+        leading[place] = replace(answer, ties=tuple(dict.fromkeys(ties)))
+    return leading

@@ -1,0 +1,221 @@
+"""Which effect causes the gap: on runs of our own model, and on a few labelled cases."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.answers import Answer, weigh_software
+from orchestrator.diagnosis.calibrate import Practice, learn, loss
+from orchestrator.diagnosis.calibration import Calibration, calibration
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.misfit import hum, unexplained
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.study import Study, load_study
+from orchestrator.diagnosis.weigh import conclude, weigh
+from tests.diagnosis.rigs import study
+
+GAP = Path(__file__).parents[3] / "shared" / "gap"
+needs_gap = pytest.mark.skipif(not GAP.is_dir(), reason="the labelled cases are not beside the checkout")
+
+
+def with_columns(own: Study, change) -> Study:
+    """The study with columns of its runs changed by `change(run, rng) -> columns`."""
+    runs = []
+    for number, run in enumerate(own.runs):
+        columns = dict(run.columns) | change(run, np.random.default_rng(number))
+        runs.append(replace(run, columns=columns))
+    return replace(own, runs=tuple(runs))
+
+
+def noisy(run, rng) -> dict:
+    """Noise and rounding as the lab specifies them."""
+    n = len(run)
+    return {
+        "encoder_position": np.round(run["encoder_position"] + 2e-6 * rng.standard_normal(n), 6),
+        "sensor_force": np.round(run["sensor_force"] + 0.5 * rng.standard_normal(n), 1),
+    }
+
+
+def own_study(effects=(), theta=()) -> Study:
+    return with_columns(study([catalogue()[one] for one in effects], theta), noisy)
+
+
+def named(own: Study):
+    """What the rig's hardware alone is found to hide."""
+    return conclude([weigh_rig(own)], calibration())
+
+
+def test_a_rig_as_its_lab_believes_hides_nothing():
+    found = named(own_study())
+    assert found.effects == () and found.places == () and not found.doubtful_tolerances
+    assert sum(one.probability for one in found.candidates) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "theta"),
+    [("contact.hertz", [0.4]), ("robot.backlash", [2.5e-4]), ("sensor.bias", [2.0])],
+)
+def test_an_effect_is_named(effect, theta):
+    found = named(own_study([effect], theta))
+    assert found.effects == (effect,) and found.places == (effect.partition(".")[0],)
+    parameter = catalogue()[effect].parameters[0].name
+    assert found.candidates[0].parameters[f"{effect}.{parameter}"] == pytest.approx(theta[0], rel=0.25)
+
+
+def test_two_effects_are_named():
+    found = named(own_study(["contact.hertz", "robot.delay"], [0.4, 0.003]))
+    assert set(found.effects) == {"contact.hertz", "robot.delay"}
+
+
+def test_effects_that_cannot_be_told_apart_are_ties():
+    found = named(own_study(["sensor.gain"], [0.2]))
+    first = found.candidates[0]
+    assert {"sensor.gain", "contact.stiffness"} <= {*first.effects, *first.ties}
+
+
+def lose_samples(run, rng) -> dict:
+    force = noisy(run, rng)["sensor_force"].copy()
+    for n in range(1, len(force)):
+        if rng.random() < 0.15:
+            force[n] = force[n - 1]
+    return noisy(run, rng) | {"sensor_force": force}
+
+
+def colour(run, rng) -> dict:
+    columns = noisy(run, rng)
+    n = np.zeros(len(run))
+    for i in range(1, len(n)):
+        n[i] = 0.95 * n[i - 1] + 2.0 * np.sqrt(1 - 0.95**2) * rng.standard_normal()
+    return columns | {"sensor_force": np.round(columns["sensor_force"] + n, 1)}
+
+
+def coarsen(run, rng) -> dict:
+    columns = noisy(run, rng)
+    return columns | {"sensor_force": 1.5 * np.round(columns["sensor_force"] / 1.5)}
+
+
+@pytest.mark.parametrize(
+    ("change", "effect"),
+    [
+        (lose_samples, "sensor.dropout"),
+        (colour, "sensor.coloured-noise"),
+        (coarsen, "sensor.quantisation"),
+    ],
+)
+def test_a_stochastic_effect_of_the_sensor_is_named(change, effect):
+    assert named(with_columns(study(), change)).effects == (effect,)
+
+
+def test_lost_commands_are_named():
+    own = study()
+
+    def lose(run, rng) -> dict:
+        sent = run["desired_position"].copy()
+        for n in range(1, len(sent)):
+            if rng.random() < 0.1:
+                sent[n] = sent[n - 1]
+        seen = replace(run, columns=dict(run.columns) | {"desired_position": sent})
+        out = RigModel(replace(own, runs=(seen,)), [seen]).replay(0, {})
+        return noisy(
+            replace(run, columns=dict(run.columns) | {"encoder_position": out[2], "sensor_force": out[3]}),
+            rng,
+        )
+
+    assert named(with_columns(own, lose)).effects == ("link.packet-loss",)
+
+
+def test_hum_is_outside_the_catalogue():
+    def humming(run, rng) -> dict:
+        columns = noisy(run, rng)
+        wave = 4.0 * np.sin(2 * np.pi * 50.0 * run["time"] + 0.3)
+        return columns | {"sensor_force": np.round(columns["sensor_force"] + wave, 1)}
+
+    found = named(with_columns(study(), humming))
+    assert found.effects == ("outside",) and found.outside_place == "sensor"
+
+
+def test_tolerances_too_tight_are_doubted_and_no_effect_is_named():
+    strays = {"contact_stiffness": 2.6, "damping_ratio": -2.6, "front_wall": 2.7, "response_delay": 2.4}
+    true = study()
+    tight = {
+        name: replace(one, value=one.value + strays.get(name, 0.0) * one.tolerance)
+        for name, one in true.nominal.items()
+    }
+    found = named(replace(with_columns(true, noisy), nominal=tight))
+    assert found.doubtful_tolerances and found.effects == ()
+
+
+def test_software_that_replays_exactly_hides_nothing():
+    own = study()
+    for place in ("dynamics", "controller"):
+        group = weigh_software(own, place)
+        assert [one.effects for one in group.answers] == [()] and group.outside == 0.0
+
+
+def test_software_effects_are_found_exactly_with_their_ties():
+    group = weigh_software(study([catalogue()["dynamics.mass"]], [-0.04]), "dynamics")
+    best = group.answers[1]
+    assert {*best.effects, *best.ties} == {"dynamics.mass", "dynamics.mass-offset"}
+
+
+def test_weighing_is_deterministic():
+    own = own_study(["contact.friction"], [0.05])
+    one, other = named(own), named(own)
+    assert [(c.effects, c.probability) for c in one.candidates] == [
+        (c.effects, c.probability) for c in other.candidates
+    ]
+
+
+def test_misfit_ignores_white_noise_and_sees_structure():
+    white = np.random.default_rng(1).standard_normal(6000)
+    slow = 0.5 * np.sin(np.arange(6000) / 80.0)
+    assert unexplained([white]) < 8.0
+    assert unexplained([white + slow]) > 100.0
+    line, frequency = hum(
+        white + np.sin(2 * np.pi * 0.05 * np.arange(6000)), [slice(0, 3000), slice(3000, 6000)]
+    )
+    assert line > 500.0 and frequency == pytest.approx(0.05, abs=1e-3)
+    assert hum(white, [slice(0, 6000)])[0] < 5.0
+
+
+def test_probabilities_add_up_and_grow_with_evidence():
+    learned = calibration()
+    before = -1.0
+    for gain in (0.0, 5.0, 10.0, 40.0):
+        answers = [Answer((), 0.0, 0.0), Answer(("contact.hertz",), gain, 0.0)]
+        p = learned.probabilities(answers, 0.0)
+        assert p.sum() == pytest.approx(1.0) and p[1] > before
+        before = p[1]
+    assert before > 0.9
+    calm, odd = (
+        learned.probabilities([Answer((), 0.0, left), Answer(("contact.hertz",), 40.0, left)], 0.0)[-1]
+        for left in (0.0, 1e5)
+    )
+    assert odd > calm
+
+
+def test_learning_makes_the_truth_more_probable():
+    rng = np.random.default_rng(3)
+    cases = []
+    for number in range(60):
+        strong = 30.0 * rng.random() if number % 2 else 0.0
+        # Evidence that overstates itself threefold.
+        answers = (Answer((), 0.0, 0.0), Answer(("a.b",), 3.0 * strong + 9.0 * rng.standard_normal(), 0.0))
+        cases.append(Practice(("a.b",) if number % 2 else (), strong, answers, 0.0))
+    assert loss(learn(cases), cases) < loss(Calibration(), cases) - 0.05
+
+
+@needs_gap
+@pytest.mark.parametrize("case", ["case-025", "case-062", "case-009", "case-016", "case-008", "case-056"])
+def test_labelled_cases(case):
+    truth = json.loads((GAP / "cases" / "truth.json").read_text())[case]
+    found = weigh(load_study(GAP / "cases" / case))
+    right = tuple(truth["effects"]) or (("outside",) if truth["outside"] else ())
+    assert found.effects == right or set(right) <= set(found.candidates[0].ties)
+    assert set(found.places) == set(truth["places"])
