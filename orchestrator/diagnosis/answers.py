@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from .catalogue import catalogue
 from .fit import Fit, Fitter
-from .search import Search, collinear, search, sensitivity
+from .search import search, separation
 from .software import ControllerReplay, DynamicsReplay
 from .stochastic import Noise
 from .study import Role, Study
@@ -15,9 +15,9 @@ from .study import Role, Study
 __all__ = ["SOFTWARE", "Answer", "Group", "simplest", "tied", "weigh_software"]
 
 SOFTWARE = (("dynamics", DynamicsReplay), ("controller", ControllerReplay))
-# Effects whose log evidence differs by less [nats] and whose changes of the replay are as good as parallel,
-# the calibration granted, cannot be told apart.
-_TIED, _PARALLEL = 6.0, 0.97
+# Effects whose log evidence differs by less [nats], and whose fitted replays data like these would hardly
+# separate, cannot be told apart.
+_TIED, _APART = 5.0, 8.0
 # Software is exact: residuals beyond this mean square, in last digits, are a gap.
 _EXACT = 3.0
 
@@ -79,7 +79,7 @@ def weigh_software(study: Study, place: str) -> Group:
     for fit in found.fits[:8]:
         left = max(0.0, 0.5 * (fit.chi2 - size))
         answers.append(Answer(tuple(one.id for one in fit.effects), found.gain(fit), left, fit))
-    answers = tied(fitter, found, answers)
+    answers = tied(fitter, answers)
     best = answers[0] if answers else nothing
     square = (best.fit or none).chi2 / size
     # A few last digits of rounding are no effect; what is left beyond them is not in the catalogue.
@@ -96,20 +96,20 @@ def simplest(answers: Sequence[Answer]) -> list[Answer]:
     return kept
 
 
-def tied(fitter: Fitter, found: Search, answers: Sequence[Answer]) -> list[Answer]:
-    """Answers with their ties: other effects that change the replay alike and explain it as well."""
-    leading = list(answers)
-    if not leading:
-        return leading
-    near = [one for one in leading if one.fit and one.gain > leading[0].gain - _TIED][:6]
-    changes = {one.effects: sensitivity(fitter, one.fit) for one in near if one.fit is not None}
-    for place, answer in enumerate(leading):
-        if answer.effects not in changes:
+def tied(fitter: Fitter, answers: Sequence[Answer]) -> list[Answer]:
+    """Answers with their ties: other effects that explain as much by replays that hardly differ."""
+    found = list(answers)
+    if not found:
+        return found
+    near = [one for one in found if one.fit and one.gain > found[0].gain - _TIED][:6]
+    for place, answer in enumerate(answers):
+        if all(answer is not one for one in near):
             continue
-        ties = []
+        ties: list[str] = []
         for other in near:
-            same = len(other.effects) == len(answer.effects) and other.effects != answer.effects
-            if same and collinear(changes[other.effects], changes[answer.effects]) > _PARALLEL:
+            if other is answer or len(other.effects) != len(answer.effects):
+                continue
+            if answer.fit and other.fit and separation(fitter, answer.fit, other.fit) < _APART:
                 ties += [one for one in other.effects if one not in answer.effects]
-        leading[place] = replace(answer, ties=tuple(dict.fromkeys(ties)))
-    return leading
+        found[place] = replace(answer, ties=tuple(dict.fromkeys(ties)))
+    return found

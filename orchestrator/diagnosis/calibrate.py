@@ -28,6 +28,8 @@ __all__ = ["Practice", "learn", "main", "practise", "simulated_study"]
 
 _SOFTWARE = ("dynamics", "controller")
 _DIGITS = (9, 9, 6, 2, 4, 1)
+# Cases are taken from a plan of so many, so that the first ones do not depend on how many are asked for.
+_PLANNED = 1000
 # Weight of a case whose effect was struck off, beside one as it was drawn.
 _STRUCK = 0.4
 # Where learned numbers begin, and how far the logarithm of each may stray: cases are few, and simulated.
@@ -68,12 +70,12 @@ class _Answer:
     ties: tuple[str, ...] = ()
 
 
-def simulated_study(seed: int, count: int, number: int, pairs: bool = True) -> tuple[Study, Any]:
+def simulated_study(seed: int, number: int) -> tuple[Study, Any]:
     """A case of the challenge's rig with what it hides in the rig's hardware; train runs only."""
     from .challenge import draw, hidden
 
     pool = [one for one in hidden.HIDDEN.values() if one.place not in _SOFTWARE]
-    plan = draw.plan_cases(count, seed, pool, (), pairs)[number - 1]
+    plan = draw.plan_cases(_PLANNED, seed, pool, (), True)[number - 1]
     case = draw.draw_case(plan, seed, number)
     nominal = {
         name: Nominal(value, draw.tolerances(case.lab).get(name, 0.0))
@@ -99,9 +101,9 @@ def simulated_study(seed: int, count: int, number: int, pairs: bool = True) -> t
     return Study(f"case-{number:04d}", 0.001, nominal, tuple(runs)), plan
 
 
-def practise(seed: int, count: int, number: int) -> Practice:
+def practise(seed: int, number: int) -> Practice:
     """Weigh one simulated case."""
-    study, plan = simulated_study(seed, count, number)
+    study, plan = simulated_study(seed, number)
     with threadpool_limits(limits=1, user_api="blas"):
         group = weigh_rig(study)
     answers = tuple(_Answer(one.effects, one.gain, one.left, one.ties) for one in group.answers)
@@ -166,7 +168,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     todo = [number for number in range(1, options.cases + 1) if number not in done]
     # Forked workers inherit threads' locks in whatever state they are.
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        weigh_one = partial(practise, options.seed, options.cases)
+        weigh_one = partial(practise, options.seed)
         waiting = {pool.submit(weigh_one, number): number for number in todo}
         for future in as_completed(waiting):
             number = waiting[future]

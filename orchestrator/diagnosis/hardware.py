@@ -208,7 +208,7 @@ def _group(
     answers = simplest([answer(fit) for fit in (found.none, *found.fits[:12])])
     if not extra:
         answers = [one for one in answers if one.effects]
-    answers = tied(fitter, found, answers)
+    answers = tied(fitter, answers)
     nothing = Answer((), doubt, unexplained(fitter.left(found.none.residuals)), found.none)
     left = fitter.left(best.residuals)
     misfit = {

@@ -14,7 +14,7 @@ from .effect import Effect
 from .fit import Base, Fit, Fitter
 from .study import Array
 
-__all__ = ["Search", "collinear", "roughness", "search", "sensitivity"]
+__all__ = ["Search", "roughness", "search", "separation"]
 
 # Effects at this share of their priors are roughness that every rig has.
 _ROUGH = 0.02
@@ -172,18 +172,7 @@ def _distinct(bases: Sequence[Base]) -> list[tuple[Base, ...]]:
     return [tuple(group) for group in groups.values()]
 
 
-def sensitivity(fitter: Fitter, fit: Fit) -> Array:
-    """What the effects of a fit change of its replay, less what the calibration could, shape (residuals,)."""
-    count = len(fitter.replay.tolerances)
-    r = fitter.stacked(fit.effects, fit.z)
-    base = fitter.stacked((), fit.z[:count])
-    columns = fitter.jacobian(fit.effects, fit.z, r, range(count))[:, :count]
-    change = r - base
-    hessian = columns.T @ columns + np.eye(count)
-    return change - columns @ np.linalg.solve(hessian, columns.T @ change)
-
-
-def collinear(one: Array, other: Array) -> float:
-    """Cosine between two changes of a replay, positive where one may stand in for the other."""
-    scale = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return abs(float(one @ other)) / scale if scale > 0 else 0.0
+def separation(fitter: Fitter, one: Fit, other: Fit) -> float:
+    """Log evidence that data like these give between two fitted models, if one of them is true [nats]."""
+    apart = fitter.stacked(one.effects, one.z) - fitter.stacked(other.effects, other.z)
+    return 0.5 * float(apart @ apart)
