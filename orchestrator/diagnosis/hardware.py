@@ -25,6 +25,8 @@ __all__ = ["Weighted", "Widened", "weigh_rig"]
 # Unexplained log likelihood of the encoder from which commands lost or delayed at random are weighed [nats].
 _LINK_SUSPECT = 60.0
 _LINK_CLEAR = 40.0
+# Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
+_CLEAR = 20.0
 # Tolerances are doubtful where as many calibrated parameters stray by more tolerances than `_STRAYED`, while
 # tolerances wider by this factor make all of it ordinary.
 _WIDER, _SEVERAL, _STRAYED, _ORDINARY = 2.5, 3, 2.0, 3.0
@@ -228,6 +230,6 @@ def _group(
 def _place(left: Sequence[Array], force: Force) -> str:
     """Where something outside the catalogue acts."""
     encoder, sensor = unexplained(left[0::2]), unexplained(left[1::2])
-    if force.line + force.held > 0.5 * (encoder + sensor):
+    if force.line + force.held > _CLEAR and sensor > encoder:
         return "sensor"
     return "robot" if encoder > sensor else "contact"

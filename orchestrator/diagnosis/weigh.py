@@ -49,7 +49,11 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
         p = math.prod(one[0] for one in choice)
         joint.append((p, tuple((one[1], one[2]) for one in choice)))
     joint.sort(key=lambda one: -one[0])
-    joint = joint[:16]
+    merged: dict[tuple[str, ...], tuple[float, tuple[tuple[Group, Answer], ...]]] = {}
+    for p, choice in joint:  # something outside may act in one group or another: it is one answer
+        key = tuple(sorted({name for _, answer in choice for name in answer.effects}))
+        merged[key] = (p + merged[key][0], merged[key][1]) if key in merged else (p, choice)
+    joint = sorted(merged.values(), key=lambda one: -one[0])[:16]
     total = sum(p for p, _ in joint)
     candidates = tuple(_candidate(p / total, choice) for p, choice in joint)
     first = candidates[0]
