@@ -32,6 +32,8 @@ _DIGITS = (9, 9, 6, 2, 4, 1)
 _PLANNED = 1000
 # Weight of a case whose effect was struck off, beside one as it was drawn.
 _STRUCK = 0.4
+# Log evidence from which an effect shows [nats].
+_SHOWN = 10.0
 # Where learned numbers begin, and how far the logarithm of each may stray: cases are few, and simulated.
 _STRAY = 0.7
 
@@ -53,8 +55,9 @@ class Practice:
     weight: float = 1.0
 
     def struck(self) -> Practice | None:
-        """The same case to someone whose catalogue lacks the effect."""
-        if not self.truth or self.truth == ("outside",):
+        """The same case to someone whose catalogue lacks the effect; None where it hardly showed anyway."""
+        gain = max((one.gain for one in self.answers if one.effects == self.truth), default=0.0)
+        if not self.truth or gain < _SHOWN:
             return None
         ties = {tie for one in self.answers if one.effects == self.truth for tie in one.ties}
         gone = {*self.truth, *ties}
@@ -155,7 +158,7 @@ def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibr
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw cases, weigh them, learn, and write the calibration that comes with the product."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=150)
+    parser.add_argument("--cases", type=int, default=28)
     parser.add_argument("--seed", type=int, default=20260)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seen", type=Path, help="keep weighed cases here, and go on from those there")
