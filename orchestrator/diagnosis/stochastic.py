@@ -300,7 +300,7 @@ def link_noise(model: RigModel, lag: float) -> list[Noise]:
             p = model.parameters(index, {}, (), np.zeros(0))
             servo = 2.0 * p[Calibrated.DAMPING_RATIO] / p[Calibrated.NATURAL_FREQUENCY]
             p[Calibrated.RESPONSE_DELAY] = max(lag - servo - mean, 0.0)
-            commands = model._commands[index]
+            commands = model.commands[index]
             total += _filter(kind, amount, p, commands, run["encoder_position"], noise, _PARTICLES, 7)
         return total
 
