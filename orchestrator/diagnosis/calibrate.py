@@ -31,7 +31,7 @@ _DIGITS = (9, 9, 6, 2, 4, 1)
 # Cases are taken from a plan of so many, so that the first ones do not depend on how many are asked for.
 _PLANNED = 1000
 # Weight of a case whose effect was struck off, beside one as it was drawn.
-_STRUCK = 0.4
+_STRUCK = 0.1
 # Log evidence from which an effect shows [nats].
 _SHOWN = 10.0
 # Where learned numbers begin, and how far the logarithm of each may stray: cases are few, and simulated.
