@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,14 +14,15 @@ from typing import Any, BinaryIO, cast
 
 from . import checks
 from .assembly import load_system
-from .config import Config, load_config, move_effects
+from .config import Config, load_config
 from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
-from .formats import FORMATS, check_formats, strict
+from .formats import check_formats, strict
 from .ledger import Ledger
 from .master import MasterAlgorithm, create_master
 from .measures import ChosenMeasure, changes, choose_measures, signal_changes
 from .progress import Progress
 from .results import Recorder, Results, parameters_of
+from .run_folder import begin_folder, folder_at, incomplete, write_run
 from .simulate import Grid, Observer, Report, simulate
 from .system import System
 
@@ -132,9 +131,9 @@ def run(
     """
     formats = check_formats(formats)
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
-    folder = _folder(out)
+    folder = folder_at(out)
     if folder is not None:
-        _begin(folder, prepared.config)
+        begin_folder(folder, prepared.config)
     try:
         path = None if folder is None else folder / "results.arrow"
         results, statistics, ledger = _run_once(prepared, prepared.grid, path, progress)
@@ -165,9 +164,9 @@ def run(
     made.summary = summary = strict(summary)
     if folder is not None:
         try:
-            _write(made, formats, figures and failed is None)
+            write_run(made, formats, figures and failed is None)
         except OSError as error:
-            failed = failed or _incomplete(folder, error)
+            failed = failed or incomplete(folder, error)
     if failed is not None:
         failed.result = made  # type: ignore[attr-defined]
         raise failed
@@ -341,57 +340,6 @@ def _version(package: str) -> str | None:
         return None
 
 
-# What is written.
-
-
-def _folder(out: Path | str | None) -> Path | None:
-    if out is None:
-        return None
-    folder = Path(out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError([Problem("", f"cannot make the folder {folder} ({error})")]) from error
-    return folder
-
-
-def _begin(folder: Path, config: Config) -> None:
-    """Clear what an earlier run left, which is not to be taken for this one's, and keep the config.
-
-    Raises: ConfigError if the folder cannot be written to.
-    """
-    try:
-        for name in ("summary.json", "coupling.csv", *(f"results.{suffix}" for suffix in FORMATS)):
-            (folder / name).unlink(missing_ok=True)
-        (folder / "config.yaml").write_text(_moved(config, folder).text(), encoding="utf-8")
-    except OSError as error:
-        raise ConfigError([Problem("", f"cannot write to the folder {folder} ({error})")]) from error
-
-
-def _incomplete(folder: Path, error: OSError) -> OrchestratorError:
-    return OrchestratorError(
-        f"{folder}: not all files could be written ({error}); what was recorded is in results.arrow"
-    )
-
-
-def _moved(config: Config, folder: Path) -> Config:
-    """The same config for another folder: relative paths in it lead to the same files."""
-    data = config.model.to_data()
-    for instance in data["instances"].values():
-        path = config.folder / instance["fmu"]
-        if path.is_file() and not Path(instance["fmu"]).is_absolute():
-            instance["fmu"] = Path(os.path.relpath(path, folder)).as_posix()
-
-    def moved(file: str) -> str:
-        path = config.folder / file
-        if Path(file).is_absolute() or not path.is_file():
-            return file
-        return Path(os.path.relpath(path, folder)).as_posix()
-
-    move_effects(data, moved)
-    return load_config(data)
-
-
 def _finish_failed(
     prepared: Prepared, stopped: _Stopped, folder: Path | None, formats: Sequence[str]
 ) -> OrchestratorError:
@@ -408,45 +356,8 @@ def _finish_failed(
     stopped.error.result = result  # type: ignore[attr-defined]
     try:
         if folder is not None:
-            _write(result, formats, False)
+            write_run(result, formats, False)
     except OSError as unwritten:
         # Most often the disk is full, and the run failed for it: the first error is the one to act on.
-        stopped.error.args = (f"{stopped.error}\n  {_incomplete(folder, unwritten)}",)
+        stopped.error.args = (f"{stopped.error}\n  {incomplete(folder, unwritten)}",)
     return stopped.error
-
-
-def _write(result: RunResult, formats: Sequence[str], figures: bool) -> None:
-    """Write everything but results.arrow, which was streamed."""
-    folder = result.folder
-    assert folder is not None
-    result.files = ["config.yaml", "results.arrow", "summary.json"]
-    text = json.dumps(result.summary, indent=2, allow_nan=False, ensure_ascii=False)
-    try:
-        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    except OSError:
-        (folder / "summary.json").unlink(missing_ok=True)  # half a summary is none
-        raise
-    for suffix in dict.fromkeys(formats):
-        if suffix != "arrow":
-            result.results.write(folder / f"results.{suffix}")
-            result.files.append(f"results.{suffix}")
-    if result.coupling is not None:
-        result.coupling.to_csv(folder / "coupling.csv")
-        result.files.append("coupling.csv")
-    if not figures:
-        return
-    # matplotlib takes longer to import than a short run takes.
-    from . import plotting
-
-    prepared = result.prepared
-    drawn = {"signals": plotting.draw_signals(result.results, prepared.config.model.title)}
-    if result.coupling is not None:
-        drawn["coupling"] = plotting.draw_coupling(result.coupling, prepared.config.model.title)
-    for one in prepared.measures:
-        try:
-            drawn |= one.measure.figures(result.results, one.options)
-        except Exception as error:
-            raise OrchestratorError(f"figures of measure {one.name} failed: {error}") from error
-    for name, figure in drawn.items():
-        plotting.save(figure, folder / f"{name}.png")
-        result.files.append(f"{name}.png")
