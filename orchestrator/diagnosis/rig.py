@@ -258,7 +258,8 @@ def _move_servo(p, transition, servo, laws, now, dt, known, memory, theta):
     limited = pass_site(_AT_RATE, laws, now, dt, v_next, known, memory, theta)
     if limited != v_next:
         x_next, v_next = x + 0.5 * dt * (v + limited), limited
-    known[_POSITION], known[_VELOCITY], known[_ACCELERATION] = x_next, v_next, acceleration
+    # The mean over the sub-step: its value at the begin is off by what the servo decays in half of it.
+    known[_POSITION], known[_VELOCITY], known[_ACCELERATION] = x_next, v_next, (v_next - v) / dt
     seen = pass_site(_AT_POSITION, laws, now, dt, x_next, known, memory, theta)
     servo[3] = v_next + (seen - x_next - servo[4]) / dt
     servo[0], servo[1], servo[2], servo[4] = x_next, v_next, seen, seen - x_next
