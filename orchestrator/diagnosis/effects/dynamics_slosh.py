@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from ..effect import Context, Effect, Parameter, Site, law
-
-_POSITION = int(Context.POSITION)
-_VELOCITY = int(Context.VELOCITY)
-_MASS = int(Context.MASS)
+from ..effect import Effect, Parameter, Site, law
+from ._oscillator import body_force
 
 
 @law
 def _law(time, step, value, context, memory, theta):
-    w = theta[1]
-    if memory[2] == 0.0:
-        memory[0], memory[1], memory[2] = context[_POSITION], context[_VELOCITY], 1.0
-    mass = theta[0] * context[_MASS]
-    stretch, rate = memory[0] - context[_POSITION], memory[1] - context[_VELOCITY]
-    pull = -(w * w * stretch + 0.24 * w * rate)
-    memory[1] += step * pull
-    memory[0] += step * memory[1]
-    return (value - mass * pull) / (1.0 - theta[0])
+    return body_force(step, value, context, memory, theta[0], theta[1], 0.12)
 
 
 EFFECT = Effect(
