@@ -15,7 +15,7 @@ _MASS = int(Context.MASS)
 
 @njit(cache=True)
 def body_force(step, value, context, memory, share, frequency, damping_ratio):
-    """Force that gives the satellite's software, which knows the whole mass only, the body's acceleration [N].
+    """Force that gives software which knows the whole mass only the body's acceleration [N].
 
     Position and velocity of the mass, and whether it has begun, stand in `memory`; it begins at rest relative
     to the body.
