@@ -222,7 +222,7 @@ def test_measures_are_refused_with_the_rest(tmp_path, config):
         "tanks.yaml:10: measures.docking.robots: unknown key 'robots'",
         "  allowed: satellite, robot, contact, controller. Did you mean robot?",
         "tanks.yaml:11: measures.dockin: no measure 'dockin'",
-        "  measures: docking. Did you mean docking?",
+        "  measures: docking, docking-space. Did you mean docking or docking-space?",
     ]
 
 
