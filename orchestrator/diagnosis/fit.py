@@ -16,6 +16,8 @@ from .study import Array
 __all__ = ["Base", "Fit", "Fitter", "Replay"]
 
 _MAX_ITERATIONS = 30
+# Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
+_RUNAWAY = 1e60
 # A fit has converged when the cost falls by less.
 _CONVERGED = 0.3
 
@@ -256,7 +258,11 @@ class Fitter:
         for place in places:
             ahead = z.copy()
             ahead[place] += 0.05
-            found[:, place] = (self.stacked(effects, ahead) - r) / 0.05
+            with np.errstate(over="ignore", invalid="ignore"):
+                column = (self.stacked(effects, ahead) - r) / 0.05
+            # Where a model runs away no derivative tells anything; a fit leaves that direction alone.
+            if np.abs(column).max(initial=0.0) < _RUNAWAY:
+                found[:, place] = column
         return found
 
     def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:

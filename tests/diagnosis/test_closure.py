@@ -18,7 +18,7 @@ from tests.diagnosis.labs import NONE, found, lab
 
 CAUSES = [
     (("robot.delay",), (0.002,)),
-    (("contact.hertz",), (0.3,)),
+    (("contact.hertz",), (0.3, 5e-4)),
     (("sensor.gain",), (0.15,)),
     (("controller.lead",), (0.001,)),
     (("dynamics.drag",), (80.0,)),
@@ -46,7 +46,7 @@ def test_the_right_effect_closes_the_gap(ids, theta):
     ("wrong", "theta"), [(("sensor.bias",), (0.05,)), (("robot.bandwidth",), (3.0,))], ids=str
 )
 def test_a_wrong_effect_closes_nothing(wrong, theta):
-    told = how_far(lab(("contact.hertz",), (0.3,)), found(wrong, theta))
+    told = how_far(lab(("contact.hertz",), (0.3, 5e-4)), found(wrong, theta))
     assert abs(told["closure"]) < 0.1
 
 
@@ -84,7 +84,7 @@ def test_without_held_out_runs_nothing_is_told():
 
 
 def test_the_interval_is_the_same_every_time():
-    study, finding = lab(("contact.hertz",), (0.3,)), found(("contact.hertz",), (0.3,))
+    study, finding = lab(("contact.hertz",), (0.3, 5e-4)), found(("contact.hertz",), (0.3, 5e-4))
     assert how_far(study, finding) == how_far(study, finding)
 
 
@@ -109,7 +109,7 @@ def test_an_input_taken_a_tick_late_shows_in_the_replay(column):
 
 
 def test_numerical_error_is_a_small_part_of_the_gap_and_falls_with_the_step():
-    ids, theta = ("contact.hertz",), (0.3,)
+    ids, theta = ("contact.hertz",), (0.3, 5e-4)
     study = lab(ids, theta)
     told = numerics(study, found(ids, theta))
     assert told["substeps"] == SUBSTEPS

@@ -59,7 +59,7 @@ def test_a_rig_as_its_lab_believes_hides_nothing():
 
 @pytest.mark.parametrize(
     ("effect", "theta"),
-    [("contact.hertz", [0.4]), ("robot.backlash", [2.5e-4]), ("sensor.bias", [2.0])],
+    [("contact.hertz", [0.4, 5e-4]), ("robot.backlash", [2.5e-4]), ("sensor.bias", [2.0])],
 )
 def test_an_effect_is_named(effect, theta):
     found = named(own_study([effect], theta))
@@ -69,7 +69,7 @@ def test_an_effect_is_named(effect, theta):
 
 
 def test_two_effects_are_named():
-    found = named(own_study(["contact.hertz", "robot.delay"], [0.4, 0.003]))
+    found = named(own_study(["contact.hertz", "robot.delay"], [0.4, 5e-4, 0.003]))
     assert set(found.effects) == {"contact.hertz", "robot.delay"}
 
 

@@ -153,7 +153,7 @@ def test_two_faults_share_the_gap():
 
 
 def test_ledger_cells_add_up_to_the_energy_of_each_residual():
-    study = lab(("contact.hertz",), (0.3,))
+    study = lab(("contact.hertz",), (0.3, 5e-4))
     run = study.runs[0]
     cells, noise = energies(study, run, NONE)
     signals = residuals_of(study, run, NONE)
