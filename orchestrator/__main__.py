@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-import traceback
-from collections.abc import Sequence
-from importlib.util import find_spec
 
-from .errors import ConfigError, Interrupted, OrchestratorError
+# Everything else is imported within functions, so that an interrupt meanwhile is one like any other.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
 
 __all__ = ["entry_point", "main"]
 
@@ -23,11 +22,28 @@ _EXIT_CODES = """exit codes:
 
 def entry_point() -> None:
     """What the console command calls."""
-    sys.exit(main())
+    try:
+        status = main()
+    except KeyboardInterrupt:  # before the command began
+        status = _interrupted()
+    # An interrupt within code that a library compiled from text (a dataclass, say) makes `python -m` end by
+    # the signal, whatever the status, unless other such code has run since.
+    exec("")
+    sys.exit(status)
+
+
+def _interrupted() -> int:
+    """Tell of an interrupt. Returns: the exit code."""
+    print("interrupted", file=sys.stderr)
+    return 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command. Returns: the exit code."""
+    import traceback
+
+    from .errors import ConfigError, Interrupted, OrchestratorError
+
     parser = _parser(sys.argv[1:] if arguments is None else list(arguments))
     args = parser.parse_args(arguments)
     try:
@@ -35,8 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 0  # the reader of a pipe has seen enough
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return 130
+        return _interrupted()
     except OSError as error:
         print(f"orchestrator: {error}", file=sys.stderr)
         return 1
@@ -51,6 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    import argparse
+    from importlib.util import find_spec
+
     parser = argparse.ArgumentParser(
         prog="orchestrator",
         description="Co-simulation of connected FMUs.",
@@ -235,6 +253,8 @@ def _reproduce(args: argparse.Namespace) -> int:
 
 
 def _schema(args: argparse.Namespace) -> int:
+    import json
+
     from .config import json_schema
 
     print(json.dumps(json_schema(), indent=2))

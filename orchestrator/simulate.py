@@ -227,6 +227,8 @@ def simulate(
             instances.terminate()
         finally:
             report.instance_time, report.log = instances.elapsed(), instances.warnings()
+    if stop.requested:  # after the last step: of several runs the next is not to begin
+        raise KeyboardInterrupt
 
 
 def _loop(

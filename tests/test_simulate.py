@@ -6,7 +6,7 @@ import signal
 from fractions import Fraction
 
 import pytest
-from doubles import mass
+from doubles import FakeInstance, mass
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -92,3 +92,19 @@ def test_an_fmu_that_hangs_is_left_at_the_second_interrupt():
     system = assemble([Part("mass", mass(step=step), {"force": "0 N"})])
     with pytest.raises(KeyboardInterrupt):
         simulate(system, create_master("jacobi"), grid("0.1 s", "1 s"))
+
+
+def test_an_interrupt_after_the_last_step_is_not_lost(monkeypatch):
+    """Of several runs the next is not to begin."""
+    free = FakeInstance.free
+
+    def interrupted(self):
+        signal.raise_signal(signal.SIGINT)
+        free(self)
+
+    monkeypatch.setattr(FakeInstance, "free", interrupted)
+    system = assemble([Part("mass", mass(), {"force": "0 N"})])
+    recorder = Recorder(system)
+    with pytest.raises(KeyboardInterrupt):
+        simulate(system, create_master("jacobi"), grid("0.1 s", "1 s"), [recorder])
+    assert recorder.results().time[-1] == 1.0 and system.instances[0].fmu.alive == []
