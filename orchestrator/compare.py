@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ConfigError, Problem, listed
+from .folder_lock import locked
 from .run import RunResult, prepare, run
+from .run_folder import folder_at
 
 __all__ = ["run_each"]
 
@@ -45,15 +47,20 @@ def run_each(
         )
     if problems:
         raise ConfigError(problems)
-    several = len(prepared) > 1
-    finished = {}
-    for one in prepared:
-        folder = Path(out) / one.config.name if out is not None and several else out
-        result = run(one, out=folder, figures=figures, **options)
-        finished[one.config.name] = result
-        yield result
-    if several and out is not None and figures:
-        _draw_together(finished, Path(out))
+    if len(prepared) == 1 or out is None:
+        for one in prepared:
+            yield run(one, out=out, figures=figures, **options)
+        return
+    whole = folder_at(out)
+    assert whole is not None
+    with locked(whole):  # each run locks a folder in it
+        finished = {}
+        for one in prepared:
+            result = run(one, out=whole / one.config.name, figures=figures, **options)
+            finished[one.config.name] = result
+            yield result
+        if figures:
+            _draw_together(finished, whole)
 
 
 def _draw_together(finished: dict[str, RunResult], folder: Path) -> None:

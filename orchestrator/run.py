@@ -16,6 +16,7 @@ from . import checks
 from .assembly import load_system
 from .config import Config, load_config
 from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
+from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
 from .master import MasterAlgorithm, create_master
@@ -125,13 +126,26 @@ def run(
         figures: whether to draw, if `out` is given.
         progress: whether to show a bar on a terminal.
     Returns: results and summary.
-    Raises: ConfigError before anything runs; StepError, FmuError or Interrupted if the run fails: what was
-        recorded until then, and a summary that holds the error, are then in `out`, and in the exception's
-        attribute `result`.
+    Raises: ConfigError before anything runs, also if another run is writing to `out`; StepError, FmuError or
+        Interrupted if the run fails: what was recorded until then, and a summary that holds the error, are
+        then in `out`, and in the exception's attribute `result`.
     """
     formats = check_formats(formats)
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     folder = folder_at(out)
+    with locked(folder):
+        return _run_in(folder, prepared, halving, formats, figures, progress)
+
+
+def _run_in(
+    folder: Path | None,
+    prepared: Prepared,
+    halving: bool,
+    formats: Sequence[str],
+    figures: bool,
+    progress: bool,
+) -> RunResult:
+    """See `run`."""
     if folder is not None:
         begin_folder(folder, prepared.config)
     try:

@@ -15,8 +15,8 @@ LAYERS = [
     "errors", "bundled", "units", "quantities", "effects", "config", "fmi", "graph", "fixed_point",
     "system", "bonds", "checks", "connecting", "assembly", "signals", "wires", "initialisation",
     "instances", "ledger", "master", "native", "simulate", "stream", "formats", "recorded", "results",
-    "progress", "measures", "plotting", "run_folder", "run", "compare", "table", "translate", "frequency",
-    "docking", "diagnosis", "campaign", "__main__",
+    "progress", "measures", "plotting", "folder_lock", "run_folder", "run", "compare", "table", "translate",
+    "frequency", "docking", "diagnosis", "campaign", "__main__",
 ]  # fmt: skip
 
 
