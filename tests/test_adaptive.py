@@ -320,6 +320,15 @@ def test_power_takes_about_what_it_allows_of_each_part():
     assert all(0.1 < worst < 3.0 for _, worst in parts)
 
 
+def test_a_part_refused_by_power_names_an_instance():
+    system = oscillator()
+    master = Adaptive(tolerance="1e-30 J", estimate="power", rollback=True, max_halvings=1)
+    with pytest.raises(StepError) as caught:
+        simulate(system, master, Grid(Fraction(0), Fraction(1), 4))
+    assert caught.value.instance == "spring"
+    assert "times the tolerance in power bond spring-mass\n" in str(caught.value)
+
+
 def test_power_needs_a_bond():
     part = Part("one", gain(capabilities=Capabilities(variable_step_size=True)), {"u": 1})
     (problem,) = Adaptive(tolerance="1 J", estimate="power").check(assemble([part]))

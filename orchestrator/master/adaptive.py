@@ -214,7 +214,7 @@ class Adaptive(Master):
         return StepError(
             f"master adaptive: a step of {size:.3g} s, halved {self.max_halvings} times, still has an "
             f"estimated error of {attempt.error:.3g} times the tolerance in {attempt.worst}",
-            instance=attempt.worst.partition(".")[0],
+            instance=attempt.instance or attempt.worst.partition(".")[0],
             time=time,
             status="not converged",
             remedy="A jump cannot be resolved by small steps: take a larger tolerance, or a fixed step.",

@@ -34,8 +34,9 @@ class Attempt:
         signals: at its end.
         info: how the last of its steps went.
         error: over what is allowed; accepted up to 1.
-        worst: whose error it is.
+        worst: whose error it is, a signal or a power bond.
         steps: that were taken and count; their inputs are noted only where somebody asks.
+        instance: that is to be told of it; empty: that of the signal.
     """
 
     signals: Signals
@@ -43,6 +44,7 @@ class Attempt:
     error: float
     worst: str
     steps: tuple[Step, ...]
+    instance: str = ""
 
 
 class Estimate(Protocol):
@@ -177,9 +179,8 @@ class _Power:
         *_, created, self._before = books.energies(sizes, points, inputs, self._earlier)
         error = np.abs(books.per_bond(created)[0]) / self._allowed
         worst = int(np.argmax(error))
-        return Attempt(
-            after, info, float(error[worst]), books.bonds[worst].name, _noted(self._instances, after, size)
-        )
+        bond, steps = books.bonds[worst], _noted(self._instances, after, size)
+        return Attempt(after, info, float(error[worst]), f"power bond {bond.name}", steps, bond.giver)
 
 
 def create_estimate(
