@@ -191,11 +191,14 @@ def assemble(
     fed: set[str] = set()
     descriptions = {part.name: part.fmu.description for part in parts}
     single: list[Ends] = []
+    stated: list[Ends] = []
     for index, connection in enumerate(connections):
-        ends, targets, problems = elements(Ends.of(index, connection), descriptions, places)
+        whole = Ends.of(index, connection)
+        ends, targets, problems = elements(whole, descriptions, places)
         fed.update(targets)
         found += problems
         single += ends
+        stated += [whole, *ends] if problems else ends
     told: set[Problem] = set()
     for one in single:
         apart: list[Problem] = []
@@ -235,7 +238,7 @@ def assemble(
     recorded = _recorded(record is None, wanted, instances, absent, places, found)
     solvable: tuple[tuple[Port, ...], ...] = ()
     if not found:
-        solvable = _algebraic_loops(instances, checked, places, loops, found)
+        solvable = _algebraic_loops(instances, checked, places, loops, found, step_size)
     variables = {one.name: one.fmu.description.variables for one in instances}
 
     def variable(port: Port) -> Variable:
@@ -245,10 +248,12 @@ def assemble(
     if bonds is None:
         bonded, doubts = find_bonds(checked, variable)
         notes += doubts
-    elif not absent and not found:
+    else:
         outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
         numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
-        bonded = declared_bonds(bonds, checked, variable, numeric, places, found)
+        bonded = declared_bonds(
+            bonds, checked, variable, numeric, places, found, [one.leading for one in stated], absent
+        )
     if found:
         raise ConfigError(found)
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.links)
@@ -340,6 +345,7 @@ def _algebraic_loops(
     places: Places,
     accepted: bool,
     problems: list[Problem],
+    step_size: float | None,
 ) -> tuple[tuple[Port, ...], ...]:
     """Algebraic loops at communication points that are accepted; the others become problems.
 
@@ -348,7 +354,7 @@ def _algebraic_loops(
     """
     told: dict[frozenset[Port], Problem] = {}
     found: list[tuple[Port, ...]] = []
-    targets = {connection.target for connection in connections}
+    targets = {connection.target: connection for connection in connections}
     variables = {one.name: one.fmu.description.variables for one in instances}
     assumed = {
         Port(one.name, output)
@@ -378,6 +384,7 @@ def _algebraic_loops(
                 reason = ""
                 if other:
                     reason = f"{other[0]} is of type {kinds[other[0]]}, and only real numbers can be iterated"
-                told[key] = checks.loop_problem(loop, assumed, places.text(("connections",)), initial, reason)
+                place = places.text(("connections",))
+                told[key] = checks.loop_problem(loop, targets, assumed, place, initial, reason, step_size)
     problems += told.values()
     return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -233,6 +233,8 @@ def declared_bonds(
     ports: Mapping[str, Port],
     places: Places,
     problems: list[Problem],
+    unjudged: Collection[str] = (),
+    absent: Collection[str] = (),
 ) -> tuple[Bond, ...]:
     """The bonds that a config declares.
 
@@ -243,8 +245,11 @@ def declared_bonds(
         ports: all numeric outputs, by instance.variable.
         places: where the values were written.
         problems: what is wrong is added here.
+        unjudged: connections of the config that have a problem of their own, as "a.y -> b.u"; absent: such
+            instances. A bond is not blamed for them.
     """
-    known = {f"{one.source} -> {one.target}": one for one in connections}
+    known: dict[str, Connection | None] = dict.fromkeys(unjudged)
+    known |= {f"{one.source} -> {one.target}": one for one in connections}
     made = []
     for index, model in enumerate(models):
         place = places.text(("bonds", index))
@@ -254,12 +259,14 @@ def declared_bonds(
         motion = None
         if model.flow_port() is not None:
             motion = ports.get(model.flow_port() or "")
+            if motion is None and (model.flow_port() or "").partition(".")[0] in absent:
+                continue
             if motion is None:
                 what = f"no output {model.flow_port()!r}"
                 problems.append(Problem(place, what, remedy=nearest(model.flow_port() or "", ports)))
-        if len(problems) > told:
-            continue
         way, back = [one for one in effort if one], [one for one in flow if one]
+        if len(problems) > told or len(way) < len(effort) or len(back) < len(flow):
+            continue
         motion = motion or back[0].source
         bond = Bond("", tuple(way), motion, tuple(back), ())
         bond = replace(bond, name=model.name or f"{bond.giver}-{bond.taker}", sign=float(model.sign))
@@ -273,13 +280,12 @@ def declared_bonds(
 
 
 def _leg(
-    text: str, known: Mapping[str, Connection], place: str, problems: list[Problem]
+    text: str, known: Mapping[str, Connection | None], place: str, problems: list[Problem]
 ) -> Connection | None:
-    ends = [end.strip() for end in text.split("->")]
-    found = known.get(" -> ".join(ends))
-    if found is None:
-        problems.append(Problem(place, f"no connection {text!r}", "", nearest(" -> ".join(ends), known)))
-    return found
+    name = " -> ".join(end.strip() for end in text.split("->"))
+    if name not in known:
+        problems.append(Problem(place, f"no connection {text!r}", "", nearest(name, known)))
+    return known.get(name)
 
 
 def _broken(bond: Bond) -> str:

@@ -11,7 +11,7 @@ from .config import Places, Scalar
 from .errors import Problem, listed, nearest
 from .fmi import Causality, Fmu, Interface, Kind, ModelDescription, Value, Variable
 from .quantities import Measure, quantity
-from .system import Instance, Port
+from .system import Connection, Instance, Port
 from .units import convert
 
 __all__ = [
@@ -119,6 +119,9 @@ def start_value(
         return Problem(
             place, what, f"variables that can be set: {listed(names)}", nearest(name, names, f"{instance}.")
         )
+    if variable.kind in (Kind.BINARY, Kind.CLOCK):
+        what = f"{instance}.{name} cannot be set: values of type {variable.type} are not supported"
+        return Problem(place, what, remedy="Leave it out.")
     if not variable.settable or variable.shape:
         why = f"causality {variable.causality}, variability {variable.variability}"
         if variable.initial:
@@ -277,20 +280,37 @@ def step_size(instances: Iterable[Instance], size: Fraction, places: Places) -> 
 
 
 def loop_problem(
-    loop: Sequence[Port], assumed: set[Port], place: str, initial: bool, reason: str = ""
+    loop: Sequence[Port],
+    connections: Mapping[Port, Connection],
+    assumed: set[Port],
+    place: str,
+    initial: bool,
+    reason: str = "",
+    step_size: float | None = None,
 ) -> Problem:
     """An algebraic loop, told hop by hop.
 
     Args:
         loop: inputs and outputs in turn, beginning with an input.
+        connections: by target.
         assumed: outputs whose dependencies the FMU does not declare.
         reason: why no master could solve it; empty if one that iterates would.
+        step_size: of the communication step [s]; None if it is not known.
     """
-    hops, doubtful = [], None
+    hops, doubtful, short = [], None, False
     for index, port in enumerate(loop):
         after = loop[(index + 1) % len(loop)]
         if index % 2:
-            hops.append(f"{port} is connected to {after}")
+            wire, through = connections[after].wire, []
+            for link in wire.links if wire else ():
+                told = link.name
+                # A delay: over a step short enough it passes nothing at once.
+                if not initial and step_size is not None and link.at_once:
+                    if not link.effect.passes_at_once(1e-9 * step_size):
+                        told += f" (shorter than the step of {step_size!r} s, hence passed at once)"
+                        short = True
+                through.append(told)
+            hops.append(f"{port} is connected to {after}{' through ' if through else ''}{', '.join(through)}")
             continue
         doubt = ""
         if after in assumed:
@@ -301,7 +321,8 @@ def loop_problem(
         (f"It cannot be solved: {reason}. " if reason else "The master iterative solves it; or take")
         + ("Take" if reason else "")
         + " a connection out of the loop, or put an instance without direct feedthrough into it.\n"
-        f"If {shown} does not depend on the inputs of the same instant, say so: "
+        + ("A delay that is no shorter than the step breaks the loop.\n" if short else "")
+        + f"If {shown} does not depend on the inputs of the same instant, say so: "
         f"instances.{shown.instance}.feedthrough: {{{shown.variable}: []}}"
     )
     return Problem(place, f"algebraic loop{' at initialisation' if initial else ''}", "\n".join(hops), remedy)

@@ -58,6 +58,11 @@ class Ends:
             tuple(connection.through),
         )
 
+    @property
+    def leading(self) -> str:
+        """The first source and the target, by which bonds name a connection: "a.y -> b.u"."""
+        return f"{self.sources[0][0]} -> {self.target}"
+
     def __str__(self) -> str:
         return f"{' + '.join(name for name, _ in self.sources)} -> {self.target}"
 

@@ -224,6 +224,8 @@ def lone(name: str, value, **attributes) -> str | float:
             "causality output, variability continuous, initial calculated"),
         (1.5, {"causality": Causality.OUTPUT, "initial": Initial.EXACT}, 1.5),
         (1, {"shape": (2,)}, "one.p cannot be set: it is an array of shape (2,)"),
+        ("00ff", {"causality": Causality.INPUT, "kind": Kind.BINARY, "type": "Binary"},
+         "one.p cannot be set: values of type Binary are not supported\n  Leave it out."),
     ],
 )  # fmt: skip
 def test_start_values(value, attributes, expected):
@@ -309,6 +311,29 @@ def test_an_algebraic_loop_is_told_hop_by_hop():
         "  If a.y does not depend on the inputs of the same instant, say so: "
         "instances.a.feedthrough: {y: []}",
     ]
+
+
+def test_an_algebraic_loop_tells_effects_and_delays_that_are_too_short():
+    parts = [Part("a", gain()), Part("b", gain())]
+
+    def told(step_size, delay="1 ms"):
+        through = [{"gain": 2}, {"delay": delay}]
+        connections = ["a.y -> b.u", {"from": "b.y", "to": "a.u", "through": through}]
+        with pytest.raises(ConfigError) as caught:
+            assemble(parts, connections, step_size=step_size)
+        return str(caught.value).splitlines()[1:]
+
+    plain = "  b.y is connected to a.u through gain, delay"
+    remedy = "  A delay that is no shorter than the step breaks the loop."
+    short = told(5e-3)
+    assert f"{plain} (shorter than the step of 0.005 s, hence passed at once)" in short
+    assert short[-2] == remedy
+    for lines in (told(None), told(5e-3, "0 s")):
+        assert plain in lines and remedy not in lines
+    # A delay of a step breaks the loop at communication points.
+    assemble(
+        parts, ["a.y -> b.u", {"from": "b.y", "to": "a.u", "through": [{"delay": "1 ms"}]}], step_size=1e-3
+    )
 
 
 def test_a_stated_feedthrough_opens_the_loop():

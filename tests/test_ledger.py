@@ -384,6 +384,32 @@ def test_wrong_bonds_are_told_all_at_once():
     ]
 
 
+def test_wrong_bonds_are_told_with_everything_else():
+    """A bond is blamed for its own mistakes only, not for connections and instances that have a problem."""
+    connections = ["mass.velocity -> damped.velocity", "mass.position -> damped.position"]
+    damped = FakeFmu(inputs={"position": "m", "velocity": "m"}, outputs={"force": "N"})
+    bonds = [
+        BondModel(effort="damped.force -> mass.force", flow="mass.velocity -> damped.velocity"),
+        BondModel(effort="damped.force -> mass.force", flow="gone.velocity"),
+        BondModel(effort="damped.force -> gone.force", flow="gone.velocity"),
+        BondModel(effort="damped.force -> mass.force", flow="mass.speed"),
+        BondModel(effort="damped.forc -> mass.force", flow="mass.position -> damped.position"),
+    ]
+    with pytest.raises(ConfigError) as caught:
+        assemble(
+            [Part("mass", mass(), {"position": "1 m", "weight": 3}), Part("damped", damped)],
+            [*connections, "damped.force -> mass.force", "damped.force -> gone.force"],
+            bonds=bonds,
+            absent=frozenset(["gone"]),
+        )
+    assert [problem.place + ": " + problem.what for problem in caught.value.problems] == [
+        "system: connections[0]: cannot connect mass.velocity [m/s] to damped.velocity [m]",
+        "system: instances.mass.start.weight: mass has no variable 'weight'",
+        "system: bonds[3]: no output 'mass.speed'",
+        "system: bonds[4]: no connection 'damped.forc -> mass.force'",
+    ]
+
+
 def test_a_bond_whose_product_is_no_power_is_refused():
     body = FakeFmu(inputs={"f": "N"}, outputs={"a": "m/s2"})
     pad = FakeFmu(inputs={"a": "m/s2"}, outputs={"f": "N"})
