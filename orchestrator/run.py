@@ -240,7 +240,8 @@ def _run_once(
         "stop_time": float(grid.stop),
         "simulated_time": simulated,
         "wall_time": wall,
-        "real_time_factor": simulated / wall,
+        "stepping_time": report.stepping_time,
+        "real_time_factor": simulated / report.stepping_time if report.stepping_time > 0.0 else 0.0,
         "instance_time": report.instance_time,
         "log": report.log,
     }

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from fractions import Fraction
+from time import perf_counter
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -147,11 +148,23 @@ class Report:
         instance_time: wall time spent in each instance's steps [s].
         log: the latest warnings and errors that each instance logged.
         loop: which one ran, "python" or "native".
+        stepping_time: wall time of the loop itself, without loading and initialising [s].
     """
 
     instance_time: dict[str, float] = field(default_factory=dict)
     log: dict[str, list[str]] = field(default_factory=dict)
     loop: str = ""
+    stepping_time: float = 0.0
+    _begun: float | None = field(default=None, repr=False)
+
+    def stepping_begins(self) -> None:
+        """The loop is ready for its first step."""
+        self._begun = perf_counter()
+
+    def stepping_ends(self) -> None:
+        """The loop took its last step, or failed at it; perhaps it never began."""
+        if self._begun is not None:
+            self.stepping_time = perf_counter() - self._begun
 
 
 class _Stop:
@@ -220,10 +233,14 @@ def simulate(
         try:
             report.loop = choose_loop(loop, instances, master, grid.steps)
             signals = instances.initialise(float(grid.start), grid.latest)
-            if report.loop == "native":
-                _loop_natively(instances, master, grid, observers, stop, ledger or None)
-            else:
-                _loop(instances, master, grid, observers, stop, signals, ledger or None)
+            try:
+                if report.loop == "native":
+                    _loop_natively(instances, master, grid, observers, stop, ledger or None, report)
+                else:
+                    report.stepping_begins()
+                    _loop(instances, master, grid, observers, stop, signals, ledger or None)
+            finally:
+                report.stepping_ends()
             instances.terminate()
         finally:
             report.instance_time, report.log = instances.elapsed(), instances.warnings()
@@ -268,6 +285,7 @@ def _loop_natively(
     observers: tuple[Observer, ...],
     stop: _Stop,
     ledger: Ledger | None,
+    report: Report,
 ) -> None:
     # numba takes longer to import than a short run takes.
     from .native.loop import run_native
@@ -291,7 +309,8 @@ def _loop_natively(
                 observe(Point(index, time, step_size), signals)
 
     seen = observe_blocks if len(blockwise) == len(observers) else observe_points
-    reached = run_native(instances, master, grid, seen if observers else None, lambda: stop.requested)
+    shown = seen if observers else None
+    reached = run_native(instances, master, grid, shown, lambda: stop.requested, report.stepping_begins)
     time = float(grid.times(reached, reached + 1)[0])
     point = Point(reached, time, step_size, reached == grid.steps)
     signals = instances.signals(time)

@@ -60,7 +60,7 @@ def _heading(summary: Mapping[str, Any]) -> str:
     run = summary["run"]
     text = (
         f"{run['steps']} steps of {run['step_size']:g} s, {run['master']}, in {run['wall_time']:.2f} s: "
-        f"{run['real_time_factor']:.3g} times real time"
+        f"{run['real_time_factor']:.3g} times real time while stepping"
     )
     return f"{summary['title']}\n{text}" if summary.get("title") else text
 

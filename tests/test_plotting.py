@@ -103,7 +103,7 @@ SUMMARY = {
 def test_a_summary_as_text():
     assert summary_text(SUMMARY).splitlines() == [
         "t",
-        "10 steps of 0.1 s, jacobi, in 2.00 s: 0.5 times real time",
+        "10 steps of 0.1 s, jacobi, in 2.00 s: 0.5 times real time while stepping",
         "contacts:",
         "       side    ratio     peak",
         "   1  front    -1.25       10",

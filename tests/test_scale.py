@@ -44,8 +44,9 @@ def test_a_thousand_instances_with_ten_thousand_connections_run(fmu, monkeypatch
     told = made.summary["run"]
     assert list(told["instance_time"]) == [f"s{index}" for index in range(1000)]
     assert min(told["instance_time"].values()) > 0.0
-    assert sum(told["instance_time"].values()) < told["wall_time"]
-    assert told["real_time_factor"] == pytest.approx(STEPS * STEP_SIZE / told["wall_time"])
+    # Loading and initialising a thousand instances is no part of the loop.
+    assert sum(told["instance_time"].values()) < told["stepping_time"] < told["wall_time"]
+    assert told["real_time_factor"] == pytest.approx(STEPS * STEP_SIZE / told["stepping_time"])
     # All instances begin alike, hence stay alike: first-order lags that are fed by one another.
     y = 1.0 + np.arange(PORTS)
     for _ in range(STEPS):

@@ -45,6 +45,7 @@ def run_native(
     grid: Grid,
     seen: Callable[[int, Array, Array], None] | None,
     check: Callable[[], bool],
+    begun: Callable[[], None] | None = None,
 ) -> int:
     """Take all steps of a grid; what happens, and what fails, is the same as with `master.step`.
 
@@ -54,6 +55,7 @@ def run_native(
             signals, shape (n, layout.size), of the points at which its steps began, in memory that the next
             chunk reuses. None: nobody looks.
         check: called before each chunk; whether to stop there.
+        begun: called before the first, when the machine code is there.
     Returns: the index of the point that was reached.
     Raises: StepError.
     """
@@ -73,11 +75,11 @@ def run_native(
     while seen is not None and largest > _FEWEST and largest * width > _NUMBERS:
         largest //= 2
     columns = np.empty((width, 0 if seen is None else largest + _APART))
-    index, size, timed_every = 0, min(_FEWEST, largest), 1
-    while index < grid.steps and not check():
-        times = grid.times(index, min(index + size, grid.steps))
-        begin = perf_counter_ns()
-        done = run(
+    timed_every = 1
+
+    def take(times: Array) -> int:
+        """Take the steps that begin at `times`, shape (n,) [s]; how many were taken."""
+        return run(
             tables.order,
             tables.late,
             tables.steps,
@@ -105,6 +107,15 @@ def run_native(
             wiring.bounds,
             outcome,
         )
+
+    take(np.empty(0))  # brings the machine code from disk, or compiles it
+    if begun is not None:
+        begun()
+    index, size = 0, min(_FEWEST, largest)
+    while index < grid.steps and not check():
+        times = grid.times(index, min(index + size, grid.steps))
+        begin = perf_counter_ns()
+        done = take(times)
         took = perf_counter_ns() - begin
         total = int(elapsed.sum())
         if total:
