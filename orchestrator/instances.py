@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .culprits import Culprits
 from .errors import OrchestratorError, StepError
 from .fmi import Array, FmuInstance, Point, StepStatus, Value
 from .fmi.directory import return_to, working_directory
@@ -55,6 +56,7 @@ class Instances:
             communication step in; None: nobody asks.
         memory: what a master keeps from one step to the next, so that one master serves several runs.
         wires: evaluates connections with effects; None if there are none.
+        culprits: names who gave a number that is not finite.
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -74,6 +76,7 @@ class Instances:
             (inputs.source, u, inputs.gain, inputs.offset)
             for inputs, u in zip(layout.inputs, self._u, strict=True)
         ]
+        self.culprits = Culprits(system, layout, self.running, self._values, self._u)
         self.terminated = False
         self._complaints: dict[str, str] = {}
         self._elapsed = [0] * len(system.instances)
@@ -229,7 +232,7 @@ class Instances:
                 if self.wires is not None:
                     self.wires.follow(index, point.time + point.step_size, self._values)
         except StepError as error:
-            self.blame_inputs(index, point, error)
+            self.culprits.blame_inputs(index, point, error)
             raise
         self._elapsed[index] += perf_counter_ns() - begin
         return status
@@ -288,7 +291,7 @@ class Instances:
         # A search in bytes, since a reduction of the Boolean array would cost four times as much per step.
         np.isfinite(self._values, self._finite)
         if 0 in self._finite.tobytes():
-            self._report_non_finite(time)
+            self.culprits.report_non_finite(time)
         return Signals(self._values.copy(), dict(self.texts) if self.texts else {})
 
     # What the native loop uses.
@@ -321,7 +324,7 @@ class Instances:
             if stop is not None and instance.ratio != 1:  # the ends of own steps are rounded once more
                 stop += 2.0 * ulp(stop)
             one.enter_initialisation(start_time, instance.start, stop)
-        settle(self.system, self.running, start_time, self._check_initial, self._made)
+        settle(self.system, self.running, start_time, self.culprits.check_initial, self._made)
         for one in self.running:
             one.exit_initialisation()
             self.started += 1
@@ -339,7 +342,7 @@ class Instances:
         (wired,) = (one for one in self.layout.wired if one.connection is connection)
         self.wires.try_out([wired], time, self._values)
         if not np.isfinite(self._values[wired.place]):
-            self._raise_made(wired, None)
+            self.culprits.raise_made(wired, None)
         return float(self._values[wired.place])
 
     def terminate(self) -> None:
@@ -368,73 +371,12 @@ class Instances:
             for one, elapsed in zip(self.system.instances, self._elapsed, strict=True)
         }
 
-    # Failures.
-
     def _read_texts(self, index: int) -> None:
         names = self.layout.text_outputs[index]
         if names:
             values = self.running[index].get_values(names)
             name = self.system.instances[index].name
             self.texts.update({Port(name, key): str(value) for key, value in values.items()})
-
-    def _check_initial(self, port: Port, value: float) -> None:
-        if not np.isfinite(value):
-            self._raise_non_finite(port, value, None)
-
-    def blame_inputs(self, index: int, point: Point, error: StepError) -> None:
-        """An FMU that fails on a NaN it was given is not the culprit: name the one that gave it.
-
-        Raises: StepError in place of `error` if the instance's inputs are not finite.
-        """
-        if np.isfinite(self._u[index]).all():
-            return
-        position = int(np.flatnonzero(~np.isfinite(self._u[index]))[0])
-        source = int(self.layout.inputs[index].source[position])
-        if not np.isfinite(self._values[source]):
-            time = point.time + point.step_size
-            self._report_non_finite(time, source, error)
-
-    def _report_non_finite(
-        self, time: float | None, place: int | None = None, cause: Exception | None = None
-    ) -> None:
-        """Name the first signal that is not finite, or the one at `place`; for what an effect made of such
-        a signal, that one."""
-        wanted = None if place is None else {place}
-        for one in self.layout.wired:
-            if wanted is not None and one.place == place:
-                wanted |= {*one.source.tolist(), *(n for _, reads in one.links for n in reads.tolist())}
-        for index in self.system.order:
-            span = self.layout.spans[index]
-            for position in np.flatnonzero(~np.isfinite(self._values[span])):
-                if wanted is None or span.start + position in wanted:
-                    port = Port(self.system.instances[index].name, self.layout.outputs[index][position])
-                    self._raise_non_finite(port, float(self._values[span][position]), time, cause)
-        for one in self.layout.wired:
-            if not np.isfinite(self._values[one.place]) and (wanted is None or one.place in wanted):
-                self._raise_made(one, time, cause)
-
-    def _raise_made(self, one: Wired, time: float | None, cause: Exception | None = None) -> None:
-        raise StepError(
-            f"{one.connection}: the effects give {float(self._values[one.place])!r}",
-            instance=one.connection.source.instance,
-            time=time,
-            status="not finite",
-            remedy="Check the effects' options.",
-        ) from cause
-
-    def _raise_non_finite(
-        self, port: Port, value: float, time: float | None, cause: Exception | None = None
-    ) -> None:
-        one = self.running[self.system.position[port.instance]]
-        text = str(self.system.variable(port)).removeprefix(port.variable)
-        raise StepError(
-            f"{port.variable}{text} is {value!r}",
-            instance=port.instance,
-            time=time,
-            status="not finite",
-            log=one.log_lines(),
-            remedy="Check the values that it is given, or take a smaller step size.",
-        ) from cause
 
 
 @contextmanager

@@ -156,7 +156,7 @@ def _raise(instances: Instances, tables: Tables, outcome: NDArray[np.int64], poi
             one.fail_block(tables.blocks[row], status)
         judged = one.judge_step(status, point)
     except StepError as error:
-        instances.blame_inputs(who, point, error)
+        instances.culprits.blame_inputs(who, point, error)
         raise
     failure(instances, who, judged).raise_on_failure(point)
     raise AssertionError("a step that did not fail ended the native loop")
