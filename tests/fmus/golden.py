@@ -21,6 +21,8 @@ LINE = ("measured_force", "position", "velocity", "desired_position", "desired_v
 STEP = 5e-4
 INPUTS = {
     "SatelliteDynamics": ("force",),
+    "LabSatellite": ("force",),
+    "LabController": LINE,
     "ComplianceController": LINE,
     **dict.fromkeys(PEERS, LINE),
     "SatellitePair": tuple(f"{name}[{index}]" for name in ("force", "torque") for index in (1, 2, 3)),
@@ -32,6 +34,12 @@ OUTPUTS = {
         "position": (1e-15, "m"),
         "velocity": (1e-15, "m/s"),
         "kinetic_energy": (1e-15, "J"),
+    },
+    "LabSatellite": {"position": (1e-15, "m"), "velocity": (1e-15, "m/s"), "command": (1e-15, "m")},
+    "LabController": {
+        "force": (1e-8, "N"),
+        "stiffness_estimate": (1e-5, "N/m"),
+        "damping_estimate": (1e-7, "N.s/m"),
     },
     "ComplianceController": {
         "force": (1e-4, "N"),
@@ -54,6 +62,8 @@ OUTPUTS = {
 }
 START = {
     "SatelliteDynamics": {"velocity": 0.02},
+    "LabSatellite": {"velocity": 0.02, "position": 1e-3},
+    "LabController": {"sample_period": 5e-4, "lead_time": 1e-3, "stiffness": 15e4, "start_velocity": 0.05},
     "ComplianceController": {"tau_s": 1e-3},
     "AdmittanceControl": {"filter_time": 1e-3, "force_gain": 0.9, "virtual_damping": 900.0},
     "OsakiCompensation": {"restitution": 0.95},
@@ -75,7 +85,8 @@ START = {
 # Other parameters than those of START.
 OTHER = {
     "SatelliteDynamics": {"mass": 5.0},
-    **{name: {"sample_period": 1e-3} for name in ("ComplianceController", *PEERS)},
+    "LabSatellite": {"mass": 5.0, "sample_period": 2e-3},
+    **{name: {"sample_period": 1e-3} for name in ("ComplianceController", *PEERS, "LabController")},
     "SatellitePair": {"mass_a": 5.0, "sensor_position[1]": 0.1},
 }
 UNITS = {
@@ -187,10 +198,11 @@ def main() -> None:
     """Write all references."""
     from conftest import load_model
 
-    controllers = ("ComplianceController", *PEERS)
+    controllers = ("ComplianceController", *PEERS, "LabController")
     line = _controller_inputs("ComplianceController", load_model("ComplianceController"))
     for name, inputs in (
         ("SatelliteDynamics", _satellite_inputs()),
+        ("LabSatellite", _satellite_inputs()),
         ("SatellitePair", _pair_inputs()),
         *((name, _controller_inputs(name, load_model(name))) for name in controllers),
         *((name, golden_arm.inputs(name)) for name in golden_arm.INPUTS),

@@ -68,6 +68,12 @@ def satellite_inputs(seed: int, steps: int):
         yield {"force": force}, source.choice([1e-4, 5e-4, source.uniform(1e-5, 2e-3)])
 
 
+def tick_inputs(seed: int, steps: int):
+    """Those forces, in steps that end at every tick of 1 ms."""
+    for values, _ in satellite_inputs(seed, steps):
+        yield values, golden.STEP
+
+
 def controller_inputs(seed: int, steps: int):
     """A rod that swings between two frames, noise and lag of robot and sensor; every number is random."""
     source = random.Random(seed)
@@ -158,6 +164,8 @@ def wrench_inputs(seed: int, steps: int):
         ("ArmForward", golden.START["ArmForward"]),
         ("SatellitePair", golden.START["SatellitePair"]),
         ("SatelliteDynamics", {"mass": 123.4, "velocity": 0.02}),
+        ("LabSatellite", golden.START["LabSatellite"]),
+        ("LabController", golden.START["LabController"]),
         *((peer, golden.START[peer]) for peer in golden.PEERS),
         ("ComplianceController", {"tau_s": 1e-3}),
         ("ComplianceController", {"mode": 2, "lead_filter_time": 0.0, "tau_s": 2e-3, "transfer_delay": 1e-3}),
@@ -170,6 +178,7 @@ def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
     on_a_line = golden.INPUTS[name] == golden.LINE
     inputs = {
         "SatelliteDynamics": satellite_inputs,
+        "LabSatellite": tick_inputs,
         "SatellitePair": pair_inputs,
         "ArmInverse": inverse_inputs,
         "ArmForward": forward_inputs,
@@ -192,7 +201,9 @@ def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
         native.set(**values)
         assert model.do_step(time, step)
         native.fmu.doStep(time, step)
-        time = (number + 1) * step if on_a_line or name == "WrenchController" else time + step
+        time = (
+            (number + 1) * step if on_a_line or name in ("WrenchController", "LabSatellite") else time + step
+        )
         for signal, variable in python.items():
             sizes[signal] = max(sizes[signal], abs(float(variable.getter())))
         if number % 5 == 0:
@@ -205,6 +216,10 @@ def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
                 assert difference <= tolerance * sizes[signal], (number, signal, value, variable.getter())
     if name in ("ComplianceController", "WrenchController"):
         assert model.state.updates > 80  # the filter has been at work
+    elif name == "LabController":
+        assert model.state.covariance_kk < 1e8  # so has this one
+    elif name == "LabSatellite":
+        assert abs(model.state.velocity) > 0.03
     elif name == "SatelliteDynamics":
         assert abs(model.velocity) > 0.03
     elif name == "SatellitePair":
@@ -224,6 +239,9 @@ def refusal(instance, action) -> list[str]:
     [
         ("SatelliteDynamics", {"mass": 0.0}),
         ("SatelliteDynamics", {"mass": -1e-7}),
+        ("LabSatellite", {"mass": -1.0}),
+        ("LabSatellite", {"sample_period": 0.0}),
+        ("LabController", {"lead_time": -1e-3, "stiffness": 0.0}),
         ("ComplianceController", {"sample_period": 0.0}),
         ("ComplianceController", {"mode": 4, "tau_s": -1.5e20, "force_sigma": 0.0}),
         ("ComplianceController", {"forgetting_factor": 1.0, "release_threshold": 6.0}),
