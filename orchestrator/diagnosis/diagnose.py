@@ -19,11 +19,13 @@ from pydantic import ValidationError
 
 from ..errors import ConfigError, OrchestratorError, Problem
 from ..formats import strict
+from .augmented import NAME as AUGMENTED
+from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
 from .finding import Finding
 from .parts import Parts
 from .study import Role, Study, load_study
-from .verdict import NAME, Diagnosis, Share, Verdict, Warned, Which, problems_of
+from .verdict import NAME, Diagnosis, Runnable, Share, Verdict, Warned, Which, problems_of
 
 __all__ = ["STAGES", "Diagnosed", "diagnose"]
 
@@ -97,12 +99,15 @@ def diagnose(
                 left_out[name] = reason
             else:
                 told[name] = getattr(parts, name)(study, finding)
+    config = augmented_config(study, finding) if is_docking_lab(study) else None
+    if config is not None:
+        told["augmented"] = Runnable(file=AUGMENTED, run=config.run, left_out=dict(config.left_out))
     diagnosis = _collect(study, finding, told, left_out, warned, _provenance(study, source))
     progress("write")
     if out is None:
         return Diagnosed(study, finding, diagnosis)
     diagnosis.provenance["seconds"] = round(perf_counter() - begin, 3)
-    folder, files = _write(Diagnosed(study, finding, diagnosis), Path(out), report)
+    folder, files = _write(Diagnosed(study, finding, diagnosis), Path(out), report, config)
     return Diagnosed(study, finding, diagnosis, folder, files)
 
 
@@ -134,6 +139,7 @@ def _collect(
         "answer_set": list(finding.answer_set),
         "doubtful_tolerances": finding.doubtful_tolerances,
         "how_far": told.get("how_far"),
+        "augmented": told.get("augmented"),
         "next_experiment": told.get("next_experiment"),
         "numerics": told.get("numerics"),
         "ledger": told.get("ledger", []),
@@ -154,7 +160,7 @@ def _collect(
 def strict_parts(data: Mapping[str, Any]) -> dict[str, Any]:
     """Plain values of what the parts told."""
     return {
-        key: value if key in ("verdict", "where", "which", "data") else strict(value)
+        key: value if key in ("verdict", "where", "which", "augmented", "data") else strict(value)
         for key, value in data.items()
     }
 
@@ -225,13 +231,18 @@ def _version(package: str) -> str | None:
         return None
 
 
-def _write(diagnosed: Diagnosed, out: Path, report: bool) -> tuple[Path, tuple[str, ...]]:
+def _write(
+    diagnosed: Diagnosed, out: Path, report: bool, config: AugmentedConfig | None
+) -> tuple[Path, tuple[str, ...]]:
     """Write everything; diagnosis.json last, so that where it stands the rest does, too."""
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError([Problem("", f"cannot make the folder {out} ({error})")]) from error
     files = [NAME]
+    if config is not None:
+        _atomically(out / AUGMENTED, config.text)
+        files.append(AUGMENTED)
     if report:
         # matplotlib takes a third of a second to import.
         from .report import page

@@ -19,6 +19,7 @@ __all__ = [
     "HowFar",
     "LedgerRow",
     "Numerics",
+    "Runnable",
     "Share",
     "Verdict",
     "Warned",
@@ -133,6 +134,19 @@ class Warned(_Part):
     remedy: str = ""
 
 
+class Runnable(_Part):
+    """The system with the effects added, as a config that runs.
+
+    Attributes:
+        file: beside diagnosis.json; run: whose mass, approach speed and duration it has.
+        left_out: what it does not hold, and why.
+    """
+
+    file: str
+    run: str
+    left_out: dict[str, str] = {}
+
+
 class Diagnosis(_Part):
     """diagnosis.json. See CATALOGUE in the README of the diagnosis for the keys."""
 
@@ -145,6 +159,7 @@ class Diagnosis(_Part):
     answer_set: list[str]
     doubtful_tolerances: bool
     how_far: HowFar | None
+    augmented: Runnable | None = None
     next_experiment: Experiment | None
     numerics: Numerics | None
     ledger: list[LedgerRow] = []

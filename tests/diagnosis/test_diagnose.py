@@ -108,7 +108,8 @@ def test_what_is_written(study, tmp_path):
     made = diagnose(case, tmp_path / "out", parts=chosen, progress=stages.append)
     assert tuple(stages) == STAGES
     assert seen == [{Role.TRAIN}], "fits see training runs only"
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["diagnosis.json", "report.html"]
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["augmented.yaml", "diagnosis.json", "report.html"]
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert found["case"] == "case-x"
     assert found["verdict"] == {"effects": ["contact.hertz"], "places": ["contact"]}
@@ -118,6 +119,8 @@ def test_what_is_written(study, tmp_path):
     assert found["how_far"]["full_run"]["closure"] == 0.978
     assert found["next_experiment"]["expected_evidence"] == 31.0
     assert found["numerics"] == {"fraction": 0.002}
+    assert found["augmented"]["file"] == "augmented.yaml" and found["augmented"]["run"] == "heldout-1"
+    assert list(found["augmented"]["left_out"]) == ["contact.hertz"]
     assert found["calibration"]["force_bias"]["fitted"] == 0.01
     assert found["calibration"]["force_bias"]["recalibrated"] == 0.0
     # The truth may lie beside the logs; it is not even opened.
@@ -247,7 +250,8 @@ def test_command(study, tmp_path, monkeypatch, capsys):
     out, err = capsys.readouterr()
     assert [json.loads(line)["case"] for line in out.splitlines()] == ["good"]
     assert "its sign is reversed" in err
-    assert [path.name for path in (tmp_path / "two" / "good").iterdir()] == ["diagnosis.json"]
+    names = sorted(path.name for path in (tmp_path / "two" / "good").iterdir())
+    assert names == ["augmented.yaml", "diagnosis.json"]
     assert not (tmp_path / "two" / "bad").exists()
     assert main(["diagnose", str(bad)]) == 2
     assert main(["diagnose", str(tmp_path / "nowhere")]) == 2

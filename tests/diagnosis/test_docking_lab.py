@@ -1,0 +1,175 @@
+"""The bundled docking lab is the rig that a diagnosis replays, with and without effects."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import yaml
+from rigs import study as own_study
+
+from orchestrator.assembly import load_system
+from orchestrator.config import load_config
+from orchestrator.diagnosis.augmented import _INSERTS, _MASSES, augmented_config
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.run import run
+
+# The robot's delay holds the first command before the start, where the rig's robot is moving already.
+SETTLED, TICKS = 50, 700
+SIGNALS = (
+    "satellite.position",
+    "satellite.velocity",
+    "robot.position",
+    "sensor.measured_force",
+    "controller.force",
+    "controller.stiffness_estimate",
+)
+NONE = Augmented({}, (), np.zeros(0))
+# An effect of a size that shows, by its id.
+SIZES = {
+    "contact.stiffness": (-0.2,),
+    "contact.damping": (150.0,),
+    "contact.wall-offset": (2e-4,),
+    "robot.bandwidth": (-0.3,),
+    "robot.damping": (0.3,),
+    "robot.delay": (1.3e-3,),
+    "robot.command-quantisation": (5e-5,),
+    "link.sample-and-hold": (4.0,),
+    "sensor.delay": (5e-4,),
+    "sensor.bias": (1.5,),
+    "sensor.gain": (0.1,),
+    "sensor.low-pass": (1e-3,),
+    "structure.kinematic-scale": (0.02,),
+    "structure.offset": (2e-4,),
+    "controller.lead": (1e-3,),
+    "controller.stiffness-gain": (0.2,),
+    "dynamics.mass": (0.1,),
+    "dynamics.mass-offset": (0.4,),
+    "dynamics.residual-gravity": (5e-3,),
+}
+
+
+def ticked(result, name, step):
+    return result.results[name][:: round(1e-3 / step)][:TICKS]
+
+
+def of_rig(model=NONE, substeps=200):
+    """The rig's channels, shape (8, TICKS)."""
+    rig = RigModel(own_study(runs=((279.07, 0.02),), ticks=TICKS), own_study(ticks=TICKS).runs[:1], substeps)
+    return rig.closed_loop(0, model.calibrated, model.effects, model.theta, TICKS)
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return of_rig()
+
+
+def distance(result, rig, step):
+    """Largest differences after SETTLED ticks, relative to the largest size of each signal, by signal."""
+    found = {}
+    for name, channel in zip(SIGNALS, rig, strict=False):
+        size = np.abs(channel).max()
+        found[name] = float(np.abs(ticked(result, name, step) - channel)[SETTLED:].max() / size)
+    return found
+
+
+def lab(step, *overrides):
+    """Run docking-lab; the sensor's delay makes up for half a step of hold."""
+    told = [f"run.step_size={step!r} s", f"run.stop_time={TICKS} ms", f"sensor.tau_s={1e-3 + step / 2!r} s"]
+    return run("docking-lab", overrides=[*told, *overrides], halving=False)
+
+
+def test_the_co_simulation_converges_to_the_rig(nominal):
+    errors = [distance(lab(step), nominal, step) for step in (5e-4, 2.5e-4, 1e-4)]
+    assert np.abs(nominal[3]).max() > 100.0, "a contact is in it"
+    for coarse, fine in pairwise(errors):
+        assert coarse["satellite.position"] > 3.0 * fine["satellite.position"], "second order"
+        assert coarse["robot.position"] > 3.0 * fine["robot.position"], "second order"
+    assert errors[-1]["satellite.position"] < 2e-5
+    # The damping's jump at the onset falls anywhere in a step.
+    assert max(errors[-1].values()) < 1e-3
+
+
+def finding(model, ids, parameters=None):
+    candidate = Candidate(tuple(ids), 1.0, parameters or {}, (), 50.0, model)
+    return Finding((candidate,), tuple(ids), (), "", tuple(ids), NONE)
+
+
+def test_every_effect_that_can_be_written_is_tried():
+    written = {name for name, one in catalogue().items() if one.changes} | set(_INSERTS) | set(_MASSES)
+    assert set(SIZES) | {"sensor.quantisation"} == written
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_an_effect_in_the_config_is_that_of_the_rig(name, nominal, tmp_path):
+    model = Augmented({}, (catalogue()[name],), np.array(SIZES[name]))
+    made = augmented_config(own_study(runs=((279.07, 0.02),), ticks=TICKS), finding(model, (name,)))
+    assert made.left_out == {} and made.run == "train-1"
+    path = tmp_path / "augmented.yaml"
+    path.write_text(made.text)
+    result, rig = run(path, halving=False), of_rig(model)
+    wrong = np.abs(ticked(result, "sensor.measured_force", 2e-4) - sampled_before(name, rig))[SETTLED:].max()
+    moved = np.abs(rig - nominal)[3, SETTLED:].max()
+    assert moved > 0.5, "the effect shows"
+    assert np.abs(ticked(result, "robot.position", 2e-4) - rig[2])[SETTLED:].max() < 1e-5
+    assert wrong < 0.2 * moved
+
+
+def sampled_before(name, rig):
+    """The sensor's output before what the connection to the controller adds."""
+    if name == "sensor.bias":
+        return rig[3] - SIZES[name][0]
+    return rig[3] / (1.0 + SIZES[name][0]) if name == "sensor.gain" else rig[3]
+
+
+def test_several_effects_and_calibrated_numbers(tmp_path):
+    names = ("sensor.bias", "sensor.gain", "dynamics.mass", "contact.hertz")
+    effects = tuple(catalogue()[name] for name in names)
+    theta = np.concatenate(
+        [[1.5], [0.1], [0.1], [one.starts[0] if one.starts else 0.1 for one in effects[3].parameters]]
+    )
+    model = Augmented({"natural_frequency": 480.0, "force_bias": 0.25}, effects, theta)
+    made = augmented_config(own_study(ticks=TICKS), finding(model, names))
+    assert made.left_out == {
+        "contact.hertz": f"no effect on a connection is the like of its law, {effects[3].equation}"
+    }
+    assert "# Not in it: contact.hertz: no effect" in made.text
+    data = loaded(made.text, tmp_path)
+    assert data["instances"]["robot"]["start"]["omega_n"] == "480.0 rad/s"
+    assert data["instances"]["satellite"]["start"]["mass"] == f"{279.07 * 1.1!r} kg"
+    (reading,) = [one for one in data["connections"] if "sensor.measured_force" in str(one)]
+    assert reading["through"] == [{"offset": "1.75 N"}, {"gain": 1.1}], "the bias first, as in the rig"
+
+
+def loaded(text, folder):
+    """The config, whose system loads without problems."""
+    path = folder / "augmented.yaml"
+    path.write_text(text)
+    config = load_config(path)
+    assert len(load_system(config).instances) == 5
+    return config.model.to_data()
+
+
+def test_what_statistics_know_and_what_nobody_knows(tmp_path):
+    study = own_study(ticks=TICKS)
+    made = augmented_config(study, finding(None, ("sensor.quantisation",), {"sensor.quantisation.step": 2.0}))
+    assert {"from": "sensor.measured_force", "to": "controller.measured_force",
+            "through": [{"quantise": "2.0 N"}]} in yaml.safe_load(made.text)["connections"]  # fmt: skip
+    loaded(made.text, tmp_path)
+    made = augmented_config(study, replace(finding(None, ("outside",)), outside_place="robot"))
+    assert made.left_out == {"outside": "the catalogue has no law for it"}
+    made = augmented_config(study, finding(None, ("sensor.dropout",)))
+    assert made.left_out == {"sensor.dropout": "no parameters of it were fitted"}
+    assert re.search(r"^extends: docking-lab$", made.text, re.M)
+
+
+def test_a_number_that_no_fmu_takes_is_told(tmp_path):
+    model = Augmented({}, (catalogue()["contact.damping"],), np.array([-130.0]))
+    made = augmented_config(own_study(ticks=TICKS), finding(model, ("contact.damping",)))
+    assert made.left_out == {"contact_damping": "-30 was found, and the FMUs take none below 0; 0 is written"}
+    loaded(made.text, tmp_path)
