@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryFile
 from time import perf_counter
@@ -22,6 +19,7 @@ from .ledger import Ledger
 from .master import MasterAlgorithm, create_master
 from .measures import ChosenMeasure, changes, choose_measures, signal_changes
 from .progress import Progress
+from .provenance import origin, versions
 from .results import Recorder, Results, parameters_of
 from .run_folder import begin_folder, folder_at, incomplete, write_run
 from .simulate import Grid, Observer, Report, simulate
@@ -340,19 +338,10 @@ def _provenance(prepared: Prepared) -> dict[str, Any]:
             "checksum": checksums[id(fmu)],
         }
     return {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "packages": {name: _version(name) for name in _PACKAGES},
+        **origin(),
+        "packages": versions(_PACKAGES),
         "fmus": fmus,
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _finish_failed(

@@ -12,11 +12,11 @@ PACKAGE = ROOT / "orchestrator"
 
 # From the bottom up: a module imports only from layers that stand before its own.
 LAYERS = [
-    "errors", "bundled", "units", "quantities", "effects", "config", "fmi", "graph", "fixed_point",
-    "system", "bonds", "checks", "connecting", "assembly", "signals", "wires", "initialisation", "culprits",
-    "instances", "ledger", "master", "native", "simulate", "stream", "formats", "recorded", "results",
-    "progress", "measures", "plotting", "folder_lock", "run_folder", "run", "compare", "table", "translate",
-    "frequency", "docking", "diagnosis", "campaign", "__main__",
+    "errors", "bundled", "provenance", "units", "quantities", "effects", "config", "fmi", "graph",
+    "fixed_point", "system", "bonds", "checks", "connecting", "assembly", "signals", "wires",
+    "initialisation", "culprits", "instances", "ledger", "master", "native", "simulate", "stream",
+    "formats", "recorded", "results", "progress", "measures", "plotting", "folder_lock", "run_folder",
+    "run", "compare", "table", "translate", "frequency", "docking", "diagnosis", "campaign", "__main__",
 ]  # fmt: skip
 
 

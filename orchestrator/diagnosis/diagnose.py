@@ -5,12 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import platform
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -19,6 +16,7 @@ from pydantic import ValidationError
 
 from ..errors import ConfigError, OrchestratorError, Problem
 from ..formats import strict
+from ..provenance import origin, versions
 from .augmented import NAME as AUGMENTED
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
@@ -216,19 +214,10 @@ def _provenance(study: Study, source: Path | None) -> dict[str, Any]:
                     digest = hashlib.sha256(file.read_bytes()).hexdigest()
                     files[file.relative_to(folder).as_posix()] = digest
     return {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "packages": {name: _version(name) for name in _PACKAGES},
+        **origin(),
+        "packages": versions(_PACKAGES),
         "sha256": files,
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _write(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from ...formats import strict
+from ...provenance import origin
 from .catalogue import chosen_figures, experiments
 from .experiment import Case, Experiment, Quantity, Recorded
 from .runs import Failed, Pair, record
@@ -72,9 +71,7 @@ def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bo
     quantities = [quantity for entry in told for quantity in entry["quantities"]]
     summary = {
         "reference": SOURCE,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "python": platform.python_version(),
-        "platform": platform.platform(),
+        **origin(),
         "packages": _packages(recorded),
         "runs": 2 * len(recorded),
         "wall_time": perf_counter() - begin,
