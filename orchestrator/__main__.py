@@ -90,6 +90,12 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     run.add_argument(
         "--no-halving", action="store_true", help="do not run again with half the step size for `numerics`"
     )
+    run.add_argument(
+        "--realtime", action="store_true", help="pace the run by the clock; run.realtime.* has the options"
+    )
+    run.add_argument(
+        "--speed", type=float, metavar="X", help="simulated seconds per second; implies --realtime"
+    )
     run.add_argument("--no-figures", action="store_true", help="draw nothing")
     run.add_argument("--quiet", action="store_true", help="print errors only")
     run.set_defaults(command_function=_run)
@@ -184,7 +190,10 @@ def _run(args: argparse.Namespace) -> int:
         "figures": not args.no_figures,
         "progress": not args.quiet,
     }
-    for result in run_each(args.config, out=args.out, overrides=args.overrides, **options):
+    overrides = list(args.overrides)
+    if args.realtime or args.speed is not None:
+        overrides.append(f"run.realtime.speed={1.0 if args.speed is None else args.speed!r}")
+    for result in run_each(args.config, out=args.out, overrides=overrides, **options):
         failed = (result.summary.get("numerics") or {}).get("error")
         if not args.quiet:
             print(summary_text(result.summary))
@@ -206,7 +215,8 @@ def _check(args: argparse.Namespace) -> int:
     for index in system.order:
         instance = system.instances[index]
         description = instance.fmu.description
-        print(f"  {instance.name}: {description.name}, FMI {description.fmi_version}")
+        version = f", FMI {description.fmi_version}" if description.fmi_version else ""
+        print(f"  {instance.name}: {description.name}{version}")
     print(f"order of direct feedthrough: {', '.join(system.instances[index].name for index in system.order)}")
     print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master_name}")
     for bond in system.bonds:

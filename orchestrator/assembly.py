@@ -16,6 +16,7 @@ from .bonds import Bond, declared_bonds, find_bonds
 from .config import BondModel, Config, ConnectionModel, InstanceModel, Places, Scalar
 from .connecting import Ends, connect, elements
 from .errors import ConfigError, FmuError, Problem, listed, nearest
+from .external import ExternalFmu
 from .fmi import Fmu, Handling, Interface, Kind, Value, Variable, load_fmu
 from .system import Connection, Instance, Port, System, port_graph
 
@@ -64,6 +65,7 @@ def load_system(
         if fmu is not None:
             ratio = _ratio(name, config, problems)
             parts.append(Part(name, fmu, instance.start, instance.feedthrough, ratio))
+    parts += [Part(name, ExternalFmu(name, one)) for name, one in config.model.external.items()]
     absent = frozenset(config.model.instances) - {part.name for part in parts}
     record = config.model.run.record
     return assemble(

@@ -371,6 +371,11 @@ class Instances:
             for one, elapsed in zip(self.system.instances, self._elapsed, strict=True)
         }
 
+    def link_statistics(self) -> dict[str, Any]:
+        """What links to external programs counted, by instance."""
+        told = {one.name: getattr(one, "link_statistics", None) for one in self.running}
+        return {name: tell() for name, tell in told.items() if tell is not None}
+
     def _read_texts(self, index: int) -> None:
         names = self.layout.text_outputs[index]
         if names:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from .results import Results
 
-__all__ = ["COLORS", "draw_coupling", "draw_signals", "save"]
+__all__ = ["COLORS", "draw_coupling", "draw_punctuality", "draw_signals", "save"]
 
 # Okabe and Ito's palette: told apart with any colour vision, and dark enough on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -82,6 +83,38 @@ def draw_coupling(coupling: Results, title: str = "") -> Figure:
         axes.grid(alpha=0.3)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
     figure.suptitle(title + (f" ({left_out} further bonds not drawn)" if left_out > 0 else ""))
+    return figure
+
+
+def draw_punctuality(realtime: Mapping[str, Any], step_size: float, title: str = "") -> Figure:
+    """How late the steps of a paced run began, and how long they took.
+
+    Args:
+        realtime: from a summary, with histograms.
+        step_size: of communication [s].
+        title: stands above.
+    """
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    axes = figure.subplots()
+    for (key, label), color in zip(
+        (("latency", "from deadline to begin of step"), ("busy", "from begin to end of step")),
+        COLORS,
+        strict=False,
+    ):
+        found = realtime[key]["histogram"]
+        if found["counts"]:
+            axes.stairs(found["counts"], found["edges"], color=color, linewidth=1.8, label=label)
+    axes.axvline(
+        step_size / realtime["speed"], color="black", linestyle="--", linewidth=1.0, label="time per step"
+    )
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_ylim(bottom=0.5)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("steps")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
+    figure.suptitle(f"{title}: {realtime['missed']} of {realtime['steps']} deadlines missed".lstrip(": "))
     return figure
 
 

@@ -18,6 +18,7 @@ from .formats import check_formats, strict
 from .ledger import Ledger
 from .master import MasterAlgorithm, create_master
 from .measures import ChosenMeasure, changes, choose_measures, signal_changes
+from .pacing import Pace
 from .progress import Progress
 from .provenance import origin, versions
 from .results import Recorder, Results, parameters_of
@@ -148,7 +149,7 @@ def _run_in(
         begin_folder(folder, prepared.config)
     try:
         path = None if folder is None else folder / "results.arrow"
-        results, statistics, ledger = _run_once(prepared, prepared.grid, path, progress)
+        results, statistics, ledger = _run_once(prepared, prepared.grid, path, progress, paced=True)
     except _Stopped as stopped:
         error = _finish_failed(prepared, stopped, folder, formats)
         raise error from error.__cause__
@@ -194,7 +195,12 @@ class _Stopped(Exception):
 
 
 def _run_once(
-    prepared: Prepared, grid: Grid, path: Path | BinaryIO | None, progress: bool, label: str = ""
+    prepared: Prepared,
+    grid: Grid,
+    path: Path | BinaryIO | None,
+    progress: bool,
+    label: str = "",
+    paced: bool = False,
 ) -> tuple[Results, dict[str, Any], Ledger]:
     model = prepared.config.model
     recorder = Recorder(
@@ -210,11 +216,20 @@ def _run_once(
     if bar is not None:
         observers.append(bar)
     report, ledger = Report(), Ledger(prepared.system, every=model.run.record_every)
+    realtime = model.run.realtime if paced else None
+    pace = None if realtime is None else Pace(realtime, float(grid.start))
     begin = perf_counter()
     error: OrchestratorError | None = None
     try:
         simulate(
-            prepared.system, prepared.master, grid, observers, report, loop=model.run.loop, ledger=ledger
+            prepared.system,
+            prepared.master,
+            grid,
+            observers,
+            report,
+            loop=model.run.loop,
+            ledger=ledger,
+            pace=pace,
         )
     except OrchestratorError as raised:
         error = raised
@@ -243,6 +258,10 @@ def _run_once(
         "instance_time": report.instance_time,
         "log": report.log,
     }
+    if pace is not None:
+        statistics["realtime"] = pace.summary()
+    if report.external:
+        statistics["external"] = report.external
     if error is not None:
         raise _Stopped(error, results, statistics)
     return results, statistics, ledger
@@ -296,6 +315,9 @@ def _numerics(
     """What half the step size changes."""
     grid = prepared.grid.halved()
     numerics: dict[str, Any] = {"step_size": float(grid.step_size)}
+    if external := prepared.config.model.external:
+        what = f"{listed(external)} is another program, which would have to run again with this one"
+        return numerics | {"error": {"kind": "NotMade", "message": what}}
     refused = checks.step_size(prepared.system.instances, grid.step_size, prepared.config.places)
     if refused:
         return numerics | {"error": _told(ConfigError(refused))}

@@ -96,6 +96,10 @@ def write_run(result: RunResult, formats: Sequence[str], figures: bool) -> None:
 
     prepared = result.prepared
     drawn = {"signals": plotting.draw_signals(result.results, prepared.config.model.title)}
+    if "realtime" in result.summary["run"]:
+        drawn["realtime"] = plotting.draw_punctuality(
+            result.summary["run"]["realtime"], result.summary["run"]["step_size"], prepared.config.model.title
+        )
     if result.coupling is not None:
         drawn["coupling"] = plotting.draw_coupling(result.coupling, prepared.config.model.title)
     for one in prepared.measures:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from fractions import Fraction
 from time import perf_counter
@@ -20,6 +20,7 @@ from .instances import Instances, instantiate
 from .ledger import Ledger, Step
 from .master import MasterAlgorithm
 from .native import choose_loop, schedule
+from .pacing import Pace
 from .signals import Layout, Signals
 from .system import System
 
@@ -149,12 +150,14 @@ class Report:
         log: the latest warnings and errors that each instance logged.
         loop: which one ran, "python" or "native".
         stepping_time: wall time of the loop itself, without loading and initialising [s].
+        external: what links to external programs counted, by instance.
     """
 
     instance_time: dict[str, float] = field(default_factory=dict)
     log: dict[str, list[str]] = field(default_factory=dict)
     loop: str = ""
     stepping_time: float = 0.0
+    external: dict[str, Any] = field(default_factory=dict)
     _begun: float | None = field(default=None, repr=False)
 
     def stepping_begins(self) -> None:
@@ -171,6 +174,10 @@ class _Stop:
     """Whether the user asked for an end."""
 
     requested = False
+
+    def is_requested(self) -> bool:
+        """Whether the user asked for an end."""
+        return self.requested
 
     def __call__(self, number: int, frame: Any) -> None:
         if self.requested:
@@ -205,6 +212,7 @@ def simulate(
     *,
     loop: str = "auto",
     ledger: Ledger | None = None,
+    pace: Pace | None = None,
 ) -> None:
     """Run a system.
 
@@ -217,6 +225,7 @@ def simulate(
         loop: "python", "native" (machine code; the same results to the bit) or "auto": native where that is
             possible and faster.
         ledger: of the coupling; filled also when the run fails. One without bonds costs nothing.
+        pace: by which steps begin; as soon as they can without.
     Raises: ConfigError if the master, or the native loop that is asked for, cannot run the system; StepError
         if an FMU fails or an iteration does not converge; FmuError if an FMU cannot be loaded;
         KeyboardInterrupt, between two steps, if the user asks for it.
@@ -234,16 +243,18 @@ def simulate(
             report.loop = choose_loop(loop, instances, master, grid.steps)
             signals = instances.initialise(float(grid.start), grid.latest)
             try:
-                if report.loop == "native":
-                    _loop_natively(instances, master, grid, observers, stop, ledger or None, report)
-                else:
-                    report.stepping_begins()
-                    _loop(instances, master, grid, observers, stop, signals, ledger or None)
+                with nullcontext() if pace is None else pace.quiet():
+                    if report.loop == "native":
+                        _loop_natively(instances, master, grid, observers, stop, ledger or None, report, pace)
+                    else:
+                        report.stepping_begins()
+                        _loop(instances, master, grid, observers, stop, signals, ledger or None, pace)
             finally:
                 report.stepping_ends()
             instances.terminate()
         finally:
             report.instance_time, report.log = instances.elapsed(), instances.warnings()
+            report.external = instances.link_statistics()
     if stop.requested:  # after the last step: of several runs the next is not to begin
         raise KeyboardInterrupt
 
@@ -256,6 +267,7 @@ def _loop(
     stop: _Stop,
     signals: Signals,
     ledger: Ledger | None,
+    pace: Pace | None,
 ) -> None:
     parts: tuple[Step, ...] = ()
     if ledger is not None:
@@ -268,6 +280,8 @@ def _loop(
                 ledger.begin(point.time, signals.values)
         for observe in observers:
             observe(point, signals)
+        if pace is not None:
+            pace.wait(point.time, stop.is_requested)
         if stop.requested:
             raise KeyboardInterrupt
         if not point.last:
@@ -286,6 +300,7 @@ def _loop_natively(
     stop: _Stop,
     ledger: Ledger | None,
     report: Report,
+    pace: Pace | None,
 ) -> None:
     # numba takes longer to import than a short run takes.
     from .native.loop import run_native
@@ -310,11 +325,14 @@ def _loop_natively(
 
     seen = observe_blocks if len(blockwise) == len(observers) else observe_points
     shown = seen if observers else None
-    reached = run_native(instances, master, grid, shown, lambda: stop.requested, report.stepping_begins)
+    paced = None if pace is None else lambda time: pace.wait(time, stop.is_requested)
+    reached = run_native(instances, master, grid, shown, stop.is_requested, report.stepping_begins, paced)
     time = float(grid.times(reached, reached + 1)[0])
     point = Point(reached, time, step_size, reached == grid.steps)
     signals = instances.signals(time)
     for observe in observers:
         observe(point, signals)
+    if paced is not None and point.last:
+        paced(time)
     if stop.requested:
         raise KeyboardInterrupt

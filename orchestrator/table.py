@@ -29,12 +29,19 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     elif numerics and "error" not in numerics:
         lines.append("+-: change at half the step size; under a table, the largest of each column.")
     lines += _created(summary.get("coupling") or {}, numerics.get("coupling") or {})
+    lines += _punctuality(summary["run"].get("realtime"))
+    for name, link in summary["run"].get("external", {}).items():
+        lines.append(
+            f"{name}: {link['sent']} datagrams sent, {link['received']} received, {link['lost']} lost, "
+            f"{link['reordered']} out of order; round trip {_milliseconds(link['round_trip'])}"
+        )
     for name, told in summary["run"].get("log", {}).items():
         lines.append(f"{name} logged {len(told)} warnings; the last: {told[-1]}")
     if "error" in numerics:
         message = numerics["error"]["message"].splitlines()[0]
+        how = "was not made" if numerics["error"].get("kind") == "NotMade" else "failed"
         lines.append(
-            f"The run with half the step size failed, so nothing is known of the step's effect: {message}"
+            f"The run with half the step size {how}, so nothing is known of the step's effect: {message}"
         )
     return "\n".join(lines)
 
@@ -54,6 +61,29 @@ def _created(coupling: Mapping[str, Any], changed: Mapping[str, Any]) -> list[st
             f"exchanged{halved}: take a smaller step size or another master."
         )
     return lines
+
+
+def _punctuality(realtime: Mapping[str, Any] | None) -> list[str]:
+    """How well a paced run kept to the clock."""
+    if realtime is None:
+        return []
+    missed = f"{realtime['missed']} of {realtime['steps']} deadlines missed"
+    if realtime["missed"]:
+        missed += (
+            f", at most {realtime['longest_row_of_misses']} in a row, the worst by "
+            f"{1e3 * realtime['worst_miss']:.3g} ms"
+        )
+    return [
+        f"paced at {realtime['speed']:g} times real time ({realtime['scheduler']}): {missed}; steps began "
+        f"{_milliseconds(realtime['latency'])} late and took {_milliseconds(realtime['busy'])}"
+    ]
+
+
+def _milliseconds(times: Mapping[str, Any]) -> str:
+    return (
+        f"{1e3 * times['median']:.3g} ms (99 %: {1e3 * times['p99']:.3g} ms, "
+        f"largest: {1e3 * times['max']:.3g} ms)"
+    )
 
 
 def _heading(summary: Mapping[str, Any]) -> str:

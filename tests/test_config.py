@@ -108,7 +108,8 @@ def test_all_problems_are_told_at_once():
         "config: run.stop_time: '4' has no unit; write it as in '4 s' or '4 ms'",
         "config: run.record_every: input should be greater than or equal to 1, got 0",
         "config: run.stpe: unknown key 'stpe'",
-        "  allowed: master, step_size, stop_time, start_time, record, record_every, loop. "
+        "  allowed: master, step_size, stop_time, start_time, record, record_every, loop, "
+        "realtime. "
         "Did you mean stop_time or master?",
         "config: instances.one.start.x: [1] is no start value",
         "  a number, a quantity such as 6 ms, true, false or text",
@@ -126,7 +127,7 @@ def test_all_problems_are_told_at_once():
         "config: connections[2]: cannot read connection 3",
         "  written as a.output -> b.input or {from: a.output, to: b.input}",
         "config: meazures: unknown key 'meazures'",
-        "  allowed: title, run, instances, connections, bonds, measures. Did you mean measures?",
+        "  allowed: title, run, instances, external, connections, bonds, measures. Did you mean measures?",
     ]
 
 
@@ -184,15 +185,15 @@ def test_overrides_that_lead_nowhere_are_refused_together():
     message = refusal(data(), ["on.a=1 N", "run.stepsize=1 ms", "rubbish", "measures.docking.x=1"])
     assert message.splitlines() == [
         "--set on.a=1 N: no 'on.a' to set",
-        "  instances: one, two; sections: run, connections[...].through, bonds, measures, title. "
+        "  instances: one, two; sections: run, external, connections[...].through, bonds, measures, title. "
         "Did you mean one.a or one.e or one.d?",
         "--set run.stepsize=1 ms: no 'run.stepsize' to set",
-        "  instances: one, two; sections: run, connections[...].through, bonds, measures, title. "
+        "  instances: one, two; sections: run, external, connections[...].through, bonds, measures, title. "
         "Did you mean run.step_size or run.stop_time or run.master?",
         "--set rubbish: not an override",
         '  written as path=value, for example robot.tau_m="6 ms"',
         "--set measures.docking.x=1: no 'measures.docking.x' to set",
-        "  instances: one, two; sections: run, connections[...].through, bonds, measures, title",
+        "  instances: one, two; sections: run, external, connections[...].through, bonds, measures, title",
     ]
 
 
@@ -247,7 +248,7 @@ def test_extends_in_a_circle_or_nothing(tmp_path):
 
 def test_the_schema_is_json_and_describes_every_key():
     schema = json.loads(json.dumps(json_schema()))
-    sections = {"title", "run", "instances", "connections", "bonds", "measures"}
+    sections = {"title", "run", "instances", "external", "connections", "bonds", "measures"}
     assert set(schema["properties"]) == sections | {"extends"}
     assert schema["additionalProperties"] is False
     assert set(schema["$defs"]["RunModel"]["required"]) == {"master", "step_size", "stop_time"}

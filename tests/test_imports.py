@@ -13,10 +13,11 @@ PACKAGE = ROOT / "orchestrator"
 # From the bottom up: a module imports only from layers that stand before its own.
 LAYERS = [
     "errors", "bundled", "provenance", "units", "quantities", "effects", "config", "fmi", "graph",
-    "fixed_point", "system", "bonds", "checks", "connecting", "assembly", "signals", "wires",
-    "initialisation", "culprits", "instances", "ledger", "master", "native", "simulate", "stream",
-    "formats", "recorded", "results", "progress", "measures", "plotting", "folder_lock", "run_folder",
-    "run", "compare", "table", "translate", "frequency", "docking", "diagnosis", "campaign", "__main__",
+    "fixed_point", "system", "bonds", "checks", "connecting", "histogram", "external", "assembly",
+    "signals", "wires", "initialisation", "culprits", "instances", "ledger", "master", "native",
+    "pacing", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",
+    "plotting", "folder_lock", "run_folder", "run", "compare", "table", "translate", "frequency",
+    "docking", "diagnosis", "campaign", "__main__",
 ]  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
+from .external import ExternalModel, RealtimeModel
 from .load import Config, json_schema, load_config, move_effects
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .problems import validation_problems
@@ -9,9 +10,11 @@ __all__ = [
     "BondModel",
     "Config",
     "ConnectionModel",
+    "ExternalModel",
     "InstanceModel",
     "Place",
     "Places",
+    "RealtimeModel",
     "RunModel",
     "Scalar",
     "SourceModel",

@@ -217,7 +217,7 @@ def _override(data: dict[str, Any], places: Places, text: str) -> list[Problem]:
             for m, its in enumerate(through if isinstance(through, list) else ()):
                 known += [f"connections[{n}].through[{m}].{key}" for key in its or ()]
         known += [f"measures.{one}.{key}" for one, its in measures.items() for key in its or ()]
-        sections = "run, connections[...].through, bonds, measures, title"
+        sections = "run, external, connections[...].through, bonds, measures, title"
         allowed = f"instances: {listed(instances)}; sections: {sections}"
         return [Problem(place, f"no {name!r} to set", allowed, nearest(name, known))]
     _put(data, path, value)
@@ -245,6 +245,11 @@ def _override_path(data: dict[str, Any], name: str) -> Path | None:
         return ("instances", head, rest) if rest in ("fmu", "form") else ("instances", head, "start", rest)
     if head == "run" and rest in RunModel.model_fields:
         return ("run", rest)
+    if head == "run" and rest.startswith("realtime.") and "." not in rest[9:]:
+        return ("run", "realtime", rest[9:])
+    if head == "external":
+        one, _, key = rest.partition(".")
+        return ("external", one, *key.split(".")) if one in _section(data, head) and key else None
     if head == "run" and rest.startswith("master.") and "." not in rest[7:]:
         return ("run", "master", rest[7:])
     if head == "measures":

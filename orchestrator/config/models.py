@@ -5,9 +5,10 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator, model_validator
+from pydantic import ConfigDict, Field, StringConstraints, field_validator, model_validator
 
-from ..units import ONE, UnitError, parse_quantity, parse_unit
+from .base import Model, Time, checked_time, exact_time
+from .external import ExternalModel, RealtimeModel
 
 __all__ = [
     "BondModel",
@@ -21,31 +22,8 @@ __all__ = [
 
 Scalar = bool | int | float | str
 
-_SECOND = parse_unit("s")
 
-Time = Annotated[str, Field(description="A time with its unit.", examples=["0.1 ms", "4 s"])]
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def _time(text: str) -> Fraction:
-    return parse_quantity(text).exactly(_SECOND)
-
-
-def _checked_time(value: Any) -> str:
-    try:
-        quantity = parse_quantity(str(value))
-        if quantity.unit == ONE:
-            raise UnitError(f"{value!r} has no unit; write it as in '{value} s' or '{value} ms'")
-        quantity.exactly(_SECOND)
-    except UnitError as error:
-        raise ValueError(str(error)) from None
-    return str(value)
-
-
-class RunModel(_Model):
+class RunModel(Model):
     """How to run: no master and no step size is right for every system, so none is the default."""
 
     master: str | dict[str, Any] = Field(
@@ -65,10 +43,14 @@ class RunModel(_Model):
         "masters jacobi and gauss-seidel can use; results are the same. auto: whichever is faster.",
     )
 
+    realtime: RealtimeModel | None = Field(
+        None, description="Pace the run by the clock; as fast as it goes if not given."
+    )
+
     @field_validator("step_size", "stop_time", "start_time", mode="before")
     @classmethod
     def _is_time(cls, value: Any) -> str:
-        return _checked_time(value)
+        return checked_time(value)
 
     @field_validator("master", mode="before")
     @classmethod
@@ -84,10 +66,10 @@ class RunModel(_Model):
 
     def times(self) -> tuple[Fraction, Fraction, Fraction]:
         """Start time, stop time and step size [s], exact as written."""
-        return _time(self.start_time), _time(self.stop_time), _time(self.step_size)
+        return exact_time(self.start_time), exact_time(self.stop_time), exact_time(self.step_size)
 
 
-class InstanceModel(_Model):
+class InstanceModel(Model):
     """One running FMU."""
 
     fmu: str = Field(description="Name of a bundled FMU, or path of a .fmu file relative to the config.")
@@ -116,11 +98,11 @@ class InstanceModel(_Model):
     @field_validator("step_size", mode="before")
     @classmethod
     def _is_time(cls, value: Any) -> str | None:
-        return None if value is None else _checked_time(value)
+        return None if value is None else checked_time(value)
 
     def own_step(self) -> Fraction | None:
         """The instance's own step size [s], exact as written."""
-        return None if self.step_size is None else _time(self.step_size)
+        return None if self.step_size is None else exact_time(self.step_size)
 
     interface: Literal["co-simulation", "model-exchange"] | None = Field(
         None, description="Which of the FMU's interfaces to run; by default co-simulation if there is one."
@@ -155,8 +137,8 @@ class InstanceModel(_Model):
     def _is_limit(cls, value: Any) -> Any:
         if value is None:
             return None
-        text = _checked_time(value)
-        if _time(text) <= 0:
+        text = checked_time(value)
+        if exact_time(text) <= 0:
             raise ValueError(f"{value!r} is not positive")
         return text
 
@@ -168,10 +150,10 @@ class InstanceModel(_Model):
 
     def seconds(self) -> float | None:
         """The time limit [s]."""
-        return None if self.time_limit is None else float(_time(self.time_limit))
+        return None if self.time_limit is None else float(exact_time(self.time_limit))
 
 
-class SourceModel(_Model):
+class SourceModel(Model):
     """One of several sources of a connection, which are added."""
 
     port: str = Field(description="instance.output")
@@ -180,7 +162,7 @@ class SourceModel(_Model):
     )
 
 
-class ConnectionModel(_Model):
+class ConnectionModel(Model):
     """One connection, in long form."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -201,7 +183,7 @@ Arrow = Annotated[
 ]
 
 
-class BondModel(_Model):
+class BondModel(Model):
     """A power bond: connections on which an effort and the motion that it works on go round."""
 
     name: str = Field("", description="Of the bond; by default giver-taker.")
@@ -235,7 +217,7 @@ class BondModel(_Model):
         return self.flow.strip() if isinstance(self.flow, str) and "->" not in self.flow else None
 
 
-class SystemModel(_Model):
+class SystemModel(Model):
     """A system of connected FMUs, how to run it and what to measure."""
 
     title: str = Field("", description="What the system is, for figures and reports.")
@@ -243,6 +225,12 @@ class SystemModel(_Model):
     instances: dict[
         Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")], InstanceModel
     ] = Field(min_length=1, description="Running FMUs by name; Gauss-Seidel masters keep to this order.")
+    external: dict[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")], ExternalModel] = (
+        Field(
+            default_factory=dict,
+            description="Other programs and rigs, reached over UDP; connected as instances are.",
+        )
+    )
     connections: list[Arrow | ConnectionModel] = Field(default_factory=list)
     bonds: Literal["auto"] | list[BondModel] = Field(
         "auto",
@@ -252,6 +240,13 @@ class SystemModel(_Model):
     measures: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="Post-processing by name, each with its options."
     )
+
+    @model_validator(mode="after")
+    def _is_named_once(self) -> SystemModel:
+        both = [name for name in self.external if name in self.instances]
+        if both:
+            raise ValueError(f"{both[0]} names an instance and an external one; each needs a name of its own")
+        return self
 
     def to_data(self) -> dict[str, Any]:
         """Plain values, as they stand in a file: what was not given is not filled in."""

@@ -46,6 +46,7 @@ def run_native(
     seen: Callable[[int, Array, Array], None] | None,
     check: Callable[[], bool],
     begun: Callable[[], None] | None = None,
+    paced: Callable[[float], None] | None = None,
 ) -> int:
     """Take all steps of a grid; what happens, and what fails, is the same as with `master.step`.
 
@@ -56,6 +57,8 @@ def run_native(
             chunk reuses. None: nobody looks.
         check: called before each chunk; whether to stop there.
         begun: called before the first, when the machine code is there.
+        paced: called with the time of each point at which a step begins, before it does [s]; chunks are
+            single steps then.
     Returns: the index of the point that was reached.
     Raises: StepError.
     """
@@ -71,7 +74,7 @@ def run_native(
     elapsed = np.zeros(len(running), np.int64)
     outcome = np.zeros(len(Outcome), np.int64)
     width = instances.layout.size
-    largest = _MOST
+    largest = _MOST if paced is None else 1
     while seen is not None and largest > _FEWEST and largest * width > _NUMBERS:
         largest //= 2
     columns = np.empty((width, 0 if seen is None else largest + _APART))
@@ -114,6 +117,10 @@ def run_native(
     index, size = 0, min(_FEWEST, largest)
     while index < grid.steps and not check():
         times = grid.times(index, min(index + size, grid.steps))
+        if paced is not None:
+            paced(float(times[0]))
+            if check():
+                break
         begin = perf_counter_ns()
         done = take(times)
         took = perf_counter_ns() - begin
