@@ -11,10 +11,15 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 with suppress(ImportError):
     # Before an FMU's own copy, which lacks the binaries, can stand for it.
     import pythonfmu  # noqa: F401
+
+# How long an example takes says something about the machine.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 SOURCES = Path(__file__).parent / "fmu_sources"
 
