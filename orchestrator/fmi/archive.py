@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from ..errors import FmuError, listed
 
-__all__ = ["Unpacked", "binary_folder"]
+__all__ = ["Unpacked", "binary_folder", "checked_members"]
 
 # Far above any FMU met in practice, and below what fills a disk unnoticed. The sizes that an archive declares
 # bind: zipfile reads no entry beyond its own.
@@ -26,6 +26,60 @@ def binary_folder(fmi_version: str) -> str:
     import fmpy
 
     return fmpy.platform_tuple if fmi_version.startswith("3") else fmpy.platform
+
+
+def checked_members(path: Path) -> list[zipfile.ZipInfo]:
+    """The entries of an archive that would harm nothing if it were unpacked.
+
+    Raises: FmuError if it cannot be read, or has entries that would be written elsewhere, over each other or
+        as links, or more of them than a disk should take.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+        raise FmuError(f"{path}: cannot be read ({error})") from error
+    taken: dict[str, zipfile.ZipInfo] = {}
+    for member in members:
+        name = PurePosixPath(member.filename.replace("\\", "/"))
+        if not name.parts or name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
+            raise FmuError(f"{path}: refused, its entry {member.filename!r} would be written elsewhere")
+        if stat.S_ISLNK(member.external_attr >> 16):
+            raise FmuError(f"{path}: refused, its entry {member.filename!r} is a symbolic link")
+        if member.is_dir():
+            continue
+        # Readers differ in which of two they take, so that one could be checked and the other be run; where
+        # letters' case does not count, names that differ in it are one.
+        other = taken.setdefault(str(name).casefold(), member)
+        # The same file twice, which exporters write by mistake, does no harm.
+        if (other.filename, other.CRC, other.file_size) != (member.filename, member.CRC, member.file_size):
+            raise FmuError(
+                f"{path}: refused, its entries {other.filename!r} and {member.filename!r} would be written "
+                f"to one file, and differ"
+            )
+    for member in members:
+        parts = PurePosixPath(member.filename.replace("\\", "/").casefold()).parts
+        for end in range(1, len(parts)):
+            folder = "/".join(parts[:end])
+            if folder in taken:
+                raise FmuError(
+                    f"{path}: refused, its entry {taken[folder].filename!r} is a file, and a folder of "
+                    f"{member.filename!r}"
+                )
+    if len(members) > MOST_ENTRIES:
+        raise FmuError(f"{path}: refused, it has {len(members)} entries; at most {MOST_ENTRIES} are accepted")
+    size = sum(member.file_size for member in members)
+    packed = path.stat().st_size
+    if size > max(SMALLEST_BOMB, LARGEST_EXPANSION * packed):
+        raise FmuError(
+            f"{path}: refused, its {packed} bytes unpack to {size}; at most {LARGEST_EXPANSION} "
+            f"times the archive, or {SMALLEST_BOMB} bytes, are accepted"
+        )
+    if size > LARGEST_UNPACKED:
+        raise FmuError(
+            f"{path}: refused, unpacked it is {size} bytes; at most {LARGEST_UNPACKED} are accepted"
+        )
+    return members
 
 
 class Unpacked:
@@ -52,13 +106,7 @@ class Unpacked:
 
         Raises: FmuError if it has no library for this platform, or entries that would harm.
         """
-        try:
-            with zipfile.ZipFile(self._path) as archive:
-                members = archive.infolist()
-        except (zipfile.BadZipFile, OSError) as error:
-            raise FmuError(f"{self._path}: cannot be read ({error})") from error
-        self._check_safe(members)
-        self._check_platform([member.filename for member in members])
+        self._check_platform([member.filename for member in checked_members(self._path)])
 
     def acquire(self) -> Path:
         """The folder, unpacked at the first call. Raises: FmuError."""
@@ -99,31 +147,6 @@ class Unpacked:
                 (folder / "resources").mkdir(exist_ok=True)
         except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError) as error:
             raise FmuError(f"{self._path}: cannot be unpacked ({error})") from error
-
-    def _check_safe(self, members: list[zipfile.ZipInfo]) -> None:
-        for member in members:
-            name = PurePosixPath(member.filename.replace("\\", "/"))
-            if not name.parts or name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
-                raise FmuError(
-                    f"{self._path}: refused, its entry {member.filename!r} would be written elsewhere"
-                )
-            if stat.S_ISLNK(member.external_attr >> 16):
-                raise FmuError(f"{self._path}: refused, its entry {member.filename!r} is a symbolic link")
-        if len(members) > MOST_ENTRIES:
-            raise FmuError(
-                f"{self._path}: refused, it has {len(members)} entries; at most {MOST_ENTRIES} are accepted"
-            )
-        size = sum(member.file_size for member in members)
-        packed = self._path.stat().st_size
-        if size > max(SMALLEST_BOMB, LARGEST_EXPANSION * packed):
-            raise FmuError(
-                f"{self._path}: refused, its {packed} bytes unpack to {size}; at most {LARGEST_EXPANSION} "
-                f"times the archive, or {SMALLEST_BOMB} bytes, are accepted"
-            )
-        if size > LARGEST_UNPACKED:
-            raise FmuError(
-                f"{self._path}: refused, unpacked it is {size} bytes; at most {LARGEST_UNPACKED} are accepted"
-            )
 
     def _check_platform(self, names: list[str]) -> None:
         platforms: dict[str, list[str]] = {}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from importlib import import_module
@@ -61,6 +62,20 @@ class CompiledFmu:
             return IsolatedInstance(name, self.path, self.description, self.handling, self._unpacked)
         made = instance_class(self.description)
         return made(name, self.path, self.description, self._unpacked, self.handling)
+
+    @contextmanager
+    def unpacked(self) -> Iterator[None]:
+        """Keep the files unpacked, so that instances made one after another share them. Raises: FmuError."""
+        self._unpacked.acquire()
+        try:
+            yield
+        finally:
+            self._unpacked.release()
+
+    @property
+    def corrupt(self) -> bool:
+        """Whether an instance has returned "fatal", after which none may be used."""
+        return self._unpacked.corrupt
 
     def checksum(self) -> str:
         """SHA-256 of the file."""

@@ -111,12 +111,21 @@ class Exchange(CompiledInstance):
             self._enter_continuous_time()
         return stop
 
+    def reset(self) -> None:
+        """See CompiledInstance.reset."""
+        self._drop_integrator()
+        self._running, self._sent = False, None
+        super().reset()
+
     def free(self) -> None:
         """See FmuInstance.free."""
+        self._drop_integrator()
+        super().free()
+
+    def _drop_integrator(self) -> None:
         if self._integrator is not None:
             self._integrator.close()
             self._integrator = None
-        super().free()
 
     # Values.
 

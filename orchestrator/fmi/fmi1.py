@@ -47,6 +47,11 @@ class Fmi1Base(CompiledInstance):
         self._component = self._slave.component
         self._find_functions()
 
+    def reset(self) -> None:
+        """See CompiledInstance.reset."""
+        super().reset()
+        self._started, self._initialised = None, False
+
     def _find_functions(self) -> None:
         """Look up what is called in every step."""
 
@@ -84,6 +89,7 @@ class Fmi1Instance(Fmi1Base):
     """A running FMI 1.0 co-simulation FMU."""
 
     _INSTANTIATE, _TERMINATE = "fmi1InstantiateSlave", "fmi1TerminateSlave"
+    _RESET = "fmi1ResetSlave"
     _FREE = "fmi1FreeSlaveInstance"
     _STATUS, _REAL_STATUS = "fmi1GetStatus", "fmi1GetRealStatus"
 

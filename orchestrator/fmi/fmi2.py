@@ -27,6 +27,7 @@ class Fmi2Instance(CompiledInstance):
     """A running FMI 2.0 FMU."""
 
     _EXIT, _TERMINATE, _FREE = "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2FreeInstance"
+    _RESET = "fmi2Reset"
     _STATUS, _REAL_STATUS = "fmi2GetStatus", "fmi2GetRealStatus"
 
     def _instantiate(self) -> None:

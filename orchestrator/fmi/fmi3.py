@@ -56,7 +56,7 @@ class Fmi3Instance(CompiledInstance):
     """A running FMI 3.0 FMU."""
 
     _EXIT, _TERMINATE, _FREE = "fmi3ExitInitializationMode", "fmi3Terminate", "fmi3FreeInstance"
-    _INSTANTIATE = "fmi3InstantiateCoSimulation"
+    _INSTANTIATE, _RESET = "fmi3InstantiateCoSimulation", "fmi3Reset"
     _stepping = False
     _intermediate: Intermediate | None = None
 
@@ -144,6 +144,11 @@ class Fmi3Instance(CompiledInstance):
             self._update_discrete_states()
             self._call("fmi3EnterStepMode")
             self._stepping = True
+
+    def reset(self) -> None:
+        """See CompiledInstance.reset."""
+        super().reset()
+        self._stepping = False
 
     def write_inputs(self) -> None:
         """See FmuInstance.write_inputs; discrete inputs may change in event mode only."""

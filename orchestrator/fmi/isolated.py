@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 import pickle
-import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
@@ -20,6 +16,7 @@ import numpy as np
 from ..errors import FmuError, StepError
 from . import frames
 from .archive import Unpacked
+from .child import cause_of_death, start_child
 from .description import ModelDescription
 from .handling import Handling
 from .instance import Array, Point, StepStatus
@@ -30,10 +27,6 @@ __all__ = ["IsolatedInstance"]
 
 _LINES_OF_OUTPUT = 10
 _SECONDS_TO_END = 5.0
-_START = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from orchestrator.fmi.worker import main; main()"
-)
 
 
 class IsolatedInstance:
@@ -72,16 +65,7 @@ class IsolatedInstance:
     # The process.
 
     def _start(self) -> None:
-        root = str(Path(__file__).resolve().parents[2])
-        paths = json.dumps([root, *(os.path.abspath(one) for one in sys.path if one)])
-        # -P: files in the working directory must not pose as modules.
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-c", _START, paths],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._output,
-            bufsize=0,
-        )
+        self._process = start_child("orchestrator.fmi.worker", self._output)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._commands, self._answers = self._process.stdin.fileno(), self._process.stdout.fileno()
         if self.handling.time_limit is not None:
@@ -151,7 +135,7 @@ class IsolatedInstance:
             status = "time limit"
             remedy = f"If the FMU is only slow, raise instances.{self.name}.time_limit."
         else:
-            what = f"its process died in {self._calling}: {_cause(code)}"
+            what = f"its process died in {self._calling}: {cause_of_death(code)}"
             status, remedy = "crashed", ""
         lines = (*self._log, *self._printed())
         return StepError(what, instance=self.name, time=self._time, status=status, log=lines, remedy=remedy)
@@ -301,13 +285,3 @@ class IsolatedInstance:
 
     def __repr__(self) -> str:
         return f"<IsolatedInstance {self.name} of {self.path.name}>"
-
-
-def _cause(code: int) -> str:
-    if code < 0:
-        try:
-            name = signal.Signals(-code).name
-        except ValueError:
-            name = f"signal {-code}"
-        return f"{name} ({signal.strsignal(-code)})"
-    return f"exit code {code:#x}" if code > 255 else f"exit code {code}"

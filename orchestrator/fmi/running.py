@@ -58,7 +58,7 @@ class CompiledInstance(Values):
     """What instances of all versions of FMI have in common; see the FmuInstance protocol."""
 
     # Names of functions that differ between the versions in no more than that.
-    _INSTANTIATE = _EXIT = _TERMINATE = _FREE = _STATUS = _REAL_STATUS = ""
+    _INSTANTIATE = _EXIT = _TERMINATE = _FREE = _RESET = _STATUS = _REAL_STATUS = ""
 
     def __init__(
         self,
@@ -214,6 +214,17 @@ class CompiledInstance(Values):
         # Some FMUs have nothing to end, and no function for it.
         if not self._unpacked.corrupt and self._TERMINATE in self._slave._functions:
             self._call(self._TERMINATE)
+
+    @property
+    def resettable(self) -> bool:
+        """Whether `reset` can be called; FMI 1.0 has no such thing for model exchange."""
+        return self._RESET in self._slave._functions
+
+    def reset(self) -> None:
+        """Go back to where the instance stood when it was made, start values included. Raises: StepError."""
+        self._call(self._RESET)
+        self._arrays.clear()
+        self._time = None
 
     def free(self) -> None:
         """Release the instance, its library and, after the last instance, the unpacked files."""

@@ -17,7 +17,7 @@ from ..errors import FmuError, OrchestratorError, StepError
 from . import frames
 from .instance import Point
 
-__all__ = ["STEP", "main"]
+__all__ = ["STEP", "guarded_pipes", "main"]
 
 # Of a step: index, time, step size, whether inputs follow.
 STEP = struct.Struct("<qdd?")
@@ -128,9 +128,11 @@ def _leave_with_the_parent(parent: int) -> None:
     os._exit(1)
 
 
-def main() -> None:
-    """Serve until the pipe ends."""
-    # What the FMU prints must not get between the messages.
+def guarded_pipes() -> tuple[int, int]:
+    """Descriptors of commands and answers, out of reach of what the FMU prints; sees to the process's end.
+
+    To be called once, first of all.
+    """
     commands, answers = os.dup(0), os.dup(1)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
@@ -139,6 +141,12 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "getppid") and os.name == "posix":
         threading.Thread(target=_leave_with_the_parent, args=(os.getppid(),), daemon=True).start()
+    return commands, answers
+
+
+def main() -> None:
+    """Serve until the pipe ends."""
+    commands, answers = guarded_pipes()
     server = _Server()
     frames.send(answers, frames.VALUE, pickle.dumps(None))
     while True:

@@ -1,0 +1,1 @@
+"""FMUs looked at by themselves: what is in one, what is wrong with it, how two differ, what a step costs."""
