@@ -158,6 +158,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         challenge_cli.add_arguments(challenge)
     challenge.set_defaults(command_function=_challenge)
 
+    fmu = commands.add_parser("fmu", help="inspect, validate, compare or bench FMUs")
+    if arguments[:1] == ["fmu"]:
+        from .fmu_tools import cli as fmu_cli
+
+        fmu_cli.add_arguments(fmu)
+    fmu.set_defaults(command_function=_fmu)
+
     for command in commands.choices.values():
         command.add_argument("--debug", action="store_true", help="show tracebacks of errors")
     return parser
@@ -298,6 +305,12 @@ def _build(args: argparse.Namespace) -> int:
 
 def _challenge(args: argparse.Namespace) -> int:
     from .diagnosis.challenge import cli
+
+    return cli.main(args)
+
+
+def _fmu(args: argparse.Namespace) -> int:
+    from .fmu_tools import cli
 
     return cli.main(args)
 

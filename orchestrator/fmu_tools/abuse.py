@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FmuError, StepError
-from ..fmi import Causality, Kind, StepStatus, Variability
+from ..fmi import Causality, Interface, Kind, StepStatus, Variability
 from ..fmi.compiled import load_fmu
 from .finding import Finding, Level, Verdict, failed, passed
 from .trial import Ended, Trial
@@ -84,14 +84,16 @@ _CALLS: dict[str, Callable[[Trial, Any], Any]] = {
     "a second initialisation": _initialise_twice,
     "setting a fixed parameter between steps": _set_fixed_parameter,
     "setting an output": _set_output,
-    "reading a value reference that does not exist": _unknown_reference,
     "a step backwards": _backward_step,
+    "reading a value reference that does not exist": _unknown_reference,
 }
 
 
 def _checker(what: str, call: Callable[[Trial, Any], Any]) -> Callable[[Trial], Finding]:
     def check(trial: Trial) -> Finding:
         name = f"refuses {what}"
+        if trial.description.fmi_version == "1.0" or trial.description.interface is Interface.MODEL_EXCHANGE:
+            return Finding(name, Verdict.NOT_APPLICABLE, "It is tried with co-simulation of FMI 2 and 3.")
         with trial.made() as instance:
             try:
                 status = call(trial, instance)

@@ -15,14 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FmuError, OrchestratorError
-from ..fmi import Interface, frames
+from ..fmi import Handling, Interface, frames
 from ..fmi.child import cause_of_death, start_child
 from ..fmi.worker import guarded_pipes
 from . import abuse, behaviour, sensitivity
 from .finding import Finding, Level, Verdict, failed
-from .trial import Conditions, Ended, Trial
+from .trial import Conditions, Ended, Trial, fmu_for_trial
 
-__all__ = ["CHECKS", "Laboratory", "main"]
+__all__ = ["CHECKS", "Broken", "Laboratory", "main"]
 
 CHECKS: dict[str, Callable[[Trial], Finding]] = {
     "run": behaviour.runs,
@@ -35,12 +35,16 @@ CHECKS: dict[str, Callable[[Trial], Finding]] = {
     "serialised state": behaviour.serialisation,
     "dependencies": sensitivity.dependencies,
     "directional derivatives": sensitivity.derivatives,
-    "NaN inputs": abuse.nan_inputs,
-    "infinite inputs": abuse.infinite_inputs,
     "refuses a wrong token": abuse.wrong_token,
     **abuse.ILLEGAL,
+    "NaN inputs": abuse.nan_inputs,
+    "infinite inputs": abuse.infinite_inputs,
 }
 _SECONDS_TO_END = 5.0
+
+
+class Broken(str):
+    """How the process died or was ended, instead of an answer."""
 
 
 class Laboratory:
@@ -71,20 +75,21 @@ class Laboratory:
     def check(self, name: str) -> Finding:
         """Do a check of CHECKS."""
         answer = self.do(name)
-        return answer if isinstance(answer, Finding) else self._broken(name, answer)
+        return self._broken(name, answer) if isinstance(answer, Broken) else answer
 
     def change(self, conditions: Conditions) -> None:
         """Try the FMU under other conditions from now on."""
         self._given = (self._given[0], conditions, self._given[2])
-        self._end()
+        if self._process is not None:
+            self.do("under", conditions)
 
-    def steps_taken(self, amplitude: float) -> int | str:
+    def steps_taken(self) -> int | str:
         """See Trial.steps_taken; a text where the FMU refuses, crashes or hangs."""
-        answer = self.do("steps_taken", amplitude)
+        answer = self.do("steps_taken")
         return answer.reason if isinstance(answer, Finding) else answer
 
     def do(self, name: str, *arguments: Any) -> Any:
-        """What the process answers, or a text that says how it died."""
+        """What the process answers, or Broken."""
         if self._process is None:
             self._process = start_child(__name__, self._printed)
             self._exchange((*self._given, self._folder))
@@ -104,8 +109,8 @@ class Laboratory:
             process.wait()
             self._end()
             if expired.is_set():
-                return f"it did not come to an end within {self._limit:g} s"
-            return f"its process died: {cause_of_death(process.returncode)}"
+                return Broken(f"it did not come to an end within {self._limit:g} s")
+            return Broken(f"its process died: {cause_of_death(process.returncode)}")
         finally:
             watch.cancel()
         if spoiled:
@@ -142,18 +147,20 @@ def _told(error: Exception) -> str:
     return f"{line[:400].rstrip('.')}."
 
 
-def _steps_taken(trial: Trial, amplitude: float) -> int | Finding:
+def _steps_taken(trial: Trial) -> int | Finding:
     try:
-        return trial.steps_taken(amplitude)
-    except (OrchestratorError, Ended) as error:
-        return Finding("run", Verdict.FAILED, _told(error), Level.ERROR)
+        return trial.steps_taken()
+    except Exception as error:
+        told = _told(error) if isinstance(error, (OrchestratorError, Ended)) else f"{error!r}."
+        return Finding("run", Verdict.FAILED, told, Level.ERROR)
 
 
 def _outcome(trial: Trial, name: str) -> Finding:
     try:
         return CHECKS[name](trial)
-    except (OrchestratorError, Ended) as error:
-        told = _told(error)
+    except Exception as error:
+        # An FMU can have what no check was made for; the others are done all the same.
+        told = _told(error) if isinstance(error, (OrchestratorError, Ended)) else f"{error!r}."
         if name == "run":
             return failed(name, Level.ERROR, told, "Without this nothing else can be tried.")
         return Finding(name, Verdict.NOT_TRIED, told)
@@ -173,13 +180,15 @@ def main() -> None:
             break
         try:
             if trial is None:
-                trial = Trial(path, conditions, interface)
+                trial = Trial(fmu_for_trial(path, Handling(interface=interface)), conditions)
                 # Never left: the files go with the folder, the libraries with the process.
                 trial.fmu.unpacked().__enter__()
             if name in CHECKS:
                 answer: Any = _outcome(trial, name)
+            elif name == "under":
+                trial, answer = Trial(trial.fmu, *arguments), None
             elif name == "steps_taken":
-                answer = _steps_taken(trial, *arguments)
+                answer = _steps_taken(trial)
             else:
                 from . import bench
 

@@ -65,8 +65,7 @@ def dependencies(trial: Trial) -> Finding:
     with trial.made() as instance:
         if found.fmi_version != "1.0" and found.interface is Interface.CO_SIMULATION:
             instance.enter_initialisation(0.0, {})
-            instance.u[:] = trial.rows[0]
-            instance.write_inputs()
+            trial.feed_start(instance, trial.rows)
             violations |= _violations(trial, instance, inputs, outputs, found.initial_feedthrough)
             instance.exit_initialisation()
             instance.read_outputs()
@@ -126,8 +125,7 @@ def derivatives(trial: Trial) -> Finding:
     compared = 0
     with trial.made() as instance:
         instance.enter_initialisation(0.0, {})
-        instance.u[:] = trial.rows[0]
-        instance.write_inputs()
+        trial.feed_start(instance, trial.rows)
         given = instance.output_derivatives(outputs, inputs)
         middle = _read(instance, outputs)
         for column, name in enumerate(inputs):

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..fmi import Array, Handling, Interface, Kind, ModelDescription, Point, StepStatus, load_fmu
+from ..fmi import (
+    Array,
+    CompiledFmu,
+    Handling,
+    Interface,
+    Kind,
+    ModelDescription,
+    Point,
+    StepStatus,
+    load_fmu,
+)
 from .stimulus import stimulus
 
-__all__ = ["Conditions", "Ended", "Trial", "signals_of", "step_size_of"]
+__all__ = ["Conditions", "Ended", "Trial", "fmu_for_trial", "signals_of", "step_size_of"]
 
 # Steps that make a trajectory.
 _FEWEST = 4
@@ -49,6 +59,14 @@ class Ended(Exception):
         super().__init__(f"step {steps + 1}: {status.name.lower()}")
 
 
+def fmu_for_trial(path: Path, handling: Handling = Handling()) -> CompiledFmu:  # noqa: B008 (it is frozen)
+    """An FMU, with a tolerance where its integration needs one and it proposes none. Raises: FmuError."""
+    fmu = load_fmu(path, handling)
+    if fmu.description.interface is Interface.MODEL_EXCHANGE and not fmu.description.tolerance:
+        fmu = load_fmu(path, replace(handling, tolerance=handling.tolerance or _TOLERANCE))
+    return fmu
+
+
 def step_size_of(description: ModelDescription, wanted: float | None = None) -> float:
     """The step size [s] to try an FMU with."""
     return wanted or description.own_step or description.default_step or _USUAL_STEP
@@ -72,17 +90,25 @@ class Trial:
         step: size of a step [s].
     """
 
-    def __init__(self, path: Path, conditions: Conditions, interface: Interface | None = None) -> None:
-        fmu = load_fmu(path, Handling(interface=interface))
-        if fmu.description.interface is Interface.MODEL_EXCHANGE and not fmu.description.tolerance:
-            fmu = load_fmu(path, Handling(interface=interface, tolerance=_TOLERANCE))
+    def __init__(
+        self,
+        fmu: CompiledFmu,
+        conditions: Conditions,
+        inputs: Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
+    ) -> None:
+        """
+        Args:
+            inputs, outputs: what is driven and watched; None: all that is numeric.
+        """
         self.fmu = fmu
         self.description = fmu.description
         self.conditions = conditions
         self.step = step_size_of(self.description, conditions.step_size)
-        self.inputs = [one.name for one in self.description.inputs if one.kind.numeric and not one.shape]
+        numeric = [one.name for one in self.description.inputs if one.kind.numeric and not one.shape]
+        self.inputs = numeric if inputs is None else list(inputs)
         self.reals = [name for name in self.inputs if self.description.variables[name].kind is Kind.REAL]
-        self.outputs = signals_of(self.description)
+        self.outputs = signals_of(self.description) if outputs is None else list(outputs)
 
     def point(self, index: int, divided: int = 1) -> Point:
         """A communication point, of steps that are divided."""
@@ -110,12 +136,21 @@ class Trial:
             rows: of inputs, the first of which is sent; None: the FMU keeps its own.
         """
         instance.enter_initialisation(0.0, {})
-        if rows is not None and self.inputs:
-            instance.u[:] = rows[0]
-            instance.write_inputs()
+        if rows is not None:
+            self.feed_start(instance, rows)
         instance.exit_initialisation()
         instance.read_outputs()
         return instance.y.copy()
+
+    def feed_start(self, instance: Any, rows: Array) -> None:
+        """Send the first row of inputs during initialisation."""
+        variables = self.description.variables
+        whole = {
+            name: float(value) if variables[name].kind is Kind.REAL else round(float(value))
+            for name, value in zip(self.inputs, rows[0], strict=True)
+        }
+        instance.u[:] = rows[0]
+        instance.set_values(whole)
 
     def drive(
         self, instance: Any, rows: Array, first: int = 0, last: int | None = None, divided: int = 1
@@ -156,13 +191,16 @@ class Trial:
             self.conditions.seed + seed,
         )
 
-    def steps_taken(self, amplitude: float) -> int:
-        """How many steps the FMU takes with inputs of an amplitude, before it asks to end the simulation.
+    def steps_taken(self, rows: Array | None = None) -> int:
+        """How many steps the FMU takes before it asks to end the simulation.
+
+        Args:
+            rows: of inputs; None: those of the conditions.
 
         Raises: StepError if it refuses one; Ended if it discards one, or ends after too few to judge it by.
         """
         try:
-            self.trajectory(self.rows_of(amplitude, self.conditions.steps))
+            self.trajectory(self.rows if rows is None else rows)
         except Ended as end:
             if end.steps >= _FEWEST and end.status is StepStatus.TERMINATED:
                 return end.steps
