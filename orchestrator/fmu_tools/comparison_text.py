@@ -27,10 +27,8 @@ def comparison_text(found: Comparison, paths: Sequence[Path]) -> str:
     if found.conditions is None:
         return "\n".join([*lines, found.reason])
     given = found.conditions
-    size = (
-        f"inputs up to {given.amplitude:g} of their nominal values" if given.amplitude else "inputs at rest"
-    )
-    lines.append(f"{given.steps} steps of {given.step_size:g} s, {size}, seed {given.seed}:")
+    size = f"up to {given.amplitude:g} of their nominal values" if given.amplitude else "at rest"
+    lines.append(f"{given.steps} steps of {given.step_size:g} s, inputs {size}, seed {given.seed}:")
     differing = [one for one in found.differences if one.largest]
     same = len(found.differences) - len(differing)
     lines += rows_text(

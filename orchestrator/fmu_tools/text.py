@@ -52,21 +52,21 @@ def inspection_text(found: Mapping[str, Any]) -> str:
     able = [name for name, value in found["capabilities"].items() if value not in (False, None, 0)]
     lines = [
         f"{found['name']}: {found['description']}".rstrip(": "),
-        f"  file       {found['file']}, {found['size']} bytes, {found['checksum']}",
-        f"  FMI        {found['fmi_version']}, {' and '.join(found['interfaces'])}",
-        f"  made with  {found['tool'] or 'not told'}",
-        f"  token      {found['token']}",
-        f"  step size  {_cell(experiment['fixed_step_size'] or experiment['step_size'])}"
+        f"  file          {found['file']}, {found['size']} bytes, {found['checksum']}",
+        f"  FMI           {found['fmi_version']}, {' and '.join(found['interfaces'])}",
+        f"  made with     {found['tool'] or 'not told'}",
+        f"  token         {found['token']}",
+        f"  step size     {_cell(experiment['fixed_step_size'] or experiment['step_size'])}"
         f"{' s, no other' if experiment['fixed_step_size'] else ' s' if experiment['step_size'] else ''}",
-        f"  can        {', '.join(able) or 'nothing beyond stepping'}",
-        f"  holds      {', '.join(f'{part} {size} bytes' for part, size in found['sizes'].items())}",
-        f"  variables  {', '.join(f'{count} {name}' for name, count in found['counts'].items())}",
+        f"  can           {', '.join(able) or 'nothing beyond stepping'}",
+        f"  holds         {', '.join(f'{part} {size} bytes' for part, size in found['sizes'].items())}",
+        f"  variables     {', '.join(f'{count} {name}' for name, count in found['counts'].items())}",
     ]
     if found["states"] or found["event_indicators"]:
-        lines.append(f"  states     {found['states']}, event indicators {found['event_indicators']}")
+        lines.append(f"  states        {found['states']}, event indicators {found['event_indicators']}")
     for name in ("sources", "documentation", "resources"):
-        lines.append(f"  {name:10} {_cell(found[name])}")
-    lines += [f"  deviation  {one}" for one in found["deviations"]]
+        lines.append(f"  {name:13} {_cell(found[name])}")
+    lines += [f"  deviation     {one}" for one in found["deviations"]]
     lines.append(f"binaries (this platform is {found['this_platform']}):")
     lines += rows_text([_binary_row(name, one) for name, one in found["binaries"].items()]) or ["  none"]
     for title, causalities in (

@@ -13,7 +13,7 @@ from .laboratory import CHECKS, Broken, Laboratory
 from .search import Refused, usable
 from .trial import Conditions
 
-__all__ = ["TIME_LIMIT", "has_errors", "validate_fmu"]
+__all__ = ["TIME_LIMIT", "has_errors", "usable_conditions", "validate_fmu"]
 
 TIME_LIMIT = 60.0
 
@@ -51,7 +51,7 @@ def validate_fmu(
         if not reason:
             crashes: list[str] = []
             try:
-                found_conditions = _conditions(laboratory, description, conditions, crashes)
+                found_conditions = usable_conditions(laboratory, description, conditions, crashes)
             except Refused as refusal:
                 reason = "The FMU does not run."
                 crashes = crashes or [str(refusal)]
@@ -65,7 +65,7 @@ def validate_fmu(
     return found
 
 
-def _conditions(
+def usable_conditions(
     laboratory: Laboratory, description: ModelDescription, wanted: Conditions, crashes: list[str]
 ) -> Conditions:
     """Conditions under which an FMU takes its steps; the laboratory is left under them.
