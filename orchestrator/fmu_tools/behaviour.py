@@ -15,6 +15,8 @@ __all__ = ["determinism", "halving", "pair", "reset", "runs", "serialisation", "
 
 # Below this part of an output's range a difference is rounding.
 _ROUNDING = 1e-12
+# Below this part of its size an output has no range.
+_NO_RANGE = 1e-6
 # From here on a step's effect is worth a warning where it does not fall with the step.
 _LARGE = 1e-3
 _MOST_READ = 5000
@@ -143,7 +145,10 @@ def halving(trial: Trial) -> Finding:
     if trial.description.own_step is not None:
         return _not_applicable("step halving", "The FMU declares that it takes one step size only.")
     quarter, half = (trial.trajectory(trial.rows, divided) for divided in (4, 2))
-    spans = np.maximum(np.ptp(trial.base, axis=0), 1e-300)
+    # What is constant but for rounding has no range to speak of.
+    nominal = [trial.description.variables[name].nominal for name in trial.outputs]
+    usual = np.maximum(np.abs(trial.base).max(axis=0), nominal)
+    spans = np.maximum(np.ptp(trial.base, axis=0), _NO_RANGE * usual)
     changes = np.abs(trial.base - half).max(axis=0) / spans
     smaller = np.abs(half - quarter).max(axis=0) / spans
     size = np.abs(trial.base).max(axis=0) / spans
