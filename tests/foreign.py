@@ -65,6 +65,12 @@ def arrays(path: Path, more: str = "") -> Path:
     return pack(path, "arrays.c", 3, "Arrays", document("arrays").replace("MORE", more))
 
 
+def flawed(path: Path, flaw: str = "none", **attributes: str) -> Path:
+    """The FMU of flawed.c with a flaw; `attributes` are those of its parameter's Real element."""
+    more = " ".join(f'{name}="{value}"' for name, value in attributes.items())
+    return pack(path, "flawed.c", 2, "Flawed", document("flawed").replace("FLAW", flaw).replace("GAIN", more))
+
+
 WITHIN = 'providesIntermediateUpdate="true" canReturnEarlyAfterIntermediateUpdate="true"'
 
 

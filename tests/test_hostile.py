@@ -7,6 +7,7 @@ import zipfile
 
 import foreign
 import pytest
+from archives import repack
 
 from orchestrator.errors import FmuError
 from orchestrator.fmi import archive, load_fmu
@@ -103,3 +104,114 @@ def test_an_entry_without_a_name_is_refused(tmp_path):
     with zipfile.ZipFile(path, "a") as file:
         file.writestr(".", "x")
     assert refusal(path) == "X.fmu: refused, its entry '.' would be written elsewhere"
+
+
+def test_entries_that_would_be_written_to_one_file_are_refused(tmp_path):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("resources/Table.txt", "1")
+        file.writestr("resources/table.TXT", "2")
+    assert refusal(path) == (
+        "X.fmu: refused, its entries 'resources/Table.txt' and 'resources/table.TXT' would be written to one "
+        "file, and differ"
+    )
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+def test_the_same_file_twice_is_taken_and_two_of_one_name_are_not(tmp_path):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    library = next(name for name in zipfile.ZipFile(path).namelist() if name.startswith("binaries/"))
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr(library, file.read(library))
+    load_fmu(path).instantiate("one").free()
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr(library, b"another one")
+    assert refusal(path) == (
+        f"X.fmu: refused, its entries {library!r} and {library!r} would be written to one file, and differ"
+    )
+
+
+def test_a_file_that_is_a_folder_as_well_is_refused(tmp_path):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("resources/one", "x")
+        file.writestr("resources/one/two", "x")
+    assert refusal(path) == (
+        "X.fmu: refused, its entry 'resources/one' is a file, and a folder of 'resources/one/two'"
+    )
+
+
+def snapshot(folder):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def damaged(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF  # within the library, by far the largest entry
+    path.write_bytes(data)
+
+
+def climbing(path):
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("resources/../../../escaped.txt", "x")
+
+
+def absolute(path):
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr(str(path.parent / "escaped.txt"), "x")
+
+
+def linked(path):
+    with zipfile.ZipFile(path, "a") as file:
+        link = zipfile.ZipInfo("resources/link")
+        link.external_attr = 0o120777 << 16
+        file.writestr(link, "/etc")
+
+
+def without_description(path):
+    repack(path, path.with_suffix(".new"), lambda name, data: None if name.endswith(".xml") else (name, data))
+    path.with_suffix(".new").replace(path)
+
+
+def without_library(path):
+    repack(path, path.with_suffix(".new"), lambda name, data: None if "binaries" in name else (name, data))
+    path.with_suffix(".new").replace(path)
+
+
+def of_another_build(path):
+    def change(name, data):
+        return name, data.replace(b'guid="none"', b'guid="{0}"')
+
+    repack(path, path.with_suffix(".new"), change)
+    path.with_suffix(".new").replace(path)
+
+
+BROKEN = {
+    truncated: "X.fmu: not an FMU, since it is no zip archive (",
+    damaged: "X.fmu: cannot be unpacked (Bad CRC-32",
+    climbing: "X.fmu: refused, its entry 'resources/../../../escaped.txt' would be written elsewhere",
+    absolute: "X.fmu: refused, its entry ",
+    linked: "X.fmu: refused, its entry 'resources/link' is a symbolic link",
+    without_description: "X.fmu: not an FMU, it has no modelDescription.xml at the top",
+    without_library: "X.fmu: no binary for this platform, ",
+    of_another_build: "X.fmu: instance one could not be made",
+}
+
+
+@pytest.mark.parametrize("harm", BROKEN, ids=lambda harm: harm.__name__)
+def test_a_broken_fmu_is_refused_and_leaves_nothing(harm, tmp_path, monkeypatch):
+    folder, scratch = tmp_path / "given", tmp_path / "scratch"
+    folder.mkdir()
+    scratch.mkdir()
+    monkeypatch.setattr(archive.tempfile, "tempdir", str(scratch))
+    path = foreign.flawed(folder / "X.fmu")
+    harm(path)
+    before = snapshot(tmp_path)
+    assert refusal(path).startswith(BROKEN[harm])
+    after = snapshot(tmp_path)
+    before.pop(scratch), after.pop(scratch)  # it was used, and is empty again
+    assert after == before

@@ -22,17 +22,30 @@ _LARGE = 1e-3
 _MOST_READ = 5000
 
 
-def _same(check: str, trial: Trial, one: Array, other: Array, good: str, bad: str, remedy: str) -> Finding:
-    """Passed if two trajectories are the same to the bit."""
+def _same(
+    check: str,
+    trial: Trial,
+    one: Array,
+    other: Array,
+    good: str,
+    bad: str,
+    remedy: str,
+    first: int = 0,
+) -> Finding:
+    """Passed if two trajectories are the same to the bit.
+
+    Args:
+        first: communication point at which they begin.
+    """
     found = trial.difference(one, other)
     if found is None:
         return passed(check, good)
     output, row = found
-    column = trial.outputs.index(output)
+    column, time = trial.outputs.index(output), (first + row) * trial.step
     reason = (
-        f"{bad}: {output} at {row * trial.step:.6g} s is {other[row, column]!r}, not {one[row, column]!r}."
+        f"{bad}: {output} at {time:.6g} s is {float(other[row, column])!r}, not {float(one[row, column])!r}."
     )
-    return failed(check, Level.ERROR, reason, remedy, output=output, time=row * trial.step)
+    return failed(check, Level.ERROR, reason, remedy, output=output, time=time)
 
 
 def _not_applicable(check: str, reason: str) -> Finding:
@@ -204,10 +217,12 @@ def state(trial: Trial) -> Finding:
     base = trial.base[middle + 1 :]
     remedy = "Keep everything that a step depends on in the state, delays and random numbers included."
     good = "From a saved state the run goes on the same to the bit."
-    finding = _same("state", trial, base, first, good, "Saving the state changes the run", remedy)
+    finding = _same("state", trial, base, first, good, "Saving the state changes the run", remedy, middle + 1)
     if finding.verdict is Verdict.FAILED:
         return finding
-    return _same("state", trial, base, again, good, "From the saved state the run differs", remedy)
+    return _same(
+        "state", trial, base, again, good, "From the saved state the run differs", remedy, middle + 1
+    )
 
 
 def serialisation(trial: Trial) -> Finding:
@@ -232,4 +247,4 @@ def serialisation(trial: Trial) -> Finding:
     good = f"A state of {len(data)} bytes goes on in another instance, the same to the bit."
     bad = "From the bytes another instance goes on differently"
     remedy = "Write everything that a step depends on, and no addresses."
-    return _same("serialised state", trial, trial.base[middle + 1 :], again, good, bad, remedy)
+    return _same("serialised state", trial, trial.base[middle + 1 :], again, good, bad, remedy, middle + 1)
