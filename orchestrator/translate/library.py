@@ -32,6 +32,8 @@ LIBRARY: tuple[LibraryFmu, ...] = tuple(
     for name, source in (
         ("RobotResponse", "DockingHIL/RobotResponse.mo"),
         ("DockingContact", "DockingHIL/DockingContact.mo"),
+        ("LabRobot", "DockingHIL/LabRobot.mo"),
+        ("LabContact", "DockingHIL/LabContact.mo"),
         ("ForceSensor", "DockingHIL/ForceSensor.mo"),
         ("JointServos", "DockingHIL/JointServos.mo"),
         ("CartesianResponse", "DockingHIL/CartesianResponse.mo"),
