@@ -39,7 +39,13 @@ ZERO = {
     "rate-limit": [{"rate-limit": "inf m/s"}],
     "dead-band": [{"dead-band": "0 m"}],
     "backlash": [{"backlash": "0 m"}],
-    "noise": [{"noise": "0 m", "period": "1 ms", "seed": 5}],
+    "noise": [
+        {"noise": "0 m", "period": "1 ms", "seed": 5},
+        {"noise": "0 m", "period": "1 ms", "seed": 5, "correlation": "1 ms"},
+    ],
+    "drift": [{"drift": "0 m/s"}],
+    "dropout": [{"dropout": 0, "period": "1 ms", "seed": 5}],
+    "jitter": [{"jitter": "0 s", "period": "1 ms", "seed": 5}],
 }
 SIZED = {
     "gain": {"gain": 1.1},
@@ -53,6 +59,9 @@ SIZED = {
     "dead-band": {"dead-band": "0.1 m"},
     "backlash": {"backlash": "10 mm"},
     "noise": {"noise": "1 mm", "period": "7 ms", "seed": 5},
+    "drift": {"drift": "-10 mm/s"},
+    "dropout": {"dropout": 0.5, "period": "7 ms", "seed": 5},
+    "jitter": {"jitter": "30 ms", "period": "7 ms", "seed": 5},
 }
 MASTERS = {
     "jacobi": {"name": "jacobi"},
@@ -145,7 +154,7 @@ def test_at_zero_size_every_bit_stays(name, master):
 @every_effect
 @every_master
 def test_with_a_size_every_effect_shows(name, master):
-    if name in ("quantise", "sample-and-hold", "noise") and master["name"] == "adaptive":
+    if name in ("quantise", "sample-and-hold", "noise", "dropout", "jitter") and master["name"] == "adaptive":
         # Jumps of an input have no small error in small steps: fixed ones.
         master = {**master, "tolerance": 1e9}
     plain, changed = simulated(oscillator(), master, 40), simulated(oscillator([SIZED[name]]), master, 40)
@@ -287,6 +296,42 @@ def test_noise_is_normal_repeatable_and_independent_of_step_and_master():
     assert kstest(one / 2.0, "norm").pvalue > 0.01
     correlation = np.corrcoef(one[:-1], one[1:])[0, 1]
     assert abs(correlation) < 3.0 / math.sqrt(4000)
+
+
+def test_noise_with_a_correlation_time_forgets_in_it():
+    item = {"noise": "2 m", "period": "1 ms", "seed": 7, "correlation": "4 ms"}
+    one = filtered([item], lambda t: 0.0, 8000, stop=8)
+    assert one.tolist() == filtered([item], lambda t: 0.0, 16000, stop=8)[::2].tolist()
+    assert np.std(one) == pytest.approx(2.0, rel=0.1)
+    for ticks in (1, 4):
+        found = np.corrcoef(one[:-ticks], one[ticks:])[0, 1]
+        assert found == pytest.approx(math.exp(-ticks / 4.0), abs=0.08)
+
+
+def test_dropout_holds_what_was_not_lost():
+    item = {"dropout": 0.3, "period": "2 ms", "phase": "1 ms", "seed": 11}
+    one = filtered([item], lambda t: t, 4000, stop=4)
+    taken = np.flatnonzero(np.diff(one) > 0.0) + 1
+    assert set(taken % 2) == {1}, "samples at odd points"
+    assert one[taken] == pytest.approx(taken * 1e-3, abs=1e-12)
+    assert 1.0 - len(taken) / 2000 == pytest.approx(0.3, abs=0.04)
+    assert one == pytest.approx(filtered([item], lambda t: t, 8000, stop=4)[::2], abs=1e-12)
+    assert filtered([{**item, "dropout": 1}], lambda t: t, 100).tolist() == [0.0] * 101
+
+
+def test_jitter_delays_each_period_by_another_time():
+    item = {"jitter": "4 ms", "period": "10 ms", "seed": 3}
+    one = filtered([item], lambda t: t, 4000, stop=4)
+    late = (np.arange(4001) * 1e-3 - one)[10:-1].reshape(-1, 10)
+    assert np.ptp(late, axis=1).max() < 1e-12, "the same within a period"
+    assert late.min() >= -1e-12 and late.max() <= 4e-3 + 1e-12
+    from scipy.stats import kstest
+
+    assert kstest(late[:, 0] / 4e-3, "uniform").pvalue > 0.01
+
+
+def test_drift_grows_from_the_start():
+    assert filtered([{"drift": "3 m/s"}], lambda t: 0.0, 10)[-1] == pytest.approx(3.0, abs=1e-12)
 
 
 # Sums, further signals, other units.

@@ -23,6 +23,11 @@ class Parameters:
 
     mass: float = quantity(300.0 * 4000.0 / 4300.0, "kg", "Effective mass m_s m_t/(m_s + m_t)", min="0")
     sample_period: float = quantity(1e-3, "s", "Tick of the software", min="0")
+    drag: float = quantity(0.0, "N.s/m", "Force against the velocity, over the velocity")
+    cable_stiffness: float = quantity(0.0, "N/m", "Force towards the position 0, over the position")
+    hanging_share: float = quantity(0.0, "1", "Share of the mass that hangs on a spring", min="0")
+    hanging_frequency: float = quantity(25.0, "rad/s", "Natural frequency of that spring, body held", min="0")
+    hanging_damping: float = quantity(0.01, "1", "Its damping ratio", min="0")
 
 
 @dataclass
@@ -33,6 +38,8 @@ class State:
     velocity: float = quantity(0.0, "m/s", "Relative velocity of the rod tip at the latest tick", "output")
     next_position: float = quantity(0.0, "m", "Relative position at the end of this tick")
     next_velocity: float = quantity(0.0, "m/s", "Relative velocity at the end of this tick")
+    hanging_position: float = quantity(0.0, "m", "Position of the mass on the spring, of the same rest")
+    hanging_velocity: float = quantity(0.0, "m/s", "Its velocity")
     start_time: float = quantity(0.0, "s", "Start time, at which the first tick begins")
     begun: int = quantity(0, "", "Ticks that have begun")
     samples: int = quantity(
@@ -40,12 +47,26 @@ class State:
     )
 
 
+def body_force(p: Parameters, s: State, position: float, velocity: float, force: float) -> float:
+    """Force that moves the whole mass as the body moves, with all that acts on it [N]."""
+    acting = force - p.drag * velocity - p.cable_stiffness * position
+    step, w = p.sample_period / SUBSTEPS, p.hanging_frequency
+    # Semi-implicit, as the motion is. What the spring does to the mass it does to the body, the other way.
+    stretch, rate = s.hanging_position - position, s.hanging_velocity - velocity
+    pull = -(w * w * stretch + 2.0 * p.hanging_damping * w * rate)
+    s.hanging_velocity += step * pull
+    s.hanging_position += step * s.hanging_velocity
+    return (acting - p.hanging_share * p.mass * pull) / (1.0 - p.hanging_share)
+
+
 def advance(p: Parameters, s: State, force: float) -> None:
     """Motion over a tick under a held force [N]: semi-implicit Euler in four sub-steps, velocity first."""
     step = p.sample_period / SUBSTEPS
     position, velocity = s.position, s.velocity
+    if s.begun == 0:
+        s.hanging_position, s.hanging_velocity = position, velocity
     for _ in range(SUBSTEPS):
-        velocity = velocity + step * force / p.mass
+        velocity = velocity + step * body_force(p, s, position, velocity, force) / p.mass
         position = position + step * velocity
     s.next_position, s.next_velocity = position, velocity
 
@@ -107,6 +128,9 @@ class LabSatellite(Fmi2Slave):
                 raise ValueError(
                     f"{self.instance_name}: {name} is {value!r} {unit}; a finite number above 0 is needed"
                 )
+        share = self.parameters.hanging_share
+        if not 0.0 <= share < 1.0:
+            raise ValueError(f"{self.instance_name}: hanging_share is {share!r}; from 0 to below 1 is needed")
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Begin a tick with its first step, and show its end with its last.

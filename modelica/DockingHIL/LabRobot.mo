@@ -6,6 +6,8 @@ model LabRobot "RobotResponse with what a real robot may add: each part is absen
   parameter Real tau_m(quantity="Time", unit="s", min=0) = 0.002 "Pure delay of the response";
   parameter Real start_position(quantity="Length", unit="m") = 0 "Position of the rod tip at the start";
   parameter Real start_velocity(quantity="Velocity", unit="m/s") = 0 "Velocity of the rod tip at the start";
+  parameter Real approach_period(quantity="Time", unit="s", min=0) = 0
+    "Tick of the commands before the start, at start_velocity towards 0 m; 0 s: the first command stood";
   parameter Real skew(unit="1") = 0 "Growth of the delay per time";
   parameter Real friction(quantity="Acceleration", unit="m/s2", min=0) = 0 "Coulomb friction over the moved mass";
   parameter Real stribeck(unit="1", min=0) = 0 "Friction at rest in excess of Coulomb's, relative";
@@ -23,12 +25,14 @@ model LabRobot "RobotResponse with what a real robot may add: each part is absen
   input Real force(quantity="Force", unit="N", start=0) "Contact force on the rod, for load_sensitivity";
   output Real position(quantity="Length", unit="m") "Position of the rod tip";
   output Real velocity(quantity="Velocity", unit="m/s") "Velocity of the rod tip";
-  output Real acceleration(quantity="Acceleration", unit="m/s2") "Acceleration of the servo";
 protected
-  constant Real play_time(quantity="Time", unit="s") = 5e-5 "Within which the output is taken along";
+  constant Real moment(quantity="Time", unit="s") = 5e-5 "Within which a limit of speed and a play act";
+  Real tau(quantity="Time", unit="s") "Delay now";
+  Real late_command(quantity="Length", unit="m") "Command that was sent so long ago, the first one before the start";
   Real delayed_command(quantity="Length", unit="m") "Command that reaches the servo now";
   Real x(quantity="Length", unit="m", start=start_position, fixed=true) "Position of the servo";
   Real v(quantity="Velocity", unit="m/s", start=start_velocity, fixed=true) "Velocity of the servo";
+  Real acceleration(quantity="Acceleration", unit="m/s2") "Acceleration of the servo";
   Real linear(quantity="Acceleration", unit="m/s2") "Acceleration by the linear servo alone";
   Real disturbed(quantity="Acceleration", unit="m/s2") "With friction and load";
   Real bounded(quantity="Acceleration", unit="m/s2") "Within its limit";
@@ -38,21 +42,24 @@ protected
   Real bend(quantity="Length", unit="m", start=0, fixed=true) "Deflection of the structure";
   Real bend_rate(quantity="Velocity", unit="m/s", start=0, fixed=true) "Its rate";
 equation
-  delayed_command = delay(command, noEvent(max(tau_m + skew*time, 0)));
+  tau = noEvent(max(tau_m + skew*time, 0));
+  late_command = delay(command, tau);
+  delayed_command = noEvent(
+    if approach_period > 0 and time < tau - 1e-9 then start_velocity*approach_period*(floor((time - tau)/approach_period + 1e-6) + 1)
+    else late_command);
   linear = omega_n^2*(delayed_command - x) - 2*xi_n*omega_n*v;
   disturbed = linear + load_sensitivity*force
     - friction*tanh(v/friction_velocity)*(1 + stribeck*exp(-(v/stribeck_velocity)^2));
   bounded = noEvent(if acceleration_limit > 0 then min(max(disturbed, -acceleration_limit), acceleration_limit) else disturbed);
-  acceleration =
-    if rate_limit > 0 and v >= rate_limit and bounded > 0 then 0
-    elseif rate_limit > 0 and v <= -rate_limit and bounded < 0 then 0
-    else bounded;
+  // A speed that stays at a limit that switches would raise event after event: it is drawn to its limit.
+  acceleration = noEvent(
+    if rate_limit > 0 then min(max(bounded, (-rate_limit - v)/moment), (rate_limit - v)/moment) else bounded);
   der(x) = v;
   der(v) = acceleration;
   // A play that takes its output along at once would make it a state that jumps into step. The servo's speed
   // makes up for the moment that this takes.
-  ahead = x + play_time*v - driven;
-  driven_rate = noEvent(if backlash > 0 then (max(ahead - 0.5*backlash, 0) - max(-ahead - 0.5*backlash, 0))/play_time else 0);
+  ahead = x + moment*v - driven;
+  driven_rate = noEvent(if backlash > 0 then (max(ahead - 0.5*backlash, 0) - max(-ahead - 0.5*backlash, 0))/moment else 0);
   der(driven) = driven_rate;
   der(bend) = bend_rate;
   der(bend_rate) = -resonance_gain*acceleration - resonance_frequency^2*bend

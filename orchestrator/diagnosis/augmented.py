@@ -1,13 +1,15 @@
 """The rig with the effects that were found, as a config that runs.
 
 It extends the bundled system docking-lab: calibrated numbers and effects that change parameters become start
-values; effects that act on a signal stand on its connection where the co-simulation has the like.
+values; effects that act on a signal stand on its connection; robot, contact and sensor are the FMUs LabRobot,
+LabContact and LabSensor where they need more than those of the nominal rig. Each effect's file tells how it
+stands here.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any
@@ -21,6 +23,7 @@ from .finding import Finding
 from .model import apply_changes, begin_state, nominal_parameters
 from .rig import Calibrated, State
 from .study import Array, Role, Run, Study
+from .written import LOAD, READING, Written, merged, through, with_unit
 
 __all__ = ["NAME", "STEP", "SYSTEM", "AugmentedConfig", "augmented_config", "is_docking_lab"]
 
@@ -29,14 +32,12 @@ SYSTEM = "docking-lab"
 # Communication steps per tick, as in the bundled system: 0.2 ms at a tick of 1 ms.
 STEP = 5
 
-_COMMAND = "satellite.command -> robot.command"
-_PLACE = "robot.position -> contact.position"
-_RATE = "robot.velocity -> contact.velocity"
-_FORCE = "contact.force -> sensor.force"
-_READING = "sensor.measured_force -> controller.measured_force"
-_DRIVE = "controller.force -> satellite.force"
-# Parameters of an effect by name, and of the rig by Calibrated -> entries of `through`, by connection.
-Insert = Callable[[Mapping[str, float], Array], dict[str, dict[str, Any]]]
+# What an instance is where effects ask for more than it has, and start values under other names there.
+_MORE: Mapping[str, tuple[str, Mapping[str, str]]] = {
+    "robot": ("LabRobot", {"position": "start_position", "velocity": "start_velocity"}),
+    "contact": ("LabContact", {}),
+    "sensor": ("LabSensor", {}),
+}
 
 
 @dataclass(frozen=True)
@@ -46,40 +47,14 @@ class AugmentedConfig:
     Attributes:
         text: YAML.
         run: name of the run that mass, approach speed and duration are those of.
+        changed: what stands in it for effects and calibrated numbers that moved, in words.
         left_out: effects that it does not hold, and why.
     """
 
     text: str
     run: str
+    changed: tuple[str, ...]
     left_out: Mapping[str, str]
-
-
-def _hold(theta: Mapping[str, float], p: Array) -> dict[str, dict[str, Any]]:
-    every, tick = round(theta["every"]), float(p[Calibrated.TICK])
-    # A tick's command is there at the end of its first step.
-    phase = (every - 1) * tick + tick / STEP
-    return {_COMMAND: {"sample-and-hold": _with(every * tick, "s"), "phase": _with(phase, "s")}}
-
-
-_INSERTS: dict[str, Insert] = {
-    "link.sample-and-hold": _hold,
-    "robot.command-quantisation": lambda t, p: {_COMMAND: {"quantise": _with(t["step"], "m")}},
-    "structure.kinematic-scale": lambda t, p: {
-        connection: {"gain": 1.0 + t["scale"]} for connection in (_PLACE, _RATE)
-    },
-    "structure.offset": lambda t, p: {_PLACE: {"offset": _with(-t["offset"], "m")}},
-    "sensor.low-pass": lambda t, p: {_FORCE: {"low-pass": {"time_constant": _with(t["time_constant"], "s")}}},
-    "sensor.gain": lambda t, p: {_READING: {"gain": 1.0 + t["gain"]}},
-    "sensor.quantisation": lambda t, p: {_READING: {"quantise": _with(t["step"], "N")}},
-    "dynamics.residual-gravity": lambda t, p: {
-        _DRIVE: {"offset": _with(t["acceleration"] * p[Calibrated.MASS], "N")}
-    },
-}
-# Laws on the satellite that are those of another mass: relative parameters -> its factor.
-_MASSES: dict[str, Callable[[Mapping[str, float]], float]] = {
-    "dynamics.mass": lambda t: 1.0 + t["relative"],
-    "dynamics.mass-offset": lambda t: 1.0 / (1.0 + t["offset"] ** 2),
-}
 
 
 def is_docking_lab(study: Study) -> bool:
@@ -88,59 +63,99 @@ def is_docking_lab(study: Study) -> bool:
     return needed <= set(study.nominal) and find_system(SYSTEM) is not None
 
 
-def augmented_config(study: Study, finding: Finding) -> AugmentedConfig:
+def augmented_config(study: Study, finding: Finding, steps: int = STEP) -> AugmentedConfig:
     """Write the model of the answer given as a config.
 
     Args:
         study: of the docking lab's rig; the first held-out run, or else the first of all, gives mass,
             approach speed and duration.
         finding: its answer is written; without effects, the recalibrated rig.
+        steps: communication steps per tick.
     """
     run = next(iter(study.of(Role.HELDOUT)), study.runs[0])
     answer = finding.answer
-    p = nominal_parameters(study, run)
+    nominal = nominal_parameters(study, run)
+    p = nominal.copy()
     # The controller goes by what its lab believes, whatever the rig's numbers are.
     for name, value in answer.calibrated.items():
         p[Calibrated[name.upper()]] = value
     apply_changes(p, answer.effects, answer.theta)
-    through: dict[str, list[dict[str, Any]]] = {}
-    left_out: dict[str, str] = {}
-    if p[Calibrated.FORCE_BIAS]:
-        through[_READING] = [{"offset": _with(p[Calibrated.FORCE_BIAS], "N")}]
     added = _parameters(answer.effects, answer.theta)
     added |= {name: theta for name, theta in _known_otherwise(finding).items() if name not in added}
-    for name, theta in added.items():
-        if name in _MASSES:
-            p[Calibrated.MASS] *= _MASSES[name](theta)
-        elif name in _INSERTS:
-            for connection, entry in _INSERTS[name](theta, p).items():
-                through.setdefault(connection, []).append(entry)
-        elif not catalogue()[name].changes:
-            left_out[name] = _why(catalogue()[name])
-    for name in finding.effects:
-        if name == "outside":
-            left_out[name] = "the catalogue has no law for it"
-        elif name not in added:
-            left_out[name] = "no parameters of it were fitted"
+    # Decimal: 700 times 0.001 is 0.7000000000000001 in binary, which is no whole number of steps.
+    tick = Decimal(repr(study.tick))
+    rig = {"mass": run.mass, "tick": study.tick, "step": float(tick / steps)}
+    parts, left_out = _written(finding, added, rig)
+    if p[Calibrated.FORCE_BIAS]:
+        parts.insert(0, through(READING, offset=with_unit(p[Calibrated.FORCE_BIAS], "N")))
+    written = merged(parts)
+    for name, factor in written.scaled.items():
+        p[Calibrated[name.upper()]] *= factor
     for one in (Calibrated.CONTACT_DAMPING, Calibrated.RESPONSE_DELAY, Calibrated.SENSOR_DELAY):
         if p[one] < 0.0:
             left_out[one.name.lower()] = (
                 f"{p[one]:.3g} was found, and the FMUs take none below 0; 0 is written"
             )
             p[one] = 0.0
-    # Decimal: 700 times 0.001 is 0.7000000000000001 in binary, which is no whole number of steps.
-    tick = Decimal(repr(study.tick))
-    steps = {"step_size": f"{tick / STEP} s", "stop_time": f"{len(run) * tick} s"}
     data: dict[str, Any] = {
         "extends": SYSTEM,
         "title": f"{study.name}: {run.name} with {', '.join(finding.effects) or 'other calibrated numbers'}",
-        "run": steps,
-        "instances": _start_values(study, run, p),
+        "run": {"step_size": f"{tick / steps} s", "stop_time": f"{len(run) * tick} s"},
+        "instances": _instances(study, run, p, written, steps),
     }
-    if through:
-        data["connections"] = _connections(through)
+    if written.through or written.adds:
+        data["connections"] = _connections(written)
     text = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
-    return AugmentedConfig(_heading(study, run, left_out) + text, run.name, left_out)
+    return AugmentedConfig(
+        _heading(study, run, left_out) + text, run.name, _changes(nominal, p, written), left_out
+    )
+
+
+def _written(
+    finding: Finding, added: Mapping[str, Mapping[str, float]], rig: Mapping[str, float]
+) -> tuple[list[Written], dict[str, str]]:
+    """What each effect of the answer changes of the config; and those that are not in it, with the reason."""
+    parts: list[Written] = []
+    left_out: dict[str, str] = {}
+    for name, theta in added.items():
+        effect = catalogue()[name]
+        if effect.written is not None:
+            parts.append(effect.written(theta, rig))
+        elif not effect.changes:
+            left_out[name] = "its file does not say how it stands in a config"
+    for name in finding.effects:
+        if name == "outside":
+            left_out[name] = "the catalogue has no law for it"
+        elif name not in added:
+            left_out[name] = "no parameters of it were fitted"
+    return parts, left_out
+
+
+def _changes(nominal: Array, p: Array, written: Written) -> tuple[str, ...]:
+    """What differs from the rig as its lab believes it to be, in words."""
+    told = [
+        f"{one.name.lower().replace('_', ' ')}: {p[one]:.6g} instead of {nominal[one]:.6g} (SI)"
+        for one in Calibrated
+        if p[one] != nominal[one] and one is not Calibrated.FORCE_BIAS
+    ]
+    for instance, values in written.start.items():
+        listed = ", ".join(f"{name} {_short(value)}" for name, value in values.items())
+        told.append(f"{instance}: {listed}")
+    told += [f"{connection}: connected" for connection in written.adds]
+    for connection, effects in written.through.items():
+        listed = ", then ".join(
+            ", ".join(f"{name} {_short(value)}" for name, value in one.items()) for one in effects
+        )
+        told.append(f"{connection}: through {listed}")
+    return tuple(told)
+
+
+def _short(value: Any) -> str:
+    """A quantity with as many digits as one reads."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_short(one)}" for name, one in value.items())
+    number, _, unit = str(value).partition(" ")
+    return f"{float(number):.6g} {unit}".rstrip()
 
 
 def _parameters(effects: Sequence[Effect], theta: Array) -> dict[str, dict[str, float]]:
@@ -167,61 +182,72 @@ def _known_otherwise(finding: Finding) -> dict[str, dict[str, float]]:
     return found
 
 
-def _why(effect: Effect) -> str:
-    if effect.statistic:
-        return "it is known by statistics alone, not by a law"
-    return f"no effect on a connection is the like of its law, {effect.equation}"
-
-
-def _start_values(study: Study, run: Run, p: Array) -> dict[str, Any]:
-    """Start values of all instances."""
+def _instances(study: Study, run: Run, p: Array, written: Written, steps: int) -> dict[str, Any]:
+    """Start values of all instances, and other FMUs where effects ask for more."""
     begin = begin_state(study, run)
     value = {one.name: float(p[one]) for one in Calibrated}
-    at_start = {"position": _with(begin[State.POSITION], "m"), "velocity": _with(run.approach_speed, "m/s")}
+    at_start = {
+        "position": with_unit(begin[State.POSITION], "m"),
+        "velocity": with_unit(run.approach_speed, "m/s"),
+    }
     start = {
         "satellite": {
-            "mass": _with(value["MASS"], "kg"),
-            "velocity": _with(run.approach_speed, "m/s"),
-            "sample_period": _with(study.tick, "s"),
+            "mass": with_unit(value["MASS"], "kg"),
+            "velocity": with_unit(run.approach_speed, "m/s"),
+            "sample_period": with_unit(study.tick, "s"),
         },
         "robot": {
-            "omega_n": _with(value["NATURAL_FREQUENCY"], "rad/s"),
+            "omega_n": with_unit(value["NATURAL_FREQUENCY"], "rad/s"),
             "xi_n": value["DAMPING_RATIO"],
-            "tau_m": _with(value["RESPONSE_DELAY"], "s"),
+            "tau_m": with_unit(value["RESPONSE_DELAY"], "s"),
             **at_start,
         },
         "contact": {
-            "stiffness": _with(value["CONTACT_STIFFNESS"], "N/m"),
-            "damping": _with(value["CONTACT_DAMPING"], "N.s/m"),
-            "front": _with(value["FRONT_WALL"], "m"),
-            "rear": _with(value["REAR_WALL"], "m"),
+            "stiffness": with_unit(value["CONTACT_STIFFNESS"], "N/m"),
+            "damping": with_unit(value["CONTACT_DAMPING"], "N.s/m"),
+            "front": with_unit(value["FRONT_WALL"], "m"),
+            "rear": with_unit(value["REAR_WALL"], "m"),
         },
         # The sensor holds the force of a step's end from its begin on, half a step too early.
         "sensor": {
-            "tau_s": _with(value["SENSOR_DELAY"] + 0.5 * study.tick / STEP, "s"),
-            "cutoff": _with(value["SENSOR_CUTOFF"] / (2.0 * math.pi), "Hz"),
+            "tau_s": with_unit(value["SENSOR_DELAY"] + 0.5 * study.tick / steps, "s"),
+            "cutoff": with_unit(value["SENSOR_CUTOFF"] / (2.0 * math.pi), "Hz"),
         },
         "controller": {
-            "sample_period": _with(study.tick, "s"),
-            "lead_time": _with(value["LEAD"], "s"),
-            "stiffness": _with(value["NOMINAL_STIFFNESS"], "N/m"),
-            "damping": _with(value["NOMINAL_DAMPING"], "N.s/m"),
+            "sample_period": with_unit(study.tick, "s"),
+            "lead_time": with_unit(value["LEAD"], "s"),
+            "stiffness": with_unit(value["NOMINAL_STIFFNESS"], "N/m"),
+            "damping": with_unit(value["NOMINAL_DAMPING"], "N.s/m"),
             "stiffness_gain": value["STIFFNESS_GAIN"],
             **{f"start_{name}": quantity for name, quantity in at_start.items()},
         },
     }
-    return {name: {"start": values} for name, values in start.items()}
+    found: dict[str, Any] = {name: {"start": values} for name, values in start.items()}
+    for name, (fmu, renamed) in _MORE.items():
+        if name in written.start:
+            values = {renamed.get(key, key): value for key, value in start[name].items()}
+            # Null takes away what the system extended has.
+            found[name] = {"fmu": fmu, "start": {**dict.fromkeys(renamed), **values}}
+    if "robot" in written.start:
+        found["robot"]["start"]["approach_period"] = with_unit(study.tick, "s")
+        if LOAD not in written.adds:
+            found["robot"]["start"]["force"] = with_unit(0.0, "N")
+    if "sensor" in written.start:
+        found["sensor"]["start"]["start_velocity"] = at_start["velocity"]
+    for name, values in written.start.items():
+        found[name]["start"].update(values)
+    return found
 
 
-def _connections(through: Mapping[str, list[dict[str, Any]]]) -> list[Any]:
+def _connections(written: Written) -> list[Any]:
     """All connections of the system, since a list replaces the one that it extends."""
     path = find_system(SYSTEM)
     assert path is not None
-    written = yaml.safe_load(path.read_text(encoding="utf-8"))["connections"]
-    made = []
-    for connection in written:
+    connections = yaml.safe_load(path.read_text(encoding="utf-8"))["connections"]
+    made: list[Any] = []
+    for connection in (*connections, *written.adds):
         source, _, target = connection.partition(" -> ")
-        effects = through.get(connection)
+        effects = list(map(dict, written.through.get(connection, ())))
         made.append({"from": source, "to": target, "through": effects} if effects else connection)
     return made
 
@@ -233,7 +259,3 @@ def _heading(study: Study, run: Run, left_out: Mapping[str, str]) -> str:
     ]
     lines += [f"# Not in it: {name}: {why}." for name, why in left_out.items()]
     return "\n".join(lines) + "\n"
-
-
-def _with(value: float, unit: str) -> str:
-    return f"{float(value)!r} {unit}"

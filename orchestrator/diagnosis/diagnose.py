@@ -99,7 +99,9 @@ def diagnose(
                 told[name] = getattr(parts, name)(study, finding)
     config = augmented_config(study, finding) if is_docking_lab(study) else None
     if config is not None:
-        told["augmented"] = Runnable(file=AUGMENTED, run=config.run, left_out=dict(config.left_out))
+        told["augmented"] = Runnable(
+            file=AUGMENTED, run=config.run, changed=list(config.changed), left_out=dict(config.left_out)
+        )
     diagnosis = _collect(study, finding, told, left_out, warned, _provenance(study, source))
     progress("write")
     if out is None:

@@ -10,6 +10,7 @@ from typing import Any
 from numba import cfunc, types
 
 from ..units import UnitError, parse_unit
+from .written import Writes
 
 __all__ = ["Context", "Effect", "Parameter", "Site", "law"]
 
@@ -136,7 +137,7 @@ class Effect:
         changes: calibrated parameters that it changes, by the parameter that is added to them; relative ones
             are marked by a leading "*".
         statistic: name of the statistic that tells a stochastic effect, "" for others.
-        modelica: the law as a Modelica model, for the augmented system.
+        written: how it stands in the config of the augmented system, where `changes` do not tell it.
     """
 
     id: str
@@ -148,7 +149,7 @@ class Effect:
     memory: int = 0
     changes: Mapping[str, str] = field(default_factory=dict)
     statistic: str = ""
-    modelica: str = ""
+    written: Writes | None = None
 
     def __post_init__(self) -> None:
         if (self.site is None) != (self.apply is None):

@@ -139,11 +139,13 @@ class Runnable(_Part):
 
     Attributes:
         file: beside diagnosis.json; run: whose mass, approach speed and duration it has.
+        changed: what differs from the rig as its lab believes it to be, in words.
         left_out: what it does not hold, and why.
     """
 
     file: str
     run: str
+    changed: list[str] = []
     left_out: dict[str, str] = {}
 
 

@@ -33,6 +33,9 @@ BUILT_IN = {
     "dead-band": ".dead_band:DeadBand",
     "backlash": ".backlash:Backlash",
     "noise": ".noise:Noise",
+    "drift": ".drift:Drift",
+    "dropout": ".dropout:Dropout",
+    "jitter": ".jitter:Jitter",
 }
 _GROUP = "orchestrator.effects"
 

@@ -13,7 +13,7 @@ from numba import carray, cfunc, njit, types
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from ..effects import Effect, Kernel
+from ..effects import Effect, Kernel, delay, draws
 from ..effects.choose import BUILT_IN, built_in
 from ..fmi import Array
 from ..instances import Instances
@@ -33,6 +33,10 @@ _DOUBLES = types.CPointer(types.float64)
 _SIGNATURE = types.float64(
     types.float64, _DOUBLES, types.int64, _DOUBLES, types.int64, _DOUBLES, types.int64, types.int64
 )
+
+# Functions that kernels share.
+for _shared in (draws._mixed, draws._seeded, draws.uniform, draws.normal, delay.earlier):
+    register_jitable(_shared)
 
 
 def _choice(code: int, kernel: Kernel, otherwise: Callable[..., Any]) -> Callable[..., Any]:

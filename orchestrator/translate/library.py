@@ -35,6 +35,7 @@ LIBRARY: tuple[LibraryFmu, ...] = tuple(
         ("LabRobot", "DockingHIL/LabRobot.mo"),
         ("LabContact", "DockingHIL/LabContact.mo"),
         ("ForceSensor", "DockingHIL/ForceSensor.mo"),
+        ("LabSensor", "DockingHIL/LabSensor.mo"),
         ("JointServos", "DockingHIL/JointServos.mo"),
         ("CartesianResponse", "DockingHIL/CartesianResponse.mo"),
         ("PointContact", "DockingHIL/PointContact.mo"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _SIDE = int(Context.SIDE)
 
@@ -21,4 +22,5 @@ EFFECT = Effect(
     parameters=(Parameter("force", "N", 2.0, low=0.0, high=100.0, starts=(1.0,)),),
     site=Site.FORCE,
     apply=_law,
+    written=lambda t, rig: start("contact", adhesion=(t["force"], "N")),
 )

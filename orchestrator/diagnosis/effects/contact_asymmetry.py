@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _SIDE = int(Context.SIDE)
 _STIFFNESS = int(Context.STIFFNESS)
@@ -21,4 +22,5 @@ EFFECT = Effect(
     parameters=(Parameter("asymmetry", "1", 0.08, low=-0.9, high=0.9),),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start("contact", asymmetry=(t["asymmetry"], "1")),
 )

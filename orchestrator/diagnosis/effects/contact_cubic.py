@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _DEPTH = int(Context.DEPTH)
 _STIFFNESS = int(Context.STIFFNESS)
@@ -21,4 +22,5 @@ EFFECT = Effect(
     parameters=(Parameter("hardening", "1", 0.2, low=-0.5, high=5.0),),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start("contact", cubic=(t["hardening"], "1")),
 )

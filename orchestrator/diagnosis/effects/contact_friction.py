@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _DEPTH_RATE = int(Context.DEPTH_RATE)
 
@@ -21,4 +22,5 @@ EFFECT = Effect(
     parameters=(Parameter("coefficient", "1", 0.05, low=-0.9, high=0.9),),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start("contact", friction=(t["coefficient"], "1")),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _DEPTH = int(Context.DEPTH)
 _STIFFNESS = int(Context.STIFFNESS)
@@ -26,4 +27,7 @@ EFFECT = Effect(
     ),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start(
+        "contact", hertz_exponent=(t["exponent"], "1"), hertz_depth=(t["depth"], "m")
+    ),
 )

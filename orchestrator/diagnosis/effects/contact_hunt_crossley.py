@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _DEPTH = int(Context.DEPTH)
 _DEPTH_RATE = int(Context.DEPTH_RATE)
@@ -20,4 +21,5 @@ EFFECT = Effect(
     parameters=(Parameter("damping", "N.s/m2", 150000.0, low=-500000.0, high=5000000.0),),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start("contact", hunt_crossley=(t["damping"], "N.s/m2")),
 )

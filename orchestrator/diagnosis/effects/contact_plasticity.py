@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _DEPTH = int(Context.DEPTH)
 _STIFFNESS = int(Context.STIFFNESS)
@@ -28,4 +29,5 @@ EFFECT = Effect(
     site=Site.CONTACT,
     apply=_law,
     memory=1,
+    written=lambda t, rig: start("contact", plastic_set=(t["set"], "1")),
 )

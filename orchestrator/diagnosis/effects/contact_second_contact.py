@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _DEPTH = int(Context.DEPTH)
 _STIFFNESS = int(Context.STIFFNESS)
@@ -23,4 +24,7 @@ EFFECT = Effect(
     ),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start(
+        "contact", second_stiffness=(t["relative"], "1"), second_depth=(t["depth"], "m")
+    ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _STIFFNESS = int(Context.STIFFNESS)
 _DEPTH = int(Context.DEPTH)
@@ -20,4 +21,5 @@ EFFECT = Effect(
     parameters=(Parameter("rate", "1/s", 0.06, low=-0.3, high=0.3),),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start("contact", softening=(t["rate"], "1/s")),
 )

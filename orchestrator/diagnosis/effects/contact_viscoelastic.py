@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _DEPTH = int(Context.DEPTH)
 _DEPTH_RATE = int(Context.DEPTH_RATE)
@@ -32,4 +33,5 @@ EFFECT = Effect(
     site=Site.CONTACT,
     apply=_law,
     memory=1,
+    written=lambda t, rig: start("contact", maxwell=(t["relative"], "1"), maxwell_time=(t["time"], "s")),
 )

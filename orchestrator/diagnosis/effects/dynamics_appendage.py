@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import start
 from ._oscillator import body_force
+
+_DAMPING = 0.01  # ratio
 
 
 @law
 def _law(time, step, value, context, memory, theta):
-    return body_force(step, value, context, memory, theta[0], theta[1], 0.01)
+    return body_force(step, value, context, memory, theta[0], theta[1], _DAMPING)
 
 
 EFFECT = Effect(
@@ -22,4 +25,10 @@ EFFECT = Effect(
     site=Site.BODY,
     apply=_law,
     memory=3,
+    written=lambda t, rig: start(
+        "satellite",
+        hanging_share=(t["mass"], "1"),
+        hanging_frequency=(t["frequency"], "rad/s"),
+        hanging_damping=(_DAMPING, "1"),
+    ),
 )

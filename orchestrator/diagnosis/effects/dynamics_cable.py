@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _POSITION = int(Context.POSITION)
 
@@ -19,4 +20,5 @@ EFFECT = Effect(
     parameters=(Parameter("stiffness", "N/m", 1000.0, low=-100000.0, high=100000.0),),
     site=Site.BODY,
     apply=_law,
+    written=lambda t, rig: start("satellite", cable_stiffness=(t["stiffness"], "N/m")),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _VELOCITY = int(Context.VELOCITY)
 
@@ -19,4 +20,5 @@ EFFECT = Effect(
     parameters=(Parameter("damping", "N.s/m", 60.0, low=-10000.0, high=10000.0),),
     site=Site.BODY,
     apply=_law,
+    written=lambda t, rig: start("satellite", drag=(t["damping"], "N.s/m")),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import scaled
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("relative", "1", 0.05, low=-0.5, high=2.0),),
     site=Site.BODY,
     apply=_law,
+    written=lambda t, rig: scaled(mass=1.0 + t["relative"]),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import scaled
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("offset", "m", 0.4, low=0.0, high=5.0, starts=(0.2,)),),
     site=Site.BODY,
     apply=_law,
+    written=lambda t, rig: scaled(mass=1.0 / (1.0 + t["offset"] ** 2)),
 )

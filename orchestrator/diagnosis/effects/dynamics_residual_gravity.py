@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import BODY, through, with_unit
 
 _MASS = int(Context.MASS)
 
@@ -19,4 +20,5 @@ EFFECT = Effect(
     parameters=(Parameter("acceleration", "m/s2", 0.002, low=-1.0, high=1.0),),
     site=Site.BODY,
     apply=_law,
+    written=lambda t, rig: through(BODY, offset=with_unit(t["acceleration"] * rig["mass"], "N")),
 )

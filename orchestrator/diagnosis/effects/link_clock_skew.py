@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import start
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("skew", "1", 0.0003, low=-0.005, high=0.005, starts=(0.0001, -0.0001)),),
     site=Site.DELAY,
     apply=_law,
+    written=lambda t, rig: start("robot", skew=(t["skew"], "1")),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import held, with_unit
 
 
 @law
@@ -18,4 +19,5 @@ EFFECT = Effect(
     site=Site.DELAY,
     apply=_law,
     statistic="jitter",
+    written=lambda t, rig: held("jitter", with_unit(t["jitter"], "s"), rig),
 )

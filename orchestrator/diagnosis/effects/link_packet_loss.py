@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import held
 
 
 @law
@@ -23,4 +24,5 @@ EFFECT = Effect(
     apply=_law,
     memory=2,
     statistic="packet-loss",
+    written=lambda t, rig: held("dropout", t["probability"], rig),
 )

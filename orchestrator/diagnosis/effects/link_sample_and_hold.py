@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import COMMAND, Written, through, with_unit
 
 
 @law
@@ -15,6 +16,13 @@ def _law(time, step, value, context, memory, theta):
     return memory[0]
 
 
+def _written(t, rig) -> Written:
+    # A command is there from the end of its tick's first step on.
+    period = round(t["every"]) * rig["tick"]
+    phase = period - rig["tick"] + rig["step"]
+    return through(COMMAND, sample_and_hold=with_unit(period, "s"), phase=with_unit(phase, "s"))
+
+
 EFFECT = Effect(
     id="link.sample-and-hold",
     equation="c[n] = command[N*floor((n + 1)/N) - 1]",
@@ -23,4 +31,5 @@ EFFECT = Effect(
     site=Site.COMMAND,
     apply=_law,
     memory=2,
+    written=_written,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import start
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("limit", "m/s2", 1.0, low=0.01, high=1000.0, starts=(0.1, 0.3, 0.8), shape=True),),
     site=Site.LIMIT,
     apply=_law,
+    written=lambda t, rig: start("robot", acceleration_limit=(t["limit"], "m/s2")),
 )

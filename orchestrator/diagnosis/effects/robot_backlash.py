@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import start
 
 
 @law
@@ -22,4 +23,5 @@ EFFECT = Effect(
     site=Site.POSITION,
     apply=_law,
     memory=2,
+    written=lambda t, rig: start("robot", backlash=(t["width"], "m")),
 )

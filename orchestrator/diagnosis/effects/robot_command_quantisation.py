@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import COMMAND, through, with_unit
 
 
 @law
@@ -29,4 +30,5 @@ EFFECT = Effect(
     ),
     site=Site.COMMAND,
     apply=_law,
+    written=lambda t, rig: through(COMMAND, quantise=with_unit(t["step"], "m")),
 )

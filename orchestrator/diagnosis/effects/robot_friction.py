@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _VELOCITY = int(Context.VELOCITY)
 
@@ -26,4 +27,5 @@ EFFECT = Effect(
     ),
     site=Site.ACCELERATION,
     apply=_law,
+    written=lambda t, rig: start("robot", friction=(t["coulomb"], "m/s2"), stribeck=(t["stribeck"], "1")),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import start
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("limit", "m/s", 1.0, low=0.001, high=10.0, starts=(0.015, 0.022), shape=True),),
     site=Site.RATE,
     apply=_law,
+    written=lambda t, rig: start("robot", rate_limit=(t["limit"], "m/s")),
 )

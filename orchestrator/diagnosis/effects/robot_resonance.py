@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _ACCELERATION = int(Context.ACCELERATION)
 
@@ -29,4 +30,7 @@ EFFECT = Effect(
     site=Site.POSITION,
     apply=_law,
     memory=2,
+    written=lambda t, rig: start(
+        "robot", resonance_gain=(t["gain"], "1"), resonance_frequency=(t["frequency"], "rad/s")
+    ),
 )

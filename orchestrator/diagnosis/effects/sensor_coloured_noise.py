@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
+import math
+
 from ..effect import Effect, Parameter
+from ..written import READING, SEED, Written, through, with_unit
+
+_KEEP = 0.9  # of the noise per tick; statistics tell its deviation only
+
+
+def _written(t, rig) -> Written:
+    correlation = -rig["tick"] / math.log(_KEEP)
+    return through(
+        READING,
+        noise=with_unit(t["deviation"], "N"),
+        period=with_unit(rig["tick"], "s"),
+        correlation=with_unit(correlation, "s"),
+        seed=SEED,
+    )
+
 
 EFFECT = Effect(
     id="sensor.coloured-noise",
@@ -10,4 +27,5 @@ EFFECT = Effect(
     source="Box, Jenkins: Time Series Analysis, ch. 3",
     parameters=(Parameter("deviation", "N", 2.0, low=0.0),),
     statistic="coloured-noise",
+    written=_written,
 )

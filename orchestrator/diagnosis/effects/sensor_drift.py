@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import READING, through, with_unit
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("rate", "N/s", 0.5, low=-20.0, high=20.0),),
     site=Site.SAMPLE,
     apply=_law,
+    written=lambda t, rig: through(READING, drift=with_unit(t["rate"], "N/s")),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter
+from ..written import READING, SEED, through, with_unit
 
 EFFECT = Effect(
     id="sensor.dropout",
@@ -10,4 +11,7 @@ EFFECT = Effect(
     source="Gilbert: Capacity of a burst-noise channel, memoryless case",
     parameters=(Parameter("probability", "1", 0.15, low=0.0, high=1.0),),
     statistic="dropout",
+    written=lambda t, rig: through(
+        READING, dropout=t["probability"], period=with_unit(rig["tick"], "s"), seed=SEED
+    ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import READING, through
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("gain", "1", 0.1, low=-0.9, high=3.0),),
     site=Site.SAMPLE,
     apply=_law,
+    written=lambda t, rig: through(READING, gain=1.0 + t["gain"]),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import FORCE, through, with_unit
 
 
 @law
@@ -25,4 +26,5 @@ EFFECT = Effect(
     site=Site.FORCE,
     apply=_law,
     memory=2,
+    written=lambda t, rig: through(FORCE, low_pass={"time_constant": with_unit(t["time_constant"], "s")}),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter
+from ..written import READING, through, with_unit
 
 EFFECT = Effect(
     id="sensor.quantisation",
@@ -10,4 +11,5 @@ EFFECT = Effect(
     source="Widrow, Kollar: Quantization Noise, 2008",
     parameters=(Parameter("step", "N", 1.0, low=0.2, high=20.0),),
     statistic="quantisation",
+    written=lambda t, rig: through(READING, quantise=with_unit(t["step"], "N")),
 )

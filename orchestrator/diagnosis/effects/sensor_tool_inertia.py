@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import TOOL, Written, with_unit
 
 _ACCELERATION = int(Context.ACCELERATION)
 
@@ -19,4 +20,8 @@ EFFECT = Effect(
     parameters=(Parameter("mass", "kg", 5.0, low=-50.0, high=50.0),),
     site=Site.FORCE,
     apply=_law,
+    # The robot, too: the tool feels a first command that does not continue the motion before the start.
+    written=lambda t, rig: Written(
+        start={"sensor": {"tool_mass": with_unit(t["mass"], "kg")}, "robot": {}}, adds=(TOOL,)
+    ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Context, Effect, Parameter, Site, law
+from ..written import start
 
 _STIFFNESS = int(Context.STIFFNESS)
 
@@ -19,4 +20,5 @@ EFFECT = Effect(
     parameters=(Parameter("compliance", "m/N", 5e-07, low=0.0, high=5e-05, starts=(1e-07, 1e-06)),),
     site=Site.CONTACT,
     apply=_law,
+    written=lambda t, rig: start("contact", compliance=(t["compliance"], "m/N")),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import PLACE, RATE, Written
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("scale", "1", 0.01, low=-0.3, high=0.3),),
     site=Site.STRUCTURE,
     apply=_law,
+    written=lambda t, rig: Written(through={one: ({"gain": 1.0 + t["scale"]},) for one in (PLACE, RATE)}),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..effect import Effect, Parameter, Site, law
+from ..written import PLACE, through, with_unit
 
 
 @law
@@ -17,4 +18,5 @@ EFFECT = Effect(
     parameters=(Parameter("offset", "m", 0.0002, low=-0.005, high=0.005),),
     site=Site.STRUCTURE,
     apply=_law,
+    written=lambda t, rig: through(PLACE, offset=with_unit(-t["offset"], "m")),
 )
