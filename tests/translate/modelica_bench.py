@@ -138,6 +138,9 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "RobotResponse": ("command",),
     "DockingContact": ("position", "velocity"),
     "ForceSensor": ("force",),
+    "LabRobot": ("command", "force"),
+    "LabContact": ("position", "velocity"),
+    "LabSensor": ("force", "velocity"),
     "JointServos": elements("joint_command", 7),
     "CartesianResponse": elements("position_command", 3) + elements("orientation_command", 4),
     "PointContact": (
@@ -158,6 +161,9 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "RobotResponse": ("position", "velocity"),
     "DockingContact": ("force", "penetration"),
     "ForceSensor": ("measured_force",),
+    "LabRobot": ("position", "velocity"),
+    "LabContact": ("force", "penetration"),
+    "LabSensor": ("measured_force",),
     "JointServos": tuple(
         f"{name}[{axis}]"
         for name in ("joint_position", "joint_velocity", "measured_position")
@@ -177,6 +183,32 @@ START: dict[str, dict[str, float]] = {
     "RobotResponse": {"tau_m": 2.3e-3},
     "DockingContact": {"damping": 500.0},
     "ForceSensor": {"tau_s": 1.3e-3, "cutoff": 100.0, "resolution": 0.5},
+    "LabRobot": {
+        "tau_m": 2.3e-3,
+        "skew": 0.01,
+        "friction": 0.8,
+        "stribeck": 0.4,
+        "load_sensitivity": 0.02,
+        "acceleration_limit": 50.0,
+        "rate_limit": 0.15,
+        "backlash": 1e-4,
+        "resonance_gain": 0.1,
+    },
+    "LabContact": {
+        "damping": 500.0,
+        "asymmetry": 0.05,
+        "softening": 0.1,
+        "cubic": 0.02,
+        "hertz_exponent": 0.2,
+        "second_stiffness": 0.3,
+        "hunt_crossley": 1e5,
+        "maxwell": 0.2,
+        "plastic_set": 0.04,
+        "friction": 0.03,
+        "compliance": 5e-7,
+        "adhesion": 2.0,
+    },
+    "LabSensor": {"tau_s": 1.3e-3, "cutoff": 100.0, "resolution": 0.5, "tool_mass": 4.0},
     "JointServos": {
         "tau_m": 2.3e-3,
         "omega_n[3]": 300.0,
@@ -216,6 +248,9 @@ STEPS = {
     "RobotResponse": 5e-4,
     "DockingContact": 1e-3,
     "ForceSensor": 5e-4,
+    "LabRobot": 5e-4,
+    "LabContact": 1e-3,
+    "LabSensor": 5e-4,
     "JointServos": 1e-3,
     "CartesianResponse": 1e-3,
     "PointContact": 1e-3,
@@ -233,7 +268,16 @@ def inputs(name: str) -> list[dict[str, float]]:
         # 0 until 5 ms, 1 mm until 30 ms, then -0.5 mm.
         steps = [0.0 if i <= 10 else 1e-3 if i <= 60 else -5e-4 for i in range(161)]
         return [{"command": value} for value in steps]
-    if name == "DockingContact":
+    if name == "LabRobot":
+        # As RobotResponse, with a blow on the way.
+        return [
+            {
+                "command": 0.0 if i <= 10 else 1e-3 if i <= 60 else -5e-4,
+                "force": -90.0 if 90 < i < 100 else 0.0,
+            }
+            for i in range(161)
+        ]
+    if name in ("DockingContact", "LabContact"):
         # 8 mm to either side at 2 Hz, with the velocity that belongs to it.
         omega = 2 * np.pi * 2.0
         times = [i * step for i in range(501)]
@@ -243,6 +287,14 @@ def inputs(name: str) -> list[dict[str, float]]:
         ]
     if name == "ForceSensor":
         return [{"force": 0.0 if i <= 4 else -140.2 if i <= 44 else 33.1} for i in range(121)]
+    if name == "LabSensor":
+        return [
+            {
+                "force": 0.0 if i <= 4 else -140.2 if i <= 44 else 33.1,
+                "velocity": float(0.02 * np.sin(0.2 * i)),
+            }
+            for i in range(121)
+        ]
     if name == "JointServos":
         # A jump of each axis by a size of its own, one after the other.
         return [

@@ -210,3 +210,30 @@ def test_uncompensated_docking_is_the_delay_equation():
     expected = np.array([force(p) for p in solution[0]])
     np.testing.assert_allclose(reference["force"], expected, rtol=0, atol=1e-7 * np.abs(expected).max())
     assert np.abs(solution[3]).max() > 1.4 * 0.02
+
+
+NOMINAL = {
+    "RobotResponse": ("LabRobot", {"tau_m": 2.3e-3}, "command", ("position", "velocity")),
+    "DockingContact": ("LabContact", {"damping": 500.0}, "position", ("force", "penetration")),
+    "ForceSensor": ("LabSensor", {"tau_s": 1.3e-3, "cutoff": 100.0}, "force", ("measured_force",)),
+}
+
+
+@pytest.mark.parametrize("plain", NOMINAL)
+def test_at_zero_size_an_fmu_is_the_nominal_one(plain):
+    more, start, driven, outputs = NOMINAL[plain]
+    rows = []
+    for name in (plain, more):
+        with bench.instance(bench.FMUS / name / f"{name}.fmu", **start) as fmu:
+            rows.append([])
+            for step in range(400):
+                fmu.set({driven: 8e-3 * np.sin(0.03 * step) * (1e4 if driven == "force" else 1.0)})
+                if plain == "DockingContact":
+                    fmu.set({"velocity": 0.24 * np.cos(0.03 * step)})
+                fmu.step(2e-4)
+                rows[-1].append(fmu.get(*outputs))
+    one, other = map(np.array, rows)
+    assert np.ptp(one, axis=0).min() > 0.0
+    assert np.abs(one - other).max(axis=0) == pytest.approx(
+        0.0, abs=0.0 if plain == "DockingContact" else 1e-12
+    )
