@@ -173,8 +173,8 @@ def _augmented(diagnosis: Diagnosis) -> str:
     items += "".join(f"<li>Not in it: {escape(key)}: {escape(why)}</li>" for key, why in one.left_out.items())
     return (
         "<h2>The rig with the effects, to be run</h2>"
-        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the rig with mass, "
-        f"speed and duration of {escape(one.run)}. What differs from the rig as its lab believes it to be:</p>"
+        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the rig with "
+        f"mass, speed and duration of {escape(one.run)}. What differs from the rig as believed:</p>"
         f"<ul>{items}</ul>"
     )
 

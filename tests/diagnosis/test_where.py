@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -208,3 +209,41 @@ def test_the_component_of_labelled_cases_is_told(case):
     shares = shapley_shares(study, study.of(Role.HELDOUT), NONE)
     # Errors of calibration within their tolerances have their share, too.
     assert shares.shares[list(COMPONENTS).index(component_of(place))] > 0.6
+
+
+@given(
+    fault=st.sampled_from(
+        [
+            ((), ()),
+            (("robot.delay",), (0.002,)),
+            (("contact.hertz",), (0.3, 5e-4)),
+            (("dynamics.mass",), (0.1,)),
+            (("controller.lead",), (0.002,)),
+            (("sensor.bias",), (1.5,)),
+            (("robot.friction",), (0.8, 0.3)),
+        ]
+    ),
+    # From runs that are over before the first contact to such with several.
+    cuts=st.lists(st.integers(20, 1600), min_size=6, max_size=6),
+    noise=st.sampled_from([0.0, 1.0, 5.0]),
+    seed=st.integers(0, 5),
+)
+@settings(max_examples=20, deadline=None, derandomize=True)
+def test_both_ledgers_add_up_whatever_the_runs_are(fault, cuts, noise, seed):
+    whole = lab(*fault, noise=noise, ticks=1600, seed=seed)
+    runs = [
+        replace(run, columns={name: values[:cut] for name, values in run.columns.items()})
+        for run, cut in zip(whole.runs, cuts, strict=True)
+    ]
+    study = replace(whole, runs=tuple(runs))
+    for finding in (found(*fault), found()):
+        rows = [row["share"] for row in ledger(study, finding)]
+        assert not rows or sum(rows) == pytest.approx(1.0, abs=1e-9)
+        assert sum(where(study, finding).values()) == pytest.approx(1.0, abs=1e-9)
+        shares = shapley_shares(study, study.of(Role.HELDOUT), finding.answer)
+        assert shares.values.sum() == pytest.approx(shares.gap - shares.left, abs=1e-9)
+        told = energy(study, finding)
+        for name in ("measured", "nominal", "excess", "answer") if told else ():
+            assert sum(told[name].values()) == pytest.approx(told["change"][name], abs=1e-9)
+        for one in told.get("contacts", ()):
+            assert sum(one["by_interface"].values()) == pytest.approx(one["excess"], abs=1e-9)
