@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from .catalogue import catalogue
+from .doubt import without_rival
 from .effect import Effect
 from .finding import Augmented, Candidate, Finding
 from .fit import Fitter
-from .menu import Experiment, menu
+from .menu import Experiment, menu_of
 from .model import RigModel
 from .study import Array, Role, Study
 from .trial import Chain, Trial
@@ -138,19 +139,19 @@ def next_experiment(
     other candidates of at least 1 % probability; at most four.
 
     Args:
-        among: to choose from; all of `menu()` by default, with those of installed packages.
+        among: to choose from; by default the menu, with those of installed packages and of the study.
     Returns: name, description, expected_evidence [nats] over the rival that is told apart least, between
         (the tied effects, the first candidate's first), evidence by rival, `menu` with the number of each
-        experiment, and `then`, the best one for what the first one leaves tied, "" if there is none. None
-        where the first candidate has no rival, or is none that the rig's model holds.
+        experiment, and `then`, the best one for what the first one leaves tied, "" if there is none. Where
+        the first candidate has no rival that the rig's model holds, see `doubt.without_rival`.
     Raises: ValueError if there is nothing to choose from.
     """
-    among = menu() if among is None else among
+    among = menu_of(study) if among is None else among
     if not among:
         raise ValueError("no experiment to choose from")
     tied = _tied(study, finding)
     if len(tied) < 2:
-        return None
+        return without_rival(study, finding, among)
     places = {effect.place for model in tied.values() for effect in model.effects}
     inflation = max([1.0, *(finding.misfit.get(place, 1.0) for place in places)])
     cause, *rivals = (posterior(study, model, inflation) for model in tied.values())

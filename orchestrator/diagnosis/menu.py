@@ -12,9 +12,9 @@ import numpy as np
 from ..errors import ConfigError, Problem
 from .catalogue import installed
 from .effect import Effect, Parameter, Site, law
-from .study import Array
+from .study import Array, Study
 
-__all__ = ["ENTRY_POINTS", "MENU", "Experiment", "Load", "menu"]
+__all__ = ["ENTRY_POINTS", "MENU", "Experiment", "Load", "menu", "menu_of"]
 
 # A package adds an experiment by an entry point of this group that names an Experiment.
 ENTRY_POINTS = "orchestrator.diagnosis.experiments"
@@ -163,3 +163,12 @@ def menu() -> tuple[Experiment, ...]:
     if problems:
         raise ConfigError(problems)
     return tuple(found.values())
+
+
+def menu_of(study: Study) -> tuple[Experiment, ...]:
+    """The menu, and the experiments that a study names; one of the same name takes the other's place.
+
+    Raises: ConfigError as `menu`.
+    """
+    own = {one["name"]: Experiment(**one) for one in study.experiments}
+    return (*(one for one in menu() if one.name not in own), *own.values())

@@ -16,6 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from ..errors import ConfigError, Problem, listed, nearest
+from ..quantities import Measure, quantity
 from ..units import UnitError, convert, parse_unit
 from .mapping import Column, columns_of, read_mapping
 
@@ -33,6 +34,8 @@ _COLUMNS = {
     "compensated_force": "N",
     "stiffness_estimate": "N/m",
 }
+# What a study may say of an experiment that its lab can make: a contact with other numbers.
+_EXPERIMENT = {"mass": "kg", "approach_speed": "m/s", "rod": "1", "tracker": "m", "ticks": "1"}
 _NOMINAL = {
     "contact_stiffness": "N/m",
     "contact_damping": "N.s/m",
@@ -97,12 +100,14 @@ class Study:
     Attributes:
         tick: of the rig's software [s].
         nominal: by name, SI (angular frequencies in rad/s).
+        experiments: that the lab can make beyond the menu, as `menu.Experiment` takes them, SI.
     """
 
     name: str
     tick: float
     nominal: Mapping[str, Nominal]
     runs: tuple[Run, ...]
+    experiments: tuple[Mapping[str, Any], ...] = ()
 
     def of(self, role: Role) -> tuple[Run, ...]:
         """The runs of a role."""
@@ -147,11 +152,40 @@ def load_study(folder: Path) -> Study:
         run = _run(folder, entry, f"{path}: runs[{number}]", problems, mapping, tick)
         if run is not None:
             runs.append(run)
+    experiments = _experiments(data.get("experiments") or [], f"{path}: experiments", problems)
     if not any(run.role is Role.TRAIN for run in runs) and not problems:
         problems.append(Problem(f"{path}: runs", "no run has the role train", "at least one"))
     if problems:
         raise ConfigError(problems)
-    return Study(folder.resolve().name, float(tick), nominal, tuple(runs))
+    return Study(folder.resolve().name, float(tick), nominal, tuple(runs), experiments)
+
+
+def _experiments(data: Any, place: str, problems: list[Problem]) -> tuple[dict[str, Any], ...]:
+    """Experiments of the lab's own: name, description, and numbers with units."""
+    found: list[dict[str, Any]] = []
+    allowed = ("name", "description", *_EXPERIMENT)
+    for number, entry in enumerate(data if isinstance(data, list) else [data]):
+        where = f"{place}[{number}]"
+        if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
+            problems.append(Problem(where, "needs a name", listed(allowed)))
+            continue
+        made: dict[str, Any] = {"name": entry["name"], "description": str(entry.get("description", ""))}
+        for key, value in entry.items():
+            if key not in allowed:
+                problems.append(Problem(f"{where}.{key}", "unknown", listed(allowed), nearest(key, allowed)))
+            elif key in _EXPERIMENT:
+                unit = _EXPERIMENT[key]
+                size = quantity(key, Measure(unit, parse_unit(unit)), value, f"{where}.{key}")
+                if isinstance(size, Problem):
+                    problems.append(size)
+                elif not size > 0.0 or (key == "ticks" and (size != int(size) or size < 2)):
+                    problems.append(
+                        Problem(f"{where}.{key}", f"got {value!r}", "above 0; ticks whole, from 2")
+                    )
+                else:
+                    made[key] = int(size) if key == "ticks" else size
+        found.append(made)
+    return tuple(found)
 
 
 def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> dict[str, Nominal]:

@@ -10,9 +10,10 @@ import pytest
 from orchestrator.diagnosis import menu as menus
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.experiments import expected_evidence, next_experiment, posterior
+from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.menu import MENU, Experiment, menu
-from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.menu import MENU, Experiment, menu, menu_of
+from orchestrator.diagnosis.study import Role, _experiments
 from orchestrator.diagnosis.trial import Chain, Trial
 from orchestrator.errors import ConfigError
 from tests.diagnosis.labs import found, lab, model
@@ -173,3 +174,54 @@ def test_what_the_answer_leaves_lessens_the_evidence():
         for misfit in ({}, {"sensor": 4.0}, {"dynamics": 1e6})
     )
     assert rough == pytest.approx(clean / 4.0, rel=0.5) and elsewhere == clean
+
+
+def test_of_what_draws_more_of_the_same_tells():
+    finding = found()
+    drawn = replace(finding.candidates[0], effects=("sensor.dropout",), model=None, log_evidence=40.0)
+    other = replace(drawn, effects=("sensor.coloured-noise",), log_evidence=28.0)
+    told = next_experiment(lab(), replace(finding, candidates=(drawn, other)))
+    assert told["name"] == "the same runs again" and told["expected_evidence"] == 12.0
+    assert told["between"] == ["sensor.dropout", "sensor.coloured-noise"]
+    assert "4000 more ticks" in told["description"]
+    assert next_experiment(lab(), replace(finding, candidates=(drawn,)))["expected_evidence"] == 40.0
+
+
+@pytest.mark.parametrize(
+    "place", ["link", "robot", "structure", "sensor", "contact", "dynamics", "controller"]
+)
+def test_an_unknown_effect_is_shown_by_itself(place):
+    outside = replace(found().candidates[0], effects=("outside",), model=None)
+    told = next_experiment(lab(), replace(found(), candidates=(outside,), outside_place=place))
+    assert told["name"] in {one.name for one in MENU} and place in told["description"]
+    assert told["expected_evidence"] is None and told["between"] == ["outside", "none"]
+
+
+def test_a_doubtful_calibration_is_measured_anew():
+    strayed = Augmented({"natural_frequency": 480.0, "contact_stiffness": 177000.0}, (), np.zeros(0))
+    told = next_experiment(lab(), replace(found(recalibrated=strayed), doubtful_tolerances=True))
+    assert told["name"] == "free-flight chirp" and "robot" in told["description"]
+
+
+def test_a_study_names_experiments_of_its_own():
+    study, ids, theta = lab(("sensor.gain",), (-0.1,)), ("sensor.gain",), (-0.1,)
+    own = {"name": "soft and slow", "description": "ours", "rod": 0.1, "approach_speed": 0.01}
+    listed = menu_of(replace(study, experiments=(own,)))
+    assert listed[:-1] == menu() and listed[-1] == Experiment(**own)
+    hammer = {"name": "hammer", "description": "our own"}
+    assert [one.name for one in menu_of(replace(study, experiments=(hammer,)))].count("hammer") == 1
+    told = next_experiment(
+        replace(study, experiments=(own,)), found(ids, theta, ("contact.stiffness",)), None
+    )
+    assert "soft and slow" in told["menu"]
+
+
+def test_wrong_experiments_of_a_study_are_all_told():
+    problems = []
+    entries = [{"name": "a", "mass": "500 kg", "rods": 2}, {"mass": "1 kg"}, {"name": "b", "ticks": 1.5}]
+    entries.append({"name": "c", "approach_speed": "3 kg"})
+    (first, second, third) = _experiments(entries, "study.yaml: experiments", problems)
+    assert first == {"name": "a", "description": "", "mass": 500.0}
+    assert [one.place.removeprefix("study.yaml: experiments") for one in problems] == [
+        "[0].rods", "[1]", "[2].ticks", "[3].approach_speed"
+    ]  # fmt: skip
