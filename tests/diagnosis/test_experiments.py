@@ -9,6 +9,7 @@ import pytest
 
 from orchestrator.diagnosis import menu as menus
 from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.doubt import _ALONE
 from orchestrator.diagnosis.experiments import expected_evidence, next_experiment, posterior
 from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.fit import Fitter
@@ -187,9 +188,7 @@ def test_of_what_draws_more_of_the_same_tells():
     assert next_experiment(lab(), replace(finding, candidates=(drawn,)))["expected_evidence"] == 40.0
 
 
-@pytest.mark.parametrize(
-    "place", ["link", "robot", "structure", "sensor", "contact", "dynamics", "controller"]
-)
+@pytest.mark.parametrize("place", _ALONE)
 def test_an_unknown_effect_is_shown_by_itself(place):
     outside = replace(found().candidates[0], effects=("outside",), model=None)
     told = next_experiment(lab(), replace(found(), candidates=(outside,), outside_place=place))
@@ -220,7 +219,7 @@ def test_wrong_experiments_of_a_study_are_all_told():
     problems = []
     entries = [{"name": "a", "mass": "500 kg", "rods": 2}, {"mass": "1 kg"}, {"name": "b", "ticks": 1.5}]
     entries.append({"name": "c", "approach_speed": "3 kg"})
-    (first, second, third) = _experiments(entries, "study.yaml: experiments", problems)
+    first, *_ = _experiments(entries, "study.yaml: experiments", problems)
     assert first == {"name": "a", "description": "", "mass": 500.0}
     assert [one.place.removeprefix("study.yaml: experiments") for one in problems] == [
         "[0].rods", "[1]", "[2].ticks", "[3].approach_speed"
