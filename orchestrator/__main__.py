@@ -8,7 +8,8 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from typing import Any
 
 __all__ = ["entry_point", "main"]
 
@@ -17,6 +18,8 @@ _EXIT_CODES = """exit codes:
   1    the run failed; what it recorded until then is kept
   2    the config or the command is wrong; nothing ran
   130  interrupted; what was recorded until then is kept
+With --json an error is a JSON object on the standard output, too: {"exit_code": 2, "error": {"kind": ...,
+"message": ..., "problems": [{"place", "what", "allowed", "remedy"}, ...]}}.
 """
 
 
@@ -42,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command. Returns: the exit code."""
     import traceback
 
-    from .errors import ConfigError, Interrupted, OrchestratorError
+    from .errors import ConfigError, Interrupted, OrchestratorError, error_data
 
     parser = _parser(sys.argv[1:] if arguments is None else list(arguments))
     args = parser.parse_args(arguments)
@@ -51,18 +54,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 0  # the reader of a pipe has seen enough
     except KeyboardInterrupt:
+        _tell(args, {"exit_code": 130, "error": {"kind": "Interrupted", "message": "interrupted"}})
         return _interrupted()
     except OSError as error:
         print(f"orchestrator: {error}", file=sys.stderr)
+        _tell(args, {"exit_code": 1, "error": error_data(error)})
         return 1
     except OrchestratorError as error:
         if getattr(args, "debug", False):
             traceback.print_exc()
         else:
             print(f"orchestrator: {error}", file=sys.stderr)
-        if isinstance(error, Interrupted):
-            return 130
-        return 2 if isinstance(error, ConfigError) else 1
+        status = 130 if isinstance(error, Interrupted) else 2 if isinstance(error, ConfigError) else 1
+        _tell(args, {"exit_code": status, "error": error_data(error)})
+        return status
+
+
+def _tell(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
+    """Print a JSON object in one line, if that is asked for. Returns: whether it is."""
+    if not getattr(args, "json", False):
+        return False
+    import json
+
+    print(json.dumps(data, allow_nan=False, ensure_ascii=False, default=str))
+    return True
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -165,6 +180,8 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         fmu_cli.add_arguments(fmu)
     fmu.set_defaults(command_function=_fmu)
 
+    for command in (run, check, stability, export, reproduction, listing):
+        command.add_argument("--json", action="store_true", help="print JSON, one line a result, and no text")
     for command in commands.choices.values():
         command.add_argument("--debug", action="store_true", help="show tracebacks of errors")
     return parser
@@ -195,13 +212,16 @@ def _run(args: argparse.Namespace) -> int:
         "halving": not args.no_halving,
         "formats": [one.strip() for one in args.format.split(",") if one.strip()],
         "figures": not args.no_figures,
-        "progress": not args.quiet,
+        "progress": not args.quiet and not args.json,
     }
     overrides = list(args.overrides)
     if args.realtime or args.speed is not None:
         overrides.append(f"run.realtime.speed={1.0 if args.speed is None else args.speed!r}")
     for result in run_each(args.config, out=args.out, overrides=overrides, **options):
         failed = (result.summary.get("numerics") or {}).get("error")
+        folder = None if result.folder is None else str(result.folder)
+        if _tell(args, {"exit_code": 0, "folder": folder, "files": result.files, "summary": result.summary}):
+            continue
         if not args.quiet:
             print(summary_text(result.summary))
             if result.folder is not None:
@@ -218,6 +238,20 @@ def _check(args: argparse.Namespace) -> int:
 
     prepared = prepare(args.config, args.overrides)
     system, run = prepared.system, prepared.config.model.run
+    told = {
+        "exit_code": 0,
+        "name": prepared.config.name,
+        "instances": {one.name: one.fmu.description.name for one in system.instances},
+        "connections": [str(one) for one in system.connections],
+        "order": [system.instances[index].name for index in system.order],
+        "steps": prepared.grid.steps,
+        "step_size": float(prepared.grid.step_size),
+        "master": run.master_name,
+        "bonds": [str(bond) for bond in system.bonds],
+        "notes": list(system.notes),
+    }
+    if _tell(args, told):
+        return 0
     print(f"{prepared.config.name}: {len(system.instances)} instances, {len(system.connections)} connections")
     for index in system.order:
         instance = system.instances[index]
@@ -251,9 +285,10 @@ def _export(args: argparse.Namespace) -> int:
     base = path / "results" if path.is_dir() else path
     for suffix in suffixes:
         results.write(base.with_suffix(f".{suffix}"))
-    print(
-        f"{len(results)} rows written to {base.parent}: {', '.join(f'{base.stem}.{one}' for one in suffixes)}"
-    )
+    files = [f"{base.stem}.{one}" for one in suffixes]
+    if _tell(args, {"exit_code": 0, "folder": str(base.parent), "files": files, "rows": len(results)}):
+        return 0
+    print(f"{len(results)} rows written to {base.parent}: {', '.join(files)}")
     return 0
 
 
@@ -284,13 +319,16 @@ def _list(args: argparse.Namespace) -> int:
     from .master import master_names
     from .measures import measure_names
 
-    for title, names in (
-        ("systems", bundled.system_names()),
-        ("FMUs", bundled.fmu_names()),
-        ("masters", master_names()),
-        ("effects", effect_names()),
-        ("measures", measure_names()),
-    ):
+    known = {
+        "systems": bundled.system_names(),
+        "FMUs": bundled.fmu_names(),
+        "masters": master_names(),
+        "effects": effect_names(),
+        "measures": measure_names(),
+    }
+    if _tell(args, known):
+        return 0
+    for title, names in known.items():
         print(f"{title}:")
         for name in names:
             print(f"  {name}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 __all__ = [
     "BuildError",
@@ -14,6 +15,7 @@ __all__ = [
     "OrchestratorError",
     "Problem",
     "StepError",
+    "error_data",
     "listed",
     "nearest",
 ]
@@ -109,6 +111,21 @@ class Interrupted(OrchestratorError):
 
 class BuildError(OrchestratorError):
     """A model that the translator refuses, or an FMU that could not be built."""
+
+
+def error_data(error: BaseException) -> dict[str, Any]:
+    """An error for machines: its kind and message, and what it knows besides: problems, or where and when."""
+    told: dict[str, Any] = {"kind": type(error).__name__, "message": str(error)}
+    if isinstance(error, ConfigError):
+        told["problems"] = [asdict(problem) for problem in error.problems]
+    elif isinstance(error, StepError):
+        told |= {
+            "instance": error.instance,
+            "time": error.time,
+            "status": error.status,
+            "log": list(error.log),
+        }
+    return told
 
 
 def nearest(name: str, names: Iterable[str], prefix: str = "") -> str:

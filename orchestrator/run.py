@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, cast
 from . import checks
 from .assembly import load_system
 from .config import Config, load_config
-from .errors import ConfigError, Interrupted, OrchestratorError, Problem, StepError, listed
+from .errors import ConfigError, Interrupted, OrchestratorError, Problem, error_data, listed
 from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
@@ -171,7 +171,7 @@ def _run_in(
             summary["numerics"] = _numerics(prepared, results, measured, folder, progress)
     except OrchestratorError as error:
         failed = error
-        summary["error"] = _told(error)
+        summary["error"] = error_data(error)
     summary["parameters"] = dict(results.parameters)
     summary["provenance"] = dict(results.provenance)
     made.summary = summary = strict(summary)
@@ -320,7 +320,7 @@ def _numerics(
         return numerics | {"error": {"kind": "NotMade", "message": what}}
     refused = checks.step_size(prepared.system.instances, grid.step_size, prepared.config.places)
     if refused:
-        return numerics | {"error": _told(ConfigError(refused))}
+        return numerics | {"error": error_data(ConfigError(refused))}
     try:
         scratch = _scratch(prepared, grid, folder)
         halved, _, ledger = _run_once(prepared, grid, scratch, progress, "half the step size")
@@ -330,20 +330,8 @@ def _numerics(
     except _Stopped as stopped:
         if isinstance(stopped.error, Interrupted):
             raise stopped.error from None
-        numerics["error"] = _told(stopped.error)
+        numerics["error"] = error_data(stopped.error)
     return numerics
-
-
-def _told(error: OrchestratorError) -> dict[str, Any]:
-    told: dict[str, Any] = {"kind": type(error).__name__, "message": str(error)}
-    if isinstance(error, StepError):
-        told |= {
-            "instance": error.instance,
-            "time": error.time,
-            "status": error.status,
-            "log": list(error.log),
-        }
-    return told
 
 
 def _provenance(prepared: Prepared) -> dict[str, Any]:
@@ -374,7 +362,7 @@ def _finish_failed(
         "title": prepared.config.model.title,
         "config": prepared.config.model.to_data(),
         "run": stopped.statistics,
-        "error": _told(stopped.error),
+        "error": error_data(stopped.error),
         "parameters": dict(stopped.results.parameters),
         "provenance": dict(stopped.results.provenance),
     }

@@ -221,7 +221,9 @@ def main(args: argparse.Namespace) -> int:
     """The command `orchestrator stability`."""
     prepared = prepare(args.config, args.overrides)
     report = stability(prepared)
-    print(text(report))
+    if not args.json:
+        print(text(report))
+    files = []
     if args.out is not None:
         from .. import plotting
 
@@ -229,9 +231,13 @@ def main(args: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         content = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
         (folder / "stability.json").write_text(content + "\n", encoding="utf-8")
-        files = ["stability.json"]
+        files.append("stability.json")
         for name, figure in stability_figures(Loop.of(prepared)).items():
             plotting.save(figure, folder / f"{name}.png")
             files.append(f"{name}.png")
-        print(f"Written to {folder}: {', '.join(files)}")
+        if not args.json:
+            print(f"Written to {folder}: {', '.join(files)}")
+    if args.json:
+        told = {"exit_code": 0, "folder": args.out, "files": files, **report}
+        print(json.dumps(told, allow_nan=False, ensure_ascii=False))
     return 0

@@ -37,9 +37,12 @@ def main(args: argparse.Namespace) -> int:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError([Problem("--out", f"cannot make the folder {folder} ({error})")]) from error
-    made = reproduce(only, jobs=args.jobs, progress=not args.quiet)
+    made = reproduce(only, jobs=args.jobs, progress=not args.quiet and not args.json)
     write(made, folder)
-    if not args.quiet:
+    if args.json:
+        told = {"exit_code": 1 if made.failed else 0, "folder": str(folder), **made.summary}
+        print(json.dumps(told, allow_nan=False, ensure_ascii=False))
+    elif not args.quiet:
         print(_text(made))
         print(f"Written to {folder}: reproduction.html, summary.json, figures/")
     for message in made.failed:

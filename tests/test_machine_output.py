@@ -1,0 +1,84 @@
+"""What commands tell machines: JSON on the standard output, and exit codes."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from orchestrator.__main__ import main
+
+SHORT = ["--set", "run.stop_time=10 ms", "--no-halving"]
+
+
+def told(capsys) -> list[dict]:
+    """The lines of the standard output, each of which is JSON."""
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_run_prints_one_line_a_system(capsys, tmp_path):
+    names = ["docking-1d-uncompensated", "docking-1d"]
+    assert main(["run", *names, *SHORT, "--json", "--no-figures", "--out", str(tmp_path)]) == 0
+    first, second = told(capsys)
+    assert first["exit_code"] == second["exit_code"] == 0
+    assert first["summary"]["title"] == "Uncompensated docking contact, one dimension"
+    written = json.loads((tmp_path / names[1] / "summary.json").read_text(encoding="utf-8"))
+    assert second["summary"] == written
+    assert second["folder"] == str(tmp_path / names[1])
+    assert "results.arrow" in second["files"]
+
+
+def test_problems_of_a_config_are_objects(capsys):
+    assert main(["run", "docking-1d", "--set", "robot.tau_m=6", "--set", "robot.tau=1 ms", "--json"]) == 2
+    (answer,) = told(capsys)
+    assert answer["exit_code"] == 2
+    assert answer["error"]["kind"] == "ConfigError"
+    problems = answer["error"]["problems"]
+    assert len(problems) == 2
+    assert {"place", "what", "allowed", "remedy"} == set(problems[0])
+    assert "robot" in problems[0]["place"]
+
+
+def test_a_run_that_fails_says_where_and_when(capsys):
+    changes = ["--set", "satellite.velocity=1e308 m/s", "--set", "run.stop_time=1 s", "--no-halving"]
+    assert main(["run", "docking-1d-uncompensated", *changes, "--json"]) == 1
+    (answer,) = told(capsys)
+    assert answer["exit_code"] == 1
+    assert answer["error"]["kind"] == "StepError"
+    assert answer["error"]["status"] == "not finite"
+    assert answer["error"]["time"] >= 0.0
+
+
+def test_an_unknown_system_is_an_object_with_every_command(capsys):
+    for command in ("run", "check", "stability"):
+        assert main([command, "docking-2d", "--json"]) == 2
+        (answer,) = told(capsys)
+        assert "docking-2d" in answer["error"]["problems"][0]["what"]
+
+
+def test_check_list_stability_and_export_tell_what_they_print(capsys, tmp_path):
+    assert main(["check", "docking-1d-uncompensated", "--json"]) == 0
+    (answer,) = told(capsys)
+    assert answer["instances"]["robot"] == "DockingHIL.RobotResponse"
+    assert answer["order"][0] in answer["instances"]
+    assert answer["steps"] == 40_000
+    assert main(["list", "--json"]) == 0
+    (answer,) = told(capsys)
+    assert "docking-1d" in answer["systems"] and "gauss-seidel" in answer["masters"]
+    assert main(["stability", "docking-1d-uncompensated", "--json"]) == 0
+    (answer,) = told(capsys)
+    assert answer["margins"]["stable"] is False
+    assert answer["growth_per_contact"] == pytest.approx(1.23555, abs=2e-5)
+    out = str(tmp_path / "run")
+    assert (
+        main(["run", "docking-1d", *SHORT, "--quiet", "--no-figures", "--format", "arrow", "--out", out]) == 0
+    )
+    assert main(["export-results", out, "--format", "csv", "--json"]) == 0
+    (answer,) = told(capsys)
+    assert answer == {"exit_code": 0, "folder": out, "files": ["results.csv"], "rows": 21}
+
+
+def test_without_the_option_nothing_is_json(capsys):
+    assert main(["list"]) == 0
+    with pytest.raises(json.JSONDecodeError):
+        json.loads(capsys.readouterr().out)
