@@ -101,6 +101,8 @@ class Parameter:
         shape: whether it only shapes the effect: then zero is nothing special, and `scale` is the standard
             deviation of its logarithm about the first start.
         whole: whether it is a whole number; then all from `low` to `high` are tried.
+        jagged: whether what it does is no smooth function of it, so that no derivative leads from a start to
+            the best value: fits leave it where they begin.
     """
 
     name: str
@@ -111,6 +113,12 @@ class Parameter:
     starts: tuple[float, ...] = ()
     shape: bool = False
     whole: bool = False
+    jagged: bool = False
+
+    @property
+    def smooth(self) -> bool:
+        """Whether derivatives by it lead anywhere."""
+        return not (self.whole or self.jagged)
 
     def __post_init__(self) -> None:
         try:

@@ -18,8 +18,12 @@ __all__ = ["Base", "Fit", "Fitter", "Replay"]
 _MAX_ITERATIONS = 30
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
 _RUNAWAY = 1e60
+# Differences that move the residuals by more standard deviations tell of another place, not of a derivative.
+_FAR = 20.0
 # A fit has converged when the cost falls by less.
 _CONVERGED = 0.3
+# A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
+_SURE, _SIZE = 3.0, 0.95
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,12 @@ class Fitter:
         self._names = tuple(replay.tolerances)
         self._centre = np.array([one[0] for one in replay.tolerances.values()])
         self._tolerance = np.array([one[1] for one in replay.tolerances.values()])
+        # A calibrated number that is clearly not zero keeps its sign, and some of its size: a stiffness, a
+        # frequency or a delay of the other sign is no calibration's error, and runs away.
+        nearest = -_SIZE * self._centre / self._tolerance
+        sure = np.abs(self._centre) > _SURE * self._tolerance
+        self._low = np.where(sure & (self._centre > 0.0), nearest, -math.inf)
+        self._high = np.where(sure & (self._centre < 0.0), nearest, math.inf)
 
     # Normalised parameters: the calibration in tolerances, then the effects' in prior scales.
 
@@ -198,7 +208,7 @@ class Fitter:
         if start is not None:
             z[count:] = start
         free = np.array(
-            [place for place in range(len(z)) if place < count or not parameters[place - count].whole],
+            [place for place in range(len(z)) if place < count or parameters[place - count].smooth],
             np.intp,
         )
         r = self.stacked(effects, z)
@@ -211,13 +221,22 @@ class Fitter:
             hessian = jacobian.T @ jacobian + np.eye(len(z))
             slope = jacobian.T @ r + z
             gain, fresh_before = 0.0, fresh
+            if fresh and slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free]) < _CONVERGED:
+                break
             for _ in range(6):
-                damped = hessian + damping * np.diag(np.diag(hessian))
-                ahead = z.copy()
-                ahead[free] -= np.linalg.solve(damped[np.ix_(free, free)], slope[free])
-                ahead = self._bounded(effects, ahead)
+                damped = (hessian + damping * np.diag(np.diag(hessian)))[np.ix_(free, free)]
+                ahead = self._bounded(effects, _less(z, free, np.linalg.solve(damped, slope[free])))
                 r_ahead = self.stacked(effects, ahead)
                 cost_ahead = _cost(r_ahead, ahead)
+                if cost < cost_ahead < math.inf:
+                    # Along a valley, as of two numbers that only count by their sum, a long step is right but
+                    # for a little across: the valley is steep, and no shorter step would go far along it.
+                    back = np.linalg.solve(damped, (jacobian.T @ r_ahead + ahead)[free])
+                    second = self._bounded(effects, _less(ahead, free, back))
+                    r_second = self.stacked(effects, second)
+                    cost_second = _cost(r_second, second)
+                    if cost_second < cost:
+                        ahead, r_ahead, cost_ahead = second, r_second, cost_second
                 if cost_ahead < cost:
                     move = ahead - z
                     # Broyden's update: the derivatives along the step just taken are known.
@@ -256,14 +275,23 @@ class Fitter:
         """Derivatives of the stacked residuals by normalised parameters, by differences; others are zero."""
         found = np.zeros((r.size, len(z)), order="F")
         for place in places:
-            ahead = z.copy()
-            ahead[place] += 0.05
+            step = 0.05
             with np.errstate(over="ignore", invalid="ignore"):
-                column = (self.stacked(effects, ahead) - r) / 0.05
+                column = self._difference(effects, z, r, place, step)
+                moved = step * float(np.linalg.norm(column))
+                if _FAR < moved < _RUNAWAY:
+                    column = self._difference(effects, z, r, place, step * 0.5 * _FAR / moved)
             # Where a model runs away no derivative tells anything; a fit leaves that direction alone.
             if np.abs(column).max(initial=0.0) < _RUNAWAY:
                 found[:, place] = column
         return found
+
+    def _difference(
+        self, effects: tuple[Effect, ...], z: Array, r: Array, place: int, step: float
+    ) -> Array:
+        ahead = z.copy()
+        ahead[place] += step
+        return (self.stacked(effects, ahead) - r) / step
 
     def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
         """How well an effect could do, by one replay per start: the cost of the problem linearised there.
@@ -302,6 +330,7 @@ class Fitter:
 
     def _bounded(self, effects: tuple[Effect, ...], z: Array) -> Array:
         place = len(self._names)
+        z[:place] = np.clip(z[:place], self._low, self._high)
         for one in (one for effect in effects for one in effect.parameters):
             z[place] = min(max(z[place], _normalised(one, one.low)), _normalised(one, one.high))
             place += 1
@@ -312,6 +341,12 @@ def _cost(r: Array, z: Array) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         cost = float(r @ r + z @ z)
     return cost if math.isfinite(cost) else math.inf
+
+
+def _less(z: Array, places: Array, step: Array) -> Array:
+    ahead = z.copy()
+    ahead[places] -= step
+    return ahead
 
 
 def _centre(one: Parameter) -> float:
