@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
 from numba import cfunc, types
+from numpy.typing import NDArray
 
 from ..units import UnitError, parse_unit
 from .written import Writes
 
-__all__ = ["Context", "Effect", "Parameter", "Site", "law"]
+__all__ = ["Context", "Effect", "Parameter", "Seen", "Site", "law"]
 
 
 class Site(IntEnum):
@@ -129,6 +131,23 @@ class Parameter:
             raise ValueError(f"parameter {self.name}: scale {self.scale} and bounds {self.low}, {self.high}")
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What runs show beside a replay, for effects that read from it where fits of them may begin.
+
+    Attributes:
+        tick: of the rig's software [s].
+        commands: the last ones sent before each tick of a run, by run, shape (n,) [m].
+        strayed: measured minus replayed position of the robot at the ticks, by run, shape (n,) [m].
+        lag: of the replayed servo: natural frequency [rad/s], damping ratio [1], response delay [s].
+    """
+
+    tick: float
+    commands: tuple[NDArray[np.float64], ...]
+    strayed: tuple[NDArray[np.float64], ...]
+    lag: tuple[float, float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Effect:
     """A candidate cause of the gap.
@@ -146,6 +165,7 @@ class Effect:
             are marked by a leading "*".
         statistic: name of the statistic that tells a stochastic effect, "" for others.
         written: how it stands in the config of the augmented system, where `changes` do not tell it.
+        propose: further starts, one value per parameter, read from the runs.
     """
 
     id: str
@@ -158,6 +178,7 @@ class Effect:
     changes: Mapping[str, str] = field(default_factory=dict)
     statistic: str = ""
     written: Writes | None = None
+    propose: Callable[[Seen], Sequence[tuple[float, ...]]] | None = None
 
     def __post_init__(self) -> None:
         if (self.site is None) != (self.apply is None):

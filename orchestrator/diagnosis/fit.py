@@ -10,16 +10,20 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from .effect import Effect, Parameter
+from .effect import Effect, Parameter, Seen
 from .study import Array
 
-__all__ = ["Base", "Fit", "Fitter", "Replay"]
+__all__ = ["Base", "Fit", "Fitter", "Replay", "inflation"]
 
 _MAX_ITERATIONS = 30
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
 _RUNAWAY = 1e60
 # Differences that move the residuals by more standard deviations tell of another place, not of a derivative.
 _FAR = 20.0
+# Autocorrelation is summed up to so many of the times that the sum gives.
+_WINDOW = 6.0
+# Steps after which derivatives that only followed the steps are taken anew.
+_STALE = 5
 # A fit has converged when the cost falls by less.
 _CONVERGED = 0.3
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
@@ -63,6 +67,33 @@ class Fit:
         return -0.5 * self.cost - 0.5 * self.log_determinant
 
 
+def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
+    """By which squared residuals overstate what they tell, since neighbours resemble each other.
+
+    The integrated autocorrelation time, 1 + 2 sum rho(k), summed as far as the sum's own lag stays within a
+    sixth of it (Sokal's window), each channel by itself, times the mean square where that is larger than
+    one; the channels' mean, by their sums of squares. For white residuals of the specified noise it is one.
+
+    Args:
+        residuals: of the best fit, normalised, per run and channel, as `Fit.residuals`.
+        longest: lag that is looked at.
+    """
+    weighted = total = 0.0
+    for r in residuals:
+        square = float(r @ r)
+        if len(r) < 16 or square == 0.0:
+            continue
+        size = 1 << (2 * len(r) - 1).bit_length()
+        spectrum = np.abs(np.fft.rfft(r, size)) ** 2
+        rho = np.fft.irfft(spectrum, size)[: min(longest, len(r) // 4) + 1]
+        times = 2.0 * np.cumsum(rho / rho[0]) - 1.0
+        enough = np.flatnonzero(np.arange(len(times)) >= _WINDOW * times)
+        time = float(times[enough[0]] if enough.size else times[-1])
+        weighted += square * max(time, 1.0) * max(square / len(r), 1.0)
+        total += square
+    return weighted / total if total > 0.0 else 1.0
+
+
 class Base(NamedTuple):
     """A point about which effects are screened.
 
@@ -91,6 +122,9 @@ class Replay(Protocol):
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
     ) -> list[Array]:
         """Measured minus replayed outputs over their noise, per run and channel."""
+
+    def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
+        """What effects that propose starts read; needed only for effects of the docking rig."""
 
 
 class Fitter:
@@ -216,7 +250,7 @@ class Fitter:
         jacobian = self.jacobian(effects, z, r, range(len(z)) if known is None else range(count, len(z)))
         if known is not None:
             jacobian[:, :count] = known
-        fresh, damping = known is None, 1e-3
+        fresh, damping, stale = known is None, 1e-3, 0
         for iteration in range(_MAX_ITERATIONS):
             hessian = jacobian.T @ jacobian + np.eye(len(z))
             slope = jacobian.T @ r + z
@@ -250,7 +284,8 @@ class Fitter:
                 break
             if iteration > 3 and cost > aim and 10.0 * gain < cost - aim:
                 break
-            if gain < max(_CONVERGED, 2e-4 * cost) and not fresh_before:
+            stale = 0 if fresh else stale + 1
+            if not fresh_before and (gain < max(_CONVERGED, 2e-4 * cost) or stale > _STALE):
                 jacobian, fresh, damping = self.jacobian(effects, z, r, range(len(z))), True, 1e-3
         hessian = jacobian.T @ jacobian + np.eye(len(z))
         _, log_determinant = np.linalg.slogdet(hessian)
@@ -286,9 +321,7 @@ class Fitter:
                 found[:, place] = column
         return found
 
-    def _difference(
-        self, effects: tuple[Effect, ...], z: Array, r: Array, place: int, step: float
-    ) -> Array:
+    def _difference(self, effects: tuple[Effect, ...], z: Array, r: Array, place: int, step: float) -> Array:
         ahead = z.copy()
         ahead[place] += step
         return (self.stacked(effects, ahead) - r) / step
@@ -301,7 +334,7 @@ class Fitter:
         best: tuple[float, Base, Array] | None = None
         for base in bases:
             effects = (*base.effects, effect)
-            for start in self.starts(effect):
+            for start in [*self.starts(effect), *self._proposed(effect, base)]:
                 z = np.concatenate([base.z, start])
                 r = self.stacked(effects, z)
                 if not np.isfinite(r).all():
@@ -322,6 +355,17 @@ class Fitter:
         if best is None:
             return math.inf, bases[0], self.starts(effect)[0]
         return best
+
+    def _proposed(self, effect: Effect, base: Base) -> list[Array]:
+        """Starts that the runs themselves show, in normalised parameters."""
+        if effect.propose is None or not hasattr(self.replay, "seen"):
+            return []
+        seen = self.replay.seen(self._calibrated(base.z), base.effects, self._theta(base.effects, base.z))
+        starts = effect.propose(seen)
+        return [
+            np.array([_normalised(one, value) for one, value in zip(effect.parameters, start, strict=True)])
+            for start in starts
+        ]
 
     def base(self, effects: tuple[Effect, ...], z: Array) -> Base:
         """A point to screen from."""

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from .answers import SOFTWARE, Answer, Group, simplest, tied
 from .catalogue import catalogue
-from .effect import Effect
+from .effect import Effect, Seen
 from .fit import Fit, Fitter, Replay
 from .misfit import unexplained
 from .model import RigModel
@@ -54,6 +54,10 @@ class Weighted:
         """See `Replay`."""
         found = self.replay.residuals(calibrated, effects, theta)
         return [r * weight for r, weight in zip(found, self.weights, strict=True)]
+
+    def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
+        """See `Replay`."""
+        return self.replay.seen(calibrated, effects, theta)
 
 
 class Widened(Weighted):

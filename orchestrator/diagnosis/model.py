@@ -9,7 +9,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from .effect import Effect, Site
+from .effect import Effect, Seen, Site
 from .rig import CHANNELS, HISTORY, SUBSTEPS, Calibrated, State, run_rig
 from .study import Array, Run, Study
 
@@ -167,6 +167,17 @@ class RigModel:
             found.append((run["encoder_position"] - out[2]) / self.noise[0])
             found.append((run["sensor_force"] - out[3]) / self.noise[1])
         return found
+
+    def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
+        """What the runs show beside a replay."""
+        strayed = tuple(
+            run["encoder_position"] - self.replay(index, calibrated, effects, theta)[2]
+            for index, run in enumerate(self.runs)
+        )
+        p = self.parameters(0, calibrated, effects, theta)
+        lag = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO], p[Calibrated.RESPONSE_DELAY]
+        sent = tuple(commands[HISTORY - 1 : -1] for commands in self.commands)
+        return Seen(self.study.tick, sent, strayed, tuple(map(float, lag)))
 
     def _sent(self, run: Run) -> Array:
         """Commands by tick; before the first the rod moved at the approach speed already."""

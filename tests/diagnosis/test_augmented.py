@@ -54,7 +54,7 @@ SIZES = {
     "robot.acceleration-limit": (0.3,),
     "robot.backlash": (2e-4,),
     "robot.bandwidth": (-0.3,),
-    "robot.command-quantisation": (5e-5,),
+    "robot.command-quantisation": (5e-5, 0.3),
     "robot.damping": (0.3,),
     "robot.delay": (1.3e-3,),
     "robot.friction": (1.0, 0.5),

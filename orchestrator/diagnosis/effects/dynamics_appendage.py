@@ -7,6 +7,8 @@ from ..written import start
 from ._oscillator import body_force
 
 _DAMPING = 0.01  # ratio
+# From 2 to 100 rad/s: a mode that hardly decays is only found from within a turn over the run or so.
+_STARTS = tuple(2.0 * 50.0 ** (place / 63) for place in range(64))
 
 
 @law
@@ -20,7 +22,7 @@ EFFECT = Effect(
     source="Hughes: Spacecraft Attitude Dynamics, ch. 3",
     parameters=(
         Parameter("mass", "1", 0.1, low=0.0, high=0.9, starts=(0.05,)),
-        Parameter("frequency", "rad/s", 0.8, low=0.5, high=400.0, starts=(8.0, 25.0, 60.0), shape=True),
+        Parameter("frequency", "rad/s", 0.8, low=0.5, high=400.0, starts=_STARTS, shape=True),
     ),
     site=Site.BODY,
     apply=_law,

@@ -20,7 +20,15 @@ EFFECT = Effect(
     source="Abramson: NASA SP-106, ch. 6",
     parameters=(
         Parameter("mass", "1", 0.1, low=0.0, high=0.9, starts=(0.05,)),
-        Parameter("frequency", "rad/s", 0.8, low=0.5, high=400.0, starts=(1.5, 3.0, 6.0), shape=True),
+        Parameter(
+            "frequency",
+            "rad/s",
+            0.8,
+            low=0.5,
+            high=400.0,
+            starts=(0.8, 1.1, 1.5, 2.1, 3.0, 4.2, 6.0, 8.5),
+            shape=True,
+        ),
     ),
     site=Site.BODY,
     apply=_law,

@@ -3,32 +3,137 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
-from ..effect import Effect, Parameter, Site, law
-from ..written import COMMAND, through, with_unit
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ..effect import Effect, Parameter, Seen, Site, law
+from ..written import COMMAND, Written, merged, through, with_unit
+
+_LOW, _HIGH = 2e-6, 2e-4
+# Commands are counted by bins of this width [m]; steps are as close together as this times the range tells.
+_BIN, _FINE = 1.5e-7, 16
+_CANDIDATES = 12
 
 
 @law
 def _law(time, step, value, context, memory, theta):
-    return theta[0] * math.floor(value / theta[0] + 0.5)
+    return theta[0] * (math.floor(value / theta[0] - theta[1] + 0.5) + theta[1])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _explained(steps, phases, commands, strayed, tick, omega, xi, delay):
+    """By how much rounding, by each step and phase, lowers the sum of squares of `strayed` [m2]."""
+    late = int(delay / tick)
+    first = delay - late * tick
+    root = omega * math.sqrt(max(1.0 - xi * xi, 1e-6))
+    e = np.empty((2, 4))  # transition of position and velocity over both parts of a tick
+    for part in range(2):
+        over = first if part == 0 else tick - first
+        envelope = math.exp(-xi * omega * over)
+        cosine, sine = envelope * math.cos(root * over), envelope * math.sin(root * over) / root
+        e[part, 0], e[part, 1] = cosine + xi * omega * sine, sine
+        e[part, 2], e[part, 3] = -omega * omega * sine, cosine - xi * omega * sine
+    found = np.zeros(steps.shape[0])
+    for one in range(steps.shape[0]):
+        q, phase = steps[one], phases[one]
+        x, v, before, total = 0.0, 0.0, 0.0, 0.0
+        for n in range(late, strayed.shape[0]):
+            c = commands[n - late]
+            c = q * (math.floor(c / q - phase + 0.5) + phase) - c
+            a, b = x - before, v
+            x, v = before + e[0, 0] * a + e[0, 1] * b, e[0, 2] * a + e[0, 3] * b
+            a, b = x - c, v
+            x, v = c + e[1, 0] * a + e[1, 1] * b, e[1, 2] * a + e[1, 3] * b
+            before = c
+            total += (2.0 * strayed[n] - x) * x
+        found[one] = total
+    return found
+
+
+def _response(seen: Seen) -> NDArray[np.float64]:
+    """Position of the robot at the ticks after a command of 1 m that holds for a tick, shape (64,) [1]."""
+    omega, xi, delay = seen.lag
+    root = omega * math.sqrt(max(1.0 - xi * xi, 1e-6))
+    since = np.maximum(seen.tick * np.arange(65) - delay, 0.0)
+    held = np.exp(-xi * omega * since) * (np.cos(root * since) + xi * omega / root * np.sin(root * since))
+    return -np.diff(held)
+
+
+def _likely(seen: Seen) -> NDArray[np.float64]:
+    """Steps whose rounding errors, sawteeth over the commands, most resemble what the robot strayed [m].
+
+    The correlation with all of them at once: a Fourier transform over the commands, summed over harmonics.
+    """
+    low, high = (pick([pick(run) for run in seen.commands]) for pick in (min, max))
+    size = 1 << (int(_FINE * (high - low) / _BIN) - 1).bit_length()
+    density = np.zeros(size)
+    response = _response(seen)
+    for commands, strayed in zip(seen.commands, seen.strayed, strict=True):
+        # A command's part in all that was strayed after it; the commands are those before each tick.
+        part = np.correlate(np.append(strayed, np.zeros(64)), response, "valid")[: len(strayed)]
+        density += np.bincount(((commands - low) / _BIN).astype(int), part, size)
+    turns = np.arange(size // 2 + 1) / (size * _BIN)  # per metre
+    odd = (np.fft.rfft(density) * np.exp(-2j * math.pi * turns * (low + 0.5 * _BIN))).imag
+    first = np.arange(int(size * _BIN / _HIGH), int(size * _BIN / _LOW))
+    # c - q round(c/q) is the sum of -(-1)^k sin(2 pi k c/q) q/(pi k).
+    score = sum((-1) ** k * -odd[np.minimum(k * first, size // 2)] / k for k in range(1, 7))
+    found: list[int] = []
+    for one in np.argsort(-score):
+        if all(abs(int(one) - other) > 2 * _FINE for other in found):
+            found.append(int(one))
+        if len(found) == _CANDIDATES:
+            break
+    return 1.0 / turns[first[found]]
+
+
+def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
+    """The steps and phases that explain most of what the robot strayed; neighbours look unlike."""
+
+    def explained(steps: NDArray[np.float64], phases: NDArray[np.float64]) -> NDArray[np.float64]:
+        pairs = zip(seen.commands, seen.strayed, strict=True)
+        return sum(_explained(steps, phases, *pair, seen.tick, *seen.lag) for pair in pairs)
+
+    farthest = max(float(np.abs(run).max()) for run in seen.commands)
+    found = []
+    for turns in 1.0 / _likely(seen):
+        near = 1.0 / (turns + 0.1 / farthest * np.linspace(-1.0, 1.0, 21))
+        gain = explained(near, np.zeros(21))
+        found.append((float(gain.max()), float(near[int(np.argmax(gain))])))
+    starts = []
+    across = np.linspace(-1.0, 1.0, 41)
+    for _, step in sorted(found, reverse=True)[:2]:
+        phase = 0.0
+        for wide, narrow in ((0.5, 0.05), (0.05, 0.02), (0.01, 0.005), (0.002, 0.001)):
+            phases = np.clip(phase + wide * across, -0.5, 0.5)
+            phase = float(phases[int(np.argmax(explained(np.full(41, step), phases)))])
+            near = 1.0 / (1.0 / step + narrow / farthest * across)
+            step = float(near[int(np.argmax(explained(near, np.full(41, phase))))])
+        starts.append((step, phase))
+    return starts
+
+
+def _written(theta: Mapping[str, float], rig: Mapping[str, float]) -> Written:
+    off = theta["step"] * theta["phase"]
+    rounded = through(COMMAND, quantise=with_unit(theta["step"], "m"))
+    if not off:
+        return rounded
+    before, after = (through(COMMAND, offset=with_unit(one, "m")) for one in (-off, off))
+    return merged([before, rounded, after])
 
 
 EFFECT = Effect(
     id="robot.command-quantisation",
-    equation="c = q round(command/q)",
+    equation="c = q (round(command/q - p) + p)",
     source="Widrow, Kollar: Quantization Noise, 2008",
     parameters=(
-        Parameter(
-            "step",
-            "m",
-            1e-05,
-            low=2e-06,
-            high=0.0002,
-            starts=(5e-06, 1e-05, 2e-05, 5e-05, 0.0001),
-            shape=True,
-        ),
+        Parameter("step", "m", 1.0, low=_LOW, high=_HIGH, starts=(2e-5,), shape=True, jagged=True),
+        Parameter("phase", "1", 0.1, low=-0.5, high=0.5, starts=(0.0,), jagged=True),
     ),
     site=Site.COMMAND,
     apply=_law,
-    written=lambda t, rig: through(COMMAND, quantise=with_unit(t["step"], "m")),
+    written=_written,
+    propose=propose,
 )

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from ..effect import Context, Effect, Parameter, Site, law
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from ..effect import Context, Effect, Parameter, Seen, Site, law
 from ..written import start
 
 _ACCELERATION = int(Context.ACCELERATION)
+# Ratio of neighbouring candidates for the frequency: a mode's own width.
+_APART = 1.02
+_PROPOSED = 6
 
 
 @law
@@ -15,6 +24,58 @@ def _law(time, step, value, context, memory, theta):
         memory[1] += step * (-theta[0] * context[_ACCELERATION] - w * w * memory[0] - 0.06 * w * memory[1])
         memory[0] += step * memory[1]
     return value + memory[0]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _modes(frequencies, commands, strayed, tick, omega, xi, delay):
+    """Products of what the robot strayed with modes of unit gain, and of these with themselves [m2].
+
+    Returns: shape (2, k).
+    """
+    found = np.zeros((2, frequencies.shape[0]))
+    subs = 4
+    dt = tick / subs
+    n = strayed.shape[0]
+    rates = np.zeros(n * subs)
+    x, v = commands[0] - delay * (commands[1] - commands[0]) / tick, (commands[1] - commands[0]) / tick
+    x -= 2.0 * xi / omega * v
+    for i in range(n * subs):
+        at = (i + 0.5) / subs - delay / tick
+        held = commands[min(max(math.floor(at) + 1, 0), n - 1)]
+        c = held if at >= 0.0 else commands[0] + v * tick * at
+        before = v
+        v += dt * (omega * omega * (c - x) - 2.0 * xi * omega * v)
+        x += dt * v
+        rates[i] = (v - before) / dt
+    for one in range(frequencies.shape[0]):
+        w = frequencies[one]
+        q, p = 0.0, 0.0
+        for i in range((n - 1) * subs):
+            p += dt * (-rates[i] - w * w * q - 0.06 * w * p)
+            q += dt * p
+            if i % subs == subs - 1:
+                found[0, one] += q * strayed[i // subs + 1]
+                found[1, one] += q * q
+    return found
+
+
+def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
+    """Gains and frequencies of the modes that explain most of what the robot strayed."""
+    frequencies = 25.0 * _APART ** np.arange(int(math.log(20.0) / math.log(_APART)))
+    products = sum(
+        _modes(frequencies, commands, strayed, seen.tick, *seen.lag)
+        for commands, strayed in zip(seen.commands, seen.strayed, strict=True)
+    )
+    explained = products[0] ** 2 / np.maximum(products[1], 1e-300)
+    peaks = [
+        place
+        for place in np.argsort(-explained)
+        if explained[place] >= explained[max(place - 1, 0) : place + 2].max()
+    ]
+    return [
+        (float(np.clip(products[0, place] / products[1, place], -2.0, 2.0)), float(frequencies[place]))
+        for place in peaks[:_PROPOSED]
+    ]
 
 
 EFFECT = Effect(
@@ -33,4 +94,5 @@ EFFECT = Effect(
     written=lambda t, rig: start(
         "robot", resonance_gain=(t["gain"], "1"), resonance_frequency=(t["frequency"], "rad/s")
     ),
+    propose=propose,
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from ..effect import Effect, Parameter, Site, law
 from ..written import PLACE, RATE, Written
 
-
 # Walls are 5 mm away: these move the contact by 5, 50 and 100 um.
 _STARTS = (1e-3, -1e-3, 1e-2, -1e-2, 2e-2, -2e-2)
 

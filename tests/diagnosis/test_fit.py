@@ -1,0 +1,99 @@
+"""Fits reach what the true parameters allow; bounds and the inflation of evidence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.effects.robot_command_quantisation import propose as propose_steps
+from orchestrator.diagnosis.fit import Fitter, inflation
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.search import roughness
+from orchestrator.diagnosis.software import DynamicsReplay
+from tests.diagnosis.labs import lab
+
+
+class Line:
+    """A replay whose residuals are linear in its calibrated numbers, and draw them to `target`."""
+
+    def __init__(self, target):
+        self.target = target
+
+    @property
+    def tolerances(self):
+        return {"stiffness": (100.0, 5.0), "bias": (0.0, 1.0)}
+
+    def residuals(self, calibrated, effects, theta):
+        return [np.array([calibrated["stiffness"] - self.target, calibrated["bias"] - self.target])]
+
+
+def test_a_calibrated_number_keeps_its_sign_and_one_about_zero_may_take_either():
+    fit = Fitter(Line(-1e4)).fit(())
+    assert fit.calibrated["stiffness"] == pytest.approx(5.0)
+    assert fit.calibrated["bias"] == pytest.approx(-5e3)
+
+
+def searched(own, name, model=None):
+    """The fit of an effect from where a search begins it, and one from its true parameters."""
+    effect = catalogue()[name]
+    if model is None:
+        model = RigModel(own, own.runs)
+        others = [one for one in catalogue().values() if one.place not in ("dynamics", "controller")]
+        fitter = Fitter(model, 1.0, roughness(Fitter(model), others))
+    else:
+        fitter = Fitter(model)
+    count = len(fitter.replay.tolerances)
+    none = fitter.fit(())
+    bases = [fitter.base((), np.zeros(count)), fitter.base((), none.z)]
+    _, base, start = fitter.screen(effect, bases)
+    return fitter, none, fitter.fit((effect,), base.z, start, base.jacobian)
+
+
+@pytest.mark.parametrize(
+    ("name", "theta"),
+    [
+        ("structure.offset", (3e-4,)),
+        ("structure.kinematic-scale", (-0.0122,)),
+        ("contact.wall-offset", (-1.9e-4,)),
+        ("robot.resonance", (0.3, 224.0)),
+        ("robot.resonance", (0.1, 116.0)),
+        ("robot.command-quantisation", (3.006e-5, -0.009)),
+        ("robot.command-quantisation", (4.4e-6, 0.0)),
+    ],
+)
+def test_a_fit_finds_what_the_true_parameters_allow(name, theta):
+    own = lab([name], theta)
+    fitter, none, fit = searched(own, name)
+    true = fitter.fit((catalogue()[name],), None, fitter.normalised({}, fit.effects, theta)[-len(theta) :])
+    assert fit.cost < true.cost + 2.0
+    assert fit.cost < none.cost - 40.0
+
+
+@pytest.mark.parametrize("frequency", [13.05, 28.6, 50.1])
+def test_an_appendage_is_found_at_any_frequency(frequency):
+    own = lab(["dynamics.appendage"], (0.08, frequency))
+    _, none, fit = searched(own, "dynamics.appendage", DynamicsReplay(own, own.runs))
+    assert fit.theta == pytest.approx((0.08, frequency), rel=1e-4)
+    assert fit.cost < 1e-6 * none.cost
+
+
+def test_a_step_is_read_from_the_runs():
+    own = lab(["robot.command-quantisation"], (2.3456e-5, 0.1))
+    model = RigModel(own, own.runs)
+    step, phase = propose_steps(model.seen({}, (), np.zeros(0)))[0]
+    assert step == pytest.approx(2.3456e-5, rel=2e-4)
+    assert phase == pytest.approx(0.1, abs=0.02)
+
+
+def test_inflation_is_the_time_over_which_residuals_resemble_each_other():
+    rng = np.random.default_rng(5)
+    white = rng.standard_normal((4, 3000))
+    assert inflation(white) == pytest.approx(1.0, abs=0.15)
+    for keep in (0.5, 0.9):
+        coloured = np.zeros_like(white)
+        for n in range(1, white.shape[1]):
+            coloured[:, n] = keep * coloured[:, n - 1] + np.sqrt(1 - keep**2) * white[:, n]
+        assert inflation(coloured) == pytest.approx((1 + keep) / (1 - keep), rel=0.3)
+    assert inflation(2.0 * white) == pytest.approx(4.0, rel=0.15)
+    assert inflation([np.zeros(100)]) == 1.0
