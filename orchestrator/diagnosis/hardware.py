@@ -17,14 +17,13 @@ from .misfit import unexplained
 from .model import RigModel
 from .rig import Calibrated
 from .search import Search, roughness, search
-from .stochastic import Force, Noise, link_noise, sensor_noise
+from .stochastic import Force, Noise, link_noise, random_arrival, sensor_noise
 from .study import Array, Role, Study
 
 __all__ = ["Weighted", "Widened", "weigh_rig"]
 
-# Unexplained log likelihood of the encoder from which commands lost or delayed at random are weighed [nats].
-_LINK_SUSPECT = 60.0
-_LINK_CLEAR = 40.0
+# Log evidence of commands lost or delayed at random from which they are weighed [nats].
+_LINK_CLEAR = 5.0
 # Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
 _CLEAR = 20.0
 # Tolerances are doubtful where as many calibrated parameters stray by more tolerances than `_STRAYED`, while
@@ -112,8 +111,9 @@ def weigh_rig(study: Study, without: Sequence[str] = ()) -> Group:
     best = found.fits[0] if found.fits and found.gain(found.fits[0]) > 0 else found.none
     left = fitter.left(best.residuals)
     always: tuple[Effect, ...] = ()
-    if unexplained(left[0::2]) > _LINK_SUSPECT:
-        link = _link(model, found.none, left, without)
+    arrival, _ = random_arrival(model, best, left[0::2])
+    if arrival > _LINK_CLEAR:
+        link = _link(model, found.none, arrival, without)
         if link is not None:
             noises.append(link)
             always = (catalogue()[link.id],)
@@ -151,19 +151,18 @@ def _weighted(model: RigModel, weights: Sequence[float | Array], effects: Sequen
     return Fitter(replay, 1.0, roughness(Fitter(replay), effects))
 
 
-def _link(model: RigModel, none: Fit, left: Sequence[Array], without: Sequence[str]) -> Noise | None:
-    """Commands lost or delayed at random, if they explain the encoder better than the best effects do."""
+def _link(model: RigModel, none: Fit, arrival: float, without: Sequence[str]) -> Noise | None:
+    """Commands lost or delayed at random, whichever explains the encoder better.
+
+    Args:
+        arrival: log evidence that either is there [nats].
+    """
     at = none.calibrated
     lag = 2.0 * at["damping_ratio"] / at["natural_frequency"] + at["response_delay"]
     found = [one for one in link_noise(model, lag) if one.id not in without]
     if not found:
         return None
-    winner = max(found, key=lambda one: one.log_evidence)
-    square = sum(float(r @ r) for r in left[0::2])
-    size = sum(map(len, left[0::2]))
-    # Random delays are flexible: a noise a little larger than specified must not pass for them.
-    gain = winner.log_evidence + 0.5 * min(square, size * (1.0 + math.log(max(square / size, 1e-9))))
-    return replace(winner, log_evidence=gain, scale=1.0) if gain > _LINK_CLEAR else None
+    return replace(max(found, key=lambda one: one.log_evidence), log_evidence=arrival, scale=1.0)
 
 
 def _behind_link(

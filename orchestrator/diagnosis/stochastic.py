@@ -10,17 +10,24 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 from scipy.optimize import minimize
+from scipy.special import logsumexp
 
+from .fit import Fit
 from .misfit import hum
 from .model import RigModel
 from .rig import HISTORY, Calibrated, _transition
 from .study import Array
 
-__all__ = ["Force", "Noise", "flights", "link_noise", "sensor_noise"]
+__all__ = ["Force", "Noise", "flights", "link_noise", "random_arrival", "sensor_noise"]
 
 # Ticks about a contact that count with it.
 _MARGIN = 40
 _PARTICLES = 96
+# Of the arrival of commands, all about as likely beforehand [s].
+_DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
+# Deviations of slow errors of the encoder, in its noise, and how fast they change [rad/s].
+_STRAYS = (0.0, 0.15, 0.3, 0.6, 1.2)
+_SLOW = 2.0 * math.pi * 20.0
 
 
 @dataclass(frozen=True)
@@ -279,6 +286,86 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
             received2[one] = received[pick[one]]
         x[:], v[:], received[:] = x2, v2, received2
     return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise):
+    """Log likelihood of what the robot strayed if commands arrive early or late at random (Kalman filter).
+
+    A change of the command that is late by s kicks the servo by omega^2 s times the change.
+
+    Args:
+        strayed: measured minus replayed position, shape (n,) [m]; commands: as `run_rig` takes them [m].
+        deviation: of the arrival [s]; slow: of a slow error of the position beside it [m].
+    """
+    late = int(delay / tick)
+    rest = tick - (delay - late * tick)
+    a = np.zeros((3, 3))
+    a[0, 0], a[0, 1], a[1, 0], a[1, 1], _, _ = _transition(omega, xi, tick)
+    a[2, 2] = math.exp(-_SLOW * tick)
+    _, g1, _, g2, _, _ = _transition(omega, xi, rest)
+    x, p, q = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    p[2, 2] = slow * slow
+    fresh = slow * slow * (1.0 - a[2, 2] * a[2, 2])
+    total = 0.0
+    k = np.zeros(3)
+    for n in range(strayed.shape[0]):
+        s = p[0, 0] + 2.0 * p[0, 2] + p[2, 2] + noise * noise
+        error = strayed[n] - x[0] - x[2]
+        total -= 0.5 * (error * error / s + math.log(s / (noise * noise)))
+        for i in range(3):
+            k[i] = (p[i, 0] + p[i, 2]) / s
+        for i in range(3):
+            x[i] += k[i] * error
+            for j in range(3):
+                p[i, j] -= k[i] * k[j] * s
+        x0 = a[0, 0] * x[0] + a[0, 1] * x[1]
+        x[1] = a[1, 0] * x[0] + a[1, 1] * x[1]
+        x[0], x[2] = x0, a[2, 2] * x[2]
+        for i in range(3):
+            for j in range(3):
+                q[i, j] = a[i, 0] * p[0, j] + a[i, 1] * p[1, j] + a[i, 2] * p[2, j]
+        for i in range(3):
+            for j in range(3):
+                p[i, j] = q[i, 0] * a[j, 0] + q[i, 1] * a[j, 1] + q[i, 2] * a[j, 2]
+        at = HISTORY + n - late
+        kick = omega * omega * deviation * (commands[at] - commands[at - 1])
+        kick *= kick
+        p[0, 0] += kick * g1 * g1
+        p[0, 1] += kick * g1 * g2
+        p[1, 0] += kick * g1 * g2
+        p[1, 1] += kick * g2 * g2
+        p[2, 2] += fresh
+    return total
+
+
+def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[float, float]:
+    """Whether what a fit leaves of the encoder is what commands arriving at random times leave.
+
+    Lost commands and random delays alike: to second moments each makes changes of the command arrive early
+    or late, with a deviation of `jitter`/sqrt(12), or of sqrt(p)/(1 - p) ticks. Slow errors of the encoder,
+    which every rig has, are weighed against it. It tells
+    sizes far below those that show in the mean square.
+
+    Args:
+        fit: the best one without such an effect; left: its residuals of the encoder, normalised, by run.
+    Returns: its log evidence over none, of its deviations and slow errors the mean [nats]; and the best of
+        the deviations of the arrival [s].
+    """
+    noise, tick = model.noise[0], model.study.tick
+    found = np.zeros((1 + len(_DEVIATIONS), len(_STRAYS)))
+    for index, r in enumerate(left):
+        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
+        servo = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
+        delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
+        for row, deviation in enumerate((0.0, *_DEVIATIONS)):
+            for column, slow in enumerate(_STRAYS):
+                found[row, column] += _kicked(
+                    noise * r, model.commands[index], deviation, noise * slow, *servo, delay, tick, noise
+                )
+    weighed = logsumexp(found, axis=1)
+    evidence = float(logsumexp(weighed[1:]) - math.log(len(_DEVIATIONS)) - weighed[0])
+    return evidence, float(_DEVIATIONS[int(np.argmax(weighed[1:]))])
 
 
 def link_noise(model: RigModel, lag: float) -> list[Noise]:
