@@ -22,6 +22,10 @@ _RUNAWAY = 1e60
 _FAR = 20.0
 # Autocorrelation is summed up to so many of the times that the sum gives.
 _WINDOW = 6.0
+# Directions of roughness that stray by less, in standard deviations of a sample, are left out.
+_SPREAD = 0.02
+# Bases whose costs differ by less are much the same place: effects are screened from the better one alone.
+_ALIKE = 60.0
 # Steps after which derivatives that only followed the steps are taken anew.
 _STALE = 5
 # A fit has converged when the cost falls by less.
@@ -143,6 +147,7 @@ class Fitter:
         self._shrink: tuple[Array, Array] | None = None
         if roughness is not None and roughness.size:
             directions, spread, _ = np.linalg.svd(roughness / math.sqrt(inflation), full_matrices=False)
+            directions, spread = directions[:, spread > _SPREAD], spread[spread > _SPREAD]
             # (1 + C C')^(-1/2) r, which is r but along the directions.
             self._shrink = directions, 1.0 / np.sqrt(1.0 + spread**2) - 1.0
         self._names = tuple(replay.tolerances)
@@ -332,9 +337,14 @@ class Fitter:
         Returns: the least cost, the base and the start that give it.
         """
         best: tuple[float, Base, Array] | None = None
-        for base in bases:
+        costs = [_cost(base.r, base.z) for base in bases]
+        least = min(costs)
+        best_base = bases[costs.index(least)]
+        others = [base for base, cost in zip(bases, costs, strict=True) if cost > least + _ALIKE]
+        proposed = self._proposed(effect, best_base)
+        for base in [*others, best_base]:
             effects = (*base.effects, effect)
-            for start in [*self.starts(effect), *self._proposed(effect, base)]:
+            for start in [*self.starts(effect), *(proposed if base is best_base else [])]:
                 z = np.concatenate([base.z, start])
                 r = self.stacked(effects, z)
                 if not np.isfinite(r).all():

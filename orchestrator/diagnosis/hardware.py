@@ -111,9 +111,9 @@ def weigh_rig(study: Study, without: Sequence[str] = ()) -> Group:
     best = found.fits[0] if found.fits and found.gain(found.fits[0]) > 0 else found.none
     left = fitter.left(best.residuals)
     always: tuple[Effect, ...] = ()
-    arrival, _ = random_arrival(model, best, left[0::2])
+    arrival, deviation = random_arrival(model, best, left[0::2])
     if arrival > _LINK_CLEAR:
-        link = _link(model, found.none, arrival, without)
+        link = _link(model, found.none, arrival, deviation, without)
         if link is not None:
             noises.append(link)
             always = (catalogue()[link.id],)
@@ -151,15 +151,17 @@ def _weighted(model: RigModel, weights: Sequence[float | Array], effects: Sequen
     return Fitter(replay, 1.0, roughness(Fitter(replay), effects))
 
 
-def _link(model: RigModel, none: Fit, arrival: float, without: Sequence[str]) -> Noise | None:
+def _link(
+    model: RigModel, none: Fit, arrival: float, deviation: float, without: Sequence[str]
+) -> Noise | None:
     """Commands lost or delayed at random, whichever explains the encoder better.
 
     Args:
-        arrival: log evidence that either is there [nats].
+        arrival, deviation: log evidence that either is there [nats], and how strong it is [s].
     """
     at = none.calibrated
     lag = 2.0 * at["damping_ratio"] / at["natural_frequency"] + at["response_delay"]
-    found = [one for one in link_noise(model, lag) if one.id not in without]
+    found = [one for one in link_noise(model, lag, deviation) if one.id not in without]
     if not found:
         return None
     return replace(max(found, key=lambda one: one.log_evidence), log_evidence=arrival, scale=1.0)

@@ -201,7 +201,7 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
     known[_POSITION], known[_VELOCITY] = servo[0], servo[1]
     servo[2] = pass_site(_AT_POSITION, laws, begin * h, 0.0, servo[0], known, memory, theta)
     servo[4] = servo[2] - servo[0]
-    y, contact, force = state[_Y], servo[2], 0.0
+    y, contact, force, behind_before = state[_Y], servo[2], 0.0, 0.0
     shift = pass_site(_AT_STRUCTURE, laws, begin * h, 0.0, contact, known, memory, theta) - contact
     for n in range(out.shape[1]):
         time = (begin + n) * h
@@ -235,8 +235,10 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
             force = _push(p, contact, rate, laws, now, dt, known, memory, theta)
             known[_FORCE] = force
             index = n * substeps + sub + 1
-            ring[index % _RING] = force
-            y = lag * y + (1.0 - lag) * 0.5 * (_behind(ring, index - 1, back) + _behind(ring, index, back))
+            ring[index & (_RING - 1)] = force
+            behind = _behind(ring, index, back)
+            y = lag * y + (1.0 - lag) * 0.5 * (behind_before + behind)
+            behind_before = behind
     state[_X], state[_V], state[_Y] = servo[0], servo[1], y
 
 
@@ -325,8 +327,8 @@ def _behind(ring, index, back):
     low = int(at)
     part = at - low
     if part == 0.0:
-        return ring[low % _RING]
-    return (1.0 - part) * ring[low % _RING] + part * ring[(low + 1) % _RING]
+        return ring[low & (_RING - 1)]
+    return (1.0 - part) * ring[low & (_RING - 1)] + part * ring[(low + 1) & (_RING - 1)]
 
 
 @njit(cache=True, error_model="numpy")

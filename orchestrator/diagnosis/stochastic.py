@@ -365,16 +365,22 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
                 )
     weighed = logsumexp(found, axis=1)
     evidence = float(logsumexp(weighed[1:]) - math.log(len(_DEVIATIONS)) - weighed[0])
-    return evidence, float(_DEVIATIONS[int(np.argmax(weighed[1:]))])
+    top = min(max(int(np.argmax(weighed[1:])), 1), len(_DEVIATIONS) - 2) + 1
+    before, at, after = weighed[top - 1 : top + 2]
+    bend = before - 2.0 * at + after
+    share = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
+    return evidence, float(_DEVIATIONS[top - 1] * 2.0**share)
 
 
-def link_noise(model: RigModel, lag: float) -> list[Noise]:
+def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
     """Weigh lost commands and random delays by how well they explain the encoder samples.
 
     Args:
         lag: by which the robot follows a ramp of commands, as fitted [s]; delay, servo and the mean of what
             is random make it up. The servo is taken as calibrated, since a fit that knows of no randomness
             strays in it.
+        deviation: of the arrival of commands, as `random_arrival` finds it [s]: of so strong a kind of each,
+            it is weighed which the samples are like.
     Returns: both, each with its log likelihood, which is -chi2/2 where nothing is random.
     """
     nominal = model.study.nominal
@@ -391,15 +397,14 @@ def link_noise(model: RigModel, lag: float) -> list[Noise]:
             total += _filter(kind, amount, p, commands, run["encoder_position"], noise, _PARTICLES, 7)
         return total
 
+    ticks = deviation / tick
+    # sqrt(p)/(1 - p) ticks; the width of what is uniform is sqrt(12) deviations.
+    loss = ((math.sqrt(1.0 + 4.0 * ticks**2) - 1.0) / (2.0 * ticks)) ** 2
     found = []
-    for name, kind, amounts in (
-        ("link.packet-loss", 0, (0.01, 0.02, 0.04, 0.07, 0.11, 0.17, 0.25, 0.35)),
-        ("link.jitter", 1, (0.0003, 0.0006, 0.001, 0.0015, 0.0022, 0.003)),
+    for name, kind, amount in (
+        ("link.packet-loss", 0, loss),
+        ("link.jitter", 1, math.sqrt(12.0) * deviation),
     ):
-        values = [
-            likelihood(kind, amount, amount / (1 - amount) * tick if kind == 0 else 0.5 * amount)
-            for amount in amounts
-        ]
-        best = int(np.argmax(values))
-        found.append(Noise(name, (amounts[best],), values[best]))
+        mean = amount / (1.0 - amount) * tick if kind == 0 else 0.5 * amount
+        found.append(Noise(name, (amount,), likelihood(kind, amount, mean)))
     return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,12 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose as propose_steps
 from orchestrator.diagnosis.fit import Fitter, inflation
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.rig import HISTORY
 from orchestrator.diagnosis.search import roughness
 from orchestrator.diagnosis.software import DynamicsReplay
+from orchestrator.diagnosis.stochastic import random_arrival
 from tests.diagnosis.labs import lab
+from tests.diagnosis.rigs import NOMINAL
 
 
 class Line:
@@ -97,3 +102,58 @@ def test_inflation_is_the_time_over_which_residuals_resemble_each_other():
         assert inflation(coloured) == pytest.approx((1 + keep) / (1 - keep), rel=0.3)
     assert inflation(2.0 * white) == pytest.approx(4.0, rel=0.15)
     assert inflation([np.zeros(100)]) == 1.0
+
+
+def delayed_at_random(own, model, amount, kind):
+    """How the robot strays if each command is late by up to `amount` [s], or lost as often as that."""
+    rng = np.random.default_rng(11)
+    strayed = []
+    omega, xi = NOMINAL["natural_frequency"].value, NOMINAL["damping_ratio"].value
+    for run, commands in zip(own.runs, model.commands, strict=True):
+        fine = 20
+        dt = own.tick / fine
+        n = len(run)
+        late = np.where(kind == "jitter", amount * (rng.random(n) - 0.5), 0.0)  # its mean would be fitted
+        held = np.arange(n)
+        for i in range(1, n):
+            if kind == "loss" and rng.random() < amount:
+                held[i] = held[i - 1]
+        arrives = np.maximum(np.round((np.arange(n) * own.tick + late) / dt), 0).astype(int)
+        sent = np.full(n * fine, commands[HISTORY - 1])
+        for i in range(n):
+            sent[arrives[i] :] = commands[HISTORY + held[i]]
+        plain = np.repeat(commands[HISTORY:], fine)
+        x = v = 0.0
+        out = np.zeros(n)
+        for i, error in enumerate(sent - plain[: len(sent)]):
+            if i % fine == 0:
+                out[i // fine] = x
+            v += dt * (omega**2 * (error - x) - 2.0 * xi * omega * v)
+            x += dt * v
+        delay = round(NOMINAL["response_delay"].value / own.tick)
+        out = np.concatenate([np.zeros(delay), out[:-delay]])
+        strayed.append(out - out[200:].mean())
+    return strayed
+
+
+@pytest.mark.parametrize(
+    ("kind", "amount"), [("jitter", 5e-4), ("loss", 0.03), ("none", 0.0), ("wave", 1e-6)]
+)
+def test_commands_that_arrive_at_random_are_told_from_slow_errors(kind, amount):
+    own = lab(ticks=2000)
+    model = RigModel(own, own.runs[:2])
+    own = replace(own, runs=own.runs[:2])
+    fit = Fitter(model).fit(())
+    rng = np.random.default_rng(2)
+    if kind == "wave":
+        strayed = [amount * np.sin(np.arange(len(run)) * 0.06) for run in own.runs]
+    else:
+        strayed = delayed_at_random(own, model, amount, kind)
+    left = [one / model.noise[0] + rng.standard_normal(len(one)) for one in strayed]
+    evidence, deviation = random_arrival(model, fit, left)
+    if kind in ("none", "wave"):
+        assert evidence < 3.0
+    else:
+        expected = amount / np.sqrt(12.0) if kind == "jitter" else np.sqrt(amount) / (1 - amount) * own.tick
+        assert evidence > 10.0
+        assert deviation == pytest.approx(expected, rel=0.4)

@@ -13,7 +13,7 @@ from ..effect import Effect, Parameter, Seen, Site, law
 from ..written import COMMAND, Written, merged, through, with_unit
 
 _LOW, _HIGH = 2e-6, 2e-4
-# Commands are counted by bins of this width [m]; steps are as close together as this times the range tells.
+# Commands are counted by bins of this width [m]; the spectrum is so much finer than their range asks for.
 _BIN, _FINE = 1.5e-7, 16
 _CANDIDATES = 12
 
@@ -67,26 +67,29 @@ def _likely(seen: Seen) -> NDArray[np.float64]:
 
     The correlation with all of them at once: a Fourier transform over the commands, summed over harmonics.
     """
-    low, high = (pick([pick(run) for run in seen.commands]) for pick in (min, max))
-    size = 1 << (int(_FINE * (high - low) / _BIN) - 1).bit_length()
+    reach = max(float(np.ptp(run)) for run in seen.commands)
+    size = 1 << (int(_FINE * reach / _BIN) - 1).bit_length()
     density = np.zeros(size)
     response = _response(seen)
     for commands, strayed in zip(seen.commands, seen.strayed, strict=True):
         # A command's part in all that was strayed after it; the commands are those before each tick.
         part = np.correlate(np.append(strayed, np.zeros(64)), response, "valid")[: len(strayed)]
-        density += np.bincount(((commands - low) / _BIN).astype(int), part, size)
-    turns = np.arange(size // 2 + 1) / (size * _BIN)  # per metre
-    odd = (np.fft.rfft(density) * np.exp(-2j * math.pi * turns * (low + 0.5 * _BIN))).imag
+        bins = (
+            np.round(commands / _BIN).astype(int) % size
+        )  # turns the circle at zero, so that phases are zero
+        density += np.bincount(bins, part, size)
+    odd = np.fft.rfft(density).imag
     first = np.arange(int(size * _BIN / _HIGH), int(size * _BIN / _LOW))
     # c - q round(c/q) is the sum of -(-1)^k sin(2 pi k c/q) q/(pi k).
     score = sum((-1) ** k * -odd[np.minimum(k * first, size // 2)] / k for k in range(1, 7))
+    best = np.argpartition(-score, 20 * _CANDIDATES)[: 20 * _CANDIDATES]
     found: list[int] = []
-    for one in np.argsort(-score):
-        if all(abs(int(one) - other) > 2 * _FINE for other in found):
-            found.append(int(one))
+    for one in best[np.argsort(-score[best])].tolist():
+        if all(abs(one - other) > 2 * _FINE for other in found):
+            found.append(one)
         if len(found) == _CANDIDATES:
             break
-    return 1.0 / turns[first[found]]
+    return size * _BIN / first[found]
 
 
 def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
