@@ -134,6 +134,17 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     export.add_argument("--format", default="csv", metavar="LIST", help="formats: csv, parquet, mat")
     export.set_defaults(command_function=_export)
 
+    exporting = commands.add_parser("export", help="write a system for other tools, as .ssp")
+    importing = commands.add_parser("import", help="make a config of another tool's .ssp or .ssd")
+    if arguments[:1] in (["export"], ["import"]):
+        from .exchange import cli as exchange_cli
+
+        _add_config(exporting)
+        exchange_cli.add_export_arguments(exporting)
+        exchange_cli.add_import_arguments(importing)
+    exporting.set_defaults(command_function=_exchange)
+    importing.set_defaults(command_function=_exchange)
+
     diagnose = commands.add_parser("diagnose", help="tell from logs why a rig differs from its model")
     if arguments[:1] == ["diagnose"]:
         from .diagnosis import cli as diagnosis_cli
@@ -192,7 +203,7 @@ def _add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:
         "config",
         nargs="+" if several else None,
         metavar="NAME|CONFIG",
-        help="a bundled system, or a YAML file",
+        help="a bundled system, a YAML file, or a .ssp or .ssd file",
     )
     parser.add_argument(
         "--set",
@@ -262,7 +273,7 @@ def _check(args: argparse.Namespace) -> int:
     print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master_name}")
     for bond in system.bonds:
         print(f"power bond {bond}")
-    for note in system.notes:
+    for note in (*prepared.config.notes, *system.notes):
         print(f"note: {note}")
     return 0
 
@@ -290,6 +301,12 @@ def _export(args: argparse.Namespace) -> int:
         return 0
     print(f"{len(results)} rows written to {base.parent}: {', '.join(files)}")
     return 0
+
+
+def _exchange(args: argparse.Namespace) -> int:
+    from .exchange import cli
+
+    return (cli.export_main if args.command == "export" else cli.import_main)(args)
 
 
 def _diagnose(args: argparse.Namespace) -> int:

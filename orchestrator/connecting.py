@@ -167,6 +167,8 @@ def connect(
         judge.end(one, Causality.OUTPUT)
     if target is not None:
         judge.end(target, Causality.INPUT)
+    if target is not None and len(problems) == before:
+        judge.kinds([*found, target])
     if len(problems) > before or target is None or len(found) < len(sources):
         # What the effects are is judged without units then.
         judge.links(ends, None, folder, step_size)
@@ -246,13 +248,28 @@ class _Judge:
         """Whether a port can be an end of a connection with effects."""
         description = self._descriptions[port.instance]
         problem = checks.end(port, description, causality, self.place)
-        if problem is None and description.variables[port.variable].kind is not Kind.REAL:
-            kind = description.variables[port.variable].kind
+        kind = Kind.REAL if problem is not None else description.variables[port.variable].kind
+        if kind is not Kind.REAL and not (self._tables and kind.numeric):
             what = f"{port} is of type {kind}"
-            problem = Problem(self.place, what, "effects and sums take real numbers only")
+            problem = Problem(self.place, what, "effects and sums take real numbers only, except map")
         if problem is not None:
             self._problems.append(problem)
         return problem is None
+
+    @property
+    def _tables(self) -> bool:
+        """Whether whole numbers, booleans and enumerations may pass: by tables only."""
+        ends = self._ends
+        plain = len(ends.sources) == 1 and ends.sources[0][1] in (1, "1")
+        return plain and all(isinstance(item, Mapping) and "map" in item for item in ends.through)
+
+    def kinds(self, ports: list[Port]) -> None:
+        """Judge whether values of the one end's kind are values of the other's."""
+        kinds = {self._descriptions[port.instance].variables[port.variable].kind for port in ports}
+        if len(kinds) > 1 and kinds != {Kind.INTEGER, Kind.ENUMERATION}:
+            what = f"cannot connect {self._ends}: types differ, {listed(sorted(kinds))}"
+            allowed = "a table turns integers into enumerations and back, and leaves other types as they are"
+            self._problems.append(Problem(self.place, what, allowed))
 
     def _measure(self, port: Port) -> Measure:
         variable = self._descriptions[port.instance].variables[port.variable]

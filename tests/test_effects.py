@@ -46,6 +46,7 @@ ZERO = {
     "drift": [{"drift": "0 m/s"}],
     "dropout": [{"dropout": 0, "period": "1 ms", "seed": 5}],
     "jitter": [{"jitter": "0 s", "period": "1 ms", "seed": 5}],
+    "map": [{"map": []}],
 }
 SIZED = {
     "gain": {"gain": 1.1},
@@ -62,6 +63,7 @@ SIZED = {
     "drift": {"drift": "-10 mm/s"},
     "dropout": {"dropout": 0.5, "period": "7 ms", "seed": 5},
     "jitter": {"jitter": "30 ms", "period": "7 ms", "seed": 5},
+    "map": {"map": ["1 -> 3"]},
 }
 MASTERS = {
     "jacobi": {"name": "jacobi"},

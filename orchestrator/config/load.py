@@ -5,7 +5,8 @@ from __future__ import annotations
 import pathlib
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from importlib import import_module
 from typing import Any
 
 from pydantic import ValidationError
@@ -19,6 +20,10 @@ from .text import Path, Place, Places, dump, parse
 
 __all__ = ["Config", "json_schema", "load_config", "move_effects"]
 
+# Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It gives
+# `data`, `folder`, `notes`, and `remedies` for keys that are missing.
+_FOREIGN = dict.fromkeys((".ssp", ".ssd"), "..exchange.ssp.load:load_ssp")
+
 
 @dataclass(frozen=True)
 class Config:
@@ -29,12 +34,14 @@ class Config:
         places: where each was written.
         folder: what relative paths in it start from.
         name: the file's stem, for figures and folders.
+        notes: what was accepted in a file of another tool without being clear.
     """
 
     model: SystemModel
     places: Places = field(compare=False)
     folder: pathlib.Path = field(default_factory=pathlib.Path.cwd, compare=False)
     name: str = field(default="config", compare=False)
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def text(self) -> str:
         """The config as YAML."""
@@ -47,20 +54,29 @@ def load_config(
     """Read and check a config.
 
     Args:
-        source: name of a bundled system, path of a YAML file, plain values, or a config to be changed.
+        source: name of a bundled system, path of a YAML, .ssp or .ssd file, plain values, or a config to be changed.
         overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
     Raises: ConfigError with all problems.
     """
+    notes: tuple[str, ...] = ()
+    remedies: Mapping[str, str] = {}
     if isinstance(source, Config):
-        data, places = source.model.to_data(), source.places
+        data, places, notes = source.model.to_data(), source.places, source.notes
         folder, name = source.folder, source.name
     elif isinstance(source, Mapping):
         data, places = _copied(source), Places("config")
         folder, name = pathlib.Path.cwd(), "config"
     else:
         path = _find(source)
-        data, places = _read(path, ())
         folder, name = path.parent, path.stem
+        reader = _FOREIGN.get(path.suffix.lower())
+        if reader is not None:
+            module, _, function = reader.partition(":")
+            foreign = getattr(import_module(module, __package__), function)(path)
+            data, places = _copied(foreign.data), Places(path.name)
+            folder, notes, remedies = foreign.folder, tuple(foreign.notes), foreign.remedies
+        else:
+            data, places = _read(path, ())
     problems: list[Problem] = []
     places = Places(places.source, dict(places.known))
     for text in overrides:
@@ -70,8 +86,10 @@ def load_config(
     try:
         model = SystemModel.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(validation_problems(error, places, (), SystemModel)) from None
-    return Config(model, places, folder, name)
+        found = validation_problems(error, places, (), SystemModel)
+        told = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in found]
+        raise ConfigError(told) from None
+    return Config(model, places, folder, name, notes)
 
 
 def json_schema() -> dict[str, Any]:

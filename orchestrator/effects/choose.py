@@ -36,6 +36,7 @@ BUILT_IN = {
     "drift": ".drift:Drift",
     "dropout": ".dropout:Dropout",
     "jitter": ".jitter:Jitter",
+    "map": ".map:Map",
 }
 _GROUP = "orchestrator.effects"
 

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from ..errors import FmuError, listed
 
-__all__ = ["Unpacked", "binary_folder", "checked_members"]
+__all__ = ["Unpacked", "binary_folder", "check_members", "checked_members"]
 
 # Far above any FMU met in practice, and below what fills a disk unnoticed. The sizes that an archive declares
 # bind: zipfile reads no entry beyond its own.
@@ -31,21 +31,33 @@ def binary_folder(fmi_version: str) -> str:
 def checked_members(path: Path) -> list[zipfile.ZipInfo]:
     """The entries of an archive that would harm nothing if it were unpacked.
 
-    Raises: FmuError if it cannot be read, or has entries that would be written elsewhere, over each other or
-        as links, or more of them than a disk should take.
+    Raises: FmuError if it cannot be read, or as `check_members`.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
         raise FmuError(f"{path}: cannot be read ({error})") from error
+    check_members(path, path.stat().st_size, members)
+    return members
+
+
+def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]) -> None:
+    """Judge an archive by its table of contents.
+
+    Args:
+        label: of the archive, for messages.
+        packed: its size [B].
+    Raises: FmuError if it has entries that would be written elsewhere, over each other or as links, or more of
+        them than a disk should take.
+    """
     taken: dict[str, zipfile.ZipInfo] = {}
     for member in members:
         name = PurePosixPath(member.filename.replace("\\", "/"))
         if not name.parts or name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
-            raise FmuError(f"{path}: refused, its entry {member.filename!r} would be written elsewhere")
+            raise FmuError(f"{label}: refused, its entry {member.filename!r} would be written elsewhere")
         if stat.S_ISLNK(member.external_attr >> 16):
-            raise FmuError(f"{path}: refused, its entry {member.filename!r} is a symbolic link")
+            raise FmuError(f"{label}: refused, its entry {member.filename!r} is a symbolic link")
         if member.is_dir():
             continue
         # Readers differ in which of two they take, so that one could be checked and the other be run; where
@@ -54,7 +66,7 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
         # The same file twice, which exporters write by mistake, does no harm.
         if (other.filename, other.CRC, other.file_size) != (member.filename, member.CRC, member.file_size):
             raise FmuError(
-                f"{path}: refused, its entries {other.filename!r} and {member.filename!r} would be written "
+                f"{label}: refused, its entries {other.filename!r} and {member.filename!r} would be written "
                 f"to one file, and differ"
             )
     for member in members:
@@ -63,23 +75,21 @@ def checked_members(path: Path) -> list[zipfile.ZipInfo]:
             folder = "/".join(parts[:end])
             if folder in taken:
                 raise FmuError(
-                    f"{path}: refused, its entry {taken[folder].filename!r} is a file, and a folder of "
+                    f"{label}: refused, its entry {taken[folder].filename!r} is a file, and a folder of "
                     f"{member.filename!r}"
                 )
     if len(members) > MOST_ENTRIES:
-        raise FmuError(f"{path}: refused, it has {len(members)} entries; at most {MOST_ENTRIES} are accepted")
+        raise FmuError(f"{label}: refused, it has {len(members)} entries; at most {MOST_ENTRIES} are accepted")
     size = sum(member.file_size for member in members)
-    packed = path.stat().st_size
     if size > max(SMALLEST_BOMB, LARGEST_EXPANSION * packed):
         raise FmuError(
-            f"{path}: refused, its {packed} bytes unpack to {size}; at most {LARGEST_EXPANSION} "
+            f"{label}: refused, its {packed} bytes unpack to {size}; at most {LARGEST_EXPANSION} "
             f"times the archive, or {SMALLEST_BOMB} bytes, are accepted"
         )
     if size > LARGEST_UNPACKED:
         raise FmuError(
-            f"{path}: refused, unpacked it is {size} bytes; at most {LARGEST_UNPACKED} are accepted"
+            f"{label}: refused, unpacked it is {size} bytes; at most {LARGEST_UNPACKED} are accepted"
         )
-    return members
 
 
 class Unpacked:

@@ -14,9 +14,9 @@ from xml.parsers import expat
 
 from ..errors import FmuError
 
-__all__ = ["read_markup"]
+__all__ = ["parse_markup", "read_markup"]
 
-_REFUSED = "{path}: {name} declares a document type, which FMI has no use for; refused"
+_REFUSED = "{path}: {name} declares a document type, which {standard} has no use for; refused"
 LARGEST_XML = 512 * 2**20
 # Read by fmpy besides the model description.
 _FURTHER = ("sources/buildDescription.xml",)
@@ -44,8 +44,19 @@ def read_markup(path: Path) -> Any:
         ) from error
     except (OSError, RuntimeError, NotImplementedError, EOFError, zipfile.error, ValueError) as error:
         raise FmuError(f"{path}: cannot be read ({error})") from error
-    _refuse_document_type(path, name, xml)
-    return _parse(path, name, xml)
+    return parse_markup(path, name, xml)
+
+
+def parse_markup(path: Path | str, name: str, xml: bytes, standard: str = "FMI") -> Any:
+    """Root element (lxml) of an XML file.
+
+    Args:
+        path, name: of the archive and of the file in it, for messages.
+        standard: which the file follows.
+    Raises: FmuError if it is malformed, or has a document type.
+    """
+    _refuse_document_type(path, name, xml, standard)
+    return _parse(path, name, xml, standard)
 
 
 def _read(path: Path, archive: zipfile.ZipFile, name: str) -> bytes:
@@ -59,7 +70,7 @@ class _DocumentType(Exception):
     pass
 
 
-def _refuse_document_type(path: Path, name: str, xml: bytes) -> None:
+def _refuse_document_type(path: Path | str, name: str, xml: bytes, standard: str = "FMI") -> None:
     # By a parser, not by a search for "<!DOCTYPE": in UTF-16 that word is spelt with other bytes.
     def found(*_: Any) -> None:
         raise _DocumentType
@@ -70,14 +81,14 @@ def _refuse_document_type(path: Path, name: str, xml: bytes) -> None:
     try:
         parser.Parse(xml, True)
     except _DocumentType:
-        raise FmuError(_REFUSED.format(path=path, name=name)) from None
+        raise FmuError(_REFUSED.format(path=path, name=name, standard=standard)) from None
     except (expat.ExpatError, ValueError, LookupError) as error:
         if "encoding" in str(error):
             raise FmuError(f"{path}: {name} is in an encoding that is not read here ({error})") from error
         # Malformed: the reader that follows says where.
 
 
-def _parse(path: Path, name: str, xml: bytes) -> Any:
+def _parse(path: Path | str, name: str, xml: bytes, standard: str) -> Any:
     from lxml import etree
 
     try:
@@ -86,5 +97,5 @@ def _parse(path: Path, name: str, xml: bytes) -> Any:
     except etree.XMLSyntaxError as error:
         raise FmuError(f"{path}: {name} is not well-formed XML ({error.msg})") from error
     if tree.docinfo.doctype:
-        raise FmuError(_REFUSED.format(path=path, name=name))
+        raise FmuError(_REFUSED.format(path=path, name=name, standard=standard))
     return tree.getroot()

@@ -1,0 +1,1 @@
+"""Systems in and out of other tools."""

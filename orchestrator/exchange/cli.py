@@ -1,0 +1,82 @@
+"""The sub-commands `export` and `import`: systems in the formats of other tools."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import ConfigError, Problem, listed
+
+__all__ = ["add_export_arguments", "add_import_arguments", "export_main", "import_main"]
+
+
+def _export_ssp(args: argparse.Namespace) -> int:
+    from .ssp.write import write_ssp
+
+    written = write_ssp(args.config, args.output, args.overrides, args.ssp_version)
+    print(f"{written.path}: SSP {written.version}")
+    if written.carried:
+        print(f"  SSP has no word for, carried as annotation: {listed(written.carried)}")
+    for one in written.lost:
+        print(f"  {one}")
+    return 0
+
+
+def _import_ssp(args: argparse.Namespace) -> int:
+    from .ssp.load import import_ssp
+    from .ssp.read import MAIN
+
+    read = import_ssp(args.file, args.output, args.variant or MAIN)
+    print(
+        f"{args.output}: {len(read.data['instances'])} instances, {len(read.data['connections'])} connections"
+    )
+    for note in read.notes:
+        print(f"  note: {note}")
+    for key, remedy in read.remedies.items():
+        print(f"  run.{key} is missing: {remedy}")
+    return 0
+
+
+# Suffix of what is written -> its function.
+EXPORTS: dict[str, Callable[[argparse.Namespace], int]] = {".ssp": _export_ssp}
+IMPORTS: dict[str, Callable[[argparse.Namespace], int]] = {".ssp": _import_ssp, ".ssd": _import_ssp}
+
+
+def add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator export`, beside config and overrides."""
+    parser.description = "Write a system for other tools; the suffix of FILE chooses the format."
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help=f"ends in {listed(EXPORTS)}"
+    )
+    ssp = parser.add_argument_group("system structure packages (.ssp)")
+    ssp.add_argument("--ssp-version", choices=("1.0", "2.0"), help="default: 1.0 where that is enough")
+
+
+def add_import_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator import`."""
+    parser.description = "Make a config of another tool's system; FMUs are put into a folder beside it."
+    parser.add_argument("file", type=Path, metavar="FILE", help=f"ends in {listed(IMPORTS)}")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="CONFIG", help="the YAML file")
+    parser.add_argument("--variant", metavar="NAME.ssd", help="of the descriptions in a package (.ssp)")
+
+
+def export_main(args: argparse.Namespace) -> int:
+    """Export. Returns: 0. Raises: ConfigError for what cannot be exported."""
+    return _chosen(EXPORTS, args.output, "cannot tell in which format to write")(args)
+
+
+def import_main(args: argparse.Namespace) -> int:
+    """Import. Returns: 0. Raises: ConfigError for what cannot be imported."""
+    found = _chosen(IMPORTS, args.file, "cannot tell what kind of file this is")
+    if not args.file.is_file():
+        raise ConfigError([Problem("", f"no file {args.file}")])
+    return found(args)
+
+
+def _chosen(
+    known: dict[str, Callable[[argparse.Namespace], int]], path: Path, what: str
+) -> Callable[[argparse.Namespace], int]:
+    if path.suffix.lower() not in known:
+        raise ConfigError([Problem(str(path), what, f"suffixes: {listed(known)}")])
+    return known[path.suffix.lower()]

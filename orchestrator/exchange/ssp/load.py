@@ -1,0 +1,84 @@
+"""Packages as configs: for a run, and for good."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...config import dump
+from ...errors import ConfigError, Problem
+from .annotations import checksum
+from .read import MAIN, Read, read_ssp
+
+__all__ = ["Loaded", "import_ssp", "load_ssp"]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What `load_config` takes of a package: see there."""
+
+    data: dict[str, Any]
+    folder: Path
+    notes: list[str]
+    remedies: dict[str, str]
+
+
+def load_ssp(path: Path) -> Loaded:
+    """The config of a package; its FMUs are unpacked to a folder that is removed at the end of the process.
+
+    Raises: ConfigError with all problems.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="ssp-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    read = read_ssp(path, folder)
+    return Loaded(read.data, path.parent, read.notes, read.remedies)
+
+
+def import_ssp(path: Path, output: Path, variant: str = MAIN) -> Read:
+    """Write a package as a config, and its FMUs to the folder `<name of the config>-fmus` beside it.
+
+    Args:
+        path: a .ssp or .ssd file.
+        output: the YAML file.
+        variant: the description in a package.
+    Returns: what was read; its FMUs as they are written in the config.
+    Raises: ConfigError with all problems; then nothing is written.
+    """
+    with tempfile.TemporaryDirectory(prefix="ssp-") as text:
+        read = read_ssp(path, Path(text), variant)
+        folder = output.parent / f"{output.stem}-fmus"
+        moves: dict[Path, Path] = {}
+        for name, file in read.files.items():
+            one = read.data["instances"][name]
+            if one["fmu"] != str(file):
+                continue  # a bundled FMU, which goes by its name
+            moves.setdefault(file, _free(folder, file, moves))
+            one["fmu"] = Path(os.path.relpath(moves[file], output.parent)).as_posix()
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+            for file, target in moves.items():
+                folder.mkdir(exist_ok=True)
+                shutil.copyfile(file, target)
+            output.write_text(dump(read.data), encoding="utf-8")
+        except OSError as error:
+            raise ConfigError([Problem(str(output), f"cannot be written ({error})")]) from error
+    return read
+
+
+def _free(folder: Path, file: Path, moves: dict[Path, Path]) -> Path:
+    """Where an FMU goes: under its own name, unless another FMU of this package has it.
+
+    Raises: ConfigError if a file of that name is there and is another one.
+    """
+    target, number = folder / file.name, 2
+    while target in moves.values():
+        target, number = folder / f"{file.stem}-{number}{file.suffix}", number + 1
+    if target.is_symlink() or (target.exists() and checksum(target) != checksum(file)):
+        what = f"{target} exists, and is not the FMU of this package"
+        raise ConfigError([Problem("", what, remedy="Remove it, or choose another name for the config.")])
+    return target

@@ -1,0 +1,342 @@
+"""System structure packages and descriptions -> configs.
+
+What a config has no word for is refused with its place; what SSP leaves to its reader is told as a note. Step size
+and master algorithm are no part of SSP: they come from our annotation, or have to be given.
+
+Of the libraries for SSP, fmpy's reader knows connections between components of version 1.0 only and drops
+transformations and inline mappings, `pyssp-standard` (0.9, alpha) edits single files and neither flattens systems
+nor applies parameters; so the files are read here, with fmpy's schemas beside.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...errors import ConfigError, Problem, listed
+from ...fmi import Kind
+from ...units import Unit, convert
+from . import annotations
+from .archive import open_package
+from .network import Edge, Given, Key, Leaf, Network, Node, Path_, family
+from .schema import Document
+from .values import Course, CourseError, scalars
+
+__all__ = ["MAIN", "Read", "read_ssp"]
+
+MAIN = "SystemStructure.ssd"
+
+
+@dataclass
+class Read:
+    """What a package holds, as a config.
+
+    Attributes:
+        data: plain values; without run.step_size and run.master where nothing gives them.
+        files: FMU of each instance.
+        notes: what was accepted without being clear.
+        remedies: what to do about keys that are missing, by key.
+    """
+
+    data: dict[str, Any]
+    files: dict[str, Path]
+    notes: list[str]
+    remedies: dict[str, str] = field(default_factory=dict)
+
+
+def read_ssp(path: Path, folder: Path, variant: str = MAIN) -> Read:
+    """Read a system structure package or description.
+
+    Args:
+        path: a .ssp or .ssd file.
+        folder: where FMUs of packages are unpacked to; nothing is written elsewhere.
+        variant: the description in a package.
+    Raises: ConfigError with all problems.
+    """
+    problems: list[Problem] = []
+    notes: list[str] = []
+    package = open_package(path, folder)
+    file = path.name if path.suffix.lower() == ".ssd" else variant
+    if not package.has(file):
+        names = [name for name in package.names() if name.endswith(".ssd") and "/" not in name]
+        what = f"no {file} at the top, hence no system structure package"
+        raise ConfigError([Problem(package.label, what, f"descriptions in it: {listed(names)}")])
+    network = Network(problems, notes)
+    document = network.add(package, file)
+    if not network.leaves and not problems:
+        raise ConfigError([Problem(f"{package.label}: {file}", "no components", "there is nothing to run")])
+    names = _names(network.leaves, notes)
+    instances: dict[str, dict[str, Any]] = {}
+    for at, leaf in network.leaves.items():
+        instances[names[at]] = {"fmu": str(leaf.file)}
+        if leaf.interface is not None:
+            instances[names[at]]["interface"] = str(leaf.interface)
+    connections, fed = _connections(network, names, problems)
+    starts = _starts(network, names, fed, problems)
+    for name, start in starts.items():
+        if start:
+            instances[name]["start"] = start
+    if problems:
+        raise ConfigError(problems)
+    if network.unused:
+        notes.append(f"{package.label}: parameters of no variable, ignored: {listed(network.unused, 5)}")
+    data: dict[str, Any] = {"run": _run(document), "instances": instances, "connections": connections}
+    title = document.system.description
+    if title:
+        data = {"title": title, **data}
+    read = Read(data, {names[at]: leaf.file for at, leaf in network.leaves.items()}, notes)
+    descriptions = {names[at]: leaf.description for at, leaf in network.leaves.items()}
+    annotations.apply(read.data, document, read.files, descriptions, notes, package.label)
+    _fill(read.data, descriptions, notes, package.label)
+    _remedies(read, document)
+    return read
+
+
+def _names(leaves: Mapping[Path_, Leaf], notes: list[str]) -> dict[Path_, str]:
+    """A name for each component: its own, those of the systems around joined by "_"."""
+    names: dict[Path_, str] = {}
+    taken: set[str] = set()
+    for path in leaves:
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", "_".join(path))
+        if not re.match(r"[A-Za-z_]", name):
+            name = f"_{name}"
+        unique, number = name, 2
+        while unique in taken:
+            unique, number = f"{name}_{number}", number + 1
+        taken.add(unique)
+        names[path] = unique
+        if unique != ".".join(path):
+            notes.append(f"component {'.'.join(path)} is called {unique} here")
+    return names
+
+
+def _run(document: Document) -> dict[str, Any]:
+    run: dict[str, Any] = {}
+    if document.start is not None and float(document.start) != 0.0:
+        run["start_time"] = f"{document.start} s"
+    if document.stop is not None:
+        run["stop_time"] = f"{document.stop} s"
+    return run
+
+
+def _connections(
+    network: Network, names: Mapping[Path_, str], problems: list[Problem]
+) -> tuple[list[Any], dict[Key, Key | None]]:
+    """Connections between components, and for each fed port of one where its value begins; None: nowhere."""
+    found: list[Any] = []
+    begins: dict[Key, Key | None] = {}
+    for target, edge in network.edges.items():
+        if target[0] not in network.leaves:
+            if target[0] in names:
+                continue
+            continue
+        chain = _chain(network, target, edge, problems)
+        if chain is None:
+            begins[target] = None
+            continue
+        begin = chain[0][0]
+        begins[target] = begin
+        if begin[0] not in network.leaves:
+            continue  # a connector of a system that nothing feeds: a parameter, or the FMU's own start value
+        try:
+            found.append(_connection(network, names, begin, target, [one for _, one in chain]))
+        except CourseError as error:
+            problems.append(Problem(edge.place, f"{_told(begin)} to {_told(target)}: {error}"))
+    return found, begins
+
+
+def _chain(
+    network: Network, target: Key, edge: Edge, problems: list[Problem]
+) -> list[tuple[Key, tuple[Key, Edge]]] | None:
+    """The way to a port from where its value begins: what leads on from each connector, and where to."""
+    chain = [(edge.source, (target, edge))]
+    seen = {target}
+    while (source := chain[0][0]) in network.edges and source[0] not in network.leaves:
+        if source in seen:
+            problems.append(Problem(edge.place, f"{_told(source)} feeds itself", "connectors in a ring"))
+            return None
+        seen.add(source)
+        chain.insert(0, (network.edges[source].source, (source, network.edges[source])))
+    return chain
+
+
+def _told(key: Key) -> str:
+    return ".".join((*key[0], key[1]))
+
+
+def _node(network: Network, key: Key) -> Node:
+    """A connector; of an array all elements are alike."""
+    found = network.nodes.get(key)
+    if found is not None:
+        return found
+    path, name = key
+    alike = [
+        node for (at, other), node in network.nodes.items() if at == path and other.startswith(f"{name}[")
+    ]
+    return alike[0] if alike else network.nodes.get((path, name.partition("[")[0]), Node(None, "", None))
+
+
+def _course(network: Network, begin: Key, steps: list[tuple[Key, Edge]]) -> Course:
+    """Raises: CourseError."""
+    node = _node(network, begin)
+    boolean = node.variable is not None and node.variable.kind is Kind.BOOLEAN
+    course = Course(node.unit, node.unit_name, node.items, boolean)
+    for key, edge in steps:
+        course.through(_node(network, key), edge.suppress, edge.transformation)
+    return course
+
+
+def _connection(
+    network: Network, names: Mapping[Path_, str], begin: Key, target: Key, steps: list[tuple[Key, Edge]]
+) -> Any:
+    """A connection of a config that does what a chain of connections does. Raises: CourseError."""
+    course = _course(network, begin, steps)
+    source, sink = _node(network, begin), _node(network, target)
+    ends = f"{names[begin[0]]}.{begin[1]}", f"{names[target[0]]}.{target[1]}"
+    through: list[dict[str, Any]] = [{"map": list(table)} for table in course.tables]
+    if not course.tables:
+        through = _linear(course, source, sink)
+    if not through:
+        return f"{ends[0]} -> {ends[1]}"
+    return {"from": ends[0], "to": ends[1], "through": through}
+
+
+def _linear(course: Course, source: Node, sink: Node) -> list[dict[str, Any]]:
+    """Effects for factor * value + offset of plain numbers, given that a config converts units after them."""
+    own = [None if node.variable is None else node.variable.unit for node in (source, sink)]
+    one, other = own
+    gain, shift, unit = 1.0, 0.0, ""
+    name = "" if source.variable is None else source.variable.unit_name
+    if one is not None and other is not None:
+        if one.same_dimension(other):
+            gain, shift = convert(one, other)
+        elif one.offset or other.offset:
+            raise CourseError("a unit with an offset cannot become another quantity")
+        else:
+            # The number that makes the one unit's values the other's, in base units.
+            exponents = tuple(b - a for a, b in zip(one.exponents, other.exponents, strict=True))
+            unit = Unit("", exponents).base()
+            factor = course.factor * float(other.factor / one.factor)
+            effects: list[dict[str, Any]] = [{"gain": f"{_short(factor)!r} {unit}"}]
+            if course.offset:
+                base = Unit("", other.exponents).base()
+                value = _short(course.offset * float(other.factor))
+                effects.append({"offset": value if base == "1" else f"{value!r} {base}"})
+            return effects
+    factor, offset = course.factor / gain, course.offset
+    found: list[dict[str, Any]] = []
+    if factor != 1.0:
+        found.append({"gain": _short(factor)})
+    rest = (offset - shift) / gain
+    if rest:
+        plain = not name or (one is not None and one.base() == "1" and one.factor == 1)
+        found.append({"offset": _short(rest) if plain else f"{_short(rest)!r} {name}"})
+    return found
+
+
+def _short(value: float) -> int | float:
+    return int(value) if value == int(value) and abs(value) < 1e15 else value
+
+
+def _starts(
+    network: Network, names: Mapping[Path_, str], begins: Mapping[Key, Key | None], problems: list[Problem]
+) -> dict[str, dict[str, Any]]:
+    """Start values of each instance: by parameters, and by connectors of systems that parameters give."""
+    found: dict[str, dict[str, Any]] = {name: {} for name in names.values()}
+    for (path, name), given in network.values.items():
+        if path in network.leaves and (path, name) not in begins:
+            _start(network, names, (path, name), given, found, problems)
+    for target, begin in begins.items():
+        if begin is None or begin[0] in network.leaves:
+            continue
+        given = network.values.get(begin)
+        if given is None:
+            continue
+        steps = _steps(network, target)
+        for key, edge in steps[:-1]:
+            if edge.transformation is not None or edge.suppress:
+                what = f"{_told(begin)} is a parameter that is transformed more than once on its way to {_told(key)}"
+                problems.append(Problem(edge.place, what, "one transformation, at the component, is read"))
+        last = steps[-1][1]
+        if last.transformation is not None and given.transformation is not None:
+            what = f"{_told(begin)} is transformed by a mapping and by a connection"
+            problems.append(Problem(last.place, what, "one of the two is read"))
+        given = Given(
+            given.parameter, given.suppress or last.suppress, last.transformation or given.transformation
+        )
+        _start(network, names, target, given, found, problems)
+    return found
+
+
+def _steps(network: Network, target: Key) -> list[tuple[Key, Edge]]:
+    steps: list[tuple[Key, Edge]] = []
+    while target in network.edges and (not steps or target[0] not in network.leaves):
+        steps.insert(0, (target, network.edges[target]))
+        target = network.edges[target].source
+    return steps
+
+
+def _start(
+    network: Network,
+    names: Mapping[Path_, str],
+    key: Key,
+    given: Given,
+    found: dict[str, dict[str, Any]],
+    problems: list[Problem],
+) -> None:
+    path, name = key
+    variables = family(network.leaves[path].description, name)
+    values = scalars(given, variables, _told(key))
+    if isinstance(values, Problem):
+        problems.append(values)
+    else:
+        found[names[path]].update(values)
+
+
+def _fill(data: dict[str, Any], descriptions: Mapping[str, Any], notes: list[str], label: str) -> None:
+    """Inputs that nothing feeds stay at the FMU's own start value; configs say so."""
+    fed = set()
+    for one in data["connections"]:
+        text = one["to"] if isinstance(one, dict) else one.partition("->")[2]
+        fed.add(text.strip())
+    for name, description in descriptions.items():
+        start = data["instances"][name].get("start", {})
+        for variable in description.inputs:
+            port = f"{name}.{variable.name}"
+            known = port in fed or port.rpartition("[")[0] in fed or variable.name in start
+            if (
+                known
+                or variable.start is None
+                or variable.shape
+                or not variable.settable
+                or variable.elements > 1
+            ):
+                continue
+            value: Any = variable.start
+            if variable.kind is Kind.REAL and variable.unit_name and not _bare(variable.unit):
+                value = f"{value!r} {variable.unit_name}"
+            data["instances"][name].setdefault("start", {})[variable.name] = value
+            notes.append(f"{label}: nothing feeds {port}: it stays at {value}, the FMU's own start value")
+
+
+def _bare(unit: Unit | None) -> bool:
+    return unit is not None and unit.base() == "1" and unit.factor == 1 and not unit.offset
+
+
+def _remedies(read: Read, document: Document) -> None:
+    """What to do about what SSP does not say, for the message that it is missing."""
+    run = read.data["run"]
+    for hint, origin in annotations.step_hints(document):
+        if "step_size" not in run:
+            run["step_size"] = f"{hint} s"
+            read.notes.append(f"step size {hint} s by an annotation of {origin}")
+    for key, example in (("step_size", "1 ms"), ("master", "gauss-seidel"), ("stop_time", "10 s")):
+        if key not in run:
+            said = (
+                "SSP does not say it" if key != "stop_time" else "the file has no DefaultExperiment stopTime"
+            )
+            text = f'"{example}"' if " " in example else example
+            read.remedies[key] = f"{said}: add --set run.{key}={text}, or whatever is right."

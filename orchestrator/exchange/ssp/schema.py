@@ -1,0 +1,553 @@
+"""What stands in .ssd, .ssv and .ssm files -> plain objects, with the line of each for messages.
+
+Elements and attributes are those of SSP 1.0 and 2.0, whose namespaces are the same. What SSP does not define is
+a problem, since it may be what the author relied on; annotations of other tools and what is only drawn is left
+alone. Beside that fmpy's schemas judge files of version 1.0, as notes: files of known tools break them without
+harm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ...errors import ConfigError, FmuError, Problem, listed
+from ...fmi.markup import parse_markup
+from ...units import BASE_NAMES, Unit
+
+__all__ = [
+    "SPACES",
+    "TYPES",
+    "VERSIONS",
+    "Binding",
+    "Connection",
+    "Connector",
+    "Dictionary",
+    "Document",
+    "Element",
+    "End",
+    "MappingEntry",
+    "Parameter",
+    "Reader",
+    "Reference",
+    "Transformation",
+]  # fmt: skip
+
+_BASE = "http://ssp-standard.org/SSP1/SystemStructure"
+SPACES = {
+    "ssc": f"{_BASE}Common",
+    "ssd": f"{_BASE}Description",
+    "ssv": f"{_BASE}ParameterValues",
+    "ssm": f"{_BASE}ParameterMapping",
+    "ssb": f"{_BASE}SignalDictionary",
+}
+VERSIONS = ("1.0", "2.0")
+_WHOLE = [f"{sign}Int{size}" for size in (8, 16, 32, 64) for sign in ("", "U")]
+# SSP's type -> the family of FMI types.
+TYPES = {
+    **dict.fromkeys(("Real", "Float64", "Float32"), "Real"),
+    **dict.fromkeys(("Integer", *_WHOLE), "Integer"),
+    **{name: name for name in ("Boolean", "String", "Enumeration", "Binary", "Clock")},
+}
+_TRANSFORMATIONS = {
+    "LinearTransformation": "linear",
+    "BooleanMappingTransformation": "boolean",
+    "IntegerMappingTransformation": "integer",
+    "EnumerationMappingTransformation": "enumeration",
+}
+# Drawings, and what others attach.
+_IDLE = {"Annotations", "ElementGeometry", "SystemGeometry", "GraphicalElements", "ConnectionGeometry",
+         "ConnectorGeometry", "MetaData", "Signature"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where something else is found: source as written, base ("SSD" or "component"), MIME type."""
+
+    source: str
+    base: str = "SSD"
+    type: str = ""
+
+
+@dataclass(frozen=True)
+class Transformation:
+    """Of values: linear by factor and offset, or by a table of texts."""
+
+    kind: str
+    factor: float = 1.0
+    offset: float = 0.0
+    entries: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Connector:
+    """Of an element. `dimensions`: whether it is an array."""
+
+    name: str
+    kind: str
+    type: str
+    unit: str
+    dimensions: bool
+    place: str
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of a connection; element None: of the system itself; indices such as "[1,2]"."""
+
+    element: str | None
+    connector: str
+    indices: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.element}.{self.connector}{self.indices}" if self.element else self.connector
+
+
+@dataclass(frozen=True)
+class Connection:
+    """Between two connectors; which of them is the source follows from their kinds."""
+
+    start: End
+    end: End
+    suppress: bool
+    transformation: Transformation | None
+    place: str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value for a variable: texts of its elements, one if it is a scalar."""
+
+    name: str
+    type: str
+    values: tuple[str, ...]
+    unit_name: str
+    unit: Unit | None
+    place: str
+
+
+@dataclass(frozen=True)
+class MappingEntry:
+    """From a parameter's name in its source to that in the system."""
+
+    source: str
+    target: str
+    suppress: bool
+    transformation: Transformation | None
+
+
+@dataclass(frozen=True)
+class Binding:
+    """Parameters for an element: inline, or by reference; mapped, or by their own names (None)."""
+
+    values: tuple[Parameter, ...] | Reference
+    mapping: tuple[MappingEntry, ...] | Reference | None
+    prefix: str
+    place: str
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """A signal dictionary: type and unit of each entry, by name."""
+
+    name: str
+    entries: Mapping[str, Connector] | Reference
+    place: str
+
+
+@dataclass(frozen=True)
+class Element:
+    """A component, a system, or a reference to a signal dictionary.
+
+    Attributes:
+        what: "component", "system" or "dictionary".
+        reference, implementation: of a component; reference None: it has no source.
+        dictionary: name of the dictionary referred to.
+    """
+
+    what: str
+    name: str
+    identity: str
+    description: str
+    connectors: Mapping[str, Connector]
+    bindings: tuple[Binding, ...]
+    place: str
+    elements: tuple[Element, ...] = ()
+    connections: tuple[Connection, ...] = ()
+    dictionaries: tuple[Dictionary, ...] = ()
+    reference: Reference | None = None
+    implementation: str = "any"
+    dictionary: str = ""
+
+
+@dataclass(frozen=True)
+class Document:
+    """A system structure description.
+
+    Attributes:
+        units, enumerations: by name; what an enumeration's items stand for, by item.
+        start, stop: of the default experiment [s], as written; None where not given.
+        annotations: at the top and at the default experiment, type and element (lxml).
+    """
+
+    name: str
+    version: str
+    system: Element
+    units: Mapping[str, Unit]
+    enumerations: Mapping[str, Mapping[str, int]]
+    start: str | None
+    stop: str | None
+    annotations: tuple[tuple[str, Any], ...]
+
+
+class Reader:
+    """Reads the files of a package; problems and notes are collected.
+
+    Attributes:
+        problems, notes: what was found.
+    """
+
+    def __init__(self, label: str, problems: list[Problem], notes: list[str]) -> None:
+        self._label, self.problems, self.notes = label, problems, notes
+
+    def document(self, name: str, xml: bytes) -> Document:
+        """A .ssd file. Raises: ConfigError if it is no XML or no system structure description."""
+        root = self._root(name, xml, "ssd", "SystemStructureDescription")
+        self._known(name, root, "System", "Enumerations", "Units", "DefaultExperiment")
+        units, enumerations = self._units(name, root, "ssd"), self._enumerations(root, "ssd")
+        systems = _children(root, "ssd", "System")
+        if len(systems) != 1:
+            raise self._refused(name, root, f"it has {len(systems)} root systems", "exactly one is needed")
+        experiment = (_children(root, "ssd", "DefaultExperiment") or [None])[0]
+        annotations = [
+            (one.get("type", ""), one)
+            for holder in (root, experiment, systems[0])
+            if holder is not None
+            for one in holder.findall("ssd:Annotations/ssc:Annotation", SPACES)
+        ]
+        return Document(
+            root.get("name", ""),
+            root.get("version", ""),
+            self._element(name, systems[0], units),
+            units,
+            enumerations,
+            None if experiment is None else experiment.get("startTime"),
+            None if experiment is None else experiment.get("stopTime"),
+            tuple(annotations),
+        )
+
+    def parameters(self, name: str, xml: bytes) -> tuple[Parameter, ...]:
+        """A .ssv file. Raises: as `document`."""
+        return self._parameter_set(name, self._root(name, xml, "ssv", "ParameterSet"))
+
+    def mapping(self, name: str, xml: bytes) -> tuple[MappingEntry, ...]:
+        """A .ssm file. Raises: as `document`."""
+        return self._mapping_entries(name, self._root(name, xml, "ssm", "ParameterMapping"))
+
+    def dictionary(self, name: str, xml: bytes) -> dict[str, Connector]:
+        """A .ssb file. Raises: as `document`."""
+        return self._entries(name, self._root(name, xml, "ssb", "SignalDictionary"))
+
+    def _root(self, name: str, xml: bytes, space: str, wanted: str) -> Any:
+        try:
+            root = parse_markup(self._label, name, xml, "SSP")
+        except FmuError as error:
+            raise ConfigError([Problem("", str(error))]) from None
+        if root.tag != _tag(space, wanted):
+            what = f"its root element is {root.tag!r}"
+            raise self._refused(name, root, what, f"{wanted} of the namespace {SPACES[space]} is needed")
+        if root.get("version") not in VERSIONS:
+            what = f"it follows version {root.get('version')!r} of SSP"
+            raise self._refused(name, root, what, f"versions: {listed(VERSIONS)}")
+        if root.get("version") == "1.0":
+            broken = schema_errors(root, space)
+            if broken:
+                more = f" and {len(broken) - 1} more" if broken[1:] else ""
+                self.notes.append(
+                    f"{self._place(name, root)}: breaks the schema of SSP 1.0: {broken[0]}{more}"
+                )
+        return root
+
+    def _element(self, name: str, node: Any, units: Mapping[str, Unit]) -> Element:
+        what = {"Component": "component", "System": "system"}.get(_local(node), "dictionary")
+        place = self._place(name, node)
+        own = {"component": (), "dictionary": ()}.get(what, ("Elements", "Connections", "SignalDictionaries"))
+        self._known(name, node, "Connectors", "ParameterBindings", *own)
+        connectors: dict[str, Connector] = {}
+        for one in node.findall("ssd:Connectors/ssd:Connector", SPACES):
+            connector = self._connector(name, one, units)
+            self._once(connector.name, connectors, connector.place, f"connectors of {node.get('name')}")
+            connectors[connector.name] = connector
+        bindings = [
+            self._binding(name, one)
+            for one in node.findall("ssd:ParameterBindings/ssd:ParameterBinding", SPACES)
+        ]
+        common = {
+            "what": what,
+            "name": self._needs(name, node, "name"),
+            "identity": node.get("id", ""),
+            "description": node.get("description", ""),
+            "connectors": connectors,
+            "bindings": tuple(bindings),
+            "place": place,
+        }
+        if what == "dictionary":
+            return Element(**common, dictionary=self._needs(name, node, "dictionary"))
+        if what == "component":
+            source = node.get("source")
+            kind = node.get("type", "application/x-fmu-sharedlibrary")
+            return Element(
+                **common,
+                reference=None if source is None else Reference(source, type=kind),
+                implementation=node.get("implementation", "any"),
+            )
+        elements: dict[str, Element] = {}
+        for one in node.findall("ssd:Elements/*", SPACES):
+            if _space(one) == "ssd" and _local(one) in ("Component", "System", "SignalDictionaryReference"):
+                element = self._element(name, one, units)
+                self._once(element.name, elements, element.place, f"elements of {node.get('name')}")
+                elements[element.name] = element
+            elif _space(one):
+                self._unknown(name, one, "Component, System, SignalDictionaryReference")
+        return Element(
+            **common,
+            elements=tuple(elements.values()),
+            connections=tuple(
+                self._connection(name, one) for one in node.findall("ssd:Connections/ssd:Connection", SPACES)
+            ),
+            dictionaries=tuple(
+                self._signal_dictionary(name, one)
+                for one in node.findall("ssd:SignalDictionaries/ssd:SignalDictionary", SPACES)
+            ),
+        )
+
+    def _connector(self, name: str, node: Any, units: Mapping[str, Unit]) -> Connector:
+        place = self._place(name, node)
+        typed = [one for one in node if _space(one) == "ssc" and _local(one) in TYPES]
+        unit = typed[0].get("unit", "") if typed else ""
+        if unit and unit not in units:
+            self.problems.append(_no_unit(place, unit, units))
+        return Connector(
+            self._needs(name, node, "name"),
+            node.get("kind", ""),
+            TYPES[_local(typed[0])] if typed else "",
+            unit,
+            bool(node.findall("ssc:Dimension", SPACES)),
+            place,
+        )
+
+    def _connection(self, name: str, node: Any) -> Connection:
+        def end(which: str) -> End:
+            indices = node.get(f"{which}Indices", "").replace(",", " ").split()
+            return End(
+                node.get(f"{which}Element") or None,
+                self._needs(name, node, f"{which}Connector"),
+                f"[{','.join(indices)}]" if indices else "",
+            )
+
+        return Connection(
+            end("start"),
+            end("end"),
+            node.get("suppressUnitConversion") in ("true", "1"),
+            self._transformation(name, node),
+            self._place(name, node),
+        )
+
+    def _transformation(self, name: str, node: Any) -> Transformation | None:
+        found = [one for one in node if _local(one) in _TRANSFORMATIONS and _space(one)]
+        if not found:
+            return None
+        one = found[0]
+        kind = _TRANSFORMATIONS[_local(one)]
+        if kind == "linear":
+            return Transformation(
+                kind, self._number(name, one, "factor", 1.0), self._number(name, one, "offset", 0.0)
+            )
+        entries: dict[str, str] = {}
+        for entry in one.findall("ssc:MapEntry", SPACES):
+            source = self._needs(name, entry, "source")
+            self._once(source, entries, self._place(name, entry), f"sources of the {kind} mapping")
+            entries[source] = self._needs(name, entry, "target")
+        return Transformation(kind, entries=entries)
+
+    def _binding(self, name: str, node: Any) -> Binding:
+        place = self._place(name, node)
+        values: tuple[Parameter, ...] | Reference = ()
+        source, kind = node.get("source"), node.get("type", "application/x-ssp-parameter-set")
+        inline = node.findall("ssd:ParameterValues/ssv:ParameterSet", SPACES)
+        if kind != "application/x-ssp-parameter-set":
+            what = f"parameters of type {kind!r}"
+            self.problems.append(Problem(place, what, "only application/x-ssp-parameter-set is read"))
+        elif source is not None:
+            values = Reference(source, node.get("sourceBase", "SSD"))
+        elif inline:
+            values = tuple(one for item in inline for one in self._parameter_set(name, item))
+        else:
+            what = "a parameter binding without parameters"
+            self.problems.append(Problem(place, what, "a source, or a ParameterSet inside, is needed"))
+        mapping: tuple[MappingEntry, ...] | Reference | None = None
+        for one in _children(node, "ssd", "ParameterMapping"):
+            if one.get("source") is not None:
+                mapping = Reference(one.get("source"), one.get("sourceBase", "SSD"))
+            else:
+                inside = one.findall("ssm:ParameterMapping", SPACES)
+                mapping = tuple(entry for item in inside for entry in self._mapping_entries(name, item))
+        return Binding(values, mapping, node.get("prefix", ""), place)
+
+    def _parameter_set(self, name: str, node: Any) -> tuple[Parameter, ...]:
+        units = self._units(name, node, "ssv")
+        found: dict[str, Parameter] = {}
+        for one in node.findall("ssv:Parameters/ssv:Parameter", SPACES):
+            place, title = self._place(name, one), self._needs(name, one, "name")
+            typed = [child for child in one if _space(child) == "ssv" and _local(child) in TYPES]
+            if len(typed) != 1:
+                what = f"parameter {title!r} has {len(typed)} values"
+                self.problems.append(Problem(place, what, f"one of {listed(TYPES)} is needed"))
+                continue
+            value, kind = typed[0], TYPES[_local(typed[0])]
+            unit = value.get("unit", "")
+            if unit and unit not in units:
+                self.problems.append(_no_unit(place, unit, units))
+            many = [item.text or "" for item in value.findall("ssv:Value", SPACES)]
+            text = value.get("value")
+            if text is None and not many:
+                self.problems.append(Problem(place, f"parameter {title!r} has no value"))
+                continue
+            array = bool(one.findall("ssc:Dimension", SPACES))
+            values = many or (text.split() if array and kind != "String" else [text])
+            self._once(title, found, place, "parameters of this set")
+            found[title] = Parameter(title, kind, tuple(values), unit, units.get(unit), place)
+        return tuple(found.values())
+
+    def _mapping_entries(self, name: str, node: Any) -> tuple[MappingEntry, ...]:
+        entries: dict[str, MappingEntry] = {}
+        for one in node.findall("ssm:MappingEntry", SPACES):
+            target = self._needs(name, one, "target")
+            self._once(target, entries, self._place(name, one), "targets of this mapping")
+            suppress = one.get("suppressUnitConversion") in ("true", "1")
+            entries[target] = MappingEntry(
+                self._needs(name, one, "source"), target, suppress, self._transformation(name, one)
+            )
+        return tuple(entries.values())
+
+    def _signal_dictionary(self, name: str, node: Any) -> Dictionary:
+        place, title = self._place(name, node), self._needs(name, node, "name")
+        if node.get("source") is not None:
+            return Dictionary(title, Reference(node.get("source")), place)
+        inside = node.findall("ssb:SignalDictionary", SPACES)
+        return Dictionary(title, self._entries(name, inside[0]) if inside else {}, place)
+
+    def _entries(self, name: str, node: Any) -> dict[str, Connector]:
+        units = self._units(name, node, "ssb")
+        return {
+            one.get("name", ""): self._connector(name, one, units)
+            for one in node.findall("ssb:DictionaryEntry", SPACES)
+        }
+
+    def _units(self, name: str, node: Any, space: str) -> dict[str, Unit]:
+        found: dict[str, Unit] = {}
+        for one in node.findall(f"{space}:Units/ssc:Unit", SPACES):
+            title = self._needs(name, one, "name")
+            base = (_children(one, "ssc", "BaseUnit") or [{}])[0]
+            try:
+                exponents = tuple(int(base.get(key, 0)) for key in BASE_NAMES)
+                factor, offset = (
+                    Fraction(base.get(key, default)) for key, default in (("factor", 1), ("offset", 0))
+                )
+            except (ValueError, ZeroDivisionError) as error:
+                self.problems.append(Problem(self._place(name, one), f"cannot read unit {title!r} ({error})"))
+                continue
+            if factor:
+                found[title] = Unit(title, exponents, factor, offset)
+        return found
+
+    def _enumerations(self, node: Any, space: str) -> dict[str, dict[str, int]]:
+        return {
+            one.get("name", ""): {
+                item.get("name", ""): int(item.get("value", 0)) for item in one.findall("ssc:Item", SPACES)
+            }
+            for one in node.findall(f"{space}:Enumerations/ssc:Enumeration", SPACES)
+        }
+
+    def _number(self, name: str, node: Any, key: str, default: float) -> float:
+        text = node.get(key)
+        try:
+            return default if text is None else float(text)
+        except ValueError:
+            self.problems.append(Problem(self._place(name, node), f"{key}: {text!r} is no number"))
+            return default
+
+    def _known(self, name: str, node: Any, *allowed: str) -> None:
+        for one in node:
+            if isinstance(one.tag, str) and _space(one) and _local(one) not in (*allowed, *_IDLE):
+                self._unknown(name, one, listed(allowed))
+
+    def _unknown(self, name: str, node: Any, allowed: str) -> None:
+        what = f"unknown element {_local(node)!r}"
+        self.problems.append(Problem(self._place(name, node), what, f"allowed: {allowed}"))
+
+    def _needs(self, name: str, node: Any, key: str) -> str:
+        text = node.get(key)
+        if not text:
+            what = f"{_local(node)} has no attribute {key!r}"
+            self.problems.append(Problem(self._place(name, node), what, "SSP demands it"))
+        return text or ""
+
+    def _once(self, name: str, known: Mapping[str, Any], place: str, where: str) -> None:
+        if name in known:
+            self.problems.append(
+                Problem(place, f"two {where} are called {name!r}", "each name may stand once")
+            )
+
+    def _place(self, name: str, node: Any) -> str:
+        return f"{self._label}: {name}:{node.sourceline}"
+
+    def _refused(self, name: str, node: Any, what: str, allowed: str) -> ConfigError:
+        return ConfigError([Problem(self._place(name, node), what, allowed)])
+
+
+def schema_errors(root: Any, space: str) -> list[str]:
+    """What breaks the schema of SSP 1.0 that fmpy carries."""
+    return [f"line {one.line}: {one.message}" for one in _schema_log(space, root)]
+
+
+def _schema_log(space: str, root: Any) -> Any:
+    schema = _schema(space)
+    schema.validate(root)
+    return schema.error_log
+
+
+@cache
+def _schema(space: str) -> Any:
+    import fmpy
+    from lxml import etree
+
+    name = SPACES[space].rpartition("/")[2]
+    return etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "ssp" / "schema" / f"{name}.xsd"))
+
+
+def _no_unit(place: str, unit: str, units: Mapping[str, Unit]) -> Problem:
+    return Problem(place, f"no unit {unit!r} in this file", f"its section Units defines: {listed(units)}")
+
+
+def _tag(space: str, name: str) -> str:
+    return f"{{{SPACES[space]}}}{name}"
+
+
+def _children(node: Any, space: str, name: str) -> list[Any]:
+    return node.findall(_tag(space, name))
+
+
+def _space(node: Any) -> str:
+    """Short name of an element's namespace; empty if it is not SSP's."""
+    if not isinstance(node.tag, str):
+        return ""
+    return next((short for short, space in SPACES.items() if node.tag.startswith(f"{{{space}}}")), "")
+
+
+def _local(node: Any) -> str:
+    return node.tag.rpartition("}")[2] if isinstance(node.tag, str) else ""
