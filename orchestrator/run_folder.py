@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,11 +52,19 @@ def incomplete(folder: Path, error: OSError) -> OrchestratorError:
 
 
 def _moved(config: Config, folder: Path) -> Config:
-    """The same config for another folder: relative paths in it lead to the same files."""
+    """The same config for another folder: relative paths in it lead to the same files.
+
+    FMUs that were unpacked for this process only are kept in the folder.
+    """
     data = config.model.to_data()
     for instance in data["instances"].values():
         path = config.folder / instance["fmu"]
-        if path.is_file() and not Path(instance["fmu"]).is_absolute():
+        if config.unpacked is not None and path.is_relative_to(config.unpacked):
+            kept = folder / "fmus" / path.relative_to(config.unpacked)
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, kept)
+            instance["fmu"] = kept.relative_to(folder).as_posix()
+        elif path.is_file() and not Path(instance["fmu"]).is_absolute():
             instance["fmu"] = Path(os.path.relpath(path, folder)).as_posix()
 
     def moved(file: str) -> str:

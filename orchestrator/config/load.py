@@ -20,8 +20,8 @@ from .text import Path, Place, Places, dump, parse
 
 __all__ = ["Config", "json_schema", "load_config", "move_effects"]
 
-# Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It gives
-# `data`, `folder`, `notes`, and `remedies` for keys that are missing.
+# Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It
+# gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
 _FOREIGN = dict.fromkeys((".ssp", ".ssd"), "..exchange.ssp.load:load_ssp")
 
 
@@ -35,6 +35,7 @@ class Config:
         folder: what relative paths in it start from.
         name: the file's stem, for figures and folders.
         notes: what was accepted in a file of another tool without being clear.
+        unpacked: folder of FMUs that is removed when the process ends; None without such.
     """
 
     model: SystemModel
@@ -42,6 +43,7 @@ class Config:
     folder: pathlib.Path = field(default_factory=pathlib.Path.cwd, compare=False)
     name: str = field(default="config", compare=False)
     notes: tuple[str, ...] = field(default=(), compare=False)
+    unpacked: pathlib.Path | None = field(default=None, compare=False)
 
     def text(self) -> str:
         """The config as YAML."""
@@ -54,15 +56,17 @@ def load_config(
     """Read and check a config.
 
     Args:
-        source: name of a bundled system, path of a YAML, .ssp or .ssd file, plain values, or a config to be changed.
+        source: name of a bundled system, path of a YAML, .ssp or .ssd file, plain values, or a config to be
+            changed.
         overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
     Raises: ConfigError with all problems.
     """
     notes: tuple[str, ...] = ()
+    unpacked: pathlib.Path | None = None
     remedies: Mapping[str, str] = {}
     if isinstance(source, Config):
-        data, places, notes = source.model.to_data(), source.places, source.notes
-        folder, name = source.folder, source.name
+        data, places = source.model.to_data(), source.places
+        folder, name, notes, unpacked = source.folder, source.name, source.notes, source.unpacked
     elif isinstance(source, Mapping):
         data, places = _copied(source), Places("config")
         folder, name = pathlib.Path.cwd(), "config"
@@ -74,7 +78,7 @@ def load_config(
             module, _, function = reader.partition(":")
             foreign = getattr(import_module(module, __package__), function)(path)
             data, places = _copied(foreign.data), Places(path.name)
-            folder, notes, remedies = foreign.folder, tuple(foreign.notes), foreign.remedies
+            notes, unpacked, remedies = tuple(foreign.notes), foreign.unpacked, foreign.remedies
         else:
             data, places = _read(path, ())
     problems: list[Problem] = []
@@ -89,7 +93,7 @@ def load_config(
         found = validation_problems(error, places, (), SystemModel)
         told = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in found]
         raise ConfigError(told) from None
-    return Config(model, places, folder, name, notes)
+    return Config(model, places, folder, name, notes, unpacked)
 
 
 def json_schema() -> dict[str, Any]:

@@ -22,7 +22,7 @@ class Map(Effect):
     main: ClassVar[str] = "table"
     jittable: ClassVar[bool] = True
 
-    table: list[str] = Field(description="Entries such as 1 -> 3; false -> true is written 0 -> 1.")
+    table: tuple[str, ...] = Field(description="Entries such as 1 -> 3; false -> true is written 0 -> 1.")
 
     @classmethod
     def prepare(cls, options: dict[str, Any], measure: Measure, place: Any) -> list[Problem]:

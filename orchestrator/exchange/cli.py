@@ -28,9 +28,8 @@ def _import_ssp(args: argparse.Namespace) -> int:
     from .ssp.read import MAIN
 
     read = import_ssp(args.file, args.output, args.variant or MAIN)
-    print(
-        f"{args.output}: {len(read.data['instances'])} instances, {len(read.data['connections'])} connections"
-    )
+    counts = (len(read.data.get(key, ())) for key in ("instances", "connections"))
+    print("{}: {} instances, {} connections".format(args.output, *counts))
     for note in read.notes:
         print(f"  note: {note}")
     for key, remedy in read.remedies.items():

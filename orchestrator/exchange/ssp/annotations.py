@@ -1,11 +1,12 @@
-"""What SSP has no word for, carried in an annotation: as the config writes it, beside what the file itself says.
+"""What SSP has no word for, carried in an annotation: as the config writes it, beside what the file says.
 
-What stands in the file counts: a part of the annotation is used only where it says the same as the file, so that
-a package that another tool has changed is read as changed, with a note.
+What stands in the file counts: a part of the annotation is used only where it says the same as the file, so
+that a package that another tool has changed is read as changed, with a note.
 
-The annotation (type `orchestrator.config`) holds JSON: `run`, `instances` (per name `fmu`, `checksum` of the FMU,
-`start` as written, and keys that SSP has none for), `connections` (those that are more than one arrow: `at`,
-their position, `entry`, as written, and `plain`, what the file says of them), `bonds`, `measures`, `title`.
+The annotation (type `orchestrator.config`) holds JSON: `run`, `instances` (per name `fmu`, `checksum` of the
+FMU, `start` as written, and keys that SSP has none for), `connections` (those that are more than one arrow:
+`at`, their position, `entry`, as written, and `plain`, what the file says of them), `bonds`, `measures`,
+`title`.
 """
 
 from __future__ import annotations

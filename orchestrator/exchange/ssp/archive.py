@@ -1,7 +1,7 @@
 """The files of a system structure package, read without trusting it: a zip archive, or the folder of a .ssd.
 
-References lead to files of the same package only. Nothing is unpacked but what is asked for as a file, and only
-into the folder that the caller gives.
+References lead to files of the same package only. Nothing is unpacked but what is asked for as a file, and
+only into the folder that the caller gives.
 """
 
 from __future__ import annotations

@@ -20,10 +20,10 @@ __all__ = ["Loaded", "import_ssp", "load_ssp"]
 
 @dataclass(frozen=True)
 class Loaded:
-    """What `load_config` takes of a package: see there."""
+    """What `load_config` takes of a package: see `orchestrator.config.Config`."""
 
     data: dict[str, Any]
-    folder: Path
+    unpacked: Path
     notes: list[str]
     remedies: dict[str, str]
 
@@ -36,7 +36,7 @@ def load_ssp(path: Path) -> Loaded:
     folder = Path(tempfile.mkdtemp(prefix="ssp-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     read = read_ssp(path, folder)
-    return Loaded(read.data, path.parent, read.notes, read.remedies)
+    return Loaded(read.data, folder, read.notes, read.remedies)
 
 
 def import_ssp(path: Path, output: Path, variant: str = MAIN) -> Read:

@@ -138,7 +138,7 @@ class Network:
         own = {one.name: (path, one) for one in system.dictionaries}
         scope = replace(scope, dictionaries={**scope.dictionaries, **own})
         for connector in system.connectors.values():
-            self.nodes[path, connector.name] = self._node(connector, scope)
+            self.nodes[path, connector.name] = Node(connector.unit, connector.unit_name, None)
         for element in system.elements:
             inner = (*path, element.name)
             if element.what == "system":
@@ -148,10 +148,6 @@ class Network:
         for connection in system.connections:
             self._connect(connection, system, path, scope)
         self._bind(system.bindings, system, path, scope, None)
-
-    @staticmethod
-    def _node(connector: Connector, scope: _Scope) -> Node:
-        return Node(scope.document.units.get(connector.unit), connector.unit, None)
 
     def _component(self, element: Element, path: Path_, scope: _Scope) -> None:
         reference = element.reference
@@ -192,7 +188,8 @@ class Network:
             file = fragment or "SystemStructure.ssd"
             document, link = self._document(package, file), (package.label, file)
         if link in scope.chain:
-            what = f"component {element.name} contains itself: {' > '.join(one for _, one in (*scope.chain, link))}"
+            ring = " > ".join(one for _, one in (*scope.chain, link))
+            what = f"component {element.name} contains itself: {ring}"
             raise ConfigError([Problem(element.place, what, "systems within systems must end")])
         system = system or document.system
         # The component's own parameters count after those of the system.
@@ -225,24 +222,22 @@ class Network:
                 )
                 continue
             for variable in variables:
-                self.nodes[path, variable.name] = self._port(connector, variable, scope, element.name)
+                self.nodes[path, variable.name] = self._port(connector, variable, element.name)
         self._bind(element.bindings, element, path, scope, (file, description))
 
-    def _port(self, connector: Connector, variable: Variable, scope: _Scope, name: str) -> Node:
+    def _port(self, connector: Connector, variable: Variable, name: str) -> Node:
         """A connector of a component. Where its unit is that of the FMU, the FMU's word is taken for it."""
-        unit = scope.document.units.get(connector.unit)
-        if unit is None or connector.unit == variable.unit_name or variable.unit == unit:
-            return Node(variable.unit, variable.unit_name, variable, variable.items)
-        if variable.unit is not None:
-            what = f"connector {name}.{connector.name} is in {connector.unit}, the FMU's variable in {variable.unit_name}"
-            if not variable.unit.same_dimension(unit):
-                self.problems.append(
-                    Problem(connector.place, what, "a component's connector is its variable")
-                )
-                return Node(variable.unit, variable.unit_name, variable, variable.items)
-            self.notes.append(f"{connector.place}: {what}: values are those of the FMU")
-            return Node(variable.unit, variable.unit_name, variable, variable.items)
-        return Node(unit, connector.unit, variable, variable.items)
+        unit, own = connector.unit, variable.unit
+        if own is not None and unit is not None and own != unit and connector.unit_name != variable.unit_name:
+            what = f"connector {name}.{connector.name} is in {connector.unit_name}, not {variable.unit_name}"
+            if own.same_dimension(unit):
+                self.notes.append(f"{connector.place}: {what}, as in the FMU: values are those of the FMU")
+            else:
+                allowed = f"{variable.unit_name} by the FMU; a component's connector is its variable"
+                self.problems.append(Problem(connector.place, what, allowed))
+        if own is not None or unit is None:
+            return Node(own, variable.unit_name or connector.unit_name, variable, variable.items)
+        return Node(unit, connector.unit_name, variable, variable.items)
 
     def _connect(self, connection: Connection, system: Element, path: Path_, scope: _Scope) -> None:
         ends = [self._end(end, connection, system, path, scope) for end in (connection.start, connection.end)]
@@ -330,8 +325,8 @@ class Network:
             self.problems.append(Problem(connection.place, what, f"entries: {listed(entries)}", near))
             return None
         key = ((*path, f"signal dictionary {dictionary.name}"), end.connector)
-        unit = scope.document.units.get(entries[end.connector].unit)
-        self.nodes.setdefault(key, Node(unit, entries[end.connector].unit, None))
+        entry = entries[end.connector]
+        self.nodes.setdefault(key, Node(entry.unit, entry.unit_name, None))
         gives = {"output": True, "input": False}.get(connector.kind)
         return key, gives
 

@@ -1,11 +1,11 @@
 """System structure packages and descriptions -> configs.
 
-What a config has no word for is refused with its place; what SSP leaves to its reader is told as a note. Step size
-and master algorithm are no part of SSP: they come from our annotation, or have to be given.
+What a config has no word for is refused with its place; what SSP leaves to its reader is told as a note. Step
+size and master algorithm are no part of SSP: they come from our annotation, or have to be given.
 
-Of the libraries for SSP, fmpy's reader knows connections between components of version 1.0 only and drops
-transformations and inline mappings, `pyssp-standard` (0.9, alpha) edits single files and neither flattens systems
-nor applies parameters; so the files are read here, with fmpy's schemas beside.
+Of the libraries for SSP, fmpy's reader knows version 1.0 only and drops transformations of connections and
+inline mappings, `pyssp-standard` (0.9, alpha) edits single files and neither flattens systems nor applies
+parameters; so the files are read here, with fmpy's schemas beside.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from . import annotations
 from .archive import open_package
 from .network import Edge, Given, Key, Leaf, Network, Node, Path_, family
 from .schema import Document
-from .values import Course, CourseError, scalars
+from .values import Course, CourseError, scalars, written
 
 __all__ = ["MAIN", "Read", "read_ssp"]
 
@@ -130,8 +130,6 @@ def _connections(
     begins: dict[Key, Key | None] = {}
     for target, edge in network.edges.items():
         if target[0] not in network.leaves:
-            if target[0] in names:
-                continue
             continue
         chain = _chain(network, target, edge, problems)
         if chain is None:
@@ -197,8 +195,11 @@ def _connection(
     source, sink = _node(network, begin), _node(network, target)
     ends = f"{names[begin[0]]}.{begin[1]}", f"{names[target[0]]}.{target[1]}"
     through: list[dict[str, Any]] = [{"map": list(table)} for table in course.tables]
+    kinds = {node.variable.kind for node in (source, sink) if node.variable is not None}
     if not course.tables:
         through = _linear(course, source, sink)
+    if not through and kinds == {Kind.INTEGER, Kind.ENUMERATION}:
+        through = [{"map": []}]  # a config's word for an integer that is meant as an item
     if not through:
         return f"{ends[0]} -> {ends[1]}"
     return {"from": ends[0], "to": ends[1], "through": through}
@@ -248,7 +249,7 @@ def _starts(
     found: dict[str, dict[str, Any]] = {name: {} for name in names.values()}
     for (path, name), given in network.values.items():
         if path in network.leaves and (path, name) not in begins:
-            _start(network, names, (path, name), given, found, problems)
+            _start(network, names, (path, name), given, found, problems, begins)
     for target, begin in begins.items():
         if begin is None or begin[0] in network.leaves:
             continue
@@ -258,7 +259,7 @@ def _starts(
         steps = _steps(network, target)
         for key, edge in steps[:-1]:
             if edge.transformation is not None or edge.suppress:
-                what = f"{_told(begin)} is a parameter that is transformed more than once on its way to {_told(key)}"
+                what = f"parameter {_told(begin)} is transformed more than once on its way to {_told(key)}"
                 problems.append(Problem(edge.place, what, "one transformation, at the component, is read"))
         last = steps[-1][1]
         if last.transformation is not None and given.transformation is not None:
@@ -267,7 +268,7 @@ def _starts(
         given = Given(
             given.parameter, given.suppress or last.suppress, last.transformation or given.transformation
         )
-        _start(network, names, target, given, found, problems)
+        _start(network, names, target, given, found, problems, {})
     return found
 
 
@@ -286,20 +287,22 @@ def _start(
     given: Given,
     found: dict[str, dict[str, Any]],
     problems: list[Problem],
+    fed: Mapping[Key, Key | None],
 ) -> None:
+    """One start value, or those of an array's elements; elements that something feeds have none."""
     path, name = key
     variables = family(network.leaves[path].description, name)
     values = scalars(given, variables, _told(key))
     if isinstance(values, Problem):
         problems.append(values)
     else:
-        found[names[path]].update(values)
+        found[names[path]].update({one: v for one, v in values.items() if (path, one) not in fed})
 
 
 def _fill(data: dict[str, Any], descriptions: Mapping[str, Any], notes: list[str], label: str) -> None:
     """Inputs that nothing feeds stay at the FMU's own start value; configs say so."""
     fed = set()
-    for one in data["connections"]:
+    for one in data.get("connections", ()):
         text = one["to"] if isinstance(one, dict) else one.partition("->")[2]
         fed.add(text.strip())
     for name, description in descriptions.items():
@@ -316,14 +319,10 @@ def _fill(data: dict[str, Any], descriptions: Mapping[str, Any], notes: list[str
             ):
                 continue
             value: Any = variable.start
-            if variable.kind is Kind.REAL and variable.unit_name and not _bare(variable.unit):
-                value = f"{value!r} {variable.unit_name}"
+            if variable.kind is Kind.REAL:
+                value = written(float(value), variable)
             data["instances"][name].setdefault("start", {})[variable.name] = value
             notes.append(f"{label}: nothing feeds {port}: it stays at {value}, the FMU's own start value")
-
-
-def _bare(unit: Unit | None) -> bool:
-    return unit is not None and unit.base() == "1" and unit.factor == 1 and not unit.offset
 
 
 def _remedies(read: Read, document: Document) -> None:

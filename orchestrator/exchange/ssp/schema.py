@@ -1,15 +1,15 @@
 """What stands in .ssd, .ssv and .ssm files -> plain objects, with the line of each for messages.
 
-Elements and attributes are those of SSP 1.0 and 2.0, whose namespaces are the same. What SSP does not define is
-a problem, since it may be what the author relied on; annotations of other tools and what is only drawn is left
-alone. Beside that fmpy's schemas judge files of version 1.0, as notes: files of known tools break them without
-harm.
+Elements and attributes are those of SSP 1.0 and 2.0, whose namespaces are the same. What SSP does not define
+is a problem, since it may be what the author relied on; annotations of other tools and what is only drawn is
+left alone. Beside that fmpy's schemas judge files of version 1.0, as notes: files of known tools break them
+without harm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import Any
 
 from ...errors import ConfigError, FmuError, Problem, listed
 from ...fmi.markup import parse_markup
-from ...units import BASE_NAMES, Unit
+from ...units import BASE_NAMES, Unit, UnitError, parse_unit
 
 __all__ = [
     "SPACES",
@@ -90,7 +90,8 @@ class Connector:
     name: str
     kind: str
     type: str
-    unit: str
+    unit_name: str
+    unit: Unit | None
     dimensions: bool
     place: str
 
@@ -329,13 +330,12 @@ class Reader:
         place = self._place(name, node)
         typed = [one for one in node if _space(one) == "ssc" and _local(one) in TYPES]
         unit = typed[0].get("unit", "") if typed else ""
-        if unit and unit not in units:
-            self.problems.append(_no_unit(place, unit, units))
         return Connector(
             self._needs(name, node, "name"),
             node.get("kind", ""),
             TYPES[_local(typed[0])] if typed else "",
             unit,
+            self._unit(name, unit, units),
             bool(node.findall("ssc:Dimension", SPACES)),
             place,
         )
@@ -410,8 +410,6 @@ class Reader:
                 continue
             value, kind = typed[0], TYPES[_local(typed[0])]
             unit = value.get("unit", "")
-            if unit and unit not in units:
-                self.problems.append(_no_unit(place, unit, units))
             many = [item.text or "" for item in value.findall("ssv:Value", SPACES)]
             text = value.get("value")
             if text is None and not many:
@@ -419,19 +417,29 @@ class Reader:
                 continue
             array = bool(one.findall("ssc:Dimension", SPACES))
             values = many or (text.split() if array and kind != "String" else [text])
+            made = Parameter(title, kind, tuple(values), unit, self._unit(name, unit, units), place)
+            if title in found and replace(found[title], place=place) == made:
+                self.notes.append(f"{place}: parameter {title!r} is given twice, with one value")
+                continue
             self._once(title, found, place, "parameters of this set")
-            found[title] = Parameter(title, kind, tuple(values), unit, units.get(unit), place)
+            found[title] = made
         return tuple(found.values())
 
     def _mapping_entries(self, name: str, node: Any) -> tuple[MappingEntry, ...]:
         entries: dict[str, MappingEntry] = {}
+        unsourced = 0
         for one in node.findall("ssm:MappingEntry", SPACES):
             target = self._needs(name, one, "target")
+            if one.get("source") == "":
+                unsourced += 1
+                continue
             self._once(target, entries, self._place(name, one), "targets of this mapping")
             suppress = one.get("suppressUnitConversion") in ("true", "1")
             entries[target] = MappingEntry(
                 self._needs(name, one, "source"), target, suppress, self._transformation(name, one)
             )
+        if unsourced:
+            self.notes.append(f"{self._place(name, node)}: {unsourced} entries with an empty source, ignored")
         return tuple(entries.values())
 
     def _signal_dictionary(self, name: str, node: Any) -> Dictionary:
@@ -463,6 +471,23 @@ class Reader:
                 continue
             if factor:
                 found[title] = Unit(title, exponents, factor, offset)
+        return found
+
+    def _unit(self, name: str, title: str, units: Mapping[str, Unit]) -> Unit | None:
+        """A unit by its name; one that the file does not define, by what its name says.
+
+        Known tools leave definitions out, or write names in brackets.
+        """
+        if not title or title in units:
+            return units.get(title)
+        note = f"{self._label}: {name}: unit {title!r} is not among the file's Units"
+        try:
+            found = parse_unit(title.strip().removeprefix("[").removesuffix("]"))
+            note = f"{note}: read as {found.name} [{found.base()}]"
+        except UnitError:
+            found = None
+        if note not in self.notes:
+            self.notes.append(note)
         return found
 
     def _enumerations(self, node: Any, space: str) -> dict[str, dict[str, int]]:
@@ -528,10 +553,6 @@ def _schema(space: str) -> Any:
 
     name = SPACES[space].rpartition("/")[2]
     return etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "ssp" / "schema" / f"{name}.xsd"))
-
-
-def _no_unit(place: str, unit: str, units: Mapping[str, Unit]) -> Problem:
-    return Problem(place, f"no unit {unit!r} in this file", f"its section Units defines: {listed(units)}")
 
 
 def _tag(space: str, name: str) -> str:

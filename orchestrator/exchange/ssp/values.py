@@ -110,19 +110,18 @@ def _scalar(given: Given, variable: Variable, text: str) -> Scalar:
 
 def _real(given: Given, variable: Variable, text: str, change: Transformation | None) -> Scalar:
     plain, unit, name = number(text), given.parameter.unit, given.parameter.unit_name
-    known = unit is not None and variable.unit is not None and not given.suppress
-    if known:
-        assert unit is not None and variable.unit is not None
-        if not unit.same_dimension(variable.unit):
+    own = variable.unit
+    value = float(plain)
+    if name and name != variable.unit_name and own is not None and not given.suppress:
+        if unit is None:
+            raise ValueError(f"unit {name!r} is not defined in the file")
+        if not unit.same_dimension(own):
             raise ValueError(f"{name} [{unit.base()}] is no unit for it")
-        if change is None and name != variable.unit_name and _means(name, unit, variable):
+        if change is None and _means(name, unit, variable):
             return f"{text.strip()} {name}"
-        exact = (
-            Fraction(str(plain)) * unit.factor + unit.offset - variable.unit.offset
-        ) / variable.unit.factor
-        value = float(exact) if unit != variable.unit else float(plain)
-    else:
-        value = float(plain)
+        if unit != own:
+            exact = Fraction(str(plain)) * unit.factor + unit.offset - own.offset
+            value = float(exact / own.factor)
     if change is not None:
         value = change.factor * value + change.offset
     if not math.isfinite(value):

@@ -1,8 +1,8 @@
 """Configs -> system structure packages.
 
 Values are written in the units of the FMU's variables, and conversions as factors, since most tools that read
-parameters and connections do not look at units. Version 1.0 is written, which every tool reads, unless an FMU needs
-2.0 (arrays of FMI 3.0).
+parameters and connections do not look at units. Version 1.0 is written, which every tool reads, unless an FMU
+needs 2.0 (arrays of FMI 3.0).
 """
 
 from __future__ import annotations
@@ -166,6 +166,9 @@ class _Writer:
         if parent is not None:
             return self._etree.SubElement(parent, full, given)
         spaces = {space: SPACES[space], "ssc": SPACES["ssc"]}
+        if space == "ssd":
+            # At the root: libcosim takes a declaration within for an algorithm.
+            spaces |= {"osp": annotations.OSP, "orchestrator": annotations.SPACE}
         return self._etree.Element(full, given, nsmap=spaces)
 
     def _bytes(self, root: Any) -> bytes:
@@ -199,9 +202,7 @@ class _Writer:
         if carried is not None:
             holder = self._node(root, "ssd:Annotations")
             note = self._node(holder, "ssc:Annotation", type=annotations.TYPE)
-            own = self._etree.SubElement(
-                note, f"{{{annotations.SPACE}}}Config", nsmap={"orchestrator": annotations.SPACE}
-            )
+            own = self._etree.SubElement(note, f"{{{annotations.SPACE}}}Config")
             own.text = json.dumps(carried, ensure_ascii=False)
         return self._bytes(root)
 
@@ -210,9 +211,7 @@ class _Writer:
         note = self._node(
             self._node(experiment, "ssd:Annotations"), "ssc:Annotation", type=annotations.OSP_TYPE
         )
-        algorithm = self._etree.SubElement(
-            note, f"{{{annotations.OSP}}}Algorithm", nsmap={"osp": annotations.OSP}
-        )
+        algorithm = self._etree.SubElement(note, f"{{{annotations.OSP}}}Algorithm")
         self._etree.SubElement(
             algorithm, f"{{{annotations.OSP}}}FixedStepAlgorithm", {"baseStepSize": _decimal(step)}
         )
