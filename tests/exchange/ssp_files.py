@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from orchestrator import bundled
-from orchestrator.exchange.ssp.schema import SPACES
+from orchestrator.exchange.ssp.elements import SPACES
 
 _SPACES = " ".join(f'xmlns:{short}="{space}"' for short, space in SPACES.items())
 UNITS = """<ssd:Units>

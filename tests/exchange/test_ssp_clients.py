@@ -162,7 +162,7 @@ def test_libcosim_runs_a_package_with_the_step_size_of_its_annotation(pushed, tm
 @pytest.mark.parametrize("case", ["pushed", "flying"])
 def test_ecos_runs_packages(case, request):
     path, results = request.getfixturevalue(case)
-    port = {"pushed": "sensor.measured_force", "flying": "contact.force"}[case]
+    port = {"pushed": "sensor.measured_force", "flying": "robot.position"}[case]
     agree(client(_ECOS, path, port, len(results) - 1), results[port])
 
 

@@ -22,7 +22,7 @@ from typing import Any
 from ... import bundled
 from ...fmi import ModelDescription
 from ...units import UnitError, parse_quantity, parse_unit
-from .schema import Document
+from .model import Document
 from .values import same_start
 
 __all__ = ["OSP", "SPACE", "TYPE", "apply", "checksum", "collect", "step_hints"]

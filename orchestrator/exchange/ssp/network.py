@@ -14,7 +14,7 @@ from ...errors import ConfigError, FmuError, Problem, listed, nearest
 from ...fmi import Interface, ModelDescription, Variable, read_description
 from ...units import Unit
 from .archive import Package, referenced
-from .schema import (
+from .model import (
     Binding,
     Connection,
     Connector,
@@ -24,10 +24,10 @@ from .schema import (
     End,
     MappingEntry,
     Parameter,
-    Reader,
     Reference,
     Transformation,
 )
+from .schema import Reader
 
 __all__ = ["Edge", "Given", "Leaf", "Network", "Node", "family"]
 

@@ -21,8 +21,8 @@ from ...fmi import Kind
 from ...units import Unit, convert
 from . import annotations
 from .archive import open_package
+from .model import Document
 from .network import Edge, Given, Key, Leaf, Network, Node, Path_, family
-from .schema import Document
 from .values import Course, CourseError, scalars, written
 
 __all__ = ["MAIN", "Read", "read_ssp"]

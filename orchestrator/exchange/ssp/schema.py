@@ -9,42 +9,30 @@ without harm.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from fractions import Fraction
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 from ...errors import ConfigError, FmuError, Problem, listed
 from ...fmi.markup import parse_markup
 from ...units import BASE_NAMES, Unit, UnitError, parse_unit
+from .elements import SPACES, children, local, schema_errors, space_of, tag_of
+from .model import (
+    Binding,
+    Connection,
+    Connector,
+    Dictionary,
+    Document,
+    Element,
+    End,
+    MappingEntry,
+    Parameter,
+    Reference,
+    Transformation,
+)
 
-__all__ = [
-    "SPACES",
-    "TYPES",
-    "VERSIONS",
-    "Binding",
-    "Connection",
-    "Connector",
-    "Dictionary",
-    "Document",
-    "Element",
-    "End",
-    "MappingEntry",
-    "Parameter",
-    "Reader",
-    "Reference",
-    "Transformation",
-]  # fmt: skip
+__all__ = ["TYPES", "VERSIONS", "Reader"]
 
-_BASE = "http://ssp-standard.org/SSP1/SystemStructure"
-SPACES = {
-    "ssc": f"{_BASE}Common",
-    "ssd": f"{_BASE}Description",
-    "ssv": f"{_BASE}ParameterValues",
-    "ssm": f"{_BASE}ParameterMapping",
-    "ssb": f"{_BASE}SignalDictionary",
-}
 VERSIONS = ("1.0", "2.0")
 _WHOLE = [f"{sign}Int{size}" for size in (8, 16, 32, 64) for sign in ("", "U")]
 # SSP's type -> the family of FMI types.
@@ -64,147 +52,6 @@ _IDLE = {"Annotations", "ElementGeometry", "SystemGeometry", "GraphicalElements"
          "ConnectorGeometry", "MetaData", "Signature"}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Where something else is found: source as written, base ("SSD" or "component"), MIME type."""
-
-    source: str
-    base: str = "SSD"
-    type: str = ""
-
-
-@dataclass(frozen=True)
-class Transformation:
-    """Of values: linear by factor and offset, or by a table of texts."""
-
-    kind: str
-    factor: float = 1.0
-    offset: float = 0.0
-    entries: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Connector:
-    """Of an element. `dimensions`: whether it is an array."""
-
-    name: str
-    kind: str
-    type: str
-    unit_name: str
-    unit: Unit | None
-    dimensions: bool
-    place: str
-
-
-@dataclass(frozen=True)
-class End:
-    """One end of a connection; element None: of the system itself; indices such as "[1,2]"."""
-
-    element: str | None
-    connector: str
-    indices: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.element}.{self.connector}{self.indices}" if self.element else self.connector
-
-
-@dataclass(frozen=True)
-class Connection:
-    """Between two connectors; which of them is the source follows from their kinds."""
-
-    start: End
-    end: End
-    suppress: bool
-    transformation: Transformation | None
-    place: str
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A value for a variable: texts of its elements, one if it is a scalar."""
-
-    name: str
-    type: str
-    values: tuple[str, ...]
-    unit_name: str
-    unit: Unit | None
-    place: str
-
-
-@dataclass(frozen=True)
-class MappingEntry:
-    """From a parameter's name in its source to that in the system."""
-
-    source: str
-    target: str
-    suppress: bool
-    transformation: Transformation | None
-
-
-@dataclass(frozen=True)
-class Binding:
-    """Parameters for an element: inline, or by reference; mapped, or by their own names (None)."""
-
-    values: tuple[Parameter, ...] | Reference
-    mapping: tuple[MappingEntry, ...] | Reference | None
-    prefix: str
-    place: str
-
-
-@dataclass(frozen=True)
-class Dictionary:
-    """A signal dictionary: type and unit of each entry, by name."""
-
-    name: str
-    entries: Mapping[str, Connector] | Reference
-    place: str
-
-
-@dataclass(frozen=True)
-class Element:
-    """A component, a system, or a reference to a signal dictionary.
-
-    Attributes:
-        what: "component", "system" or "dictionary".
-        reference, implementation: of a component; reference None: it has no source.
-        dictionary: name of the dictionary referred to.
-    """
-
-    what: str
-    name: str
-    identity: str
-    description: str
-    connectors: Mapping[str, Connector]
-    bindings: tuple[Binding, ...]
-    place: str
-    elements: tuple[Element, ...] = ()
-    connections: tuple[Connection, ...] = ()
-    dictionaries: tuple[Dictionary, ...] = ()
-    reference: Reference | None = None
-    implementation: str = "any"
-    dictionary: str = ""
-
-
-@dataclass(frozen=True)
-class Document:
-    """A system structure description.
-
-    Attributes:
-        units, enumerations: by name; what an enumeration's items stand for, by item.
-        start, stop: of the default experiment [s], as written; None where not given.
-        annotations: at the top and at the default experiment, type and element (lxml).
-    """
-
-    name: str
-    version: str
-    system: Element
-    units: Mapping[str, Unit]
-    enumerations: Mapping[str, Mapping[str, int]]
-    start: str | None
-    stop: str | None
-    annotations: tuple[tuple[str, Any], ...]
-
-
 class Reader:
     """Reads the files of a package; problems and notes are collected.
 
@@ -220,10 +67,10 @@ class Reader:
         root = self._root(name, xml, "ssd", "SystemStructureDescription")
         self._known(name, root, "System", "Enumerations", "Units", "DefaultExperiment")
         units, enumerations = self._units(name, root, "ssd"), self._enumerations(root, "ssd")
-        systems = _children(root, "ssd", "System")
+        systems = children(root, "ssd", "System")
         if len(systems) != 1:
             raise self._refused(name, root, f"it has {len(systems)} root systems", "exactly one is needed")
-        experiment = (_children(root, "ssd", "DefaultExperiment") or [None])[0]
+        experiment = (children(root, "ssd", "DefaultExperiment") or [None])[0]
         annotations = [
             (one.get("type", ""), one)
             for holder in (root, experiment, systems[0])
@@ -258,7 +105,7 @@ class Reader:
             root = parse_markup(self._label, name, xml, "SSP")
         except FmuError as error:
             raise ConfigError([Problem("", str(error))]) from None
-        if root.tag != _tag(space, wanted):
+        if root.tag != tag_of(space, wanted):
             what = f"its root element is {root.tag!r}"
             raise self._refused(name, root, what, f"{wanted} of the namespace {SPACES[space]} is needed")
         if root.get("version") not in VERSIONS:
@@ -274,7 +121,7 @@ class Reader:
         return root
 
     def _element(self, name: str, node: Any, units: Mapping[str, Unit]) -> Element:
-        what = {"Component": "component", "System": "system"}.get(_local(node), "dictionary")
+        what = {"Component": "component", "System": "system"}.get(local(node), "dictionary")
         place = self._place(name, node)
         own = {"component": (), "dictionary": ()}.get(what, ("Elements", "Connections", "SignalDictionaries"))
         self._known(name, node, "Connectors", "ParameterBindings", *own)
@@ -308,11 +155,11 @@ class Reader:
             )
         elements: dict[str, Element] = {}
         for one in node.findall("ssd:Elements/*", SPACES):
-            if _space(one) == "ssd" and _local(one) in ("Component", "System", "SignalDictionaryReference"):
+            if space_of(one) == "ssd" and local(one) in ("Component", "System", "SignalDictionaryReference"):
                 element = self._element(name, one, units)
                 self._once(element.name, elements, element.place, f"elements of {node.get('name')}")
                 elements[element.name] = element
-            elif _space(one):
+            elif space_of(one):
                 self._unknown(name, one, "Component, System, SignalDictionaryReference")
         return Element(
             **common,
@@ -328,12 +175,12 @@ class Reader:
 
     def _connector(self, name: str, node: Any, units: Mapping[str, Unit]) -> Connector:
         place = self._place(name, node)
-        typed = [one for one in node if _space(one) == "ssc" and _local(one) in TYPES]
+        typed = [one for one in node if space_of(one) == "ssc" and local(one) in TYPES]
         unit = typed[0].get("unit", "") if typed else ""
         return Connector(
             self._needs(name, node, "name"),
             node.get("kind", ""),
-            TYPES[_local(typed[0])] if typed else "",
+            TYPES[local(typed[0])] if typed else "",
             unit,
             self._unit(name, unit, units),
             bool(node.findall("ssc:Dimension", SPACES)),
@@ -358,11 +205,11 @@ class Reader:
         )
 
     def _transformation(self, name: str, node: Any) -> Transformation | None:
-        found = [one for one in node if _local(one) in _TRANSFORMATIONS and _space(one)]
+        found = [one for one in node if local(one) in _TRANSFORMATIONS and space_of(one)]
         if not found:
             return None
         one = found[0]
-        kind = _TRANSFORMATIONS[_local(one)]
+        kind = _TRANSFORMATIONS[local(one)]
         if kind == "linear":
             return Transformation(
                 kind, self._number(name, one, "factor", 1.0), self._number(name, one, "offset", 0.0)
@@ -390,7 +237,7 @@ class Reader:
             what = "a parameter binding without parameters"
             self.problems.append(Problem(place, what, "a source, or a ParameterSet inside, is needed"))
         mapping: tuple[MappingEntry, ...] | Reference | None = None
-        for one in _children(node, "ssd", "ParameterMapping"):
+        for one in children(node, "ssd", "ParameterMapping"):
             if one.get("source") is not None:
                 mapping = Reference(one.get("source"), one.get("sourceBase", "SSD"))
             else:
@@ -403,12 +250,12 @@ class Reader:
         found: dict[str, Parameter] = {}
         for one in node.findall("ssv:Parameters/ssv:Parameter", SPACES):
             place, title = self._place(name, one), self._needs(name, one, "name")
-            typed = [child for child in one if _space(child) == "ssv" and _local(child) in TYPES]
+            typed = [child for child in one if space_of(child) == "ssv" and local(child) in TYPES]
             if len(typed) != 1:
                 what = f"parameter {title!r} has {len(typed)} values"
                 self.problems.append(Problem(place, what, f"one of {listed(TYPES)} is needed"))
                 continue
-            value, kind = typed[0], TYPES[_local(typed[0])]
+            value, kind = typed[0], TYPES[local(typed[0])]
             unit = value.get("unit", "")
             many = [item.text or "" for item in value.findall("ssv:Value", SPACES)]
             text = value.get("value")
@@ -460,7 +307,7 @@ class Reader:
         found: dict[str, Unit] = {}
         for one in node.findall(f"{space}:Units/ssc:Unit", SPACES):
             title = self._needs(name, one, "name")
-            base = (_children(one, "ssc", "BaseUnit") or [{}])[0]
+            base = (children(one, "ssc", "BaseUnit") or [{}])[0]
             try:
                 exponents = tuple(int(base.get(key, 0)) for key in BASE_NAMES)
                 factor, offset = (
@@ -508,17 +355,17 @@ class Reader:
 
     def _known(self, name: str, node: Any, *allowed: str) -> None:
         for one in node:
-            if isinstance(one.tag, str) and _space(one) and _local(one) not in (*allowed, *_IDLE):
+            if isinstance(one.tag, str) and space_of(one) and local(one) not in (*allowed, *_IDLE):
                 self._unknown(name, one, listed(allowed))
 
     def _unknown(self, name: str, node: Any, allowed: str) -> None:
-        what = f"unknown element {_local(node)!r}"
+        what = f"unknown element {local(node)!r}"
         self.problems.append(Problem(self._place(name, node), what, f"allowed: {allowed}"))
 
     def _needs(self, name: str, node: Any, key: str) -> str:
         text = node.get(key)
         if not text:
-            what = f"{_local(node)} has no attribute {key!r}"
+            what = f"{local(node)} has no attribute {key!r}"
             self.problems.append(Problem(self._place(name, node), what, "SSP demands it"))
         return text or ""
 
@@ -533,42 +380,3 @@ class Reader:
 
     def _refused(self, name: str, node: Any, what: str, allowed: str) -> ConfigError:
         return ConfigError([Problem(self._place(name, node), what, allowed)])
-
-
-def schema_errors(root: Any, space: str) -> list[str]:
-    """What breaks the schema of SSP 1.0 that fmpy carries."""
-    return [f"line {one.line}: {one.message}" for one in _schema_log(space, root)]
-
-
-def _schema_log(space: str, root: Any) -> Any:
-    schema = _schema(space)
-    schema.validate(root)
-    return schema.error_log
-
-
-@cache
-def _schema(space: str) -> Any:
-    import fmpy
-    from lxml import etree
-
-    name = SPACES[space].rpartition("/")[2]
-    return etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "ssp" / "schema" / f"{name}.xsd"))
-
-
-def _tag(space: str, name: str) -> str:
-    return f"{{{SPACES[space]}}}{name}"
-
-
-def _children(node: Any, space: str, name: str) -> list[Any]:
-    return node.findall(_tag(space, name))
-
-
-def _space(node: Any) -> str:
-    """Short name of an element's namespace; empty if it is not SSP's."""
-    if not isinstance(node.tag, str):
-        return ""
-    return next((short for short, space in SPACES.items() if node.tag.startswith(f"{{{space}}}")), "")
-
-
-def _local(node: Any) -> str:
-    return node.tag.rpartition("}")[2] if isinstance(node.tag, str) else ""

@@ -12,8 +12,8 @@ from ...errors import Problem, listed, nearest
 from ...fmi import Kind, Variable
 from ...quantities import Measure, quantity
 from ...units import ONE, Unit, UnitError, convert, parse_unit
+from .model import Transformation
 from .network import Given, Node
-from .schema import Transformation
 
 __all__ = ["Course", "CourseError", "mapped", "number", "scalars", "written"]
 

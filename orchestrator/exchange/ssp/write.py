@@ -12,24 +12,21 @@ import re
 import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from ...config import Config
-from ...connecting import Ends, elements
-from ...effects.gain import Gain
-from ...effects.map import Map
-from ...effects.offset import Offset
 from ...errors import ConfigError, Problem
 from ...fmi import Kind, ModelDescription, Variable
 from ...run import Prepared, prepare
-from ...system import Connection, Instance
-from ...units import BASE_NAMES, Unit, convert
+from ...system import Instance
+from ...units import BASE_NAMES, Unit
 from . import annotations
+from .elements import SPACES
+from .links import Link, links_of
 from .read import MAIN, read_ssp
-from .schema import SPACES, VERSIONS
+from .schema import VERSIONS
 
 __all__ = ["Written", "write_ssp"]
 
@@ -122,8 +119,6 @@ class _Writer:
         from lxml import etree
 
         self._etree, self._prepared, self._version = etree, prepared, version
-        self.counts: list[int] = []
-        self.lost: list[str] = []
         self.files: dict[str, Path] = {}
         self._descriptions: dict[str, ModelDescription] = {}
         self._places: dict[str, str] = {}
@@ -133,7 +128,8 @@ class _Writer:
             self.files[instance.name] = Path(instance.fmu.path)
             self._descriptions[instance.name] = instance.fmu.description
         self._place_files()
-        self._links = self._connections()
+        self._links, self.lost = links_of(prepared, self._descriptions)
+        self.counts = [len(links) for links in self._links]
 
     def _place_files(self) -> None:
         """A path in the package for each FMU; one for instances of the same."""
@@ -337,58 +333,7 @@ class _Writer:
             unit = _unit_name(units, variable.unit_name, variable.unit)
         self._node(parent, f"ssv:{kind}", value=text, unit=unit)
 
-    def _connections(self) -> list[list[_Link]]:
-        """What the file says of each connection of the config."""
-        prepared = self._prepared
-        made = iter(prepared.system.connections)
-        found = []
-        for index, entry in enumerate(prepared.config.model.connections):
-            ends, _, _ = elements(Ends.of(index, entry), self._descriptions, prepared.config.places)
-            links = [
-                link for one in islice(made, len(ends)) if (link := self._judged(index, one)) is not None
-            ]
-            self.counts.append(len(links))
-            found.append(links)
-        return found
-
-    def _judged(self, index: int, connection: Connection) -> _Link | None:
-        """A connection as SSP has it; what it cannot say is told in `lost`."""
-        factor, offset, table = 1.0, 0.0, None
-        wire = connection.wire
-        if wire is not None and len(wire.legs) > 1:
-            told = (
-                f"connections[{index}]: SSP has no sums: {connection.target} is fed by nothing in other tools"
-            )
-            self.lost.append(told)
-            return None
-        if wire is not None:
-            factor, offset = wire.legs[0].gain, wire.legs[0].offset
-            dropped = []
-            for link in wire.links:
-                effect = link.effect
-                if isinstance(effect, Gain):
-                    factor, offset = factor * effect.factor, offset * effect.factor
-                elif isinstance(effect, Offset):
-                    offset += effect.value
-                elif isinstance(effect, Map) and table is None:
-                    table = effect.pairs()
-                else:
-                    dropped.append(link.name)
-            if dropped:
-                told = f"connections[{index}]: other tools carry the value without {', '.join(dropped)}"
-                if told not in self.lost:
-                    self.lost.append(told)
-        factor, offset = connection.gain * factor, connection.gain * offset + connection.offset
-        one, other = (
-            self._descriptions[port.instance].variables[port.variable]
-            for port in (connection.source, connection.target)
-        )
-        suppress = False
-        if one.unit is not None and other.unit is not None:
-            suppress = not one.unit.same_dimension(other.unit) or convert(one.unit, other.unit) != (1.0, 0.0)
-        return _Link(connection, one, other, factor, offset, suppress, table)
-
-    def _link(self, parent: Any, link: _Link) -> None:
+    def _link(self, parent: Any, link: Link) -> None:
         ends: dict[str, str | None] = {}
         indices: dict[str, str | None] = {}
         for side, port, variable in (
@@ -412,19 +357,6 @@ class _Writer:
         elif (link.factor, link.offset) != (1.0, 0.0) or link.suppress:
             factor, offset = _decimal(link.factor), _decimal(link.offset)
             self._node(node, "ssc:LinearTransformation", factor=factor, offset=offset)
-
-
-@dataclass(frozen=True)
-class _Link:
-    """A connection as SSP has it: target = factor * source + offset, or by a table."""
-
-    connection: Connection
-    source: Variable
-    target: Variable
-    factor: float
-    offset: float
-    suppress: bool
-    table: list[tuple[float, float]] | None
 
 
 def _add(archive: zipfile.ZipFile, name: str, data: bytes, method: int) -> None:
