@@ -362,3 +362,25 @@ def repack_fmu(tmp_path):
     old = tmp_path / "old.fmu"
     old.write_bytes(FMUS["contact.fmu"])
     return repack(old, tmp_path / "other.fmu", lambda name, data: (name, data)).read_bytes()
+
+
+def test_references_that_multiply(tmp_path):
+    levels = [system("last", component("robot", "robot.fmu", ROBOT), id="s0")]
+    for level in range(1, 20):
+        two = "".join(
+            component(name, f"#s{level - 1}", type="application/x-ssp-definition") for name in ("a", "b")
+        )
+        levels.append(system(f"level{level}", two, id=f"s{level}"))
+    assert "references make more than 2000 systems of it" in of(system("rig", "".join(levels)), tmp_path)
+
+
+def test_numbers_that_are_none(tmp_path):
+    text = of(ssd(ONE, experiment='<ssd:DefaultExperiment startTime="x" stopTime="INF"/>'), tmp_path)
+    assert "startTime: 'x' is no finite number" in text and "stopTime: 'INF' is no finite number" in text
+    broken = '<ssd:Units><ssc:Unit name="m"><ssc:BaseUnit m="x"/></ssc:Unit></ssd:Units>'
+    assert "cannot read unit 'm'" in of(ssd(ONE, broken), tmp_path)
+    items = '<ssc:Enumeration name="E"><ssc:Item name="a" value="x"/></ssc:Enumeration>'
+    items = f"<ssd:Enumerations>{items}</ssd:Enumerations>"
+    assert "cannot read enumeration 'E'" in of(ssd(ONE, items), tmp_path)
+    root = system("rig", component("robot", "http://[/x.fmu", ROBOT))
+    assert "'http://[/x.fmu' is no reference (Invalid IPv6 URL)" in of(root, tmp_path)

@@ -3,10 +3,10 @@
 What stands in the file counts: a part of the annotation is used only where it says the same as the file, so
 that a package that another tool has changed is read as changed, with a note.
 
-The annotation (type `orchestrator.config`) holds JSON: `run`, `instances` (per name `fmu`, `checksum` of the
-FMU, `start` as written, and keys that SSP has none for), `connections` (those that are more than one arrow:
-`at`, their position, `entry`, as written, and `plain`, what the file says of them), `bonds`, `measures`,
-`title`.
+The annotation (type `orchestrator.config`) holds JSON: `run`, `instances` (per name `fmu`, where it is a
+bundled one, `start` as written, and keys that SSP has none for), `connections` (those that are more than one
+arrow: `at`, their position, `entry`, as written, and `plain`, what the file says of them), `bonds`,
+`measures`, `title`.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ def collect(
     """
     instances: dict[str, Any] = {}
     for name, one in data["instances"].items():
-        kept = {"fmu": one["fmu"], "checksum": checksum(files[name])}
+        # A path is of no use elsewhere; where the package has the FMU, it says so itself.
+        kept = {"fmu": one["fmu"]} if _bundled(one["fmu"], one.get("form"), files[name]) else {}
         kept |= {key: one[key] for key in (*_OWN_KEYS, "interface") if key in one}
         start = one.get("start")
         if start is not None and start != plain["instances"][name].get("start"):
@@ -140,7 +141,7 @@ def _apply(
         if kept is None:
             other(f"instance {name}")
             continue
-        named = _bundled(kept["fmu"], kept.get("form"), kept["checksum"], files[name])
+        named = "fmu" in kept and _bundled(kept["fmu"], kept.get("form"), files[name])
         one = {"fmu": kept["fmu"] if named else one["fmu"]} | {
             key: value for key, value in one.items() if key != "fmu"
         }
@@ -171,10 +172,10 @@ def _same_time(one: str, other: str) -> bool:
         return False
 
 
-def _bundled(name: str, form: str | None, expected: str, file: Path) -> bool:
+def _bundled(name: str, form: str | None, file: Path) -> bool:
     """Whether a bundled FMU goes by that name and is the very file."""
-    own = bundled.fmu_forms(name).get(form or "", None) if form else bundled.find_fmu(name)
-    return own is not None and checksum(own) == expected == checksum(file)
+    own = bundled.fmu_forms(name).get(form) if form else bundled.find_fmu(name)
+    return own is not None and checksum(own) == checksum(file)
 
 
 def _start(

@@ -150,7 +150,10 @@ def referenced(source: str, base: str, place: str) -> tuple[str, str]:
         base: path of the file that it stands in.
     Raises: ConfigError if it leads out of the package.
     """
-    parts = urlsplit(source)
+    try:
+        parts = urlsplit(source)
+    except ValueError as error:
+        raise ConfigError([Problem(place, f"{source!r} is no reference ({error})")]) from None
     if parts.scheme or parts.netloc or source.startswith("/") or "\\" in source:
         allowed = "references lead to files of the same package, such as resources/Model.fmu"
         what = f"{source!r} refers to something outside of the package"

@@ -37,6 +37,8 @@ _FMU = "application/x-fmu-sharedlibrary"
 _NESTED = ("application/x-ssp-definition", "application/x-ssp-package")
 _INTERFACES = {"CoSimulation": Interface.CO_SIMULATION, "ModelExchange": Interface.MODEL_EXCHANGE}
 DEEPEST = 64
+# References to one system multiply: this many are far beyond any package, and below what fills the memory.
+MOST_SYSTEMS = 2000
 # Kinds of connectors through which values leave an element, and through which they enter it.
 _GIVING = ("output", "local", "calculatedParameter", "constant")
 _TAKING = ("input", "parameter", "structuralParameter")
@@ -100,6 +102,10 @@ class _Scope:
     dictionaries: Mapping[str, tuple[Path_, Dictionary]] = field(default_factory=dict)
 
 
+class _TooMany(ConfigError):
+    """Ends the reading at once."""
+
+
 class Network:
     """What a description comes to.
 
@@ -121,6 +127,7 @@ class Network:
         self._descriptions: dict[tuple[Path, Interface | None], ModelDescription] = {}
         # Nested descriptions that have been read in place of their component.
         self._replaced: dict[Path_, Element] = {}
+        self._systems = 0
 
     def add(self, package: Package, file: str) -> Document:
         """Read a description and all that it leads to. Returns: the description. Raises: ConfigError."""
@@ -135,6 +142,10 @@ class Network:
     def _system(self, system: Element, path: Path_, scope: _Scope) -> None:
         if len(path) > DEEPEST:
             raise ConfigError([Problem(system.place, f"systems within systems, {DEEPEST} deep", "refused")])
+        self._systems += 1
+        if self._systems > MOST_SYSTEMS:
+            what = f"references make more than {MOST_SYSTEMS} systems of it"
+            raise _TooMany([Problem(system.place, what, "refused")])
         own = {one.name: (path, one) for one in system.dictionaries}
         scope = replace(scope, dictionaries={**scope.dictionaries, **own})
         for connector in system.connectors.values():
@@ -167,6 +178,8 @@ class Network:
                 self._nested(element, found, fragment, path, scope)
             else:
                 self._fmu(element, found, path, scope)
+        except _TooMany:
+            raise
         except ConfigError as error:
             self.problems += error.problems
 

@@ -115,7 +115,7 @@ def _names(leaves: Mapping[Path_, Leaf], notes: list[str]) -> dict[Path_, str]:
 
 def _run(document: Document) -> dict[str, Any]:
     run: dict[str, Any] = {}
-    if document.start is not None and float(document.start) != 0.0:
+    if document.start is not None and document.start.strip("0.+-") != "":
         run["start_time"] = f"{document.start} s"
     if document.stop is not None:
         run["stop_time"] = f"{document.stop} s"
@@ -180,8 +180,7 @@ def _node(network: Network, key: Key) -> Node:
 def _course(network: Network, begin: Key, steps: list[tuple[Key, Edge]]) -> Course:
     """Raises: CourseError."""
     node = _node(network, begin)
-    boolean = node.variable is not None and node.variable.kind is Kind.BOOLEAN
-    course = Course(node.unit, node.unit_name, node.items, boolean)
+    course = Course(node.unit, node.unit_name, node.items)
     for key, edge in steps:
         course.through(_node(network, key), edge.suppress, edge.transformation)
     return course

@@ -8,6 +8,7 @@ without harm.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
@@ -66,7 +67,7 @@ class Reader:
         """A .ssd file. Raises: ConfigError if it is no XML or no system structure description."""
         root = self._root(name, xml, "ssd", "SystemStructureDescription")
         self._known(name, root, "System", "Enumerations", "Units", "DefaultExperiment")
-        units, enumerations = self._units(name, root, "ssd"), self._enumerations(root, "ssd")
+        units, enumerations = self._units(name, root, "ssd"), self._enumerations(name, root, "ssd")
         systems = children(root, "ssd", "System")
         if len(systems) != 1:
             raise self._refused(name, root, f"it has {len(systems)} root systems", "exactly one is needed")
@@ -83,8 +84,8 @@ class Reader:
             self._element(name, systems[0], units),
             units,
             enumerations,
-            None if experiment is None else experiment.get("startTime"),
-            None if experiment is None else experiment.get("stopTime"),
+            self._time(name, experiment, "startTime"),
+            self._time(name, experiment, "stopTime"),
             tuple(annotations),
         )
 
@@ -337,20 +338,35 @@ class Reader:
             self.notes.append(note)
         return found
 
-    def _enumerations(self, node: Any, space: str) -> dict[str, dict[str, int]]:
-        return {
-            one.get("name", ""): {
-                item.get("name", ""): int(item.get("value", 0)) for item in one.findall("ssc:Item", SPACES)
-            }
-            for one in node.findall(f"{space}:Enumerations/ssc:Enumeration", SPACES)
-        }
+    def _enumerations(self, name: str, node: Any, space: str) -> dict[str, dict[str, int]]:
+        found = {}
+        for one in node.findall(f"{space}:Enumerations/ssc:Enumeration", SPACES):
+            items = one.findall("ssc:Item", SPACES)
+            try:
+                found[one.get("name", "")] = {
+                    item.get("name", ""): int(item.get("value", "")) for item in items
+                }
+            except ValueError as error:
+                what = f"cannot read enumeration {one.get('name')!r} ({error})"
+                self.problems.append(Problem(self._place(name, one), what))
+        return found
+
+    def _time(self, name: str, node: Any, key: str) -> str | None:
+        text = None if node is None else node.get(key)
+        if text is None:
+            return None
+        self._number(name, node, key, 0.0)
+        return text.strip()
 
     def _number(self, name: str, node: Any, key: str, default: float) -> float:
         text = node.get(key)
         try:
-            return default if text is None else float(text)
+            value = default if text is None else float(text)
+            if math.isfinite(value):
+                return value
+            raise ValueError
         except ValueError:
-            self.problems.append(Problem(self._place(name, node), f"{key}: {text!r} is no number"))
+            self.problems.append(Problem(self._place(name, node), f"{key}: {text!r} is no finite number"))
             return default
 
     def _known(self, name: str, node: Any, *allowed: str) -> None:

@@ -163,7 +163,6 @@ class Course:
     unit: Unit | None
     unit_name: str
     items: Mapping[str, int]
-    boolean: bool
     factor: float = 1.0
     offset: float = 0.0
     tables: tuple[tuple[str, ...], ...] = ()

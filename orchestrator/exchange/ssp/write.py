@@ -96,7 +96,7 @@ def _named(carried: Mapping[str, Any]) -> tuple[str, ...]:
     run = carried["run"]
     found = [f"run.{key}" for key in run if key not in ("start_time", "stop_time")]
     for name, one in carried["instances"].items():
-        keys = [key for key in one if key not in ("fmu", "checksum", "start", "interface")]
+        keys = [key for key in one if key not in ("fmu", "start", "interface")]
         found += [f"instances.{name}.{key}" for key in keys]
     for one in carried.get("connections", []):
         entry = one["entry"]
