@@ -48,8 +48,8 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
     Args:
         label: of the archive, for messages.
         packed: its size [B].
-    Raises: FmuError if it has entries that would be written elsewhere, over each other or as links, or more of
-        them than a disk should take.
+    Raises: FmuError if it has entries that would be written elsewhere, over each other or as links, or more
+        of them than a disk should take.
     """
     taken: dict[str, zipfile.ZipInfo] = {}
     for member in members:
@@ -79,7 +79,9 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
                     f"{member.filename!r}"
                 )
     if len(members) > MOST_ENTRIES:
-        raise FmuError(f"{label}: refused, it has {len(members)} entries; at most {MOST_ENTRIES} are accepted")
+        raise FmuError(
+            f"{label}: refused, it has {len(members)} entries; at most {MOST_ENTRIES} are accepted"
+        )
     size = sum(member.file_size for member in members)
     if size > max(SMALLEST_BOMB, LARGEST_EXPANSION * packed):
         raise FmuError(

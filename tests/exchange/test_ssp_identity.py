@@ -19,7 +19,8 @@ from orchestrator.exchange.ssp.load import import_ssp
 from orchestrator.exchange.ssp.write import write_ssp
 from orchestrator.run import prepare, run
 
-SYSTEMS = bundled.system_names()
+# Those with a partner over UDP are no systems of FMUs.
+SYSTEMS = [name for name in bundled.system_names() if not load_config(name).model.external]
 
 
 def stripped(path: Path, target: Path) -> Path:
@@ -74,6 +75,13 @@ def test_bundled_systems_come_back(name, tmp_path):
     again = tmp_path / "Y.ssp"
     write_ssp(name, again)
     assert again.read_bytes() == path.read_bytes()
+
+
+def test_a_system_with_a_partner_over_udp_is_refused(tmp_path):
+    with pytest.raises(ConfigError) as caught:
+        write_ssp("docking-1d-station", tmp_path / "X.ssp")
+    assert str(caught.value) == "docking-1d-station: rig is no FMU\n  SSP knows systems of FMUs only"
+    assert not (tmp_path / "X.ssp").exists()
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

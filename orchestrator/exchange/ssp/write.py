@@ -123,8 +123,9 @@ class _Writer:
         self._descriptions: dict[str, ModelDescription] = {}
         self._places: dict[str, str] = {}
         for instance in prepared.system.instances:
-            if instance.fmu.path is None:
-                raise ConfigError([Problem("", f"{instance.name} has no FMU as a file", "SSP needs files")])
+            if instance.name not in prepared.config.model.instances or instance.fmu.path is None:
+                what = f"{instance.name} is no FMU"
+                raise ConfigError([Problem(prepared.config.name, what, "SSP knows systems of FMUs only")])
             self.files[instance.name] = Path(instance.fmu.path)
             self._descriptions[instance.name] = instance.fmu.description
         self._place_files()
