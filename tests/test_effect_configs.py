@@ -181,7 +181,7 @@ def test_effects_and_sums_take_real_numbers_only():
     told = refusal([{"from": "count.n", "to": "sink.u", "through": [{"delay": "1 ms"}]}], parts)
     assert told == [
         "system: connections[0]: count.n is of type Integer",
-        "  effects and sums take real numbers only",
+        "  effects and sums take real numbers only, except map",
     ]
 
 
