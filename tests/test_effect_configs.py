@@ -288,4 +288,4 @@ def test_effects_are_listed_and_stand_in_the_schema(capsys):
     ]
     assert [next(iter(one["required"])) for one in items["anyOf"]] == [*BUILT_IN, "effect"]
     (noise,) = (one for one in items["anyOf"] if one["required"] == ["noise"])
-    assert set(noise["properties"]) == {"noise", "period", "seed"}
+    assert set(noise["properties"]) == {"noise", "period", "seed", "correlation"}
