@@ -1,0 +1,57 @@
+"""Files by their content: named by their SHA-256, put in place whole, and checked where they arrive."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+
+from ..errors import OrchestratorError
+
+__all__ = ["cache_folder", "digest_of", "place_of", "put_file"]
+
+
+def digest_of(data: bytes) -> str:
+    """SHA-256, as hexadecimal digits."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def place_of(data: bytes, name: str) -> str:
+    """Where a file stands below a folder of files: "<sha256>/<name>"."""
+    return f"{digest_of(data)}/{name}"
+
+
+def cache_folder() -> Path:
+    """Where a machine keeps files that were sent to it."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    return (Path(base) if base else Path.home() / ".cache") / "orchestrator" / "files"
+
+
+def put_file(folder: Path, place: str, data: bytes) -> Path:
+    """Have a file at its place, unless it stands there already, sound.
+
+    Raises: OrchestratorError if the data is not what its place says; OSError if it cannot be written.
+    """
+    digest = place.partition("/")[0]
+    if digest_of(data) != digest:
+        raise OrchestratorError(f"{place}: arrived damaged, its SHA-256 is {digest_of(data)}")
+    path = folder / place
+    try:
+        if digest_of(path.read_bytes()) == digest:
+            return path
+    except OSError:
+        pass
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Several workers of a machine may put it at once: each writes its own and moves it into place.
+    number, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
+    try:
+        with os.fdopen(number, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return path
