@@ -193,6 +193,17 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
 
     for command in (run, check, stability, export, reproduction, listing):
         command.add_argument("--json", action="store_true", help="print JSON, one line a result, and no text")
+
+    sweep = commands.add_parser("sweep", help="run a system at many points, on all cores or a cluster")
+    store = commands.add_parser("store", help="look at the runs that sweeps have kept")
+    if arguments[:1] in (["sweep"], ["store"]):
+        from .campaign import cli as campaign_cli
+
+        campaign_cli.add_sweep_arguments(sweep)
+        campaign_cli.add_store_arguments(store)
+    sweep.set_defaults(command_function=_sweep)
+    store.set_defaults(command_function=_store)
+
     for command in commands.choices.values():
         command.add_argument("--debug", action="store_true", help="show tracebacks of errors")
     return parser
@@ -368,6 +379,18 @@ def _fmu(args: argparse.Namespace) -> int:
     from .fmu_tools import cli
 
     return cli.main(args)
+
+
+def _sweep(args: argparse.Namespace) -> int:
+    from .campaign import cli
+
+    return cli.sweep_main(args)
+
+
+def _store(args: argparse.Namespace) -> int:
+    from .campaign import cli
+
+    return cli.store_main(args)
 
 
 if __name__ == "__main__":

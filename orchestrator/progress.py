@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from time import monotonic
 from typing import Any, TextIO
 
 from .fmi import Array, Point
 from .signals import Signals
 
-__all__ = ["Progress"]
+__all__ = ["Progress", "counting"]
 
 _EVERY = 64
 _SECONDS_UNTIL_SHOWN = 2.0
@@ -60,3 +62,40 @@ class Progress:
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+
+
+@contextmanager
+def counting(
+    total: int, label: str, unit: str, shown: bool = True
+) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar with rate and time left on a terminal, from two seconds on; nothing elsewhere.
+
+    Args:
+        total: how many there are, if that is known.
+        unit: what is counted.
+        shown: whether it is wanted.
+    Returns: what tells how many are done, of how many, and a note to show.
+    """
+    from tqdm import tqdm
+
+    with tqdm(
+        total=total or None,
+        desc=label,
+        unit=unit,
+        file=sys.stderr,
+        disable=None if shown else True,
+        delay=_SECONDS_UNTIL_SHOWN,
+        dynamic_ncols=True,
+    ) as bar:
+
+        def tell(done: int, of: int, note: str = "") -> None:
+            if bar.disable:
+                return
+            bar.total = of
+            if bar.n == 0 and done > 1:
+                bar.initial = done  # what was there before tells nothing of the rate
+            if note:
+                bar.set_postfix_str(note, refresh=False)
+            bar.update(done - bar.n)
+
+        yield tell

@@ -1,7 +1,15 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
 from .external import ExternalModel, RealtimeModel
-from .load import Config, json_schema, load_config, move_effects
+from .load import (
+    Config,
+    json_schema,
+    load_config,
+    move_effects,
+    override_path,
+    put_value,
+    unknown_path,
+)
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .problems import validation_problems
 from .text import Place, Places, dump, parse, path_text
@@ -23,7 +31,10 @@ __all__ = [
     "json_schema",
     "load_config",
     "move_effects",
+    "override_path",
     "parse",
     "path_text",
+    "put_value",
+    "unknown_path",
     "validation_problems",
 ]

@@ -18,7 +18,15 @@ from .models import RunModel, SystemModel
 from .problems import validation_problems
 from .text import Path, Place, Places, dump, parse
 
-__all__ = ["Config", "json_schema", "load_config", "move_effects"]
+__all__ = [
+    "Config",
+    "json_schema",
+    "load_config",
+    "move_effects",
+    "override_path",
+    "put_value",
+    "unknown_path",
+]
 
 # Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It
 # gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
@@ -228,29 +236,34 @@ def _override(data: dict[str, Any], places: Places, text: str) -> list[Problem]:
         value, _ = parse(value_text, place)
     except ConfigError as error:
         return list(error.problems)
-    path = _override_path(data, name)
+    path = override_path(data, name)
     if path is None:
-        instances, measures = _section(data, "instances"), _section(data, "measures")
-        known = [f"run.{key}" for key in RunModel.model_fields]
-        known += [f"{one}.{key}" for one, its in instances.items() for key in _section(its, "start")]
-        connections = data.get("connections")
-        for n, one in enumerate(connections if isinstance(connections, list) else ()):
-            through = one.get("through") if isinstance(one, dict) else None
-            for m, its in enumerate(through if isinstance(through, list) else ()):
-                known += [f"connections[{n}].through[{m}].{key}" for key in its or ()]
-        known += [f"measures.{one}.{key}" for one, its in measures.items() for key in its or ()]
-        sections = "run, external, connections[...].through, bonds, measures, title"
-        allowed = f"instances: {listed(instances)}; sections: {sections}"
-        return [Problem(place, f"no {name!r} to set", allowed, nearest(name, known))]
-    _put(data, path, value)
+        return [unknown_path(data, name, place)]
+    put_value(data, path, value)
     places.known[path] = Place(place)
     return []
+
+
+def unknown_path(data: dict[str, Any], name: str, place: str) -> Problem:
+    """The problem of a path that `override_path` does not know."""
+    instances, measures = _section(data, "instances"), _section(data, "measures")
+    known = [f"run.{key}" for key in RunModel.model_fields]
+    known += [f"{one}.{key}" for one, its in instances.items() for key in _section(its, "start")]
+    connections = data.get("connections")
+    for n, one in enumerate(connections if isinstance(connections, list) else ()):
+        through = one.get("through") if isinstance(one, dict) else None
+        for m, its in enumerate(through if isinstance(through, list) else ()):
+            known += [f"connections[{n}].through[{m}].{key}" for key in its or ()]
+    known += [f"measures.{one}.{key}" for one, its in measures.items() for key in its or ()]
+    sections = "run, external, connections[...].through, bonds, measures, title"
+    allowed = f"instances: {listed(instances)}; sections: {sections}"
+    return Problem(place, f"no {name!r} to set", allowed, nearest(name, known))
 
 
 _HANDLING = ("interface", "tolerance", "event_mode", "any_step", "isolate", "time_limit", "step_size")
 
 
-def _override_path(data: dict[str, Any], name: str) -> Path | None:
+def override_path(data: dict[str, Any], name: str) -> Path | None:
     """Where an override goes: robot.tau_m is short for instances.robot.start.tau_m."""
     if name.startswith("connections["):
         return _connection_path(data, name)
@@ -314,7 +327,8 @@ def _section(data: Any, key: str) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _put(data: dict[str, Any], path: Path, value: Any) -> None:
+def put_value(data: dict[str, Any], path: Path, value: Any) -> None:
+    """Set a value of a config's plain values, at a path that `override_path` gave."""
     if path[0] == "connections":
         # An effect is put on a connection that is written as an arrow, too.
         one = data["connections"][path[1]]

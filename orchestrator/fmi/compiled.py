@@ -79,6 +79,10 @@ class CompiledFmu:
 
     def checksum(self) -> str:
         """SHA-256 of the file."""
+        return self._checksum
+
+    @cached_property
+    def _checksum(self) -> str:
         return "sha256:" + hashlib.sha256(self.path.read_bytes()).hexdigest()
 
 

@@ -24,7 +24,8 @@ __all__ = ["Child", "attempt"]
 
 _LINES_OF_OUTPUT = 10
 _START = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from orchestrator.workers.serve import main; main()"
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from orchestrator.workers.serve import main; main()"
 )
 # Whatever the numerical libraries beneath numpy are, one of these holds their threads.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

@@ -1,0 +1,7 @@
+"""Campaigns: studies of many runs, on many cores or machines, kept in a store that can be queried."""
+
+from .reading import Store
+from .study import Study
+from .sweep import Swept, sweep
+
+__all__ = ["Store", "Study", "Swept", "sweep"]

@@ -1,0 +1,171 @@
+"""What a design varies: a path of the config, read as a config reads it, units and all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .. import bundled
+from ..checks import start_value
+from ..config import Config, Scalar, dump, override_path, path_text, unknown_path
+from ..errors import Problem, listed
+from ..fmi import Kind, Variable
+from ..system import System
+from ..units import ONE, Quantity, UnitError, parse_quantity, parse_unit
+
+__all__ = ["Axis", "Level", "axis_of"]
+
+_SECOND = parse_unit("s")
+_TIMES = ("step_size", "stop_time", "start_time", "time_limit")
+_FIXED = {
+    ("title",): "no result depends on it",
+    ("run", "loop"): "no result depends on it",
+    ("bonds",): "it is no single value",
+    ("run", "record"): "it is no single value",
+}
+
+
+@dataclass(frozen=True)
+class Level:
+    """A value of an axis.
+
+    Attributes:
+        shown: in tables: a number in the axis's unit, or text.
+        canonical: what the run's identity is made from: equal for "2 ms" and "0.002 s".
+        text: as an override has it; of an FMU's file "files:" and its place below the folder of files.
+        file: of an FMU, which has to travel.
+    """
+
+    shown: float | int | str | bool
+    canonical: Any
+    text: str
+    file: Path | None = None
+
+
+class Axis:
+    """A path that a design varies.
+
+    Attributes:
+        path: as the study has it.
+        target: where it is in the config.
+        unit: of the numbers in tables; empty where they have none.
+        start: whether it is a start value: an instance and a variable.
+    """
+
+    def __init__(self, path: str, target: tuple[str | int, ...], system: System, config: Config) -> None:
+        self.path, self.target = path, target
+        self.unit = ""
+        self._config = config
+        self._variable: Variable | None = None
+        self._read: Callable[[Scalar, str], Level | Problem] = self._read_plain
+        self.start = target[0] == "instances" and target[2] == "start"
+        if self.start:
+            instance = next(one for one in system.instances if one.name == target[1])
+            self._description = instance.fmu.description
+            self._variable = self._description.variables.get(str(target[3]))
+            self._read = self._read_start
+            if self._variable is not None and self._variable.kind is Kind.REAL:
+                self.unit = self._variable.unit_name
+        elif target[0] == "instances" and target[2] in ("fmu", "form"):
+            self._read = self._read_file
+        elif target[-1] in _TIMES and target[0] in ("run", "instances"):
+            self.unit = "s"
+            self._read = self._read_time
+
+    def read(self, value: Scalar, place: str) -> Level | Problem:
+        """A value as it is written, checked as far as it can be for itself."""
+        if isinstance(value, float) and not math.isfinite(value):
+            return Problem(place, f"{self.path}: {value!r} is not finite")
+        return self._read(value, place)
+
+    @property
+    def whole(self) -> bool:
+        """Whether it takes whole numbers only."""
+        return self._variable is not None and self._variable.kind is Kind.INTEGER
+
+    def at(self, number: float) -> Level:
+        """The value of a number in the axis's unit."""
+        if self.start:
+            value = round(number) if self.whole else float(number)
+            return Level(value, value, "")
+        made = self._read(f"{float(number)!r} {self.unit}" if self.unit else number, "")
+        assert isinstance(made, Level)
+        return made
+
+    def _read_start(self, value: Scalar, place: str) -> Level | Problem:
+        made = start_value(str(self.target[1]), self._description, str(self.target[3]), value, place)
+        if isinstance(made, Problem):
+            return made
+        if isinstance(made, float) and not math.isfinite(made):
+            return Problem(place, f"{self.path}: {value!r} is not finite")
+        assert self._variable is not None
+        shown = made
+        if self._variable.kind is Kind.ENUMERATION:
+            shown = next((name for name, item in self._variable.items.items() if item == made), made)
+        return Level(shown, made, "")
+
+    def _read_time(self, value: Scalar, place: str) -> Level | Problem:
+        try:
+            quantity = parse_quantity(str(value))
+            if quantity.unit == ONE:
+                return Problem(place, f"{self.path}: {value!r} has no unit", "a time is needed, as in '1 ms'")
+            exact = quantity.exactly(_SECOND)
+        except UnitError as error:
+            return Problem(
+                place, f"{self.path}: cannot take {value!r}, {error}", "a time is needed, as in '1 ms'"
+            )
+        return Level(float(exact), str(exact), str(value))
+
+    def _read_plain(self, value: Scalar, place: str) -> Level | Problem:
+        text = _yaml(value)
+        if not isinstance(value, str):
+            return Level(value, value, text)
+        try:
+            quantity = parse_quantity(value)
+        except UnitError:
+            return Level(value, value, text)
+        if not self.unit and quantity.unit != ONE:
+            self.unit = quantity.unit.name  # of the first value that has one
+        try:
+            shown = quantity.to(parse_unit(self.unit)) if self.unit else float(quantity.value)
+        except UnitError as error:
+            return Problem(place, f"{self.path}: cannot take {value!r}, {error}", f"values in {self.unit}")
+        return Level(shown, _exact(quantity), text)
+
+    def _read_file(self, value: Scalar, place: str) -> Level | Problem:
+        name, what = str(self.target[1]), self.target[2]
+        if what == "form":
+            fmu = self._config.model.instances[name].fmu
+            forms = {} if (self._config.folder / fmu).is_file() else bundled.fmu_forms(fmu)
+            if value not in forms:
+                return Problem(place, f"{self.path}: no form {value!r}", f"forms of {fmu}: {listed(forms)}")
+            return Level(str(value), "", "", forms[str(value)])
+        found = self._config.folder / str(value)
+        path = found if found.is_file() else bundled.find_fmu(str(value))
+        if path is None:
+            names = listed(bundled.fmu_names())
+            return Problem(place, f"{self.path}: no FMU {value!r}", f"no file {found}; bundled FMUs: {names}")
+        return Level(str(value), "", "", path)
+
+
+def _yaml(value: Scalar) -> str:
+    return dump({"x": value}).partition(":")[2].strip()
+
+
+def _exact(quantity: Quantity) -> str:
+    value = quantity.value * quantity.unit.factor + quantity.unit.offset
+    return f"{value} {quantity.unit.base()}"
+
+
+def axis_of(path: str, system: System, config: Config, place: str) -> Axis | Problem:
+    """The axis of a path, or what is wrong with it."""
+    data = config.model.to_data()
+    target = override_path(data, path)
+    if target is None:
+        return unknown_path(data, path, place)
+    if reason := _FIXED.get(target):
+        return Problem(place, f"{path_text(target)} cannot be varied: {reason}")
+    return Axis(path, target, system, config)

@@ -1,0 +1,290 @@
+"""Designs: blocks of points that are known by their number, so that none is kept before it is run."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from itertools import accumulate
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import Problem
+from .axes import Axis, Level
+from .models import BlockModel, DrawnModel, RangeModel, RepeatsModel, SampleModel
+
+__all__ = ["Block", "Blocks", "Sum", "paths_of", "seeds"]
+
+Point = dict[str, Level]
+# Seeds that any tool takes: positive and of 31 bits.
+_SEEDS = 2**31 - 1
+
+
+class Block(Protocol):
+    """Points by their number."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> Point:
+        """The values of a point, by path."""
+
+
+class _Listed:
+    def __init__(self, points: Sequence[Point]) -> None:
+        self._points = points
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def __getitem__(self, index: int) -> Point:
+        return dict(self._points[index])
+
+
+class _Product:
+    """Every point of each block with every one of the others; the last block varies fastest."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self._blocks = blocks
+
+    def __len__(self) -> int:
+        return math.prod(len(one) for one in self._blocks)
+
+    def __getitem__(self, index: int) -> Point:
+        point: Point = {}
+        for block in reversed(self._blocks):
+            index, inner = divmod(index, len(block))
+            point = block[inner] | point
+        return point
+
+
+class Sum:
+    """The points of one block after those of another."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        self._blocks = blocks
+        self._ends = list(accumulate(len(one) for one in blocks))
+
+    def __len__(self) -> int:
+        return self._ends[-1] if self._ends else 0
+
+    def __getitem__(self, index: int) -> Point:
+        number = bisect_right(self._ends, index)
+        return self._blocks[number][index - (self._ends[number - 1] if number else 0)]
+
+
+class _Drawn:
+    """Points drawn in the unit cube, shape (count, axes), and what each of their numbers stands for."""
+
+    def __init__(self, cube: np.ndarray, values: Mapping[str, _Distribution]) -> None:
+        self._cube, self._values = cube, values
+
+    def __len__(self) -> int:
+        return len(self._cube)
+
+    def __getitem__(self, index: int) -> Point:
+        row = self._cube[index].tolist()
+        return {path: one.at(u) for (path, one), u in zip(self._values.items(), row, strict=True)}
+
+
+class _Distribution:
+    """Turns a number from 0 to 1 into a value."""
+
+    def __init__(self, axis: Axis, model: DrawnModel, place: str, problems: list[Problem]) -> None:
+        self._axis, self._model = axis, model
+        self.ends: list[Level] = []
+        self._numbers: list[float] = []
+        found = len(problems)
+        if model.choice is not None:
+            self.ends = _levels(axis, model.choice, place, problems)
+            return
+        written = model.uniform or model.log_uniform
+        if model.normal is not None:
+            normal = model.normal
+            written = [
+                normal.mean,
+                normal.std,
+                *(one for one in (normal.low, normal.high) if one is not None),
+            ]
+        levels = _levels(axis, written or [], place, problems)
+        if len(problems) > found:
+            return
+        for level in levels:
+            if isinstance(level.shown, bool) or not isinstance(level.shown, int | float):
+                problems.append(Problem(place, f"{axis.path} cannot be drawn: {level.shown!r} is no number"))
+                return
+            self._numbers.append(float(level.shown))
+        if model.normal is None:
+            self.ends = levels
+            low, high = self._numbers
+            if not low < high:
+                problems.append(Problem(place, f"{axis.path}: {written[0]!r} is not below {written[1]!r}"))
+            elif model.log_uniform is not None and low <= 0.0:
+                problems.append(Problem(place, f"{axis.path}: {written[0]!r} has no logarithm"))
+            return
+        deviation = self._numbers[1]
+        self._low = -math.inf if model.normal.low is None else self._numbers[2]
+        self._high = math.inf if model.normal.high is None else self._numbers[-1]
+        if deviation <= 0.0:
+            problems.append(Problem(place, f"{axis.path}: std {model.normal.std!r} is not positive"))
+        elif not self._low < self._high:
+            problems.append(Problem(place, f"{axis.path}: low is not below high"))
+        self.ends = [one for one, given in zip(levels, (True, False, True, True), strict=False) if given]
+
+    def at(self, u: float) -> Level:
+        model = self._model
+        if model.choice is not None:
+            return self.ends[min(int(u * len(self.ends)), len(self.ends) - 1)]
+        if model.normal is not None:
+            from scipy.special import ndtr, ndtri
+
+            mean, deviation = self._numbers[:2]
+            low, high = (float(ndtr((end - mean) / deviation)) for end in (self._low, self._high))
+            u = min(max(low + u * (high - low), 2.0**-53), 1.0 - 2.0**-53)
+            return self._axis.at(min(max(mean + deviation * float(ndtri(u)), self._low), self._high))
+        low, high = self._numbers
+        if model.log_uniform is not None:
+            return self._axis.at(min(max(low * (high / low) ** u, low), high))
+        return self._axis.at(min(max(low + u * (high - low), low), high))
+
+
+def _levels(axis: Axis, values: Sequence[object], place: str, problems: list[Problem]) -> list[Level]:
+    levels = []
+    for value in values:
+        made = axis.read(value, place)  # type: ignore[arg-type]
+        if isinstance(made, Problem):
+            problems.append(made)
+        else:
+            levels.append(made)
+    return levels
+
+
+def paths_of(model: BlockModel) -> dict[str, None]:
+    """Paths that a block varies, each once, as they come."""
+    found: dict[str, None] = {}
+    for sample in (model.random, model.latin_hypercube, model.sobol):
+        found |= dict.fromkeys(sample.over if sample else ())
+    found |= dict.fromkeys(model.grid or ())
+    for point in model.list_ or ():
+        found |= dict.fromkeys(point)
+    for inner in (*(model.multiply or ()), *(model.add or ())):
+        found |= paths_of(inner)
+    return found
+
+
+class Blocks:
+    """Makes blocks from their models, and collects what is wrong with them.
+
+    Attributes:
+        levels: values of each axis that are to be tried before the first run: all of those that are written.
+    """
+
+    def __init__(self, axes: Mapping[str, Axis], problems: list[Problem]) -> None:
+        self._axes, self._problems = axes, problems
+        self.levels: dict[str, dict[Level, str]] = {path: {} for path in axes}
+
+    def make(self, model: BlockModel, place: str) -> Block:
+        """A block; empty where it has problems."""
+        if model.grid is not None:
+            return self._grid(model.grid, f"{place}.grid")
+        if model.list_ is not None:
+            points = [self._point(one, f"{place}.list[{n}]") for n, one in enumerate(model.list_)]
+            return _Listed(points)
+        if model.multiply is not None:
+            return self._multiply(model.multiply, f"{place}.multiply")
+        if model.add is not None:
+            return Sum([self.make(one, f"{place}.add[{n}]") for n, one in enumerate(model.add)])
+        for kind in ("random", "latin-hypercube", "sobol"):
+            sample = getattr(model, kind.replace("-", "_"))
+            if sample is not None:
+                return self._sample(kind, sample, f"{place}.{kind}")
+        raise AssertionError("a block has a kind")
+
+    def _note(self, axis: Axis, levels: Sequence[Level], place: str) -> None:
+        for level in levels:
+            self.levels[axis.path].setdefault(level, place)
+
+    def _point(self, values: Mapping[str, object], place: str) -> Point:
+        point: Point = {}
+        for path, value in values.items():
+            axis = self._axes.get(path)
+            for level in _levels(axis, [value], f"{place}.{path}", self._problems) if axis else ():
+                point[path] = level
+                self._note(axis, [level], f"{place}.{path}")
+        return point
+
+    def _grid(self, values: Mapping[str, list[object] | RangeModel], place: str) -> Block:
+        blocks = []
+        for path, given in values.items():
+            axis = self._axes.get(path)
+            if axis is None:
+                continue
+            where = f"{place}.{path}"
+            levels = self._range(axis, given, where) if isinstance(given, RangeModel) else []
+            if not isinstance(given, RangeModel):
+                levels = _levels(axis, given, where, self._problems)
+            self._note(axis, levels, where)
+            blocks.append(_Listed([{path: level} for level in levels]))
+        return _Product(blocks)
+
+    def _range(self, axis: Axis, given: RangeModel, place: str) -> list[Level]:
+        found = len(self._problems)
+        ends = _levels(axis, [given.low, given.high], place, self._problems)
+        if len(self._problems) > found:
+            return []
+        numbers = [one.shown for one in ends if isinstance(one.shown, int | float)]
+        if len(numbers) < 2:
+            self._problems.append(Problem(place, f"{axis.path} has no range: its values are no numbers"))
+            return []
+        low, high = map(float, numbers)
+        if given.spacing == "log" and (low <= 0.0 or high <= 0.0):
+            self._problems.append(Problem(place, f"{axis.path}: a range with log spacing must be positive"))
+            return []
+        spread = np.geomspace if given.spacing == "log" else np.linspace
+        made = spread(low, high, given.count).tolist()
+        if axis.whole and any(one != round(one) for one in made):
+            self._problems.append(Problem(place, f"{axis.path} takes whole numbers; the range holds others"))
+            return []
+        return [ends[0], *(axis.at(one) for one in made[1:-1]), ends[1]]
+
+    def _multiply(self, models: Sequence[BlockModel], place: str) -> Block:
+        taken: dict[str, int] = {}
+        for number, model in enumerate(models):
+            for path in paths_of(model):
+                if path in taken:
+                    what = f"{path} stands in blocks {taken[path]} and {number}, which are multiplied"
+                    self._problems.append(Problem(place, what, remedy="Let one of them vary it."))
+                taken.setdefault(path, number)
+        return _Product([self.make(one, f"{place}[{n}]") for n, one in enumerate(models)])
+
+    def _sample(self, kind: str, model: SampleModel, place: str) -> Block:
+        values: dict[str, _Distribution] = {}
+        for path, drawn in model.over.items():
+            axis = self._axes.get(path)
+            if axis is not None:
+                where = f"{place}.over.{path}"
+                values[path] = _Distribution(axis, drawn, where, self._problems)
+                self._note(axis, values[path].ends, where)
+        return _Drawn(_cube(kind, model.count, len(values), model.seed), values)
+
+
+def _cube(kind: str, count: int, axes: int, seed: int) -> np.ndarray:
+    if kind == "random" or not axes:
+        return np.random.default_rng(seed).random((count, axes))
+    from scipy.stats import qmc
+
+    with warnings.catch_warnings():
+        # A count that is no power of two costs balance, which is the author's to weigh.
+        warnings.simplefilter("ignore", UserWarning)
+        engine = qmc.Sobol if kind == "sobol" else qmc.LatinHypercube
+        return engine(axes, rng=np.random.default_rng(seed)).random(count)
+
+
+def seeds(model: RepeatsModel) -> list[dict[str, int]]:
+    """Seeds of each repeat, by path."""
+    made = []
+    for repeat in range(model.count):
+        drawn = np.random.SeedSequence([model.seed, repeat]).generate_state(len(model.into), np.uint32)
+        made.append({path: int(one) % _SEEDS for path, one in zip(model.into, drawn, strict=True)})
+    return made

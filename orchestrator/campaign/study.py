@@ -1,0 +1,389 @@
+"""A study: a system, the points at which it is run, and what is kept of each run; checked before it runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from .. import bundled
+from ..config import Config, Places, dump, load_config, move_effects, parse, put_value, validation_problems
+from ..errors import ConfigError, Problem, listed, nearest
+from ..run import Prepared, prepare
+from ..workers.files import place_of
+from .axes import Axis, Level, axis_of
+from .derived import parse_derived
+from .design import Block, Blocks, paths_of, seeds
+from .execute import FILES, Order, Task
+from .models import RecordModel, StudyModel
+from .product import product
+from .tables import RESERVED
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from .sweep import Swept
+
+__all__ = ["Study"]
+
+_POINTS_AT_ONCE = 10_000
+# Values that are tried by checking the whole system with each; beyond that the ends are.
+_MOST_TRIED = 100
+
+
+class Study:
+    """What is constructed can be run; see `Study.load` for files.
+
+    Attributes:
+        model: the values.
+        prepared: the system without the design's values.
+        axes: what the design varies, by path.
+        name: the file's stem, for progress and lists.
+    """
+
+    def __init__(self, source: Mapping[str, Any] | None = None, /, **values: Any) -> None:
+        """
+        Args:
+            source, values: what a study file holds, by key; `format` may be left out, and keys that are words
+                of Python end in an underscore (`set_`).
+        Raises: ConfigError with all problems.
+        """
+        data = {key.rstrip("_"): value for key, value in {**(source or {}), **values}.items()}
+        self._make({"format": "sweep/1", **data}, Places("study"), Path.cwd(), "study")
+
+    @staticmethod
+    def load(path: Path | str) -> Study:
+        """Read a study file. Raises: ConfigError with all problems."""
+        path = Path(path)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError([Problem(str(path), f"cannot be read ({error})")]) from error
+        data, places = parse(text, path.name)
+        if not isinstance(data, dict):
+            raise ConfigError([Problem(path.name, "not a study", "a mapping with format, system and design")])
+        study = Study.__new__(Study)
+        study._make(data, places, path.parent, path.stem)
+        return study
+
+    def _make(self, data: Mapping[str, Any], places: Places, folder: Path, name: str) -> None:
+        self.name, self._places = name, places
+        problems: list[Problem] = []
+        model = None
+        try:
+            model = StudyModel.model_validate(data)
+        except ValidationError as error:
+            problems += validation_problems(error, places, (), StudyModel)
+        prepared = self._system(data, folder, problems)
+        if model is None or prepared is None:
+            raise ConfigError(problems)
+        self.model, self.prepared = model, prepared
+        self._derive(problems)
+        self.axes = self._axes(problems)
+        blocks = Blocks(self.axes, problems)
+        self._block: Block = blocks.make(model.design, self._place(("design",)))
+        repeats = self._repeats(problems)
+        self._repeat: Sequence[dict[str, Level]] = repeats
+        if not problems and not len(self._block):
+            problems.append(Problem(self._place(("design",)), "the design has no points"))
+        if not problems:
+            problems += self._tried(blocks)
+        if problems:
+            raise ConfigError(dict.fromkeys(problems))
+
+    def _place(self, path: tuple[str | int, ...]) -> str:
+        return self._places.text(path)
+
+    def _system(self, data: Mapping[str, Any], folder: Path, problems: list[Problem]) -> Prepared | None:
+        system, changes = data.get("system"), data.get("set")
+        if not isinstance(system, str | Mapping | Path):
+            return None
+        if isinstance(system, str) and (folder / system).is_file():
+            system = folder / system
+        changes = changes if isinstance(changes, Mapping) else {}
+        texts = [f"{path}={dump({'x': value}).partition(':')[2].strip()}" for path, value in changes.items()]
+        try:
+            return prepare(system, texts)
+        except ConfigError as error:
+            problems += error.problems
+            return None
+
+    def _derive(self, problems: list[Problem]) -> None:
+        for name in self.model.derived:
+            if name in RESERVED:
+                what = f"{name!r} cannot name a quantity"
+                problems.append(Problem(self._place(("derived", name)), what, "the store has a column of it"))
+        recorded = [str(port) for port in self.prepared.system.recorded]
+        try:
+            parse_derived(self.model.derived, recorded, lambda name: self._place(("derived", name)))
+        except ConfigError as error:
+            problems += error.problems
+        record = self.model.record
+        for signal in (record.signals or []) if isinstance(record, RecordModel) else []:
+            if signal not in recorded:
+                allowed = f"recorded are: {listed(recorded)}"
+                place = self._place(("record", "signals"))
+                problems.append(Problem(place, f"no signal {signal!r}", allowed, nearest(signal, recorded)))
+
+    def _axes(self, problems: list[Problem]) -> dict[str, Axis]:
+        axes: dict[str, Axis] = {}
+        targets: dict[tuple[str | int, ...], str] = {}
+        into = self.model.repeats.into if self.model.repeats else []
+        for path in (*paths_of(self.model.design), *into):
+            where = ("repeats", "into") if path in into else ("design",)
+            made = axis_of(path, self.prepared.system, self.prepared.config, self._place(where))
+            if isinstance(made, Problem):
+                problems.append(made)
+                continue
+            target = made.target[:2] if made.target[2:] in (("fmu",), ("form",)) else made.target
+            if target in targets:
+                what = f"{path} and {targets[target]} set the same value"
+                problems.append(Problem(self._place(where), what, remedy="Let one of them vary it."))
+            targets[target] = path
+            axes[path] = made
+        return axes
+
+    def _repeats(self, problems: list[Problem]) -> list[dict[str, Level]]:
+        if self.model.repeats is None:
+            return [{}]
+        made: list[dict[str, Level]] = []
+        place = self._place(("repeats", "into"))
+        for repeat in seeds(self.model.repeats):
+            levels = {}
+            for path, seed in repeat.items():
+                level = self.axes[path].read(seed, place) if path in self.axes else None
+                if isinstance(level, Level):
+                    levels[path] = level
+                elif level is not None and not made:
+                    problems.append(level)
+            made.append(levels)
+        return made
+
+    def _tried(self, blocks: Blocks) -> list[Problem]:
+        """Problems of the design's values, each in the system as it is, and of its first and last point."""
+        found: list[Problem] = []
+        for path, levels in blocks.levels.items():
+            axis = self.axes[path]
+            tried = list(levels)
+            if axis.start:
+                tried = tried[:1]  # each was checked when it was read; this asks whether it may be set at all
+            elif len(tried) > _MOST_TRIED:
+                tried = [*tried[: _MOST_TRIED - 1], tried[-1]]
+            for level in tried:
+                found += self._problems_at({path: level}, levels[level])
+        if not found:
+            for index in sorted({0, len(self._block) - 1}):
+                point = self._block[index] | self._repeat[0]
+                found += self._problems_at(point, f"{self._place(('design',))}: point {index}")
+        return found
+
+    def _problems_at(self, point: Mapping[str, Level], place: str) -> list[Problem]:
+        texts = []
+        for path, level in point.items():
+            axis, text = self.axes[path], level.text
+            if level.file is not None:
+                path, text = f"{axis.target[1]}.fmu", str(level.file.resolve())
+            elif axis.start:
+                text = dump({"x": self._written(axis, level)}).partition(":")[2].strip()
+            texts.append(f"{path}={text}")
+        config = self.prepared.config
+        if any(level.file is not None for level in point.values()):
+            config = _without_form(config, [self.axes[path].target[1] for path in point])
+        try:
+            prepare(config, texts)
+        except ConfigError as error:
+            return [replace(one, place=f"{place}: {one.place}") for one in error.problems]
+        return []
+
+    def _written(self, axis: Axis, level: Level) -> Any:
+        return f"{level.shown!r} {axis.unit}" if axis.unit not in ("", "1") else level.shown
+
+    def __len__(self) -> int:
+        """How many points there are, repeats included."""
+        return len(self._block) * len(self._repeat)
+
+    # The runs.
+
+    @cached_property
+    def files(self) -> dict[str, bytes]:
+        """Everything that has to travel: FMUs and files of effects, by place."""
+        return {**self._config_and_files[1], **{place: data for place, data in self._file_levels.values()}}
+
+    @cached_property
+    def _file_levels(self) -> dict[Path, tuple[str, bytes]]:
+        found = {}
+        for axis in self.axes.values():
+            if axis.target[2:] in (("fmu",), ("form",)):
+                for path in self._paths_of(axis):
+                    data = path.read_bytes()
+                    found[path] = place_of(data, path.name), data
+        return found
+
+    def _paths_of(self, axis: Axis) -> list[Path]:
+        blocks = Blocks(self.axes, [])
+        blocks.make(self.model.design, "")
+        return [level.file for level in blocks.levels[axis.path] if level.file is not None]
+
+    @cached_property
+    def _config_and_files(self) -> tuple[dict[str, Any], dict[str, bytes]]:
+        config = self.prepared.config
+        data, files = config.model.to_data(), {}
+        paths = {one.name: one.fmu.path for one in self.prepared.system.instances}
+        for name, instance in data["instances"].items():
+            path = paths[name]
+            content = path.read_bytes()
+            place = place_of(content, path.name)
+            files[place] = content
+            instance["fmu"] = FILES + place
+            instance.pop("form", None)
+
+        def moved(file: str) -> str:
+            path = config.folder / file
+            content = path.read_bytes()
+            place = place_of(content, path.name)
+            files[place] = content
+            return FILES + place
+
+        move_effects(data, moved)
+        return data, files
+
+    def order(self, runs: int) -> Order:
+        """What all runs have in common.
+
+        Args:
+            runs: how many are to be made.
+        """
+        steps = runs * self.prepared.grid.steps * (3 if self.model.step_halving else 1)
+        return Order(
+            self._config_and_files[0],
+            self.model.derived,
+            self.model.record,
+            self.model.step_halving,
+            # The interpreter needs some 50 us a step, to load machine code takes a second.
+            warm=steps > 50_000,
+        )
+
+    @cached_property
+    def _identity(self) -> str:
+        """What a run's identity is made from, but for the design's values, as JSON."""
+        run = self.prepared.config.model.run
+        start, stop, step = run.times()
+        data = json.loads(json.dumps(self._config_and_files[0]))
+        data.pop("title", None)
+        data["run"] |= {"start_time": str(start), "stop_time": str(stop), "step_size": str(step)}
+        data["run"].pop("loop", None)  # results are the same to the bit
+        data["order"] = list(data["instances"])
+        for one in self.prepared.system.instances:
+            data["instances"][one.name]["start"] = dict(one.start)
+        record = self.model.record
+        data["kept"] = {
+            "halving": self.model.step_halving,
+            "derived": self.model.derived,
+            "record": record.to_data() if isinstance(record, RecordModel) else record,
+        }
+        data["product"] = product()
+        return json.dumps(data)
+
+    def task(self, index: int) -> tuple[Task, dict[str, Level]]:
+        """A run, and the values that the design has for it."""
+        number, repeat = divmod(index, len(self._repeat))
+        point = self._block[number] | self._repeat[repeat]
+        data = json.loads(self._identity)
+        starts, others = [], []
+        for path, level in point.items():
+            axis = self.axes[path]
+            if level.file is not None:
+                place = self._file_levels[level.file][0]
+                data["instances"][axis.target[1]]["fmu"] = FILES + place
+                others.append((f"{axis.target[1]}.fmu", FILES + place))
+                continue
+            put_value(data, axis.target, level.canonical)
+            if axis.start:
+                starts.append((str(axis.target[1]), str(axis.target[3]), level.canonical))
+            else:
+                others.append((path, level.text))
+        key = hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+        return Task(key, tuple(starts), tuple(others)), point
+
+    def tasks(self) -> Iterator[Task]:
+        """All runs, in the order of the design."""
+        for index in range(len(self)):
+            yield self.task(index)[0]
+
+    def points(self, study: str) -> Iterator[pa.Table]:
+        """The design as tables: study, point, repeat, values by path, and the identity of the run."""
+        import pyarrow as pa
+
+        numbers = iter(range(len(self)))
+        while chosen := list(islice(numbers, _POINTS_AT_ONCE)):
+            made = [self.task(index) for index in chosen]
+            columns: dict[str, Any] = {
+                "study": pa.array([study] * len(made)),
+                "point": pa.array([index // len(self._repeat) for index in chosen], pa.int64()),
+                "repeat": pa.array([index % len(self._repeat) for index in chosen], pa.int32()),
+                "run": pa.array([task.key for task, _ in made]),
+            }
+            for path in self.axes:
+                shown = [point[path].shown if path in point else None for _, point in made]
+                columns[path] = _column(shown)
+            yield pa.table(columns)
+
+    @cached_property
+    def id(self) -> str:
+        """Of the study: its content, the system and the product included."""
+        data = self.model.model_dump_json(by_alias=True) + self._identity
+        files = sorted(place for place, _ in self._file_levels.values())
+        return hashlib.sha256((data + "".join(files)).encode()).hexdigest()[:12]
+
+    def about(self) -> dict[str, Any]:
+        """What is kept of the study besides its points."""
+        return {
+            "title": self.model.title or self.name,
+            "system": self.prepared.config.name,
+            "points": len(self),
+            "axes": {path: axis.unit for path, axis in self.axes.items()},
+            "derived": self.model.derived,
+            "step_halving": self.model.step_halving,
+            "study": self.model.to_data() | {"system": str(self.model.system)},
+            "config": self._config_and_files[0],
+            "product": product(),
+        }
+
+    def run(self, store: Path | str, **options: Any) -> Swept:
+        """Make the runs that the store does not hold yet; see `sweep`."""
+        from .sweep import sweep
+
+        return sweep(self, store, **options)
+
+
+def _column(values: list[Any]) -> pa.Array:
+    import pyarrow as pa
+
+    there = [one for one in values if one is not None]
+    if there and all(type(one) is bool for one in there):
+        return pa.array(values, pa.bool_())
+    if all(type(one) in (int, float) for one in there):
+        return pa.array([None if one is None else float(one) for one in values], pa.float64())
+    return pa.array([None if one is None else str(one) for one in values])
+
+
+def _without_form(config: Config, instances: Sequence[object]) -> Config:
+    data = config.model.to_data()
+    for name, instance in data["instances"].items():
+        if name in instances:
+            instance.pop("form", None)
+        fmu = config.folder / instance["fmu"]
+        if fmu.is_file():
+            instance["fmu"] = str(fmu.resolve())
+        elif "form" in instance:
+            continue
+        elif (found := bundled.find_fmu(instance["fmu"])) is not None:
+            instance["fmu"] = str(found)
+    return load_config(data)
