@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["add_store_arguments", "add_sweep_arguments", "store_main", "sweep_main"]
 
 _SWEEP = """Run a system at many points: a study file names the system, the design over any of its
-config's values, and the quantities of each run. Runs that the store holds already are not made again: the same
-command goes on where it stopped. A run that fails is kept with its reason, and the others go on."""
+config's values, and the quantities of each run. Runs that the store holds already are not made again: the
+same command goes on where it stopped. A run that fails is kept with its reason, and the others go on."""
 _ROWS = 40
 
 
@@ -116,13 +116,13 @@ def add_store_arguments(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(dest="part", required=True, metavar="list|show|query|export")
     listing = commands.add_parser("list", help="studies in a store, and what their runs came to")
     show = commands.add_parser("show", help="one study: its points and quantities; or one run")
-    show.add_argument(
-        "of", nargs="?", metavar="STUDY|RUN", help="beginning of an id; the latest study by default"
-    )
     query = commands.add_parser("query", help="an SQL query (DuckDB) over the store's views")
     export = commands.add_parser("export", help="write views as files")
     for one in (listing, show, query, export):
         one.add_argument("store", type=Path, metavar="DIR", help="what `sweep --store` was given")
+    show.add_argument(
+        "of", nargs="?", metavar="STUDY|RUN", help="beginning of an id; the latest study by default"
+    )
     query.add_argument(
         "sql", metavar="SQL", help='for example "select kind, count(*) from failures group by kind"'
     )
@@ -149,7 +149,8 @@ def store_main(args: argparse.Namespace) -> int:
 
 def _list(store: Store, args: argparse.Namespace) -> int:
     table = store.query(
-        "select study, any_value(s.title) as title, any_value(s.system) as system, any_value(s.points) as points, "
+        "select study, any_value(s.title) as title, any_value(s.system) as system, "
+        "any_value(s.points) as points, "
         "count(*) filter (w.status = 'done') as done, count(*) filter (w.status = 'failed') as failed "
         "from studies s left join sweep w using (study) group by study order by study"
     )
@@ -167,9 +168,8 @@ def _show(store: Store, args: argparse.Namespace) -> int:
         study = store.study(args.of)
         if not args.json:
             about = store.studies[study]
-            print(
-                f"{study}: {about['title']}, {about['points']} points of {about['system']}, {about['product']}"
-            )
+            print(f"{study}: {about['title']}, {about['points']} points of {about['system']}")
+            print(f"made by {about['product']}")
             units = ", ".join(f"{path} [{unit}]" for path, unit in about["axes"].items() if unit)
             print(f"units: {units or 'none'}" + ("" if about["step_halving"] else "; step_halving is off"))
         table = store.table(study)

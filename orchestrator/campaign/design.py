@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import accumulate
 from typing import Protocol
 
 import numpy as np
 
+from ..config import path_text
 from ..errors import Problem
 from .axes import Axis, Level
 from .models import BlockModel, DrawnModel, RangeModel, RepeatsModel, SampleModel
@@ -18,6 +19,7 @@ from .models import BlockModel, DrawnModel, RangeModel, RepeatsModel, SampleMode
 __all__ = ["Block", "Blocks", "Sum", "paths_of", "seeds"]
 
 Point = dict[str, Level]
+Path = tuple[str | int, ...]
 # Seeds that any tool takes: positive and of 31 bits.
 _SEEDS = 2**31 - 1
 
@@ -180,47 +182,54 @@ class Blocks:
         levels: values of each axis that are to be tried before the first run: all of those that are written.
     """
 
-    def __init__(self, axes: Mapping[str, Axis], problems: list[Problem]) -> None:
-        self._axes, self._problems = axes, problems
+    def __init__(
+        self, axes: Mapping[str, Axis], problems: list[Problem], text: Callable[[Path], str] = path_text
+    ) -> None:
+        """
+        Args:
+            problems: found ones are put here.
+            text: a path of the study as messages have it.
+        """
+        self._axes, self._problems, self._text = axes, problems, text
         self.levels: dict[str, dict[Level, str]] = {path: {} for path in axes}
 
-    def make(self, model: BlockModel, place: str) -> Block:
+    def make(self, model: BlockModel, place: Path) -> Block:
         """A block; empty where it has problems."""
         if model.grid is not None:
-            return self._grid(model.grid, f"{place}.grid")
+            return self._grid(model.grid, (*place, "grid"))
         if model.list_ is not None:
-            points = [self._point(one, f"{place}.list[{n}]") for n, one in enumerate(model.list_)]
+            points = [self._point(one, (*place, "list", n)) for n, one in enumerate(model.list_)]
             return _Listed(points)
         if model.multiply is not None:
-            return self._multiply(model.multiply, f"{place}.multiply")
+            return self._multiply(model.multiply, (*place, "multiply"))
         if model.add is not None:
-            return Sum([self.make(one, f"{place}.add[{n}]") for n, one in enumerate(model.add)])
+            return Sum([self.make(one, (*place, "add", n)) for n, one in enumerate(model.add)])
         for kind in ("random", "latin-hypercube", "sobol"):
             sample = getattr(model, kind.replace("-", "_"))
             if sample is not None:
-                return self._sample(kind, sample, f"{place}.{kind}")
+                return self._sample(kind, sample, (*place, kind))
         raise AssertionError("a block has a kind")
 
     def _note(self, axis: Axis, levels: Sequence[Level], place: str) -> None:
         for level in levels:
             self.levels[axis.path].setdefault(level, place)
 
-    def _point(self, values: Mapping[str, object], place: str) -> Point:
+    def _point(self, values: Mapping[str, object], place: Path) -> Point:
         point: Point = {}
         for path, value in values.items():
-            axis = self._axes.get(path)
-            for level in _levels(axis, [value], f"{place}.{path}", self._problems) if axis else ():
+            axis, where = self._axes.get(path), self._text((*place, path))
+            for level in _levels(axis, [value], where, self._problems) if axis else ():
                 point[path] = level
-                self._note(axis, [level], f"{place}.{path}")
+                self._note(axis, [level], where)
         return point
 
-    def _grid(self, values: Mapping[str, list[object] | RangeModel], place: str) -> Block:
+    def _grid(self, values: Mapping[str, list[object] | RangeModel], place: Path) -> Block:
         blocks = []
         for path, given in values.items():
             axis = self._axes.get(path)
             if axis is None:
                 continue
-            where = f"{place}.{path}"
+            where = self._text((*place, path))
             levels = self._range(axis, given, where) if isinstance(given, RangeModel) else []
             if not isinstance(given, RangeModel):
                 levels = _levels(axis, given, where, self._problems)
@@ -248,22 +257,22 @@ class Blocks:
             return []
         return [ends[0], *(axis.at(one) for one in made[1:-1]), ends[1]]
 
-    def _multiply(self, models: Sequence[BlockModel], place: str) -> Block:
+    def _multiply(self, models: Sequence[BlockModel], place: Path) -> Block:
         taken: dict[str, int] = {}
         for number, model in enumerate(models):
             for path in paths_of(model):
                 if path in taken:
                     what = f"{path} stands in blocks {taken[path]} and {number}, which are multiplied"
-                    self._problems.append(Problem(place, what, remedy="Let one of them vary it."))
+                    self._problems.append(Problem(self._text(place), what, remedy="Let one of them vary it."))
                 taken.setdefault(path, number)
-        return _Product([self.make(one, f"{place}[{n}]") for n, one in enumerate(models)])
+        return _Product([self.make(one, (*place, n)) for n, one in enumerate(models)])
 
-    def _sample(self, kind: str, model: SampleModel, place: str) -> Block:
+    def _sample(self, kind: str, model: SampleModel, place: Path) -> Block:
         values: dict[str, _Distribution] = {}
         for path, drawn in model.over.items():
             axis = self._axes.get(path)
             if axis is not None:
-                where = f"{place}.over.{path}"
+                where = self._text((*place, "over", path))
                 values[path] = _Distribution(axis, drawn, where, self._problems)
                 self._note(axis, values[path].ends, where)
         return _Drawn(_cube(kind, model.count, len(values), model.seed), values)

@@ -7,7 +7,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -22,6 +22,7 @@ from ..native.choice import obstacle
 from ..results import Results
 from ..run import Prepared, RunResult, prepare, run
 from ..system import Instance
+from ..workers import Failure, Retry
 from .derived import Derived
 from .models import RecordModel
 
@@ -52,6 +53,7 @@ class Order:
         derived: expressions by name.
         record: what is kept of trajectories.
         halving: whether each run is made with half the step, too.
+        retry: what to do about runs that fail without their process.
         warm: whether so many steps are to be made that the native loop is worth loading at once.
     """
 
@@ -60,6 +62,7 @@ class Order:
     record: str | RecordModel
     halving: bool
     warm: bool = False
+    retry: Retry = field(default_factory=Retry)
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,7 @@ class Row:
         log: warnings and errors of instances.
         timing: wall_time, stepping_time, of both runs [s]; loop; steps.
         trajectory: an Arrow stream; empty if none is kept.
+        attempts: how many were made in this process.
     """
 
     key: str
@@ -87,6 +91,7 @@ class Row:
     log: Mapping[str, Sequence[str]] | None = None
     timing: Mapping[str, Any] | None = None
     trajectory: bytes = b""
+    attempts: int = 1
 
 
 class _Everything:
@@ -112,7 +117,7 @@ class Context:
     """What a worker keeps from run to run: FMUs unpacked, systems checked, machine code loaded."""
 
     def __init__(self, order: Order, folder: Path) -> None:
-        self._order, self._folder = order, folder
+        self.order, self._folder = order, folder
         self._config = load_config(_placed(order.config, folder))
         self._derived = [Derived(name, text) for name, text in order.derived.items()]
         self._ready: dict[tuple[tuple[str, str], ...], Prepared] = {}
@@ -172,7 +177,7 @@ class Context:
         except (ConfigError, FmuError) as error:
             return Row(task.key, "config", self._told(error))
         try:
-            made = run(prepared, halving=self._order.halving, figures=False)
+            made = run(prepared, halving=self.order.halving, figures=False)
         except OrchestratorError as error:
             partial = getattr(error, "result", None)
             row = Row(task.key, _kind(error), self._told(error))
@@ -213,7 +218,7 @@ class Context:
     def _trajectory(self, results: Results) -> bytes:
         import pyarrow as pa
 
-        record = self._order.record
+        record = self.order.record
         if record == "none" or not len(results):
             return b""
         every, names = 1, list(results.signals)
@@ -240,7 +245,11 @@ def begin(order: Order, folder: Path) -> Context:
 
 def execute(context: Context, task: Task) -> Row:
     """Make a run. Failures of the run are told in the row."""
-    return context.run(task)
+    attempts = 0
+    while True:
+        row, attempts = context.run(task), attempts + 1
+        if not row.kind or not context.order.retry.again(Failure(row.kind, row.message), attempts):
+            return replace(row, attempts=attempts)
 
 
 def flat(value: Any, path: str = "") -> list[tuple[str, float]]:
@@ -257,9 +266,10 @@ def flat(value: Any, path: str = "") -> list[tuple[str, float]]:
 
 
 def _kind(error: OrchestratorError) -> str:
-    if isinstance(error, StepError) and error.status in ("not finite", "not converged", "not integrated"):
+    status = error.status if isinstance(error, StepError) else ""
+    if status in ("not finite", "not converged", "not integrated"):
         return "diverged"
-    return "error"
+    return {"crashed": "crash", "time limit": "time limit"}.get(status, "error")  # of isolated FMUs
 
 
 def _placed(data: Any, folder: Path) -> Any:
@@ -277,5 +287,9 @@ def _text(text: str, folder: Path) -> str:
 
 def as_json(row: Row) -> bytes:
     """A row without its trajectory, for the journal; numbers to the last bit."""
-    data = {name: getattr(row, name) for name in row.__dataclass_fields__ if name != "trajectory"}
+    data = {
+        name: getattr(row, name)
+        for name in row.__dataclass_fields__
+        if name not in ("trajectory", "attempts")
+    }
     return json.dumps(data, ensure_ascii=False, separators=(",", ":")).encode()

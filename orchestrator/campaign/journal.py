@@ -1,4 +1,4 @@
-"""Runs as they come in: a file of records that a kill at any moment leaves readable, the last one cut at most."""
+"""Runs as they come in: a file of records that a kill at any moment leaves readable."""
 
 from __future__ import annotations
 

@@ -131,11 +131,13 @@ class Store:
         """Points of a study with what their runs gave, without what differs from one machine to another."""
         study = self.study(study)
         about = self.studies[study]
-        derived = [f"{name}{end}" for name in about["derived"] for end in ("", ".change")]
+        ends = ("", ".change") if about["step_halving"] else ("",)
+        derived = [f"{name}{end}" for name in about["derived"] for end in ends]
         there = set(self.database.table("sweep").columns)
         columns = ["point", "repeat", "run", *about["axes"], "status", "kind", "message", "halving_error"]
-        columns += [name for name in derived if name in there]
         wanted = ", ".join(_column(name) for name in columns)
+        for name in derived:
+            wanted += f", {_column(name) if name in there else f'null::double as {_column(name)}'}"
         return self.query(f"select {wanted} from sweep where study = {_quoted(study)} order by point, repeat")
 
     def close(self) -> None:

@@ -17,6 +17,7 @@ from .. import bundled
 from ..config import Config, Places, dump, load_config, move_effects, parse, put_value, validation_problems
 from ..errors import ConfigError, Problem, listed, nearest
 from ..run import Prepared, prepare
+from ..workers import Retry
 from ..workers.files import place_of
 from .axes import Axis, Level, axis_of
 from .derived import parse_derived
@@ -87,8 +88,8 @@ class Study:
         self.model, self.prepared = model, prepared
         self._derive(problems)
         self.axes = self._axes(problems)
-        blocks = Blocks(self.axes, problems)
-        self._block: Block = blocks.make(model.design, self._place(("design",)))
+        blocks = Blocks(self.axes, problems, self._place)
+        self._block: Block = blocks.make(model.design, ("design",))
         repeats = self._repeats(problems)
         self._repeat: Sequence[dict[str, Level]] = repeats
         if not problems and not len(self._block):
@@ -228,7 +229,7 @@ class Study:
 
     def _paths_of(self, axis: Axis) -> list[Path]:
         blocks = Blocks(self.axes, [])
-        blocks.make(self.model.design, "")
+        blocks.make(self.model.design, ())
         return [level.file for level in blocks.levels[axis.path] if level.file is not None]
 
     @cached_property
@@ -268,7 +269,14 @@ class Study:
             self.model.step_halving,
             # The interpreter needs some 50 us a step, to load machine code takes a second.
             warm=steps > 50_000,
+            retry=self.retry,
         )
+
+    @property
+    def retry(self) -> Retry:
+        """What to do about runs that fail."""
+        given = self.model.retry
+        return Retry() if given is None else Retry(given.attempts, frozenset(given.kinds))
 
     @cached_property
     def _identity(self) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import Interrupted
 from ..provenance import origin, versions
-from ..workers import Outcome, Pool, Retry, Work, pool_of
+from ..workers import Outcome, Pool, Work, pool_of
 from .execute import Task, as_json, begin, execute
 from .product import product
 from .store import StoreWriter
@@ -162,14 +162,13 @@ def _sweep(
     session = secrets.token_hex(8)
     told = {**now, "packages": versions(_PACKAGES), "product": product(), "fmus": sorted(study.files)}
     writer.begin(session, {"study": study.id, "created": now["created"], "about": json.dumps(told)})
-    retry = study.model.retry
     work = Work(
         execute,
         begin,
         study.order(len(todo)),
         {place: writer.folder / "files" / place for place in study.files},
         study.model.seconds(),
-        Retry() if retry is None else Retry(retry.attempts, frozenset(retry.kinds)),
+        study.retry,
         threads=1,
         recycle=_GROWTH,
     )
@@ -200,6 +199,7 @@ def _keys(study: Study, folder: Path) -> Iterator[str]:
 
 def _keep(outcome: Outcome, writer: StoreWriter, swept: Swept) -> None:
     task: Task = outcome.task
+    attempts = outcome.attempts
     swept.made += 1
     swept.busy += outcome.seconds
     if outcome.failure is not None:
@@ -210,7 +210,8 @@ def _keep(outcome: Outcome, writer: StoreWriter, swept: Swept) -> None:
         data = b""
     else:
         row, data = json.loads(as_json(outcome.value)), outcome.value.trajectory
-    writer.add(task.key, row, outcome.attempts, outcome.seconds, data)
+        attempts += outcome.value.attempts - 1
+    writer.add(task.key, row, attempts, outcome.seconds, data)
     if row.get("kind"):
         swept.failed[row["kind"]] += 1
         swept.examples.setdefault(row["kind"], row["message"])

@@ -1,0 +1,125 @@
+"""The same study on a Dask cluster, and workers by themselves."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+import workers_tasks
+from campaign_bench import quick
+
+from orchestrator.campaign import Store
+from orchestrator.errors import ConfigError, OrchestratorError
+from orchestrator.workers import LocalPool, Retry, Work, pool_of
+from orchestrator.workers.files import digest_of, place_of, put_file
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as made:
+        yield made
+
+
+def outcomes(pool, tasks, **options):
+    work = Work(workers_tasks.do, payload=7, **options)
+    return {one.task: one for one in pool.outcomes(work, tasks)}
+
+
+@posix
+@pytest.mark.parametrize("where", ["here", "cluster"])
+def test_a_crash_or_a_hang_costs_one_task(where, request):
+    pool = LocalPool(2) if where == "here" else pool_of(request.getfixturevalue("cluster"))
+    tasks = [1, "abort", 2, "sleep", "raise", 3, "leave"]
+    found = outcomes(pool, tasks, time_limit=1.0, retry=Retry(2))
+    assert {task: one.value for task, one in found.items() if one.failure is None} == {
+        n: (7, n) for n in (1, 2, 3)
+    }
+    failures = {
+        task: (one.failure.kind, one.failure.message, one.attempts)
+        for task, one in found.items()
+        if one.failure
+    }
+    assert failures == {
+        "abort": ("crash", "its process died of SIGABRT", 2),
+        "sleep": ("time limit", "took longer than 1 s, and was ended", 2),
+        "raise": ("error", "ValueError: raised (workers_tasks.py:21)", 1),
+        "leave": ("crash", "its process ended with status 3", 2),
+    }
+    assert found["abort"].failure.log[-1] == "about to abort"
+
+
+def test_an_outside_kill_is_no_fault_of_the_task():
+    found = outcomes(LocalPool(1), ["killed", 1])
+    assert found["killed"].failure.kind == "killed"
+    assert found["killed"].attempts == 4
+    assert found[1].value == (7, 1)
+
+
+def test_tasks_are_taken_as_they_can_be_worked_on():
+    taken = []
+
+    def tasks():
+        for n in range(1000):
+            taken.append(n)
+            yield n
+
+    stream = LocalPool(2).outcomes(Work(workers_tasks.do), tasks())
+    for _ in range(5):
+        next(stream)
+    time.sleep(0.3)
+    assert len(taken) < 50
+    stream.close()
+
+
+def test_a_worker_that_cannot_begin_is_told():
+    with pytest.raises(OrchestratorError, match="a worker could not begin: RuntimeError: no such thing"):
+        list(LocalPool(2).outcomes(Work(workers_tasks.do, workers_tasks.fail), [1, 2]))
+
+
+def test_files_are_checked_where_they_arrive(tmp_path):
+    place = place_of(b"data", "x.fmu")
+    path = put_file(tmp_path, place, b"data")
+    assert path == tmp_path / digest_of(b"data") / "x.fmu"
+    before = path.stat().st_mtime_ns
+    assert put_file(tmp_path, place, b"data").stat().st_mtime_ns == before
+    path.write_bytes(b"dat")  # cut off by a full disk, say
+    assert put_file(tmp_path, place, b"data").read_bytes() == b"data"
+    with pytest.raises(OrchestratorError, match="arrived damaged"):
+        put_file(tmp_path, place, b"date")
+
+
+def test_a_cluster_gives_the_same_table_to_the_bit(cluster, tmp_path, monkeypatch):
+    study = quick(record="all")
+    here = study.run(tmp_path / "here", jobs=2)
+    there = study.run(tmp_path / "there", scheduler=cluster.scheduler_address)
+    assert there.made == 12
+    assert there.table.equals(here.table)
+    orders = {"numbers": "run, name", "trajectories": "run, time"}
+    with Store(tmp_path / "here") as one, Store(tmp_path / "there") as other:
+        for view, order in orders.items():
+            sql = f"select * exclude (session) from {view} order by {order}"
+            assert one.query(sql).equals(other.query(sql))
+
+
+@posix
+def test_a_worker_of_the_cluster_that_is_killed_costs_nothing_but_time(cluster, tmp_path):
+    study = quick(design={"grid": {"robot.tau_m": {"from": "4 ms", "to": "12 ms", "count": 40}}})
+    expected = study.run(tmp_path / "undisturbed", jobs=2).table
+
+    def kill(done, of, failed):
+        if done == 10:
+            os.kill(next(iter(cluster.workers.values())).pid, signal.SIGKILL)
+
+    swept = study.run(tmp_path / "store", scheduler=cluster, progress=kill)
+    assert swept.table.equals(expected)
+
+
+def test_a_scheduler_that_does_not_answer_is_refused():
+    pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    with pytest.raises(ConfigError, match="no Dask scheduler answers at tcp:"):
+        pool_of("tcp://127.0.0.1:9")

@@ -1,0 +1,211 @@
+"""The store: whole after a kill at any moment, readable on a full disk, and read while it is written."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from campaign_bench import quick
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from orchestrator.campaign import Store
+from orchestrator.campaign.journal import Journal, read_journal
+from orchestrator.campaign.store import StoreWriter, journals, parts
+from orchestrator.errors import ConfigError, OrchestratorError
+
+HERE = Path(__file__).parent
+posix = pytest.mark.skipif(os.name != "posix", reason="kills and limits of POSIX")
+
+_SWEEP = """
+import sys
+sys.path[:0] = [{here!r}, {root!r}]
+from campaign_bench import quick
+study = quick(design={{"grid": {{"robot.tau_m": {{"from": "4 ms", "to": "12 ms", "count": 40}}}}}})
+study.run({store!r}, jobs=1, progress=lambda done, of, failed: print(done, flush=True))
+"""
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    records=st.lists(st.tuples(st.binary(max_size=50), st.binary(max_size=200)), max_size=8),
+    cut=st.integers(0, 3000),
+    flip=st.booleans(),
+)
+def test_a_journal_reads_back_up_to_its_last_whole_record(records, cut, flip, tmp_path_factory):
+    path = tmp_path_factory.mktemp("journal") / "1.log"
+    journal, ends = Journal(path), [0]
+    for text, data in records:
+        journal.append(text, data)
+        ends.append(journal.size)
+    journal.close()
+    content = bytearray(path.read_bytes())
+    assert len(content) == ends[-1]
+    assert list(read_journal(path)) == records
+    cut = min(cut, len(content))
+    if flip and cut < len(content):
+        content[cut] ^= 255
+    else:
+        content = content[:cut]
+    path.write_bytes(content)
+    whole = sum(end <= cut for end in ends[1:])
+    assert list(read_journal(path)) == records[:whole]
+
+
+def _row(value):
+    return {"kind": "", "derived": {"x": value}, "numbers": {"n": value}}
+
+
+def test_rows_are_read_from_journals_and_parts_alike(tmp_path):
+    store = tmp_path / "store"
+    with StoreWriter(store) as writer:
+        writer.begin("s1", {"study": "a", "created": "", "about": "{}"})
+        for n in range(5):
+            writer.add(f"r{n}", _row(n / 3), 1, 0.1, b"")
+        assert len(journals(store)) == 1 and not parts(store)
+        with Store(store) as reader:
+            before = reader.query("select run, x from runs order by run").to_pylist()
+    assert not journals(store) and len(parts(store)) == 1
+    with Store(store) as reader:
+        assert reader.query("select run, x from runs order by run").to_pylist() == before
+        assert reader.query("select value from numbers where run = 'r1'").to_pylist() == [{"value": 1 / 3}]
+    assert [one["x"] for one in before] == [n / 3 for n in range(5)]
+
+
+def test_a_part_counts_where_its_journal_is_still_there(tmp_path):
+    store = tmp_path / "store"
+    with StoreWriter(store) as writer:
+        writer.begin("s1", {"study": "a", "created": "", "about": "{}"})
+        writer.add("r0", _row(1.0), 1, 0.1, b"")
+        (path,) = journals(store)
+        content = path.read_bytes()
+    path.write_bytes(content)  # as if the process had been killed before it removed it
+    (store / "parts" / ".000009").mkdir()  # and as it was making another
+    with Store(store) as reader:
+        assert reader.query("select count(*) as n from _runs").to_pylist() == [{"n": 1}]
+    with StoreWriter(store) as writer:
+        assert writer.seen() == {"r0": False}
+    assert not journals(store) and len(parts(store)) == 1
+    assert not list((store / "parts").glob(".*"))
+
+
+def test_many_runs_turn_into_several_parts(tmp_path, monkeypatch):
+    monkeypatch.setattr("orchestrator.campaign.store._MOST", 10)
+    with StoreWriter(tmp_path / "store") as writer:
+        writer.begin("s1", {"study": "a", "created": "", "about": "{}"})
+        for n in range(35):
+            writer.add(f"r{n}", _row(float(n)), 1, 0.1, b"")
+            with Store(tmp_path / "store") as reader:
+                assert reader.query("select count(*) as n, sum(x) as s from runs").to_pylist() == [
+                    {"n": n + 1, "s": n * (n + 1) / 2}
+                ]
+    assert len(parts(tmp_path / "store")) == 4
+
+
+def test_a_folder_with_other_things_is_no_store(tmp_path):
+    (tmp_path / "thesis.tex").write_text("x")
+    with pytest.raises(ConfigError, match="is not empty, and no store"):
+        StoreWriter(tmp_path)
+    with pytest.raises(ConfigError, match="is not a store of runs"):
+        Store(tmp_path)
+    assert [one.name for one in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@posix
+def test_twenty_kills_at_random_moments_cost_nothing_but_time(tmp_path):
+    study = quick(design={"grid": {"robot.tau_m": {"from": "4 ms", "to": "12 ms", "count": 40}}})
+    expected = study.run(tmp_path / "undisturbed", jobs=1).table
+    store = tmp_path / "store"
+    draw = random.Random(20)
+    code = _SWEEP.format(here=str(HERE), root=str(HERE.parents[1]), store=str(store))
+    kills = 0
+    for _ in range(20):
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        if draw.random() < 0.75:
+            # After some of the two dozen lines that it prints: among the runs, whatever the machine's speed.
+            for _ in range(draw.randint(1, 3)):
+                process.stdout.readline()
+            time.sleep(draw.uniform(0.0, 0.02))
+        else:
+            time.sleep(draw.uniform(0.0, 1.5))
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+            kills += 1
+        process.communicate()
+    assert kills >= 15
+    swept = study.run(store, jobs=1)
+    assert swept.made + swept.reused == 40
+    assert swept.table.equals(expected)
+    with Store(store) as reader, Store(tmp_path / "undisturbed") as other:
+        assert reader.query("select count(*) as n from _runs").to_pylist() == [{"n": 40}]
+        # Several of the sweeps that were killed had made some of the runs.
+        assert reader.query("select count(distinct session) as n from runs").to_pylist()[0]["n"] >= 4
+        numbers = "select run, name, value from numbers order by run, name"
+        assert reader.query(numbers).equals(other.query(numbers))
+    assert not journals(store)
+
+
+@posix
+def test_a_full_disk_is_told_and_the_store_stays_readable(tmp_path):
+    store = tmp_path / "store"
+    grid = {"grid": {"robot.tau_m": {"from": "4 ms", "to": "12 ms", "count": 30}}}
+    expected = quick(design=grid, record="all").run(tmp_path / "undisturbed", jobs=1).table
+    code = f"""
+import sys
+sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
+from campaign_bench import quick
+from orchestrator.errors import OrchestratorError
+try:
+    quick(design={grid!r}, record="all").run({str(store)!r}, jobs=1)
+except OrchestratorError as error:
+    print(error)
+    sys.exit(1)
+"""
+    with StoreWriter(store) as writer:  # FMUs are larger than what the limit leaves to a file
+        writer.put(quick(design=grid).files)
+    ended = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000)),
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
+    assert ended.returncode == 1, ended.stderr
+    first, second = ended.stdout.splitlines()[:2]
+    assert first.startswith(f"{store}: no more runs can be kept: the disk is full (")
+    assert second == "  Make room and start again: it goes on where it stopped."
+    with Store(store) as reader:
+        kept = reader.query("select count(*) as n from runs").to_pylist()[0]["n"]
+        assert 0 < kept < 30
+        assert reader.query("select count(distinct run) as n from trajectories").to_pylist() == [{"n": kept}]
+    swept = quick(design=grid, record="all").run(store, jobs=1)
+    assert swept.reused == kept
+    assert swept.table.equals(expected)
+
+
+def test_a_store_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "store").write_text("a file")
+    with pytest.raises(OrchestratorError, match="it cannot be opened"):
+        StoreWriter(tmp_path / "store")
+
+
+def test_what_ran_is_kept_with_it(tmp_path):
+    study = quick(design={"grid": {"robot.tau_m": ["4 ms"]}})
+    study.run(tmp_path / "store", jobs=1)
+    with Store(tmp_path / "store") as store:
+        (session,) = store.query("select * from sessions").to_pylist()
+        about = json.loads(session["about"])
+        assert about["packages"]["orchestrator"] and about["python"] and about["product"]
+        assert about["fmus"] == sorted(study.files)
+        assert all((tmp_path / "store" / "files" / one).is_file() for one in about["fmus"])
+        (kept,) = store.studies.values()
+        assert kept["study"]["design"] == {"grid": {"robot.tau_m": ["4 ms"]}}
+        assert kept["axes"] == {"robot.tau_m": "s"}

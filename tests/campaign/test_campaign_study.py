@@ -1,0 +1,241 @@
+"""Studies: designs, units, and refusals before the first run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from campaign_bench import QUICK, quick
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from orchestrator.campaign import Study
+from orchestrator.campaign.derived import Derived
+from orchestrator.campaign.execute import flat
+from orchestrator.errors import ConfigError
+from orchestrator.results import Results
+
+
+def points(design, **changes):
+    study = quick(design=design, **changes)
+    return [{path: level.shown for path, level in study.task(n)[1].items()} for n in range(len(study))]
+
+
+def test_blocks_multiply_and_add():
+    delays = {"grid": {"robot.tau_m": ["1 ms", "2 ms"]}}
+    rates = {"list": [{"robot.omega_n": "50 Hz"}, {"robot.omega_n": "75 Hz", "robot.xi_n": 0.5}]}
+    made = points({"multiply": [delays, rates]})
+    assert [one["robot.tau_m"] for one in made] == [0.001, 0.001, 0.002, 0.002]
+    assert [one["robot.omega_n"] / (2 * math.pi) for one in made] == pytest.approx([50, 75, 50, 75])
+    assert ["robot.xi_n" in one for one in made] == [False, True, False, True]
+    made = points({"add": [delays, rates, {"multiply": [delays, rates]}]})
+    assert len(made) == 8
+    assert made[2].keys() == {"robot.omega_n"}
+
+
+def test_ranges_are_linear_or_logarithmic_and_keep_their_ends():
+    linear = {"from": "100 N/mm", "to": "200 N/mm", "count": 5}
+    made = points({"grid": {"contact.stiffness": linear}})
+    assert [one["contact.stiffness"] for one in made] == [100e3, 125e3, 150e3, 175e3, 200e3]
+    made = points({"grid": {"contact.stiffness": linear | {"spacing": "log"}}})
+    values = [one["contact.stiffness"] for one in made]
+    assert values[0] == 100e3 and values[-1] == 200e3
+    assert np.diff(np.log(values)) == pytest.approx([math.log(2) / 4] * 4)
+
+
+@pytest.mark.parametrize("kind", ["random", "latin-hypercube", "sobol"])
+def test_samples_keep_to_their_distributions(kind):
+    over = {
+        "contact.stiffness": {"uniform": ["100 N/mm", "200 N/mm"]},
+        "robot.omega_n": {"log-uniform": ["10 Hz", "1000 Hz"]},
+        "robot.tau_m": {"normal": {"mean": "4 ms", "std": "1 ms", "low": "2 ms"}},
+        "run.master": {"choice": ["jacobi", "gauss-seidel"]},
+    }
+    design = {kind: {"count": 256, "seed": 3, "over": over}}
+    made = points(design)
+    assert made == points(design)
+    assert made != points({kind: design[kind] | {"seed": 4}})
+    stiffness = np.array([one["contact.stiffness"] for one in made])
+    assert stiffness.min() >= 100e3 and stiffness.max() <= 200e3
+    assert stiffness.mean() == pytest.approx(150e3, rel=0.04)
+    decades = np.log10([one["robot.omega_n"] / (2 * math.pi) for one in made])
+    assert decades.min() >= 1 - 1e-12 and decades.max() <= 3 + 1e-12
+    assert decades.mean() == pytest.approx(2.0, abs=0.12)
+    delay = np.array([one["robot.tau_m"] for one in made])
+    assert delay.min() >= 0.002
+    assert np.median(delay) == pytest.approx(0.00403, abs=2e-4)
+    assert 90 <= sum(one["run.master"] == "jacobi" for one in made) <= 166
+    if kind == "latin-hypercube":  # one point in each of 256 slices
+        assert sorted(((stiffness - 100e3) / 100e3 * 256).astype(int)) == list(range(256))
+
+
+def test_a_run_has_one_identity_however_it_is_written():
+    def key(design, **changes):
+        return quick(design={"list": [design]}, **changes).task(0)[0].key
+
+    one = key({"robot.tau_m": "4 ms"})
+    assert one == key({"robot.tau_m": "0.004 s"})
+    assert one == key({"robot.tau_m": "4 ms", "run.step_size": "0.008 s"})
+    assert one == key({"robot.tau_m": "4 ms"}, set=QUICK | {"run.loop": "native"}, title="another")
+    assert one == key({"robot.tau_m": "4 ms"}, time_limit="9 s", retry={"attempts": 2})
+    assert one != key({"robot.tau_m": "4.0000001 ms"})
+    assert one != key({"robot.tau_m": "4 ms"}, step_halving=False)
+    assert one != key({"robot.tau_m": "4 ms"}, derived={})
+    assert one != key({"robot.tau_m": "4 ms"}, record="all")
+    python = {path: value for path, value in QUICK.items() if path != "satellite.form"}
+    assert one != key({"robot.tau_m": "4 ms"}, set=python)  # another FMU
+    assert one == key({"robot.tau_m": "4 ms", "satellite.form": "native"}, set=python)
+
+
+def refused(**changes):
+    with pytest.raises(ConfigError) as caught:
+        quick(**changes)
+    return str(caught.value)
+
+
+def test_everything_that_is_wrong_is_told_at_once():
+    told = refused(
+        design={
+            "multiply": [
+                {
+                    "grid": {
+                        "robots.tau_m": ["1 ms"],
+                        "contact.stiffness": ["1 N", 5],
+                        "run.step_size": ["3 ms"],
+                    }
+                },
+                {"random": {"count": 2, "seed": 1, "over": {"robot.xi_n": {"uniform": [0.9, 0.8]}}}},
+                {"list": [{"robot.omega_n": float("nan")}, {"robot.omega_n": float("inf")}]},
+            ]
+        },
+        derived={"peak": "max(contact.forse)", "status": "1"},
+    )
+    assert told.splitlines() == [
+        "study: derived.status: 'status' cannot name a quantity",
+        "  the store has a column of it",
+        "study: derived.peak: peak: no signal 'contact.forse'",
+        "  recorded are: satellite.position, satellite.velocity, satellite.kinetic_energy, robot.position, "
+        "robot.velocity, contact.force, contact.penetration. Did you mean contact.force?",
+        "study: design: no 'robots.tau_m' to set",
+        "  instances: satellite, robot, contact; sections: run, external, connections[...].through, bonds, "
+        "measures, title. Did you mean robot.tau_m or robot.xi_n?",
+        "study: design.multiply[0].grid.contact.stiffness: contact.stiffness [N/m]: cannot take '1 N', "
+        "N [kg.m.s-2] cannot be converted to N/m [kg.s-2]",
+        "  its unit is N/m",
+        "study: design.multiply[0].grid.contact.stiffness: contact.stiffness [N/m]: 5 has no unit",
+        "  a unit must be given, for zero too; its unit is N/m. Write 5 N/m.",
+        "study: design.multiply[1].random.over.robot.xi_n: robot.xi_n: 0.9 is not below 0.8",
+        "study: design.multiply[2].list[0].robot.omega_n: robot.omega_n: nan is not finite",
+        "study: design.multiply[2].list[1].robot.omega_n: robot.omega_n: inf is not finite",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"design": {"grid": {}}}, "at least 1 item"),
+        ({"design": {"grid": {"robot.tau_m": []}}}, "at least 1 item"),
+        (
+            {"design": {}},
+            "exactly one of grid, list, random, latin-hypercube, sobol, multiply, add is needed",
+        ),
+        ({"design": {"grid": {"run.step_size": ["3 ms"]}}}, "stop_time 0.8 s is 266.667 steps of 3 ms away"),
+        ({"design": {"grid": {"run.step_size": [0.004]}}}, "0.004 has no unit"),
+        ({"design": {"grid": {"run.loop": ["native"]}}}, "cannot be varied: no result depends on it"),
+        ({"design": {"grid": {"contact.force": ["1 N"]}}}, "cannot be set"),
+        ({"design": {"grid": {"robot.command": ["1 m"]}}}, "has two sources"),
+        (
+            {"design": {"grid": {"contact.front": ["1 mm"], "instances.contact.start.front": ["2 mm"]}}},
+            "set the same",
+        ),
+        ({"design": {"grid": {"run.master": ["gauss", "jacobi"]}}}, "no master 'gauss'"),
+        ({"design": {"grid": {"satellite.form": ["compiled"]}}}, "no form 'compiled'"),
+        ({"system": "docking-2d"}, "no config 'docking-2d'"),
+        ({"time_limit": "0 s"}, "'0 s' is not positive"),
+        ({"time_limit": 60}, "cannot be converted to s"),
+        ({"derived": {"x": "__import__('os').system('true')"}}, "no function"),
+        ({"derived": {"x": "max(contact.force"}}, "cannot be read"),
+        ({"record": {"signals": ["contact.forces"]}}, "no signal 'contact.forces'"),
+        ({"repeats": {"count": 2, "seed": 1, "into": ["robot.tau_m"]}}, "has no unit"),
+        ({"repeats": {"count": 2, "seed": 1}}, "into is missing"),
+        ({"steps": 5}, "unknown key 'steps'"),
+        ({"design": {"grid": {"robot.tau_m": {"from": "1 ms", "to": "2 ms"}}}}, "count"),
+    ],
+)
+def test_bad_studies_are_refused(changes, told):
+    assert told in refused(**changes)
+
+
+def test_a_study_file_is_told_with_its_lines(tmp_path):
+    path = tmp_path / "study.yaml"
+    path.write_text("format: sweep/1\nsystem: docking-1d\ndesign:\n  grid:\n    robot.tau_m: [1 N]\n")
+    with pytest.raises(
+        ConfigError, match=r"study.yaml:5: design.grid.robot.tau_m: robot.tau_m \[s\]: cannot take '1 N'"
+    ):
+        Study.load(path)
+    path.write_text("- 1\n")
+    with pytest.raises(ConfigError, match="not a study"):
+        Study.load(path)
+
+
+TIME = np.linspace(0.0, 1.0, 101)
+RESULTS = Results(TIME, {"a.y": np.sin(TIME), "a.q[1]": TIME**2, "a.q[1,2]": -TIME}, {}, {"a.k": 4.0})
+MEASURED = {"contacts": [{"cor": 0.5}, {"cor": 0.25}], "estimate": 7, "text": "x", "none": None}
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("max(a.y)", math.sin(1.0)),
+        ("min(-a.y)", -math.sin(1.0)),
+        ("rms(a.y - a.y)", 0.0),
+        ("final(a.q[1]) + first(a.q[1,2])", 1.0),
+        ("max(abs(a.q[1,2]) * 2)", 2.0),
+        ('at(a.q[1], "500 ms")', 0.25),
+        ("integral(2 * time)", 1.0),
+        ("time_of_max(a.y)", 1.0),
+        ("contacts[1].cor / contacts[0].cor", 0.5),
+        ("estimate ** 2 - 1", 48.0),
+        ("sqrt(a.k)", 2.0),
+        ("'contacts[0].cor'", 0.5),
+        ("max(1)", 1.0),
+        ("contacts[5].cor", None),
+        ("text", None),
+        ("none + 1", None),
+        ("1 / 0", None),
+        ("log(-1)", None),
+        ('at(a.y, "2 s")', None),
+    ],
+)
+def test_expressions(text, value):
+    found = Derived("x", text).value(RESULTS, MEASURED)
+    assert found == (None if value is None else pytest.approx(value, abs=1e-12))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "a.y.__class__()", "(lambda: 1)()", "[1, 2]", "max(a.y, a.y)", "max(max(a.y))",
+        "a.y if a.y else 1", "9**999", "2**a.k", "at(a.y, 0.5)", 'at(a.y, "5 kg")', "f'{1}'", "a.y[x]",
+        "max(key=1)", "1e999",
+        "1 < 2", "x := 1", "(" * 500, "+".join(["1"] * 900), "-" * 1500 + "1", "open('x')",
+    ],
+)  # fmt: skip
+def test_what_is_no_expression_is_refused(text):
+    with pytest.raises(ValueError):
+        Derived("x", text)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text("abcmaxin()[].,+-*/0123456789 '\"_", max_size=60))
+def test_any_text_is_an_expression_or_refused(text):
+    try:
+        made = Derived("x", text)
+    except ValueError:
+        return
+    assert made.value(RESULTS, MEASURED) is None or math.isfinite(made.value(RESULTS, MEASURED))
+
+
+def test_numbers_of_a_summary_go_by_their_paths():
+    assert flat({"a": [{"b": 1, "c": "x"}, None, True], "d": 2.5}) == [("a[0].b", 1.0), ("d", 2.5)]
