@@ -50,6 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MODULE:FUNCTION",
         help="what diagnoses: called with the folder of a case and that of its verdict; ours by default",
     )
+    run.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="a Dask cluster that diagnoses (extra `cluster`); its workers have to see both folders",
+    )
     score = parts.add_parser("score", help="open the truth, once all verdicts are written, and score them")
     _add_folders(score)
     for part in (make, run):
@@ -106,7 +111,7 @@ def _run(args: argparse.Namespace) -> int:
 
     folder, verdicts = Path(args.folder), Path(args.verdicts)
     with _bar(len(list(folder.glob("*/case.yaml"))), "diagnose") as progress:
-        done, failed = diagnose_all(folder, verdicts, _jobs(args), args.by or OURS, progress)
+        done, failed = diagnose_all(folder, verdicts, _jobs(args), args.by or OURS, progress, args.scheduler)
     print(f"{done} cases diagnosed; verdicts in {verdicts}")
     for name, error in failed:
         print(f"orchestrator: {name}: {error}", file=sys.stderr)

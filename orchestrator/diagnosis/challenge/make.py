@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import secrets
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError, Problem
+from ...errors import ConfigError, OrchestratorError, Problem
+from ...workers import LocalPool, Work
 from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
 from .evidence import visibility
 from .hidden import HIDDEN
@@ -21,7 +19,7 @@ from .rig import Array
 from .seal import seal_truth
 from .write import write_case
 
-__all__ = ["Order", "make", "workers"]
+__all__ = ["Order", "make"]
 
 
 @dataclass(frozen=True)
@@ -58,17 +56,6 @@ class Order:
             raise ConfigError(problems)
 
 
-@contextmanager
-def workers(jobs: int) -> Iterator[Callable[..., Any]]:
-    """A function like map, over processes where there is more than one."""
-    if jobs == 1:
-        yield map
-        return
-    # Forked workers inherit threads' locks in whatever state they are.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        yield pool.map
-
-
 def make(
     folder: Path, order: Order, jobs: int = 1, progress: Callable[[str], None] = lambda name: None
 ) -> str:
@@ -87,15 +74,18 @@ def make(
     plans = plan_cases(order.cases, seed, tuple(HIDDEN.values()), outside, order.pairs, order.magnitude)
     tasks = [(folder, plan, seed, number, order.tight) for number, plan in enumerate(plans, start=1)]
     cases = {}
-    with workers(min(jobs, len(tasks))) as mapped:
-        for name, truth in mapped(_make_one, tasks):
-            cases[name] = truth
-            progress(name)
+    for outcome in LocalPool(min(jobs, len(tasks))).outcomes(Work(_make_one), tasks):
+        if outcome.failure is not None:
+            raise OrchestratorError(f"a case cannot be made: {outcome.failure.message}")
+        name, truth = outcome.value
+        cases[name] = truth
+        progress(name)
+    cases = dict(sorted(cases.items()))
     key = hashlib.sha256(f"challenge {seed}".encode()).digest()  # the same seed gives the same bytes
     return seal_truth(folder, {"format": "gap-truth/1", "seed": seed, "cases": cases}, key)
 
 
-def _make_one(task: tuple[Path, Plan, int, int, float]) -> tuple[str, dict[str, Any]]:
+def _make_one(context: None, task: tuple[Path, Plan, int, int, float]) -> tuple[str, dict[str, Any]]:
     folder, plan, seed, number, tight = task
     case = draw_case(plan, seed, number, tight=tight)
     logs = [make_run(case, index) for index in range(len(RUNS))]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 from ...errors import ConfigError, Problem
-from .make import workers
+from ...workers import Work, pool_of
 
 __all__ = ["OURS", "diagnose_all"]
 
@@ -29,6 +28,7 @@ def diagnose_all(
     jobs: int = 1,
     by: str = OURS,
     progress: Callable[[str], None] = lambda name: None,
+    scheduler: object = None,
 ) -> tuple[int, Sequence[tuple[str, str]]]:
     """Diagnose the cases that have no verdict yet; the sealed truth is not touched.
 
@@ -36,8 +36,9 @@ def diagnose_all(
         verdicts: where <case>/diagnosis.json go.
         by: `module:function`, called with the folder of a case and that of its verdict.
         progress: called with the name of each case when it is done.
+        scheduler: a Dask cluster in place of `jobs` processes; its workers have to see both folders.
     Returns: how many were diagnosed, and the name and the error of those that failed.
-    Raises: ConfigError if there are no cases, or no such function.
+    Raises: ConfigError if there are no cases, no such function, or no such cluster.
     """
     _function(by)
     cases = sorted(path.parent for path in folder.glob("*/case.yaml"))
@@ -48,22 +49,27 @@ def diagnose_all(
     left = [case for case in cases if not (verdicts / case.name / "diagnosis.json").is_file()]
     failed = []
     if left:
-        with workers(min(jobs, len(left))) as mapped:
-            for name, error in mapped(partial(_one, verdicts, by), left):
-                if error:
-                    failed.append((name, error))
-                progress(name)
-    return len(left) - len(failed), failed
+        pool = pool_of(scheduler, min(jobs, len(left)))
+        work = Work(_one, payload=(verdicts.resolve(), by))
+        for outcome in pool.outcomes(work, [case.resolve() for case in left]):
+            name = outcome.task.name
+            error = outcome.value if outcome.failure is None else outcome.failure.message
+            if error:
+                failed.append((name, error))
+            progress(name)
+    return len(left) - len(failed), sorted(failed)
 
 
-def _one(verdicts: Path, by: str, case: Path) -> tuple[str, str]:
+def _one(context: tuple[Path, str], case: Path) -> str:
+    """Diagnose a case. Returns: what went wrong, if anything."""
+    verdicts, by = context
     try:
         _function(by)(case, verdicts / case.name)
     except Exception as error:  # whatever a diagnosis raises: the other cases go on
-        return case.name, f"{type(error).__name__}: {error}"
+        return f"{type(error).__name__}: {error}"
     if not (verdicts / case.name / "diagnosis.json").is_file():
-        return case.name, f"{by} wrote no diagnosis.json"
-    return case.name, ""
+        return f"{by} wrote no diagnosis.json"
+    return ""
 
 
 def _function(by: str) -> Callable[[Path, Path], object]:
