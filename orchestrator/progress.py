@@ -65,16 +65,14 @@ class Progress:
 
 
 @contextmanager
-def counting(
-    total: int, label: str, unit: str, shown: bool = True
-) -> Iterator[Callable[[int, int, str], None]]:
+def counting(total: int, label: str, unit: str, shown: bool = True) -> Iterator[Callable[..., None]]:
     """A bar with rate and time left on a terminal, from two seconds on; nothing elsewhere.
 
     Args:
         total: how many there are, if that is known.
         unit: what is counted.
         shown: whether it is wanted.
-    Returns: what tells how many are done, of how many, and a note to show.
+    Returns: tell(done, of, note=""): how many are done, of how many, and what to show beside it.
     """
     from tqdm import tqdm
 

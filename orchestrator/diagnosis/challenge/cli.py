@@ -7,9 +7,11 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 
 from ...errors import ConfigError, Problem
+from ...progress import counting
 
 __all__ = ["add_arguments", "main"]
 
@@ -79,11 +81,10 @@ def main(args: argparse.Namespace) -> int:
 
 @contextmanager
 def _bar(total: int, label: str) -> Iterator[Callable[[str], None]]:
-    """Shows a bar on a terminal, from two seconds on."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, desc=label, unit="case", file=sys.stderr, disable=None, delay=2.0) as bar:
-        yield lambda name: bar.update() and None
+    """Counts cases on a terminal."""
+    with counting(total, label, "case") as tell:
+        numbers = count(1)
+        yield lambda name: tell(next(numbers), total)
 
 
 def _seed(text: str) -> int | None:
