@@ -98,7 +98,8 @@ def cost(folder: Path, runs: int, changes: dict[str, Any]) -> tuple[float, float
         loop = store.query("select median(stepping_time) as s from runs").column("s")[0].as_py()
     print(
         f"cost: {1e3 * seconds:.1f} ms a run, of which its loop {1e3 * loop:.1f} ms; "
-        f"alone {1e3 * median(loops):.1f} ms: ratio {seconds / median(loops):.2f} ({seconds / loop:.2f} over the loops of the sweep itself)"
+        f"alone {1e3 * median(loops):.1f} ms: "
+        f"ratio {seconds / median(loops):.2f} ({seconds / loop:.2f} over the loops of the sweep itself)"
     )
     return seconds, seconds / median(loops)
 
