@@ -77,6 +77,23 @@ def test_a_bar_is_shown_on_terminals_after_two_seconds(monkeypatch):
     assert shown(io.StringIO(), 0.5, monkeypatch) == ""
 
 
+def counted(file, seconds, monkeypatch) -> str:
+    monkeypatch.setattr(progress.sys, "stderr", file)
+    monkeypatch.setattr(progress, "_SECONDS_UNTIL_SHOWN", seconds)
+    with progress.counting(100, "delays", "run") as tell:
+        tell(40, 80)  # found in the store
+        for done in range(41, 81):
+            tell(done, 80, "3 failed")
+    return file.getvalue()
+
+
+def test_tasks_are_counted_on_terminals_alone(monkeypatch):
+    told = counted(Terminal(), 0.0, monkeypatch)
+    assert "delays" in told and "80/80" in told and "run/s" in told and "3 failed" in told
+    assert counted(Terminal(), 3600.0, monkeypatch) == ""
+    assert counted(io.StringIO(), 0.0, monkeypatch) == ""
+
+
 SUMMARY = {
     "title": "t",
     "config": {},

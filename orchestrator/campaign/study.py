@@ -111,10 +111,22 @@ class Study:
         changes = changes if isinstance(changes, Mapping) else {}
         texts = [f"{path}={dump({'x': value}).partition(':')[2].strip()}" for path, value in changes.items()]
         try:
-            return prepare(system, texts)
+            made = prepare(system, texts)
         except ConfigError as error:
             problems += error.problems
             return None
+        model = made.config.model
+        # What comes from outside, or takes the clock's time, is not the same run twice.
+        for given, path, what in (
+            (model.external, "external", f"{listed(model.external)} is another program"),
+            (model.run.realtime, "run.realtime", "runs of a sweep are not paced by the clock"),
+        ):
+            if given:
+                place = f"{self._place(('system',))}: {path}"
+                problems.append(
+                    Problem(place, what, "a sweep runs what is the same each time", "Take it out.")
+                )
+        return made
 
     def _derive(self, problems: list[Problem]) -> None:
         for name in self.model.derived:

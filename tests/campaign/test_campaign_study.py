@@ -160,6 +160,10 @@ def test_everything_that_is_wrong_is_told_at_once():
         ({"repeats": {"count": 2, "seed": 1, "into": ["robot.tau_m"]}}, "has no unit"),
         ({"repeats": {"count": 2, "seed": 1}}, "into is missing"),
         ({"steps": 5}, "unknown key 'steps'"),
+        (
+            {"set": QUICK | {"run.realtime.speed": 2}},
+            "run.realtime: runs of a sweep are not paced by the clock",
+        ),
         ({"design": {"grid": {"robot.tau_m": {"from": "1 ms", "to": "2 ms"}}}}, "count"),
     ],
 )
