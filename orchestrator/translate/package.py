@@ -100,21 +100,28 @@ def runtime_sources(fmi_version: FmiVersion, stepped: bool = False) -> dict[str,
         for item in items
         if item.name.endswith((".c", ".h")) and item.name not in other
     }
+    sources |= interface_headers(fmi_version)
+    # A checkout with CRLF line ends must give the same FMU.
+    return {name: sources[name].replace(b"\r\n", b"\n") for name in sorted(sources)}
+
+
+def interface_headers(fmi_version: FmiVersion) -> dict[str, bytes]:
+    """The C headers of the FMI standard, by file name.
+
+    Raises: BuildError if fmpy, which carries them, is not installed.
+    """
     spec = find_spec("fmpy")
     if spec is None or spec.origin is None:
         raise BuildError(
             "FMI headers: the package fmpy, which carries them, is not installed; run `pip install fmpy`"
         )
     folder = Path(spec.origin).parent / "c-code"
-    for name in _HEADERS[fmi_version]:
-        try:
-            sources[name] = (folder / name).read_bytes()
-        except OSError as error:
-            raise BuildError(
-                f"FMI headers: cannot read {name} in the installed fmpy: {error.strerror}"
-            ) from error
-    # A checkout with CRLF line ends must give the same FMU.
-    return {name: sources[name].replace(b"\r\n", b"\n") for name in sorted(sources)}
+    try:
+        return {name: (folder / name).read_bytes() for name in _HEADERS[fmi_version]}
+    except OSError as error:
+        raise BuildError(
+            f"FMI headers: cannot read {error.filename} of the installed fmpy: {error.strerror}"
+        ) from error
 
 
 def build_description(model_identifier: str, sources: Sequence[str]) -> bytes:
@@ -157,7 +164,11 @@ def binary_member(platform: str, model_identifier: str, fmi_version: FmiVersion)
 
 
 def compile_library(
-    sources_dir: Path, model_identifier: str, fmi_version: FmiVersion, platforms: Sequence[str]
+    sources_dir: Path,
+    model_identifier: str,
+    fmi_version: FmiVersion,
+    platforms: Sequence[str],
+    libraries: Sequence[str] = (),
 ) -> dict[str, bytes]:
     """Compile the C files of a folder to one shared library per platform.
 
@@ -169,6 +180,7 @@ def compile_library(
         model_identifier: name of the library without its ending; Mac and Windows libraries hold it.
         fmi_version: "2.0" or "3.0"; interface files of the other version are left out.
         platforms: keys of `PLATFORMS`.
+        libraries: of the system, needed on Linux besides the C library.
     Returns: platform -> content of the library. FMI 2.0 has one place for both kinds of Mac: where both
         are asked for, both get the same universal library.
     Raises: BuildError if the compiler is missing or refuses a file; the message quotes the compiler.
@@ -183,7 +195,8 @@ def compile_library(
         raise BuildError(
             "C compiler: the package ziglang is not installed; run `pip install 'ziglang>=0.17,<0.18'`"
         )
-    libraries = {}
+    built = {}
+    linked = [f"-l{name}" for name in libraries]
     for platform in platforms:
         known = _platform(platform)
         with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
@@ -193,15 +206,22 @@ def compile_library(
                     shutil.copyfile(path, Path(scratch) / path.name)
             library = Path(scratch) / f"{model_identifier}{known.suffix}"
             flags = [*_FLAGS, *(flag.format(name=model_identifier) for flag in known.flags)]
+            flags += linked if known.suffix == ".so" else []
             _run_compiler(
                 ["-target", known.target, "-I.", "-o", library.name, *names, *flags], scratch, platform
             )
             content = library.read_bytes()
-        libraries[platform] = content
-    if fmi_version == "2.0" and {"x86_64-darwin", "aarch64-darwin"} <= libraries.keys():
-        both = _universal({name: libraries[name] for name in ("x86_64-darwin", "aarch64-darwin")})
-        libraries["x86_64-darwin"] = libraries["aarch64-darwin"] = both
-    return libraries
+        built[platform] = content
+    return join_macs(built) if fmi_version == "2.0" else built
+
+
+def join_macs(libraries: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Libraries by platform, those of both kinds of Mac replaced by a universal one that serves both."""
+    joined = dict(libraries)
+    if {"x86_64-darwin", "aarch64-darwin"} <= joined.keys():
+        both = _universal({name: joined[name] for name in ("x86_64-darwin", "aarch64-darwin")})
+        joined["x86_64-darwin"] = joined["aarch64-darwin"] = both
+    return joined
 
 
 def write_fmu(path: Path, members: Mapping[str, bytes]) -> None:

@@ -75,11 +75,18 @@ static void *zeroed(size_t n, size_t size)
     return calloc(n ? n : 1, size);
 }
 
-/* NULL if there is no memory. */
-Runtime *rt_new(const char *instance_name)
+Runtime *rt_new(const char *instance_name, const char *token, const char *resources, char *why, size_t room)
 {
-    Runtime *rt = zeroed(1, sizeof *rt);
+    Runtime *rt;
     size_t length = strlen(instance_name) + 1, n_d = (size_t)model_info.n_d;
+    (void)resources;
+    if (!token || strcmp(token, model_info.token) != 0) {
+        snprintf(why, room, "the GUID or instantiation token is not that of this binary: "
+                            "modelDescription.xml belongs to another build");
+        return NULL;
+    }
+    snprintf(why, room, "no memory");
+    rt = zeroed(1, sizeof *rt);
     if (!rt) return NULL;
     rt->n_saved = lay_out_saved(rt, NULL);
     rt->saved = zeroed(rt->n_saved, sizeof(double));
@@ -116,6 +123,12 @@ void rt_free(Runtime *rt)
     free(rt->instance_name);
     free(rt->functions);
     free(rt);
+}
+
+RtStatus rt_terminate(Runtime *rt)
+{
+    rt->s.phase = PHASE_TERMINATED;
+    return RT_OK;
 }
 
 /* Everything as after instantiation; memory for histories is kept. */

@@ -32,20 +32,24 @@ enum {
 #define ARRAY(call, argument, n) \
     if (n) NOT_NULL(call, argument)
 
-static void emit(Runtime *rt, RtStatus status, const char *category, const char *message)
+static void tell(const fmi2CallbackFunctions *functions, const char *name, fmi2Status status,
+                 const char *category, const char *message)
 {
-    const fmi2CallbackFunctions *functions = rt->functions;
     char escaped[1600];
     size_t n = 0;
-    if (!functions->logger) return;
+    if (!functions || !functions->logger) return;
     /* The logger takes a format: a per cent sign in a name must not be one of a conversion. */
     for (; *message && n + 3 < sizeof escaped; message++) {
         if (*message == '%') escaped[n++] = '%';
         escaped[n++] = *message;
     }
     escaped[n] = 0;
-    functions->logger(functions->componentEnvironment, rt->instance_name, (fmi2Status)status, category,
-                      escaped);
+    functions->logger(functions->componentEnvironment, name, status, category, escaped);
+}
+
+static void emit(Runtime *rt, RtStatus status, const char *category, const char *message)
+{
+    tell(rt->functions, rt->instance_name, (fmi2Status)status, category, message);
 }
 
 const char *fmi2GetTypesPlatform(void)
@@ -68,9 +72,7 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nC
 
 static fmi2Component refuse(const fmi2CallbackFunctions *functions, fmi2String name, const char *message)
 {
-    if (functions && functions->logger)
-        functions->logger(functions->componentEnvironment, name ? name : "?", fmi2Error, "logStatusError",
-                          message);
+    tell(functions, name ? name : "?", fmi2Error, "logStatusError", message);
     return NULL;
 }
 
@@ -79,7 +81,8 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
                               fmi2Boolean visible, fmi2Boolean loggingOn)
 {
     Runtime *rt;
-    (void)fmuResourceLocation;
+    char message[1000] = "fmi2Instantiate: ";
+    size_t used = strlen(message);
     (void)visible;
     if (!functions) return NULL;
     if (!instanceName || !instanceName[0])
@@ -87,12 +90,8 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
     if (fmuType != fmi2CoSimulation)
         return refuse(functions, instanceName,
                       "fmi2Instantiate: only Co-Simulation is offered, not Model Exchange");
-    if (!fmuGUID || strcmp(fmuGUID, model_info.token) != 0)
-        return refuse(functions, instanceName,
-                      "fmi2Instantiate: the GUID is not that of this binary: modelDescription.xml belongs to "
-                      "another build");
-    rt = rt_new(instanceName);
-    if (!rt) return refuse(functions, instanceName, "fmi2Instantiate: no memory");
+    rt = rt_new(instanceName, fmuGUID, fmuResourceLocation, message + used, sizeof message - used);
+    if (!rt) return refuse(functions, instanceName, message);
     /* The standard does not say how long the importer keeps the struct. */
     rt->functions = malloc(sizeof *functions);
     if (!rt->functions) {
@@ -132,8 +131,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 fmi2Status fmi2Terminate(fmi2Component c)
 {
     ENTER("fmi2Terminate", STEP | PHASE_STEP_DISCARDED);
-    rt->s.phase = PHASE_TERMINATED;
-    return fmi2OK;
+    return (fmi2Status)rt_terminate(rt);
 }
 
 fmi2Status fmi2Reset(fmi2Component c)

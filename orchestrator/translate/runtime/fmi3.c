@@ -74,7 +74,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          fmi3IntermediateUpdateCallback intermediateUpdate)
 {
     Runtime *rt;
-    (void)resourcePath;
+    char message[1000] = "fmi3InstantiateCoSimulation: ";
+    size_t used = strlen(message);
     (void)visible;
     (void)earlyReturnAllowed;
     (void)requiredIntermediateVariables;
@@ -82,10 +83,6 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
     if (!instanceName || !instanceName[0])
         return refuse(logMessage, instanceEnvironment,
                       "fmi3InstantiateCoSimulation: the instance name is missing");
-    if (!instantiationToken || strcmp(instantiationToken, model_info.token) != 0)
-        return refuse(logMessage, instanceEnvironment,
-                      "fmi3InstantiateCoSimulation: the instantiation token is not that of this binary: "
-                      "modelDescription.xml belongs to another build");
     if (eventModeUsed)
         return refuse(logMessage, instanceEnvironment,
                       "fmi3InstantiateCoSimulation: Event Mode is not offered (hasEventMode is false)");
@@ -93,8 +90,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
         return refuse(logMessage, instanceEnvironment,
                       "fmi3InstantiateCoSimulation: intermediate update is not offered "
                       "(providesIntermediateUpdate is false)");
-    rt = rt_new(instanceName);
-    if (!rt) return refuse(logMessage, instanceEnvironment, "fmi3InstantiateCoSimulation: no memory");
+    rt = rt_new(instanceName, instantiationToken, resourcePath, message + used, sizeof message - used);
+    if (!rt) return refuse(logMessage, instanceEnvironment, message);
     rt->environment = instanceEnvironment;
     memcpy(&rt->logger, &logMessage, sizeof rt->logger);
     rt->emit = emit;
@@ -158,8 +155,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 fmi3Status fmi3Terminate(fmi3Instance instance)
 {
     ENTER("fmi3Terminate", STEP | PHASE_STEP_DISCARDED);
-    rt->s.phase = PHASE_TERMINATED;
-    return fmi3OK;
+    return (fmi3Status)rt_terminate(rt);
 }
 
 fmi3Status fmi3Reset(fmi3Instance instance)

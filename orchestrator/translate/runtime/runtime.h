@@ -113,9 +113,12 @@ typedef struct Runtime {
 } Runtime;
 
 /* component.c: life cycle, variables, evaluation at the present time */
-Runtime *rt_new(const char *instance_name);
+/* NULL, with the reason in `why`, if the token is not that of this binary or there is no memory. `resources`
+ * is where the FMU's files are, as the importer tells it: a file URI (FMI 2) or a path (FMI 3). */
+Runtime *rt_new(const char *instance_name, const char *token, const char *resources, char *why, size_t room);
 void rt_free(Runtime *);
 RtStatus rt_reset(Runtime *);
+RtStatus rt_terminate(Runtime *);
 RtStatus rt_enter_initialization(Runtime *);
 RtStatus rt_exit_initialization(Runtime *);
 RtStatus rt_get(Runtime *, unsigned reference, ModelType, double *value);

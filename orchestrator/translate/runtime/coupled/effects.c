@@ -1,0 +1,204 @@
+/* The effects of orchestrator/effects, the same operations in the same order, so that both give the same
+ * bits. Numbers of effects are places in its table BUILT_IN; the Python classes tell what options and
+ * memories hold. */
+#include <math.h>
+#include <stdint.h>
+
+#include "system.h"
+
+enum {
+    GAIN, OFFSET, DELAY, LOW_PASS, SAMPLE_AND_HOLD, SATURATE, QUANTISE, RATE_LIMIT, DEAD_BAND, BACKLASH, NOISE
+};
+
+static const double PI = 3.141592653589793;
+
+static double delay(double time, double x, const double *options, double *memory, int n_memory, int commit)
+{
+    int size = (n_memory - 3) / 2, count = (int)memory[0], oldest = (int)memory[1], older = count;
+    double wanted = time - options[0], right_time = time, right = x, left_time = time, left = x, y;
+    if (options[0] == 0.0) return x;
+    while (older > 0 && left_time > wanted) {
+        int place = 3 + (oldest + --older) % size;
+        right_time = left_time;
+        right = left;
+        left_time = memory[place];
+        left = memory[place + size];
+    }
+    y = left;
+    if (left_time <= wanted) {
+        if (right_time > left_time) {
+            double share = (wanted - left_time) / (right_time - left_time);
+            /* Times are rounded: a delay of whole steps is to meet the points. */
+            if (share > 1.0 - 1e-9) y = right;
+            else if (share > 1e-9) y = left + share * (right - left);
+        }
+    } else if (options[1] != 0.0 && (count == 0 || memory[2] != 0.0)) {
+        y = options[2];
+        if (count > 0 && left_time - wanted <= 1e-9 * (right_time - left_time)) y = left;
+    }
+    if (commit) {
+        int place;
+        if (count == 0) memory[2] = 1.0;
+        while (count > 1 && memory[3 + (oldest + 1) % size] <= wanted) {
+            oldest = (oldest + 1) % size;
+            count--;
+            memory[2] = 0.0;
+        }
+        if (count == size) return NAN;
+        place = 3 + (oldest + count) % size;
+        memory[place] = time;
+        memory[place + size] = x;
+        memory[0] = count + 1;
+        memory[1] = oldest;
+    }
+    return y;
+}
+
+static double low_pass(double time, double x, const double *options, double *memory, int commit)
+{
+    double y = x;
+    if (options[0] == 0.0) return x;
+    if (memory[0] != 0.0) {
+        y = memory[3];
+        if (time > memory[1]) {
+            double ratio = (time - memory[1]) / options[0], gone = -expm1(-ratio);
+            y += gone * (memory[2] - y) + (1.0 - gone / ratio) * (x - memory[2]);
+        }
+    }
+    if (commit) {
+        memory[0] = 1.0;
+        memory[1] = time;
+        memory[2] = x;
+        memory[3] = y;
+    }
+    return y;
+}
+
+static double sample_and_hold(double time, double x, const double *options, double *memory, int commit)
+{
+    double start = memory[0] != 0.0 ? memory[1] : time, number, y = x;
+    if (options[0] == 0.0) return x;
+    /* Grids meet sampling instants up to rounding: a millionth of a period early counts. */
+    number = floor((time - start - options[1]) / options[0] + 1e-6);
+    if (memory[0] != 0.0) {
+        y = memory[3];
+        if (number > memory[2]) {
+            double behind = time - (start + options[1] + number * options[0]), step = time - memory[4];
+            y = x;
+            if (behind > 1e-6 * step && step > 0.0) {
+                double share = behind / step < 1.0 ? behind / step : 1.0;
+                y = x + share * (memory[5] - x);
+            }
+        }
+    }
+    if (commit) {
+        memory[0] = 1.0;
+        memory[1] = start;
+        memory[2] = number;
+        memory[3] = y;
+        memory[4] = time;
+        memory[5] = x;
+    }
+    return y;
+}
+
+static double rate_limit(double time, double x, const double *options, double *memory, int commit)
+{
+    double y = x;
+    if (memory[0] != 0.0 && time > memory[1]) {
+        double most = options[0] * (time - memory[1]);
+        if (y > memory[2] + most) y = memory[2] + most;
+        else if (y < memory[2] - most) y = memory[2] - most;
+    }
+    if (commit) {
+        memory[0] = 1.0;
+        memory[1] = time;
+        memory[2] = y;
+    }
+    return y;
+}
+
+static double backlash(double x, const double *options, double *memory, int commit)
+{
+    double y = x, half = 0.5 * options[0];
+    if (options[0] == 0.0) return x;
+    if (memory[0] != 0.0) {
+        y = memory[1];
+        if (x - half > y) y = x - half;
+        else if (x + half < y) y = x + half;
+    }
+    if (commit) {
+        memory[0] = 1.0;
+        memory[1] = y;
+    }
+    return y;
+}
+
+static double quantised(double x, double resolution)
+{
+    double count;
+    if (resolution == 0.0) return x;
+    count = x / resolution + 0.5;
+    if (fabs(count) >= 4503599627370496.0) return x; /* finer than the last bit */
+    return resolution * floor(count);
+}
+
+/* The draws are a hash of seed, element and number; its constants were found by Wellons ("lowbias32"). */
+static double noise(double time, double x, const double *options, double *memory, int commit)
+{
+    double start = memory[0] != 0.0 ? memory[1] : time, one, other, normal;
+    uint32_t state = 0x9E3779B9u, high = 0, low = 0;
+    int64_t number;
+    if (options[0] == 0.0) return x;
+    number = (int64_t)floor((time - start) / options[1] + 1e-6);
+    for (int part = 0; part < 7; part++) {
+        switch (part) {
+        case 0: state ^= (uint32_t)options[2]; break;
+        case 1: state ^= (uint32_t)options[3]; break;
+        case 2: state ^= (uint32_t)options[4]; break;
+        case 3: state ^= (uint32_t)(number & 0xFFFFFFFF); break;
+        case 4: state ^= (uint32_t)(number >> 32); break;
+        case 5:
+            high = state;
+            state += 0x9E3779B9u;
+            break;
+        default: low = state;
+        }
+        state ^= state >> 16;
+        state *= 0x7FEB352Du;
+        state ^= state >> 15;
+        state *= 0x846CA68Bu;
+        state ^= state >> 16;
+    }
+    one = (high + 0.5) / 4294967296.0;
+    other = (low + 0.5) / 4294967296.0;
+    normal = sqrt(-2.0 * log(one)) * cos(2.0 * PI * other);
+    if (commit) {
+        memory[0] = 1.0;
+        memory[1] = start;
+    }
+    return x + options[0] * normal;
+}
+
+/* x[0] is the signal, `commit` whether the instant is accepted, so that it is remembered. */
+double effect_value(const Link *link, double time, const double *x, double *memory, int commit)
+{
+    const double *options = link->options;
+    switch (link->kind) {
+    case GAIN: return x[0] * options[0];
+    case OFFSET: return options[0] == 0.0 ? x[0] : x[0] + options[0]; /* -0.0 + 0.0 is +0.0 */
+    case DELAY: return delay(time, x[0], options, memory, link->n_memory, commit);
+    case LOW_PASS: return low_pass(time, x[0], options, memory, commit);
+    case SAMPLE_AND_HOLD: return sample_and_hold(time, x[0], options, memory, commit);
+    case SATURATE: return x[0] < options[0] ? options[0] : x[0] > options[1] ? options[1] : x[0];
+    case QUANTISE: return quantised(x[0], options[0]);
+    case RATE_LIMIT: return rate_limit(time, x[0], options, memory, commit);
+    case DEAD_BAND:
+        if (options[0] == 0.0) return x[0];
+        if (x[0] > options[0]) return x[0] - options[0];
+        return x[0] < -options[0] ? x[0] + options[0] : 0.0;
+    case BACKLASH: return backlash(x[0], options, memory, commit);
+    case NOISE: return noise(time, x[0], options, memory, commit);
+    default: return NAN;
+    }
+}
