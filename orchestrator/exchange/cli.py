@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -37,8 +38,34 @@ def _import_ssp(args: argparse.Namespace) -> int:
     return 0
 
 
+def _export_fmu(args: argparse.Namespace) -> int:
+    from .system_fmu import export_system_fmu
+
+    report = export_system_fmu(
+        args.config,
+        args.output,
+        overrides=args.overrides,
+        fmi_version=args.fmi if "." in args.fmi else f"{args.fmi}.0",
+        ports=_names(args.ports),
+        inputs=_names(args.inputs),
+    )
+    print(f"{report.path}: FMI {report.fmi_version} co-simulation, step size {report.step_size!r} s")
+    counts = {"input": report.inputs, "output": report.outputs, "parameter": report.parameters}
+    told = [f"{len(names)} {what}{'' if len(names) == 1 else 's'}" for what, names in counts.items()]
+    print(f"  {', '.join(told)}")
+    print(f"  binaries: {', '.join(report.platforms)}")
+    for note in report.notes:
+        print(f"  {note}")
+    return 0
+
+
+def _names(text: str | None) -> list[str] | None:
+    """Names that commas divide, except within brackets: A[1,2]."""
+    return None if text is None else [one.strip() for one in re.split(r",(?![^\[]*\])", text) if one.strip()]
+
+
 # Suffix of what is written -> its function.
-EXPORTS: dict[str, Callable[[argparse.Namespace], int]] = {".ssp": _export_ssp}
+EXPORTS: dict[str, Callable[[argparse.Namespace], int]] = {".fmu": _export_fmu, ".ssp": _export_ssp}
 IMPORTS: dict[str, Callable[[argparse.Namespace], int]] = {".ssp": _import_ssp, ".ssd": _import_ssp}
 
 
@@ -50,6 +77,18 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     )
     ssp = parser.add_argument_group("system structure packages (.ssp)")
     ssp.add_argument("--ssp-version", choices=("1.0", "2.0"), help="default: 1.0 where that is enough")
+    fmu = parser.add_argument_group("the system as one FMU (.fmu)")
+    fmu.add_argument(
+        "--fmi", choices=("2", "3", "2.0", "3.0"), default="2.0", help="FMI version (default: %(default)s)"
+    )
+    fmu.add_argument(
+        "--ports", metavar="LIST", help="outputs, as a.b,c.d (default: every output of every instance)"
+    )
+    fmu.add_argument(
+        "--inputs",
+        metavar="LIST",
+        help="inputs among those that nothing feeds, as a.b,c.d (default: all of these)",
+    )
 
 
 def add_import_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""What is inside a system that becomes one FMU: its ports, its FMUs and their platforms, and what keeps it out."""
+"""What is inside a system that becomes one FMU: ports, FMUs and their platforms, and what keeps it out."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .. import bundled, checks
 from ..config import Config, Places, load_config
+from ..effects import Effect
 from ..effects.choose import BUILT_IN, built_in
 from ..errors import ConfigError, Problem, listed, nearest
 from ..fmi import Causality, Interface, Kind, Value, Variability, Variable
@@ -20,7 +21,7 @@ from ..run import Prepared, prepare
 from ..signals import Layout
 from ..system import Instance, Port, System
 
-__all__ = ["Inside", "Outer", "look_inside", "native_config", "platforms_of"]
+__all__ = ["EFFECTS", "Inside", "Outer", "effect_number", "look_inside", "native_config", "platforms_of"]
 
 _PLATFORMS2 = {"linux64": ("x86_64-linux",), "win64": ("x86_64-windows",)}
 _PLATFORMS3 = ("x86_64-linux", "x86_64-windows", "x86_64-darwin", "aarch64-darwin")
@@ -28,6 +29,11 @@ _MACS = {0x01000007: "x86_64-darwin", 0x0100000C: "aarch64-darwin"}
 # What the FMUs' integers are made of; larger ones do not fit the Integer of the whole.
 _SMALL = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "Int32")
 _PYTHON = "PythonFMU"
+EFFECTS = (
+    "gain", "offset", "delay", "low-pass", "sample-and-hold", "saturate", "quantise", "rate-limit",
+    "dead-band", "backlash", "noise", "map",
+)  # fmt: skip
+"""Those that runtime/coupled/effects.c has, by their numbers there."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +86,12 @@ class Inside:
     notes: tuple[str, ...]
 
 
+def effect_number(effect: Effect) -> int | None:
+    """The number of an effect in `EFFECTS`; None if it is none of them."""
+    kinds = {built_in(name): number for number, name in enumerate(EFFECTS) if name in BUILT_IN}
+    return kinds.get(type(effect))
+
+
 def native_config(config: Config) -> Config:
     """The config with the native form of every bundled FMU that has one and whose form is not said."""
     changes = []
@@ -113,9 +125,11 @@ def look_inside(
             what = f"{connection} carries a text"
             problems.append(Problem(places.text(("connections",)), what, "only numbers are passed on inside"))
         for link in connection.wire.links if connection.wire else ():
-            if type(link.effect) not in (built_in(name) for name in BUILT_IN):
-                what = f"effect {link.name} on {connection} is not one of the built-in ones"
-                allowed = f"these work inside an FMU: {listed(BUILT_IN)}"
+            if effect_number(link.effect) is None:
+                what = f"effect {link.name} on {connection} is Python code"
+                allowed = (
+                    f"these work inside an FMU: {listed([name for name in EFFECTS if name in BUILT_IN])}"
+                )
                 problems.append(Problem(places.text(("connections",)), what, allowed))
     chosen_inputs = _inputs(system, inputs, problems, notes)
     outputs = _outputs(system, ports, problems, notes)
@@ -247,7 +261,11 @@ def _parameters(system: System) -> Iterable[Outer]:
             start = one.start.get(variable.name, variable.start)
             small = variable.kind is not Kind.INTEGER or variable.type in _SMALL
             plain = variable.elements == 1 and not variable.shape and variable.kind.numeric and small
-            if plain and start is not None and variable.variability in (Variability.FIXED, Variability.TUNABLE):
+            if (
+                plain
+                and start is not None
+                and variable.variability in (Variability.FIXED, Variability.TUNABLE)
+            ):
                 yield Outer(Port(one.name, variable.name), variable, Causality.PARAMETER, start)
 
 

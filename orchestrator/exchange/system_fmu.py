@@ -1,4 +1,4 @@
-"""A configured system as one co-simulation FMU: its FMUs, its connections as data, and the same master inside.
+"""A configured system as one co-simulation FMU: its FMUs, connections as data, and the same master inside.
 
 The FMU carries the inner FMUs whole, under resources/, and one binary per platform that loads them; that one
 is shipped, so that no compiler is needed. Its signals are those of `orchestrator run`, to the bit.

@@ -1,4 +1,4 @@
-"""A system as data for runtime/coupled: what resources/system.txt of its FMU says, in the form of reading.c."""
+"""A system as data for runtime/coupled: what resources/system.txt of its FMU says, as reading.c takes it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import struct
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from ..effects.choose import BUILT_IN, built_in
 from ..errors import ConfigError, Problem
 from ..fmi import Causality, Value, Variable
 from ..system import Connection, Port
-from .inside import Inside, Outer
+from .inside import Inside, Outer, effect_number
 
 __all__ = ["TIME", "system_text"]
 
@@ -118,7 +117,9 @@ class _Writer:
             for name, value in given.items():
                 variable = one.variable(name)
                 if variable.elements > 1:
-                    arrays.setdefault(variable.reference, self._whole(index, variable))[variable.element] = value
+                    arrays.setdefault(variable.reference, self._whole(index, variable))[variable.element] = (
+                        value
+                    )
                 elif isinstance(value, str):
                     self._line("start", index, _TYPES["String"], variable.reference, _escaped(value))
                 else:
@@ -198,9 +199,14 @@ class _Writer:
                 self._line("leg", source, _bits(gain), _bits(offset))
         for one in wired:
             for effect, reads in one.links:
-                kind = next(code for code, name in enumerate(BUILT_IN) if built_in(name) is type(effect))
                 options = " ".join(map(_bits, effect.numbers()))
-                self._line("link", kind, options, " ".join(map(str, reads.tolist())), effect.room(step))
+                self._line(
+                    "link",
+                    effect_number(effect),
+                    options,
+                    " ".join(map(str, reads.tolist())),
+                    effect.room(step),
+                )
         for index, after in enumerate(self._layout.wired_after):
             for one in after:
                 self._line("after", index, self._number[one.place])

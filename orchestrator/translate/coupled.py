@@ -77,7 +77,9 @@ def _file(folder: Path, platform: str, fmi_version: FmiVersion) -> Path:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Rebuild from the command line; returns 0, or 1 after an error."""
-    parser = argparse.ArgumentParser(prog="python -m orchestrator.translate.coupled", description=main.__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m orchestrator.translate.coupled", description=main.__doc__
+    )
     parser.add_argument("--output", type=Path, default=_FOLDER, help="the folder to write to")
     try:
         for path in build_binaries(parser.parse_args(arguments).output):

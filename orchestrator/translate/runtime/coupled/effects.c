@@ -1,13 +1,14 @@
 /* The effects of orchestrator/effects, the same operations in the same order, so that both give the same
- * bits. Numbers of effects are places in its table BUILT_IN; the Python classes tell what options and
- * memories hold. */
+ * bits. Their numbers are places in EFFECTS of orchestrator/exchange/inside.py; the Python classes tell what
+ * options and memories hold. */
 #include <math.h>
 #include <stdint.h>
 
 #include "system.h"
 
 enum {
-    GAIN, OFFSET, DELAY, LOW_PASS, SAMPLE_AND_HOLD, SATURATE, QUANTISE, RATE_LIMIT, DEAD_BAND, BACKLASH, NOISE
+    GAIN, OFFSET, DELAY, LOW_PASS, SAMPLE_AND_HOLD, SATURATE, QUANTISE, RATE_LIMIT, DEAD_BAND, BACKLASH, NOISE,
+    MAP
 };
 
 static const double PI = 3.141592653589793;
@@ -199,6 +200,10 @@ double effect_value(const Link *link, double time, const double *x, double *memo
         return x[0] < -options[0] ? x[0] + options[0] : 0.0;
     case BACKLASH: return backlash(x[0], options, memory, commit);
     case NOISE: return noise(time, x[0], options, memory, commit);
+    case MAP:
+        for (int i = 0; i + 1 < link->n_options; i += 2)
+            if (x[0] == options[i]) return options[i + 1];
+        return x[0];
     default: return NAN;
     }
 }
