@@ -10,6 +10,7 @@ import re
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path, PurePosixPath
 from typing import Any, cast
 
@@ -18,6 +19,7 @@ from ..errors import BuildError, ConfigError, Problem
 from ..translate.build import content_token
 from ..translate.coupled import binary
 from ..translate.package import FmiVersion, binary_member, join_macs, write_fmu
+from ..translate.presentation import dress
 from .inside import Inside, look_inside, native_config
 from .system_description import describe_system
 from .system_text import system_text
@@ -26,7 +28,7 @@ __all__ = ["SystemReport", "export_system_fmu"]
 
 _TOKEN = "{token}"
 # Of an inner FMU; its sources, and what only shows it, stay behind.
-_LEFT_OUT = ("sources", "terminalsAndIcons", "model.png")
+_LEFT_OUT = ("sources", "extra", "terminalsAndIcons", "model.png")
 
 
 @dataclass(frozen=True)
@@ -116,8 +118,28 @@ def _members(
     parts += [describe_system(inside, name, identifier, _TOKEN, version)]
     token = content_token(parts)
     members["resources/system.txt"] = system_text(inside, name, token, folders).encode()
-    members["modelDescription.xml"] = describe_system(inside, name, identifier, token, version)
-    return members
+    xml = members["modelDescription.xml"] = describe_system(inside, name, identifier, token, version)
+    fmus = {one.name: one.fmu.checksum() for one in inside.system.instances}
+    return members | dress(xml, [("System", _system(inside))], {"fmus": fmus})
+
+
+def _system(inside: Inside) -> str:
+    """What the page tells of the system: its instances, its connections, and how it is stepped."""
+    system, run = inside.system, inside.prepared.config.model.run
+    rows = "".join(
+        f"<tr><td>{escape(one.name)}</td><td>{escape(one.fmu.description.name)}</td>"
+        f"<td>{one.fmu.description.fmi_version}</td><td>{escape(one.fmu.description.description)}</td></tr>\n"
+        for one in system.instances
+    )
+    connections = escape("\n".join(map(str, system.connections)))
+    return (
+        f"<p>The FMUs below are stepped together, by the master {run.master_name}, every {run.step_size}; "
+        "communication steps are whole multiples of that. Connected inputs hold their values over a step, "
+        "inputs of the whole over a communication step. An importer's tolerance is not passed on.</p>\n"
+        "<table>\n"
+        "<tr><th>instance</th><th>model</th><th>FMI</th><th>description</th></tr>\n"
+        f"{rows}</table>\n<pre>\n{connections}</pre>"
+    )
 
 
 def _folders(inside: Inside) -> list[str]:

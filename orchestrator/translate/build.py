@@ -127,8 +127,9 @@ def translate(
         raise BuildError("CasADi is not installed; run `pip install 'orchestrator[build]'`") from None
     from .causalise import solve
     from .description import describe
-    from .documents import documentation_page
+    from .documents import model_sections, sources_used
     from .generate import TOKEN_MARK, generate_c, variable_table
+    from .presentation import dress, sources_of
     from .program import build_program
     from .reader import read_model
     from .selfcheck import check
@@ -163,7 +164,8 @@ def translate(
         sources["buildDescription.xml"] = build_description(identifier, list(sources))
     members = {f"sources/{file}": content for file, content in sources.items()}
     members["modelDescription.xml"] = xml
-    members["documentation/index.html"] = documentation_page(program, table).encode()
+    made_of = sources_of(sources_used(tree.texts, tree.classes[name].file), ("rumoca", "casadi", "ziglang"))
+    members |= dress(xml, model_sections(program, table, tree.classes[name]), made_of)
     counts = {
         "states": len(program.states),
         "inputs": len(program.inputs),

@@ -72,6 +72,11 @@ def main(args: argparse.Namespace) -> int:
     if file.suffix == ".py":
         from .python_fmu import build_python_fmu
 
+        if args.fmi != "2.0" or args.platforms != "all":
+            raise BuildError(
+                f"{file}: --fmi and --platforms are for compiled FMUs; the Python form is of FMI 2.0, for "
+                "Linux and Windows. Take --form native."
+            )
         print(f"{build_python_fmu(file, output)}: FMI 2.0 co-simulation, in Python")
         return 0
     if file.suffix != ".mo":

@@ -1,73 +1,70 @@
-"""The documentation that goes into an FMU: equations, ports and parameters as one HTML page."""
+"""What the page in a Modelica FMU tells besides its ports: the model's documentation, its equations."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from html import escape
 
-from .flat import Role, render
+from .classes import ModelicaClass
+from .flat import render
 from .generate import TableEntry
+from .presentation import Section
 from .program import Program
 
+__all__ = ["model_sections", "sources_used"]
 
-def documentation_page(program: Program, table: Sequence[TableEntry]) -> str:
-    """Return documentation/index.html: what the FMU computes, from the flat model it was built from.
+_ESCAPED = re.compile(r"\\(.)", re.DOTALL)
+_FRAME = re.compile(r"</?(?:html|head|body|script)[^>]*>", re.IGNORECASE)
+
+
+def model_sections(program: Program, table: Sequence[TableEntry], model: ModelicaClass) -> list[Section]:
+    """Sections of the page, from the flat model that the FMU was built from.
 
     Args:
         program: the model's functions.
         table: its variables.
+        model: its class, whose annotation may document it.
     """
     flat = program.model.symbols.flat
-    title = escape(flat.name)
-    rows = []
-    for heading, roles in (
-        ("Inputs", (Role.INPUT,)),
-        ("Outputs", (Role.OUTPUT,)),
-        ("Parameters", (Role.PARAMETER, Role.CONSTANT)),
-        ("Local variables", (Role.LOCAL,)),
-    ):
-        entries = [
-            entry
-            for entry in table
-            if entry.variable is not None and entry.variable.role in roles and entry.kind != "DERIVATIVE"
-        ]
-        if entries:
-            rows.append(
-                f"<h2>{heading}</h2>\n<table>\n{_row('th', ('name', 'unit', 'start', 'description'))}"
-            )
-            rows.extend(_row("td", _cells(entry)) for entry in entries)
-            rows.append("</table>")
-    equations = "\n".join(
-        escape(f"{render(equation.left)} = {render(equation.right)};") for equation in flat.equations
-    )
-    assertions = "\n".join(
-        escape(f"assert({render(assertion.condition)}, {assertion.message!r});")
-        for assertion in flat.assertions
-    )
-    text = "\n".join(
-        [
-            "<!DOCTYPE html>",
-            f'<html lang="en"><head><meta charset="utf-8"><title>{title}</title></head><body>',
-            f"<h1>{title}</h1>",
-            f"<p>{escape(flat.description)}</p>",
-            *rows,
-            "<h2>Equations</h2>",
-            f"<pre>\n{equations}\n{assertions}</pre>",
-            "</body></html>",
-        ]
-    )
-    return text + "\n"
+    sections = []
+    info = _info(model)
+    if info:
+        sections.append(("Documentation", _FRAME.sub("", _ESCAPED.sub(r"\1", info)).strip()))
+    lines = [f"{render(equation.left)} = {render(equation.right)};" for equation in flat.equations]
+    lines += [f"assert({render(one.condition)}, {one.message!r});" for one in flat.assertions]
+    for entry in table:
+        if entry.kind == "PARAMETER" and entry.start is None and entry.variable is not None:
+            binding = entry.variable.binding
+            if binding is not None:
+                lines.append(f"{entry.name} = {render(binding)};")
+    body = "\n".join(map(escape, lines))
+    return [*sections, ("Equations", f"<pre>\n{body}</pre>")]
 
 
-def _cells(entry: TableEntry) -> tuple[str, ...]:
-    variable = entry.variable
-    if variable is None:
-        return (entry.name, "", "", "")
-    start = "" if entry.start is None else f"{entry.start:.15g}"
-    if entry.kind == "PARAMETER" and entry.start is None and variable.binding is not None:
-        start = f"= {render(variable.binding)}"
-    return (entry.name, variable.unit, start, variable.description)
+def _info(model: ModelicaClass) -> str:
+    """The text of `Documentation(info="...")`, as it stands between the quotes; empty without one."""
+    for tokens in model.annotations:
+        texts = [token.text for token in tokens]
+        for place, text in enumerate(texts[:-4]):
+            if text == "Documentation" and texts[place + 2 : place + 4] == ["info", "="]:
+                return texts[place + 4][1:-1]
+    return ""
 
 
-def _row(tag: str, cells: Sequence[str]) -> str:
-    return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"
+def sources_used(texts: dict[str, str], main: str) -> dict[str, bytes]:
+    """The files that a model needs as far as names tell: the main one, and those of classes named there.
+
+    Args:
+        texts: of all files of the package, by path.
+        main: path of the model's file.
+    """
+    stems = {path.rpartition("/")[2].removesuffix(".mo"): path for path in texts}
+    used, waiting = {main}, [main]
+    while waiting:
+        for word in set(re.findall(r"[A-Za-z_]\w*", texts[waiting.pop()])):
+            path = stems.get(word)
+            if path is not None and path not in used:
+                used.add(path)
+                waiting.append(path)
+    return {path: texts[path].encode() for path in sorted(used)}

@@ -20,7 +20,8 @@ from .package import (
     runtime_sources,
     write_fmu,
 )
-from .python_fmu import described_model
+from .presentation import Section, dress, sources_of
+from .python_fmu import described_model, docstrings, source_files
 from .shared_source import assembled
 
 __all__ = ["build_native_fmu"]
@@ -82,7 +83,8 @@ def build_native_fmu(
         sources["buildDescription.xml"] = build_description(name, list(sources))
     members = {f"sources/{file}": content for file, content in sources.items()}
     members["modelDescription.xml"] = description(token)
-    members["documentation/index.html"] = _documentation(root, script)
+    made_of = sources_of(source_files(script), ("pythonfmu", "casadi", "ziglang"))
+    members |= dress(members["modelDescription.xml"], _sections(model, script), made_of)
     with tempfile.TemporaryDirectory(prefix="fmu-sources-") as folder:
         for file, content in sources.items():
             (Path(folder) / file).write_bytes(content)
@@ -101,26 +103,11 @@ def build_native_fmu(
     return BuildReport(output, name, fmi_version, tuple(platforms), counts, (checked,))
 
 
-def _documentation(root: Any, script: Path) -> bytes:
-    """The FMU's page: its variables, and the source that it was made from."""
-    title, about = escape(root.get("modelName")), escape(root.get("description") or "")
-    rows = []
-    for variable in root.find("ModelVariables"):
-        element = variable[0]
-        cells = (
-            variable.get("name"),
-            element.get("unit") or element.tag,
-            variable.get("causality") or "local",
-            element.get("start") or "",
-            variable.get("description"),
-        )
-        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-    source = assembled(script)
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title></head><body>\n'
-        f"<h1>{title}</h1>\n<p>{about}</p>\n<p>Native form: C generated from the Python source below; no "
-        "Python is needed where it runs.</p>\n<h2>Variables</h2>\n"
-        "<table><tr><th>Name</th><th>Unit or type</th><th>Causality</th><th>Start</th><th>Meaning</th></tr>\n"
-        + "\n".join(rows)
-        + f"\n</table>\n<h2>Source</h2>\n<pre>\n{escape(source)}</pre>\n</body></html>\n"
-    ).encode()
+def _sections(model: Any, script: Path) -> list[Section]:
+    """What the FMU's page tells besides its ports: what the component says of itself, and its source."""
+    form = "<p>Native form: C generated from the Python source below; no Python is needed where it runs.</p>"
+    return [
+        *docstrings(model, script),
+        ("Form", form),
+        ("Source", f"<pre>\n{escape(assembled(script))}</pre>"),
+    ]

@@ -8,15 +8,18 @@ Beyond what pythonfmu reads, an instance of it may carry
 - `enumerations`: variable -> (type name, value by item name), for a variable registered as an Integer;
 - `dependencies`: output -> inputs that it depends on at one and the same communication point;
 - `initial_dependencies`: output -> variables that its initial value depends on;
-- `requirements`: packages that the model needs where it runs (pythonfmu itself travels in the FMU).
+- `requirements`: packages that the model needs where it runs, as a tuple of texts such as "numpy>=2.4",
+  which are checked there (pythonfmu itself travels in the FMU).
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import html
 import importlib.metadata
+import inspect
 import re
 import sys
 import tempfile
@@ -28,7 +31,8 @@ from typing import Any
 
 from orchestrator.errors import BuildError, listed
 from orchestrator.translate.package import write_fmu
-from orchestrator.translate.shared_source import assembled
+from orchestrator.translate.presentation import Section, dress, sources_of, text_section
+from orchestrator.translate.shared_source import assembled, pieces
 from orchestrator.units import BASE_NAMES, Unit, UnitError, parse_unit
 
 try:
@@ -39,7 +43,7 @@ except ImportError as error:
         f"Python FMU: the package {error.name} is not installed; run `pip install 'orchestrator[build]'`"
     ) from error
 
-__all__ = ["build_python_fmu", "main"]
+__all__ = ["build_python_fmu", "docstrings", "main", "source_files"]
 
 _OPTIONS = {
     # Python itself is the tool that has to be there.
@@ -49,8 +53,45 @@ _OPTIONS = {
     "canSerializeFMUstate": True,
 }
 _CLASS = re.compile(r"^class (\w+)\(\s*Fmi2Slave\s*\)\s*:", re.MULTILINE)
+_REQUIREMENT = re.compile(r"[\w.-]+(>=[\d.]+)?")
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _INDENT = "  "
+
+# Put before the model's own imports, where it has requirements: what is missing is told by name and remedy,
+# on the error stream as well, since pythonfmu passes on what is raised only where logging is asked for.
+_CHECK = r"""
+
+# --- inserted when the FMU was built: tells which packages are missing
+
+
+def _check_requirements(name, wanted):
+    import re
+    import sys
+    from importlib import metadata
+
+    missing = []
+    for item in wanted:
+        package, least = re.fullmatch(r"([\w.-]+)(?:>=([\d.]+))?", item).groups()
+        try:
+            found = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            missing.append((item, f"{item} is not installed"))
+            continue
+        older = [tuple(map(int, re.findall(r"\d+", text)[:3])) for text in (found, least or "0")]
+        if least and older[0] < older[1]:
+            missing.append((item, f"{item} is needed, {found} is installed"))
+    if missing:
+        place = f"the Python {sys.version_info[0]}.{sys.version_info[1]} in {sys.prefix}"
+        packages = " ".join(f'"{item}"' for item, _ in missing)
+        what = f"FMU {name}: in {place} {'; '.join(text for _, text in missing)}"
+        message = f"{what}. Remedy: pip install {packages} there, or take the FMU's native form."
+        print(message, file=sys.stderr, flush=True)
+        raise ImportError(message)
+
+
+_check_requirements({name!r}, {requirements!r})
+
+"""
 
 # Appended to the model's source, against two faults of pythonfmu 0.7.0's loader. When a method raises, it
 # gives up its references to the class, the instance and the instance's log at once, and again when the
@@ -134,7 +175,9 @@ def build_python_fmu(script: Path, output: Path) -> Path:
     members, root, model = described_model(script)
     requirements = tuple(getattr(model, "requirements", ()))
     members["resources/requirements.txt"] = "".join(f"{name}\n" for name in requirements).encode()
-    members["documentation/index.html"] = _documentation(root, requirements)
+    sections = [*docstrings(model, script), _where_it_runs(requirements)]
+    made_of = sources_of(source_files(script), ("pythonfmu",))
+    members |= dress(etree.tostring(root), sections, made_of)
     members["documentation/licenses/pythonfmu.txt"] = _licence()
     root.set("guid", _content_id(members, root))
     etree.indent(root, _INDENT)
@@ -160,10 +203,36 @@ def described_model(script: Path) -> tuple[dict[str, bytes], Any, Any]:
             f"{script.name}: classes derived from Fmi2Slave: {listed(names)}; there must be exactly one, "
             "written `class Name(Fmi2Slave):` on one line"
         )
-    members, model = _run_builder(script, source, names[0])
+    members, model = _run_builder(script, _checking(source, names[0]), names[0])
     root = etree.fromstring(members.pop("modelDescription.xml"), etree.XMLParser(remove_blank_text=True))
     _complete(root, model, script.name)
     return members, root, model
+
+
+def _checking(source: bytes, name: str) -> bytes:
+    """The source with a check of what it requires before its own imports; as it is if it requires nothing."""
+    tree = ast.parse(source)
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name]
+    values = [
+        node.value
+        for node in (classes[0].body if classes else ())
+        if isinstance(node, ast.Assign) and [ast.unparse(one) for one in node.targets] == ["requirements"]
+    ]
+    requirements = ast.literal_eval(values[0]) if values else ()
+    if not requirements:
+        return source
+    wrong = [item for item in requirements if not _REQUIREMENT.fullmatch(item)]
+    if wrong:
+        raise BuildError(f'{name}: requirements: cannot read {listed(wrong)}; written as "numpy>=2.4"')
+    line = 0
+    for node in tree.body:
+        docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        if not docstring and not (isinstance(node, ast.ImportFrom) and node.module == "__future__"):
+            break
+        line = node.end_lineno or node.lineno
+    lines = source.split(b"\n")
+    check = _CHECK.replace("{name!r}", repr(name)).replace("{requirements!r}", repr(requirements))
+    return b"\n".join([*lines[:line], check.encode(), *lines[line:]])
 
 
 def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str, bytes], Any]:
@@ -319,33 +388,31 @@ def _structure(root: Any, model: Any, variables: Mapping[str, Any], place: str) 
             etree.SubElement(element, "Unknown", index=index[name], dependencies=depends)
 
 
-def _documentation(root: Any, requirements: Sequence[str]) -> bytes:
-    """The FMU's own documentation: what it needs where it runs, and its variables."""
-    name, about = html.escape(root.get("modelName")), html.escape(root.get("description") or "")
+def docstrings(model: Any, script: Path) -> list[Section]:
+    """What a model says of itself, its equations among it: the docstrings of its files and its class."""
+    texts = {piece.label: ast.get_docstring(ast.parse(piece.text)) for piece in pieces(script)}
+    own = texts.pop(script.name, None)
+    sections = text_section("Model", own, inspect.cleandoc(type(model).__doc__ or ""))
+    for label, text in texts.items():
+        sections += text_section(label, text)
+    return sections
+
+
+def source_files(script: Path) -> dict[str, bytes]:
+    """The files that a model is made of, by their names in messages."""
+    return {piece.label: piece.path.read_bytes().replace(b"\r\n", b"\n") for piece in pieces(script)}
+
+
+def _where_it_runs(requirements: Sequence[str]) -> Section:
     packages = ", ".join(f"<code>{html.escape(package)}</code>" for package in requirements) or "none"
-    rows = []
-    for variable in root.find("ModelVariables"):
-        element = next(child for child in variable if child.tag in _TYPES)
-        cells = (
-            variable.get("name"),
-            element.get("unit") or element.tag,
-            variable.get("causality") or "local",
-            element.get("start") or "",
-            variable.get("description"),
-        )
-        rows.append("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>")
     return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}</title></head><body>\n'
-        f"<h1>{name}</h1>\n<p>{about}</p>\n<h2>Where it runs</h2>\n"
+        "Where it runs",
         "<p>The model is Python code. It runs in the Python of the importing process (64-bit Python 3.11 or "
         "later; Windows x86-64, or Linux x86-64 with glibc 2.32 and GCC 12's libstdc++ or later): an "
         "importer that is not itself Python must have libpython "
-        f"loaded. Packages needed there: {packages}; <code>pip install -r resources/requirements.txt</code>. "
-        "pythonfmu travels in the FMU.</p>\n<h2>Variables</h2>\n"
-        "<table><tr><th>Name</th><th>Unit or type</th><th>Causality</th><th>Start</th><th>Meaning</th></tr>\n"
-        + "\n".join(rows)
-        + "\n</table>\n</body></html>\n"
-    ).encode()
+        f"loaded. Packages needed there: {packages}; <code>pip install -r resources/requirements.txt</code>; "
+        "what is missing is told when an instance is made. pythonfmu travels in the FMU.</p>",
+    )
 
 
 def _licence() -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import subprocess
 import sys
 import zipfile
@@ -86,7 +87,7 @@ def test_archive_tells_where_it_runs_and_nothing_of_where_it_was_built(name):
     requirements = members["resources/requirements.txt"].decode().split()
     page = members["documentation/index.html"].decode()
     etree.fromstring(page.split("\n", 1)[1], etree.HTMLParser(recover=False))
-    assert all(f"<code>{package}</code>" in page for package in requirements)
+    assert all(f"<code>{html.escape(package)}</code>" in page for package in requirements)
     assert b"MIT" in members["documentation/licenses/pythonfmu.txt"]
     for member, content in members.items():
         assert str(FMUS.parent).encode() not in content, member
