@@ -15,6 +15,7 @@ import pytest
 from runtime_bench import needs_compiler, unpacked, write_sources
 
 from orchestrator.errors import BuildError
+from orchestrator.translate.coupled import binary
 from orchestrator.translate.package import (
     PLATFORMS,
     binary_member,
@@ -126,6 +127,18 @@ def test_each_platform_exports_the_whole_interface_and_nothing_else(libraries, v
         intel = intel[entries[2] : entries[2] + entries[3]]
     assert macho_exports(intel) == (0x01000007, expected)
     assert macho_exports(apple) == (0x0100000C, expected)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_the_binaries_of_systems_export_the_whole_interface_and_nothing_else(version):
+    expected = declared(version)
+    assert elf_exports(binary("x86_64-linux", version)) == (62, expected)
+    assert pe_exports(binary("x86_64-windows", version))[:2] == (0x8664, expected)
+    assert macho_exports(binary("x86_64-darwin", version)) == (0x01000007, expected)
+    assert macho_exports(binary("aarch64-darwin", version)) == (0x0100000C, expected)
+    for platform in PLATFORMS:
+        for trace in (b"/tmp", os.fsencode(Path.home()), os.fsencode(os.getcwd()), b"coupling.c", b".pdb"):
+            assert trace not in binary(platform, version), (platform, trace)
 
 
 @needs_compiler
