@@ -189,7 +189,7 @@ def _unfit(one: Instance, places: Places) -> list[Problem]:
         return [Problem(place, what, "it runs as model exchange; co-simulation can")]
     handling = one.fmu.handling if isinstance(one.fmu, CompiledFmu) else None
     if handling is None:
-        return [Problem(place, what, "it comes from no file")]
+        return [Problem(place, what, "it is no FMU of a file, but lives outside of the run")]
     if handling.event_mode:
         remedy = f"Leave instances.{one.name}.event_mode out."
         return [Problem(place, what, "it runs with event_mode, of which the inner master has none", remedy)]

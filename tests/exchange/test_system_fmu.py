@@ -16,6 +16,7 @@ from orchestrator.__main__ import main
 from orchestrator.config import load_config
 from orchestrator.effects import effect_names
 from orchestrator.errors import ConfigError
+from orchestrator.exchange.cli import _names
 from orchestrator.exchange.inside import EFFECTS, native_config
 from orchestrator.exchange.system_fmu import export_system_fmu
 from orchestrator.run import run
@@ -153,6 +154,10 @@ def test_a_part_of_a_system_does_the_same_as_its_instances(tmp_path, version, ro
     for name in ports:
         assert np.array_equal(told[f"part.{name}"], results[name]), name
     assert np.array_equal(told["contact.force"], results["contact.force"])
+    # The whole, with the part in it, becomes an FMU once more.
+    again = exported(tmp_path, tmp_path / "whole.yaml", fmi_version=version)
+    assert "part.satellite.position" in again.outputs
+    assert np.array_equal(in_fmpy(again, results)["contact.force"], results["contact.force"])
 
 
 def test_parameters_have_the_config_s_values_and_units_and_can_be_changed(tmp_path):
@@ -418,6 +423,15 @@ def test_a_missing_inner_binary_is_told(tmp_path):
         fmpy.simulate_fmu(str(spoilt), stop_time=0.1, logger=lambda *a: log.append(a[-1].decode()))
     assert "fmi2Instantiate: cannot load" in log[0]
     assert "DockingContact.so" in log[0]
+
+
+def test_rigs_outside_of_the_run_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="it is no FMU of a file, but lives outside of the run"):
+        export_system_fmu("docking-1d-station", tmp_path / "x.fmu")
+
+
+def test_names_are_divided_by_commas_outside_of_brackets():
+    assert _names("a.A[1,2], b.y ,a.x[3]") == ["a.A[1,2]", "b.y", "a.x[3]"]
 
 
 def test_the_command(tmp_path, capsys):
