@@ -47,6 +47,10 @@ connections:
       - {quantise: 0.01 N}
       - {saturate: {low: -3000 N, high: 3000 N}}
       - {noise: {deviation: 1 N, period: 1 ms, seed: 3}}
+      - {noise: {deviation: 1 N, period: 1 ms, seed: 4, correlation: 5 ms}}
+      - {drift: 2 N/s}
+      - {dropout: {probability: 0.2, period: 1 ms, phase: 2.5 ms, seed: 5}}
+      - {jitter: {jitter: 1 ms, period: 1 ms, seed: 6}}
       - {rate-limit: 1e6 N/s}
       - {dead-band: 0.1 N}
       - {sample-and-hold: 1 ms}

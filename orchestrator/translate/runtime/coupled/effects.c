@@ -8,16 +8,17 @@
 
 enum {
     GAIN, OFFSET, DELAY, LOW_PASS, SAMPLE_AND_HOLD, SATURATE, QUANTISE, RATE_LIMIT, DEAD_BAND, BACKLASH, NOISE,
-    MAP
+    DRIFT, DROPOUT, JITTER, MAP
 };
 
 static const double PI = 3.141592653589793;
 
-static double delay(double time, double x, const double *options, double *memory, int n_memory, int commit)
+/* The signal as it was `back` earlier, at most `longest`; see orchestrator/effects/delay.py. */
+static double earlier(double time, double x, double back, double longest, int told, double before,
+                      double *memory, int n_memory, int commit)
 {
     int size = (n_memory - 3) / 2, count = (int)memory[0], oldest = (int)memory[1], older = count;
-    double wanted = time - options[0], right_time = time, right = x, left_time = time, left = x, y;
-    if (options[0] == 0.0) return x;
+    double wanted = time - back, right_time = time, right = x, left_time = time, left = x, y;
     while (older > 0 && left_time > wanted) {
         int place = 3 + (oldest + --older) % size;
         right_time = left_time;
@@ -33,14 +34,14 @@ static double delay(double time, double x, const double *options, double *memory
             if (share > 1.0 - 1e-9) y = right;
             else if (share > 1e-9) y = left + share * (right - left);
         }
-    } else if (options[1] != 0.0 && (count == 0 || memory[2] != 0.0)) {
-        y = options[2];
+    } else if (told && (count == 0 || memory[2] != 0.0)) {
+        y = before;
         if (count > 0 && left_time - wanted <= 1e-9 * (right_time - left_time)) y = left;
     }
     if (commit) {
         int place;
         if (count == 0) memory[2] = 1.0;
-        while (count > 1 && memory[3 + (oldest + 1) % size] <= wanted) {
+        while (count > 1 && memory[3 + (oldest + 1) % size] <= time - longest) {
             oldest = (oldest + 1) % size;
             count--;
             memory[2] = 0.0;
@@ -144,41 +145,101 @@ static double quantised(double x, double resolution)
     return resolution * floor(count);
 }
 
-/* The draws are a hash of seed, element and number; its constants were found by Wellons ("lowbias32"). */
+/* Draws are a hash of seed, element and number; its constants were found by Wellons ("lowbias32"). Signed
+ * numbers of 64 bits, as in orchestrator/effects/draws.py: a number may be below zero. */
+static int64_t mixed(int64_t state)
+{
+    state ^= state >> 16;
+    state = (int64_t)(((uint64_t)state * 0x7FEB352Du) & 0xFFFFFFFFu);
+    state ^= state >> 15;
+    state = (int64_t)(((uint64_t)state * 0x846CA68Bu) & 0xFFFFFFFFu);
+    return state ^ (state >> 16);
+}
+
+static int64_t seeded(const double *key, int64_t number)
+{
+    int64_t state = mixed(0x9E3779B9 ^ (int64_t)key[0]);
+    state = mixed(state ^ (int64_t)key[1]);
+    state = mixed(state ^ (int64_t)key[2]);
+    state = mixed(state ^ (number & 0xFFFFFFFF));
+    return mixed(state ^ (number >> 32));
+}
+
+static double uniform(const double *key, int64_t number)
+{
+    return ((double)seeded(key, number) + 0.5) / 4294967296.0;
+}
+
+static double normal(const double *key, int64_t number)
+{
+    int64_t first = seeded(key, number), second = mixed((first + 0x9E3779B9) & 0xFFFFFFFF);
+    double one = ((double)first + 0.5) / 4294967296.0, other = ((double)second + 0.5) / 4294967296.0;
+    return sqrt(-2.0 * log(one)) * cos(2.0 * PI * other);
+}
+
 static double noise(double time, double x, const double *options, double *memory, int commit)
 {
-    double start = memory[0] != 0.0 ? memory[1] : time, one, other, normal;
-    uint32_t state = 0x9E3779B9u, high = 0, low = 0;
+    double start = memory[0] != 0.0 ? memory[1] : time, value;
     int64_t number;
     if (options[0] == 0.0) return x;
     number = (int64_t)floor((time - start) / options[1] + 1e-6);
-    for (int part = 0; part < 7; part++) {
-        switch (part) {
-        case 0: state ^= (uint32_t)options[2]; break;
-        case 1: state ^= (uint32_t)options[3]; break;
-        case 2: state ^= (uint32_t)options[4]; break;
-        case 3: state ^= (uint32_t)(number & 0xFFFFFFFF); break;
-        case 4: state ^= (uint32_t)(number >> 32); break;
-        case 5:
-            high = state;
-            state += 0x9E3779B9u;
-            break;
-        default: low = state;
-        }
-        state ^= state >> 16;
-        state *= 0x7FEB352Du;
-        state ^= state >> 15;
-        state *= 0x846CA68Bu;
-        state ^= state >> 16;
+    if (options[5] == 0.0 || memory[0] == 0.0) {
+        value = normal(options + 2, number);
+    } else {
+        double keep = exp(-options[1] / options[5]);
+        value = memory[3];
+        for (int64_t each = (int64_t)memory[2] + 1; each <= number; each++)
+            value = keep * value + sqrt(1.0 - keep * keep) * normal(options + 2, each);
     }
-    one = (high + 0.5) / 4294967296.0;
-    other = (low + 0.5) / 4294967296.0;
-    normal = sqrt(-2.0 * log(one)) * cos(2.0 * PI * other);
+    if (commit) {
+        memory[0] = 1.0;
+        memory[1] = start;
+        memory[2] = (double)number;
+        memory[3] = value;
+    }
+    return x + options[0] * value;
+}
+
+static double drift(double time, double x, const double *options, double *memory, int commit)
+{
+    double start = memory[0] != 0.0 ? memory[1] : time;
+    if (options[0] == 0.0) return x;
     if (commit) {
         memory[0] = 1.0;
         memory[1] = start;
     }
-    return x + options[0] * normal;
+    return x + options[0] * (time - start);
+}
+
+static double dropout(double time, double x, const double *options, double *memory, int commit)
+{
+    double start = memory[0] != 0.0 ? memory[1] : time, y = x;
+    int64_t number;
+    if (options[0] == 0.0) return x;
+    number = (int64_t)floor((time - start - options[2]) / options[1] + 1e-6);
+    if (memory[0] != 0.0) {
+        y = memory[3];
+        if ((double)number > memory[2] && uniform(options + 3, number) >= options[0]) y = x;
+    }
+    if (commit) {
+        memory[0] = 1.0;
+        memory[1] = start;
+        memory[2] = (double)number;
+        memory[3] = y;
+    }
+    return y;
+}
+
+static double jitter(double time, double x, const double *options, double *memory, int n_memory, int commit)
+{
+    double start = memory[0] != 0.0 ? memory[n_memory - 1] : time, y;
+    int64_t number;
+    if (options[0] == 0.0) return x;
+    number = (int64_t)floor((time - start - options[2]) / options[1] + 1e-6);
+    if (number < 0) number = 0;
+    y = earlier(time, x, options[0] * uniform(options + 3, number), options[0], 0, 0.0, memory, n_memory, commit);
+    if (commit) memory[n_memory - 1] = start;
+    return y;
 }
 
 /* x[0] is the signal, `commit` whether the instant is accepted, so that it is remembered. */
@@ -188,7 +249,10 @@ double effect_value(const Link *link, double time, const double *x, double *memo
     switch (link->kind) {
     case GAIN: return x[0] * options[0];
     case OFFSET: return options[0] == 0.0 ? x[0] : x[0] + options[0]; /* -0.0 + 0.0 is +0.0 */
-    case DELAY: return delay(time, x[0], options, memory, link->n_memory, commit);
+    case DELAY:
+        if (options[0] == 0.0) return x[0];
+        return earlier(time, x[0], options[0], options[0], options[1] != 0.0, options[2], memory,
+                       link->n_memory, commit);
     case LOW_PASS: return low_pass(time, x[0], options, memory, commit);
     case SAMPLE_AND_HOLD: return sample_and_hold(time, x[0], options, memory, commit);
     case SATURATE: return x[0] < options[0] ? options[0] : x[0] > options[1] ? options[1] : x[0];
@@ -200,6 +264,9 @@ double effect_value(const Link *link, double time, const double *x, double *memo
         return x[0] < -options[0] ? x[0] + options[0] : 0.0;
     case BACKLASH: return backlash(x[0], options, memory, commit);
     case NOISE: return noise(time, x[0], options, memory, commit);
+    case DRIFT: return drift(time, x[0], options, memory, commit);
+    case DROPOUT: return dropout(time, x[0], options, memory, commit);
+    case JITTER: return jitter(time, x[0], options, memory, link->n_memory, commit);
     case MAP:
         for (int i = 0; i + 1 < link->n_options; i += 2)
             if (x[0] == options[i]) return options[i + 1];
