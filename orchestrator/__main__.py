@@ -134,7 +134,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     export.add_argument("--format", default="csv", metavar="LIST", help="formats: csv, parquet, mat")
     export.set_defaults(command_function=_export)
 
-    exporting = commands.add_parser("export", help="write a system for other tools, as .ssp")
+    exporting = commands.add_parser("export", help="write a system for other tools, as .fmu or .ssp")
     importing = commands.add_parser("import", help="make a config of another tool's .ssp or .ssd")
     if arguments[:1] in (["export"], ["import"]):
         from .exchange import cli as exchange_cli
