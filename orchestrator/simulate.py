@@ -213,6 +213,7 @@ def simulate(
     loop: str = "auto",
     ledger: Ledger | None = None,
     pace: Pace | None = None,
+    layout: Layout | None = None,
 ) -> None:
     """Run a system.
 
@@ -226,6 +227,7 @@ def simulate(
             possible and faster.
         ledger: of the coupling; filled also when the run fails. One without bonds costs nothing.
         pace: by which steps begin; as soon as they can without.
+        layout: of the signals, where it holds more than those of the system; see `Layout.of`.
     Raises: ConfigError if the master, or the native loop that is asked for, cannot run the system; StepError
         if an FMU fails or an iteration does not converge; FmuError if an FMU cannot be loaded;
         KeyboardInterrupt, between two steps, if the user asks for it.
@@ -238,7 +240,7 @@ def simulate(
         problems.append(Problem("run.step_size", what, "the system's delays were judged by that one"))
     if problems:
         raise ConfigError(problems)
-    with _held_interrupts() as stop, instantiate(system, Layout.of(system)) as instances:
+    with _held_interrupts() as stop, instantiate(system, layout or Layout.of(system)) as instances:
         try:
             report.loop = choose_loop(loop, instances, master, grid.steps)
             signals = instances.initialise(float(grid.start), grid.latest)

@@ -16,7 +16,7 @@ from .restart import Restart
 from .rig import SUBSTEPS
 from .study import Array, Role, Run, Study
 
-__all__ = ["MEASURES", "Ahead", "how_far", "one_contact_ahead"]
+__all__ = ["MEASURES", "Ahead", "closure_of", "how_far", "one_contact_ahead"]
 
 # Errors per contact, model minus log; the first is of signals, the others of what a contact does.
 MEASURES = ("nrmse", "cor", "peak_force", "energy")
@@ -130,7 +130,7 @@ def _ahead(
         ]
         floor = min(options) if options else (noise if name == "nrmse" else 0.0)
         squares = {key: value[:, place] ** 2 for key, value in gaps.items()}
-        measures[name] = _closure(squares, floor, _BLOCK)
+        measures[name] = closure_of(squares, floor, _BLOCK)
     return {**measures["nrmse"], "contacts": len(gaps["before"]), "measures": measures}
 
 
@@ -156,7 +156,7 @@ def _noise_alone(study: Study, runs: Sequence[Run]) -> float:
     return float(np.sqrt(np.mean((study.nominal["force_noise"].value / np.array(peaks)) ** 2) / 2.0))
 
 
-def _closure(squares: dict[str, Array], floor: float, block: int) -> dict[str, Any]:
+def closure_of(squares: dict[str, Array], floor: float, block: int) -> dict[str, Any]:
     """Gap before and after, and its closure with an interval by block bootstrap.
 
     Args:
@@ -241,7 +241,7 @@ def _whole(
         # Two runs of the rig differ by the root of two times as much as a model without noise from one.
         again = of.pop("repeat", None)
         floor = 0.0 if again is None else float(np.sqrt(np.mean(again) / 2.0))
-        measures[name] = _closure(of, floor, 1)
+        measures[name] = closure_of(of, floor, 1)
     return {**measures["nrmse"], "measures": measures}
 
 

@@ -22,6 +22,7 @@ from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
 from .finding import Finding
 from .parts import Parts
+from .ports.study import PortStudy, is_port_study
 from .study import Role, Study, load_study
 from .verdict import NAME, Diagnosis, Runnable, Share, Verdict, Warned, Which, problems_of
 
@@ -45,7 +46,7 @@ class Diagnosed:
         folder, files: where it was written and the files' names; None and none if it was not.
     """
 
-    study: Study
+    study: Study | PortStudy
     finding: Finding
     diagnosis: Diagnosis
     folder: Path | None = None
@@ -71,6 +72,8 @@ def diagnose(
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
     """
     begin = perf_counter()
+    if not isinstance(study, Study) and is_port_study(Path(study)):
+        return _any_system(Path(study), out, report, progress)
     progress("read")
     parts = parts or Parts.standard()
     source = None if isinstance(study, Study) else Path(study)
@@ -109,6 +112,22 @@ def diagnose(
     diagnosis.provenance["seconds"] = round(perf_counter() - begin, 3)
     folder, files = _write(Diagnosed(study, finding, diagnosis), Path(out), report, config)
     return Diagnosed(study, finding, diagnosis, folder, files)
+
+
+def _any_system(path: Path, out: Path | str | None, report: bool, progress: Report) -> Diagnosed:
+    """The diagnosis of a system of FMUs with logged ports."""
+    from .ports.diagnose import diagnose_ports
+
+    made = diagnose_ports(path, progress, report and out is not None)
+    diagnosed = Diagnosed(made.study, made.finding, made.diagnosis)
+    if out is None:
+        return diagnosed
+    progress("write")
+    folder = _folder(Path(out))
+    for name, text in made.files.items():
+        _atomically(folder / name, text)
+    _atomically(folder / NAME, _json(made.diagnosis))
+    return replace(diagnosed, folder=folder, files=(NAME, *made.files))
 
 
 def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:
@@ -226,10 +245,7 @@ def _write(
     diagnosed: Diagnosed, out: Path, report: bool, config: AugmentedConfig | None
 ) -> tuple[Path, tuple[str, ...]]:
     """Write everything; diagnosis.json last, so that where it stands the rest does, too."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError([Problem("", f"cannot make the folder {out} ({error})")]) from error
+    _folder(out)
     files = [NAME]
     if config is not None:
         _atomically(out / AUGMENTED, config.text)
@@ -240,9 +256,20 @@ def _write(
 
         _atomically(out / "report.html", page(diagnosed.study, diagnosed.diagnosis, diagnosed.finding.answer))
         files.append("report.html")
-    text = json.dumps(diagnosed.diagnosis.data_of(), indent=2, allow_nan=False, ensure_ascii=False)
-    _atomically(out / NAME, text + "\n")
+    _atomically(out / NAME, _json(diagnosed.diagnosis))
     return out, tuple(files)
+
+
+def _folder(out: Path) -> Path:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError([Problem("", f"cannot make the folder {out} ({error})")]) from error
+    return out
+
+
+def _json(diagnosis: Diagnosis) -> str:
+    return json.dumps(diagnosis.data_of(), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _atomically(path: Path, text: str) -> None:

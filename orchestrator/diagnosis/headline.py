@@ -31,7 +31,7 @@ def headline(diagnosis: Diagnosis) -> str:
     if effects == ["outside"]:
         return (
             f"An effect outside the catalogue acts at the {diagnosis.outside_place} ({chance}). None of the "
-            f"{len(catalogue())} known effects leaves only noise."
+            f"{diagnosis.provenance.get('effects', len(catalogue()))} known effects leaves only noise."
         )
     named = " and ".join(effects)
     tied = [one for one in diagnosis.which if len(one.effects) == 1 and one.effects[0] in first.ties]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from ..errors import Problem, listed, nearest
 from ..units import UnitError, convert, parse_unit, quantity_in
 from .logs import LogError, Signal, read_log
 
-__all__ = ["Column", "columns_of", "read_mapping"]
+__all__ = ["Column", "Mapped", "columns_of", "read_mapping"]
 
 Array = NDArray[np.float64]
 # Half of what stamps are counted in [s]: equal ones stay equal when a clock is subtracted.
@@ -41,14 +41,23 @@ class Column(BaseModel):
     clock: float = 0.0
 
 
+Mapped = TypeVar("Mapped", bound=Column)
+
+
 def read_mapping(
-    data: Any, signals: Mapping[str, str], place: str, problems: list[Problem]
-) -> dict[str, Column]:
-    """The `columns` of a study file: a name, or the keys of `Column`, for each signal.
+    data: Any,
+    signals: Mapping[str, str],
+    place: str,
+    problems: list[Problem],
+    kind: type[Mapped] = Column,  # type: ignore[assignment]
+    optional: bool = False,
+) -> dict[str, Mapped]:
+    """The `columns` of a study file: a name, or the keys of `kind`, for each signal.
 
     Args:
-        signals: those that are needed, with their SI units.
+        signals: those that are needed, with the units in which they are taken.
         problems: what is wrong is added.
+        optional: whether signals may be left out.
     """
     if not isinstance(data, dict):
         problems.append(Problem(place, f"got {data!r}", f"a column for each of {listed(tuple(signals))}"))
@@ -64,7 +73,7 @@ def read_mapping(
             )
             continue
         try:
-            one = Column.model_validate(
+            one = kind.model_validate(
                 {"column": entry} if isinstance(entry, str) else _read(entry, signals[name], here, problems)
             )
         except ValidationError as error:
@@ -78,7 +87,7 @@ def read_mapping(
             continue
         found[name] = one
     missing = [name for name in signals if name not in data and name != "time"]
-    if missing:
+    if missing and not optional:
         problems.append(Problem(place, f"no column for {listed(missing)}"))
     return found
 
@@ -88,7 +97,7 @@ def _read(entry: Any, unit: str, place: str, problems: list[Problem]) -> Any:
     if not isinstance(entry, dict):
         return entry
     numbers = {}
-    for key, measure in (("clock", "s"), ("offset", unit)):
+    for key, measure in (("clock", "s"), ("offset", unit), ("noise", unit)):
         if key in entry:
             try:
                 numbers[key] = quantity_in(str(entry[key]), parse_unit(measure))

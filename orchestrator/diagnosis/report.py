@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
 
 from .catalogue import catalogue
+from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
 from .headline import TELLS, given, headline, listed_or, percent
 from .study import Role, Study
 from .verdict import Diagnosis, Gap
 
-__all__ = ["page"]
+__all__ = ["compose", "page"]
 
 # A share of probability below which an answer is not worth a line, and so many lines.
 _WORTH, _LINES = 0.005, 8
@@ -26,29 +28,47 @@ def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
     Args:
         model: the answer's, by which residuals are shown after the effects are added.
     """
-    style = resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     places = list(dict.fromkeys(diagnosis.verdict.places)) or ["sensor"]
     figures = [figure_of(study, place, model) for place in places[:3]]
     seen: dict[str, str] = {words: drawn for drawn, words in figures}
+    return compose(diagnosis, seen, _assumed(study, diagnosis), catalogue(), "one contact ahead")
+
+
+def compose(
+    diagnosis: Diagnosis,
+    figures: Mapping[str, str],
+    assumed: Sequence[str],
+    known: Mapping[str, Effect],
+    gap: str,
+) -> str:
+    """A page of a diagnosis, as HTML.
+
+    Args:
+        figures: SVG by what each shows in words.
+        assumed: sentences.
+        known: the effects that were weighed, by id.
+        gap: over what the gap is measured.
+    """
+    style = resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     parts = [
         f"<p class=headline>{escape(headline(diagnosis))}</p>",
         _warnings(diagnosis),
         "<div class=cards>",
-        _card("Which effect", _posterior(diagnosis)),
+        _card("Which effect", _posterior(diagnosis, known)),
         _card("Where the gap lies", _where(diagnosis)),
-        _card("How far it shrinks", _how_far(diagnosis)),
+        _card("How far it shrinks", _how_far(diagnosis, gap)),
         _card("What to run next", _next(diagnosis)),
         "</div>",
         "<h2>Residuals before and after</h2>",
         *(
             f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>"
-            for words, drawn in seen.items()
+            for words, drawn in figures.items()
         ),
         _augmented(diagnosis),
         _ledger(diagnosis),
         _energy(diagnosis),
         _calibration(diagnosis),
-        _assumed(study, diagnosis),
+        _told(assumed),
         _provenance(diagnosis),
     ]
     title = escape(f"{diagnosis.case}: diagnosis of the sim-to-real gap")
@@ -80,13 +100,13 @@ def _bar(label: str, value: float, text: str, note: str = "", strong: bool = Fal
     )
 
 
-def _posterior(diagnosis: Diagnosis) -> str:
+def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect]) -> str:
     rows = []
     answer = given(diagnosis)
     shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
     for one in shown:
         label = " + ".join(one.effects) or "no effect"
-        notes = [", ".join(_parameter(name, value) for name, value in one.parameters.items())]
+        notes = [", ".join(_parameter(name, value, known) for name, value in one.parameters.items())]
         if one.ties:
             notes.append(f"tied with {', '.join(one.ties)}")
         note = "; ".join(part for part in notes if part)
@@ -98,11 +118,10 @@ def _posterior(diagnosis: Diagnosis) -> str:
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
 
-def _parameter(name: str, value: float) -> str:
-    """A fitted parameter with the unit that the catalogue gives it."""
+def _parameter(name: str, value: float, known: Mapping[str, Effect]) -> str:
+    """A fitted parameter with the unit that its effect gives it."""
     effect, _, parameter = name.rpartition(".")
-    known = catalogue().get(effect)
-    units = {one.name: one.unit for one in known.parameters} if known else {}
+    units = {one.name: one.unit for one in known[effect].parameters} if effect in known else {}
     unit = units.get(parameter, "")
     own = effect.partition(".")[2]
     label = own if own == parameter else f"{own} {parameter.replace('_', ' ')}"
@@ -122,11 +141,11 @@ def _where(diagnosis: Diagnosis) -> str:
     return f"{''.join(rows)}<p class=note>{note}</p>"
 
 
-def _how_far(diagnosis: Diagnosis) -> str:
+def _how_far(diagnosis: Diagnosis, over: str) -> str:
     gap = diagnosis.how_far
     if gap is None:
         return _left_out(diagnosis, "how_far")
-    rows = [("one contact ahead", gap)] + ([("whole run", gap.full_run)] if gap.full_run is not None else [])
+    rows = [(over, gap)] + ([("whole run", gap.full_run)] if gap.full_run is not None else [])
     body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
     head = "".join(
         f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
@@ -251,7 +270,7 @@ def _calibration(diagnosis: Diagnosis) -> str:
     )
 
 
-def _assumed(study: Study, diagnosis: Diagnosis) -> str:
+def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
     roles = {role: [run.name for run in study.of(role)] for role in Role}
     told = [
         f"Fits saw {', '.join(roles[Role.TRAIN])} only; "
@@ -272,7 +291,11 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> str:
             f"{percent(diagnosis.numerics.fraction)} of the gap."
         )
     told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
-    items = "".join(f"<li>{escape(one)}</li>" for one in told)
+    return told
+
+
+def _told(assumed: Sequence[str]) -> str:
+    items = "".join(f"<li>{escape(one)}</li>" for one in assumed)
     return f"<h2>What was assumed</h2><ul>{items}</ul>"
 
 

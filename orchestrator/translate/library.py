@@ -41,6 +41,10 @@ LIBRARY: tuple[LibraryFmu, ...] = tuple(
         ("PointContact", "DockingHIL/PointContact.mo"),
         ("WrenchSensor", "DockingHIL/WrenchSensor.mo"),
         ("UncompensatedDocking", "DockingHIL/Examples/UncompensatedDocking.mo"),
+        ("SmoothMotion", "Drives/SmoothMotion.mo"),
+        ("CascadeControl", "Drives/CascadeControl.mo"),
+        ("LinearDrive", "Drives/LinearDrive.mo"),
+        ("CoulombDamper", "Drives/CoulombDamper.mo"),
     )
     for version in ("2.0", "3.0")
 )

@@ -1,0 +1,117 @@
+"""How far the gap of a system shrinks on held-out runs, and where the rest of it lies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..closure import closure_of
+from ..finding import Augmented, Finding
+from ..study import Array
+from .replay import PortReplay
+from .study import PortRun, PortStudy, Role
+
+__all__ = ["NOMINAL", "how_far", "ledger"]
+
+NOMINAL = Augmented({}, (), np.zeros(0))
+# Held-out runs are resampled in blocks of this share of a run.
+_BLOCKS = 50
+# Upper ends of the bands of the ledger, as shares of the sampling frequency.
+_BANDS = (0.002, 0.01, 0.05, 0.5)
+
+
+def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
+    """The gap on held-out runs before and after, as `verdict.HowFar`; and by port under `outputs`.
+
+    Errors are relative: root mean square of log minus model over the standard deviation of the log, root mean
+    square over the compared ports. The noise floor is that of half the difference of repeats, where there
+    are any, else that of the noise as specified.
+    """
+    models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}
+    runs = study.of(Role.HELDOUT)
+    replay = PortReplay(study, runs)
+    squares: dict[str, list[Array]] = {name: [] for name in models}
+    floors, by_port = [], {}
+    left = {name: replay.of(model) for name, model in models.items()}
+    place = 0
+    for run in runs:
+        ports = replay.compared(run)
+        parts: dict[str, list[Array]] = {name: [] for name in models}
+        for port in ports:
+            noise = study.columns[port].noise
+            assert noise is not None
+            scale = noise / (float(np.std(run.logs[port][study.settled :])) or noise)
+            for name in models:
+                r = left[name][place] * scale
+                parts[name].append(r**2)
+                by_port.setdefault(str(port), {}).setdefault(name, []).append(float(np.mean(r**2)))
+            floors.append(_floor(study, run, port, scale))
+            place += 1
+        for name, those in parts.items():
+            mean = np.mean(those, axis=0)
+            blocks = np.array_split(mean, min(_BLOCKS, len(mean)))
+            squares[name].append(np.array([block.mean() for block in blocks]))
+    joined = {name: np.concatenate(those) for name, those in squares.items()}
+    outputs = {
+        port: {name: float(np.sqrt(np.mean(values))) for name, values in told.items()}
+        for port, told in by_port.items()
+    }
+    return {**closure_of(joined, float(np.sqrt(np.mean(floors))), 2), "outputs": outputs}
+
+
+def _floor(study: PortStudy, run: PortRun, port: Any, scale: float) -> float:
+    """Mean square of what does not repeat, relative."""
+    for other in study.of(Role.REPEAT):
+        if other.repeats == run.name and port in other.logs:
+            n = min(len(run), len(other))
+            noise = study.columns[port].noise
+            assert noise is not None
+            apart = (run.logs[port][:n] - other.logs[port][:n])[study.settled :] / noise * scale
+            return float(np.mean(apart**2)) / 2.0
+    return scale**2
+
+
+def ledger(study: PortStudy, model: Augmented = NOMINAL) -> list[Mapping[str, Any]]:
+    """Energy of the residuals of held-out runs beyond the noise, by compared port and band; shares add up to 1.
+
+    Each port's residual counts relative to the spread of its log. Without any excess there are none.
+    """
+    runs = study.of(Role.HELDOUT)
+    replay = PortReplay(study, runs)
+    sampling = 1.0 / float(study.prepared.grid.step_size)
+    excess: dict[tuple[str, str], float] = {}
+    residuals = iter(replay.of(model))
+    for run in runs:
+        for port in replay.compared(run):
+            r, noise = next(residuals), study.columns[port].noise
+            assert noise is not None
+            scale = noise / (float(np.std(run.logs[port][study.settled :])) or noise)
+            power = np.abs(np.fft.rfft(r)) ** 2 / len(r)
+            power[1 : (len(r) + 1) // 2] *= 2.0
+            frequency = np.fft.rfftfreq(len(r))
+            low = -1.0
+            for high in _BANDS:
+                inside = (frequency > low) & (frequency <= high)
+                # White noise of variance one has a mean power of one in each sample's share of the band.
+                share = float(power[inside].sum()) - _white(len(r), inside)
+                name = f"{max(low, 0.0) * sampling:.3g}-{high * sampling:.3g} Hz"
+                excess[str(port), name] = excess.get((str(port), name), 0.0) + share * scale**2
+                low = high
+    total = sum(excess.values())
+    if not np.isfinite(total) or total <= 0.0:
+        return []
+    return [
+        {"component": port, "phase": "run", "band": band, "share": value / total}
+        for (port, band), value in excess.items()
+    ]
+
+
+def _white(n: int, inside: Array) -> float:
+    """Expected power of white noise of variance one in some of the frequencies of a transform of n samples."""
+    weight = np.full(n // 2 + 1, 2.0)
+    weight[0] = 1.0
+    if n % 2 == 0:
+        weight[-1] = 1.0
+    return float(weight[inside].sum())

@@ -1,0 +1,147 @@
+"""From a study of a system's ports to the content of diagnosis.json and the page."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from ...formats import strict
+from ...provenance import origin, versions
+from ..finding import Finding
+from ..verdict import Diagnosis, Runnable, Verdict, Warned, Which
+from .augmented import NAME as AUGMENTED
+from .augmented import augmented_config
+from .closure import how_far, ledger
+from .study import PortStudy, Role, load_port_study
+from .weigh import Weighed, weigh_ports
+
+__all__ = ["PortDiagnosed", "diagnose_ports"]
+
+_PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
+_SHOWN = 1e-6
+_ONLY_DOCKING = "made for the docking rig alone so far"
+
+
+@dataclass(frozen=True)
+class PortDiagnosed:
+    """A diagnosis, what it was made of, and the further files to write: name -> text."""
+
+    study: PortStudy
+    finding: Finding
+    diagnosis: Diagnosis
+    files: dict[str, str] = field(default_factory=dict)
+
+
+def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) -> PortDiagnosed:
+    """Diagnose a system of FMUs.
+
+    Args:
+        path: the study's file or folder.
+        progress: is told each stage as it begins.
+        report: whether to make the page.
+    Raises: ConfigError with all problems of study and logs; OrchestratorError if an analysis fails.
+    """
+    begin = perf_counter()
+    progress("read")
+    study = load_port_study(path)
+    progress("check")
+    warned = _warnings(study)
+    progress("weigh")
+    weighed = weigh_ports(study)
+    finding = weighed.finding
+    heldout = bool(study.of(Role.HELDOUT))
+    left_out = {
+        name: _ONLY_DOCKING for name in ("where", "energy", "next_experiment", "numerics")
+    }  # fmt: skip
+    if not heldout:
+        left_out |= dict.fromkeys(("ledger", "how_far"), "no run has the role held-out")
+    progress("how far")
+    config = augmented_config(study, finding)
+    diagnosis = Diagnosis.model_validate(
+        {
+            "case": study.name,
+            "verdict": Verdict(effects=list(finding.effects), places=list(finding.places)),
+            "where": [],
+            "which": _which(finding),
+            "outside_place": finding.outside_place,
+            "answer_set": list(finding.answer_set),
+            "doubtful_tolerances": finding.doubtful_tolerances,
+            "how_far": strict(how_far(study, finding)) if heldout else None,
+            "augmented": Runnable(file=AUGMENTED, run="", left_out={}) if config else None,
+            "next_experiment": None,
+            "numerics": None,
+            "ledger": strict(ledger(study)) if heldout else [],
+            "energy": {},
+            "misfit": strict(dict(finding.misfit)),
+            "calibration": strict(_calibration(study, finding)),
+            "data": warned,
+            "left_out": left_out,
+            "provenance": _provenance(path, weighed, begin),
+        }
+    )
+    files = {AUGMENTED: config} if config else {}
+    if report:
+        # matplotlib takes a third of a second to import.
+        from .page import page
+
+        files["report.html"] = page(study, diagnosis, weighed)
+    return PortDiagnosed(study, finding, diagnosis, files)
+
+
+def _which(finding: Finding) -> list[Which]:
+    shown = [one for one in finding.candidates if one.probability >= _SHOWN]
+    total = sum(one.probability for one in shown)
+    return [
+        Which(
+            effects=list(one.effects),
+            probability=one.probability / total,
+            parameters=dict(one.parameters),
+            ties=list(one.ties),
+        )
+        for one in shown
+    ]
+
+
+def _calibration(study: PortStudy, finding: Finding) -> dict[str, dict[str, float]]:
+    return {
+        name: {
+            "nominal": one.value,
+            "tolerance": one.tolerance,
+            "fitted": float(finding.answer.calibrated.get(name, one.value)),
+            "recalibrated": float(finding.recalibrated.calibrated.get(name, one.value)),
+        }
+        for name, one in study.nominal.items()
+    }
+
+
+def _warnings(study: PortStudy) -> list[Warned]:
+    """Logs that hold less than they seem to."""
+    found = []
+    for run in study.runs:
+        for port, values in run.logs.items():
+            if values.std() == 0.0 and len(values) > 1:
+                found.append(
+                    Warned(
+                        place=f"{run.name}: {port}",
+                        what=f"the log is constant, {values[0]:g} {study.unit(port)}",
+                        remedy="Check the column.",
+                    )
+                )
+    return found
+
+
+def _provenance(path: Path, weighed: Weighed, begin: float) -> dict[str, Any]:
+    folder = path if path.is_dir() else path.parent
+    file = path / "study.yaml" if path.is_dir() else path
+    digests = {file.relative_to(folder).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()}
+    return {
+        **origin(),
+        "packages": versions(_PACKAGES),
+        "effects": len(weighed.effects),
+        "sha256": digests,
+        "seconds": round(perf_counter() - begin, 3),
+    }

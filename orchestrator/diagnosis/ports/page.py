@@ -1,0 +1,102 @@
+"""The page of a diagnosis of a system's ports."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...plotting import COLORS
+from ...system import Port
+from ..figures import svg
+from ..report import compose
+from ..study import Array
+from ..verdict import Diagnosis
+from .closure import NOMINAL
+from .replay import PortReplay
+from .study import PortRun, PortStudy, Role
+from .weigh import Weighed
+
+__all__ = ["page"]
+
+_MOST_POINTS, _MOST_PORTS = 4000, 3
+# Part of a run that is enlarged.
+_ENLARGED = 0.08
+
+
+def page(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> str:
+    """The page as HTML."""
+    run = (study.of(Role.HELDOUT) or study.of(Role.VALIDATION) or study.of(Role.TRAIN))[0]
+    replay = PortReplay(study, [run])
+    answer = weighed.finding.answer
+    before = replay.signals(run, NOMINAL.calibrated, NOMINAL.effects, NOMINAL.theta)
+    after = replay.signals(run, answer.calibrated, answer.effects, answer.theta)
+    figures = {}
+    for port in replay.compared(run)[:_MOST_PORTS]:
+        figure, words = _figure(study, run, port, before[port], after[port])
+        figures[words] = svg(figure, f"{port}-{run.name}")
+    known = {one.id: one for one in weighed.effects}
+    return compose(diagnosis, figures, _assumed(study, diagnosis, weighed), known, "held-out runs")
+
+
+def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Array) -> tuple[Figure, str]:
+    """A port's log and models over a run, and enlarged where the model as configured is farthest off."""
+    log, unit, noise = run.logs[port], study.unit(port), study.columns[port].noise
+    assert noise is not None
+    time = np.arange(len(run)) * float(study.prepared.grid.step_size)
+    left = np.abs(log - before)
+    left[: study.settled] = 0.0
+    width = max(int(_ENLARGED * len(run)), min(len(run), 50))
+    sums = np.convolve(np.nan_to_num(left, posinf=0.0) ** 2, np.ones(width), "valid")
+    first = int(np.argmax(sums))
+    figure = Figure(figsize=(9.0, 4.4), layout="constrained")
+    grid = figure.subplot_mosaic([["run", "run"], ["zoom", "left"]], height_ratios=[1.0, 1.7])
+    thin = slice(None, None, max(len(run) // _MOST_POINTS, 1))
+    span = slice(first, first + width)
+    for axes, part in ((grid["run"], thin), (grid["left"], span)):
+        for values, color, label in ((before, COLORS[1], "before"), (after, COLORS[0], "after")):
+            axes.plot(time[part], (log - values)[part], color=color, linewidth=0.9, label=label)
+        axes.axhspan(-2 * noise, 2 * noise, color=COLORS[2], alpha=0.15, linewidth=0)
+        axes.set_ylabel(f"[{unit}]")
+    for values, color, line, label in (
+        (log, "#444444", 2.6, "logged"),
+        (before, COLORS[1], 1.3, "model as configured"),
+        (after, COLORS[0], 1.3, "model of the verdict"),
+    ):
+        grid["zoom"].plot(time[span], values[span], color=color, linewidth=line, label=label)
+    grid["run"].axvspan(time[first], time[span][-1], color="#000000", alpha=0.07, linewidth=0)
+    grid["run"].set_title(f"residual over {run.name}; shaded: enlarged below", fontsize="small", loc="left")
+    grid["run"].legend(loc="upper right", fontsize="x-small", ncols=2, frameon=False)
+    grid["zoom"].set_title(str(port), fontsize="small", loc="left")
+    grid["zoom"].set_ylabel(f"[{unit}]")
+    grid["zoom"].legend(fontsize="x-small", frameon=False)
+    grid["left"].set_title("residual: logged minus model", fontsize="small", loc="left")
+    for name in ("run", "zoom", "left"):
+        grid[name].grid(alpha=0.25)
+        grid[name].tick_params(labelsize="x-small")
+    for name in ("zoom", "left"):
+        grid[name].set_xlabel("time [s]", fontsize="small")
+    spread = float(log[study.settled :].std()) or noise
+    shares = [float(np.std((log - one)[study.settled :])) / spread for one in (before, after)]
+    words = (
+        f"{port} in {run.name}: the residual is {100 * shares[0]:.3g} % of the signal's spread before and "
+        f"{100 * shares[1]:.3g} % after."
+    )
+    return figure, words
+
+
+def _assumed(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> list[str]:
+    names = {role: ", ".join(run.name for run in study.of(role)) for role in Role}
+    fed, compared = (", ".join(map(str, ports)) for ports in (study.fed, study.compared))
+    told = [
+        f"Logs stand in for {fed}; the system is compared at {compared}.",
+        f"Fits saw {names[Role.TRAIN]} only"
+        + (f"; answers were chosen with {names[Role.VALIDATION]}, too" if names[Role.VALIDATION] else "")
+        + (f"; the gap is measured on {names[Role.HELDOUT]}." if names[Role.HELDOUT] else "."),
+        "A calibrated number deviates from its value by its tolerance, one standard deviation.",
+        f"Causes are {len(weighed.effects)} candidates, alone or up to three together: parameters with a "
+        "prior, effects at ports, laws of friction; none of them; or something else.",
+        "Residuals count less where they are larger than the noise, or correlated. Probabilities are not "
+        "calibrated on cases.",
+    ]
+    told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
+    return told

@@ -1,0 +1,43 @@
+"""A logged signal in place of a connection's own."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ...effects import Effect
+from ...effects.base import Array, Numbers
+from ..study import Array as Samples
+
+__all__ = ["Playback"]
+
+
+class Playback(Effect):
+    """y(t) is the sample at t of a table, whatever x is; beyond its ends the first or last one.
+
+    An effect, so that masters, loops and what is remembered treat logged signals like all others.
+    """
+
+    jittable: ClassVar[bool] = True
+
+    table: Any = None
+
+    @staticmethod
+    def of(start: float, step: float, samples: Samples) -> Playback:
+        """The table of samples `step` apart [s], the first at `start` [s]."""
+        return Playback.model_construct(table=np.concatenate([[start, step], samples]))
+
+    def numbers(self) -> Any:
+        """See Effect.numbers: start and step [s], then the samples."""
+        return self.table
+
+    @staticmethod
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
+        """See Effect.kernel."""
+        place = 2 + int((time - options[0]) / options[1] + 0.5)
+        if place < 2:
+            place = 2
+        if place >= len(options):
+            place = len(options) - 1
+        return options[place]

@@ -1,0 +1,237 @@
+"""Runs of a system in which logged signals stand in for its own, and effects are inserted at its ports."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+
+from ...effects import Effect
+from ...errors import ConfigError, StepError
+from ...fmi import Causality, Point, Value
+from ...fmi.compiled import CompiledFmu
+from ...master import MasterAlgorithm
+from ...signals import Layout, Signals, Wired
+from ...simulate import Grid, simulate
+from ...system import Connection, Leg, Link, Port, System, Wire
+from ..study import Array
+from .playback import Playback
+
+__all__ = ["Inserted", "Player"]
+
+
+@dataclass(frozen=True)
+class Inserted:
+    """An effect at a port.
+
+    Attributes:
+        effect: of those that connections take.
+        port: an input: it acts on what that is fed; an output: on what it gives, to others and to the log.
+        reads: further ports whose signals it reads, as its component sees them.
+    """
+
+    effect: Effect
+    port: Port
+    reads: tuple[Port, ...] = ()
+
+
+class Player:
+    """Plays logs into a system.
+
+    Args:
+        system: all its numeric outputs recorded.
+        step_size: communication step, and what samples of logs are apart [s].
+        fed: ports whose logged signals take the place of the system's own; inputs must be unconnected.
+        compared: outputs that are compared with their logs, as the effects at them leave them.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        master: MasterAlgorithm,
+        step_size: Fraction,
+        fed: Sequence[Port],
+        compared: Sequence[Port],
+    ) -> None:
+        self.system, self.step_size = system, step_size
+        self.fed, self.compared = tuple(fed), tuple(compared)
+        self._master = master
+        # Loading libraries changes the working directory for a moment; numba's calls hold the interpreter.
+        self._lock = threading.Lock()
+        for fmu in {id(one.fmu): one.fmu for one in system.instances}.values():
+            if isinstance(fmu, CompiledFmu):
+                # Many short runs: unpacked once.
+                kept = ExitStack()
+                kept.enter_context(fmu.unpacked())
+                weakref.finalize(self, kept.close)
+
+    def run(
+        self,
+        logs: Mapping[Port, Array],
+        samples: int,
+        start: Mapping[Port, Value] | None = None,
+        inserted: Sequence[Inserted] = (),
+    ) -> dict[Port, Array]:
+        """Run from 0 s over so many samples.
+
+        Args:
+            logs: of the fed ports; those without keep the system's own signal. In the units of the ports.
+            start: start values in place of the config's, in the units of the variables.
+            inserted: in the order in which they act.
+        Returns: what the compared ports give, each of shape (samples,); NaN where the run failed.
+        """
+        system = self._system(logs, start or {}, inserted)
+        layout, places = self._layout(system, logs, inserted)
+        taken = np.full((len(places), samples), np.nan)
+        seen = _Seen(np.array(places, np.intp), taken)
+        grid = Grid(Fraction(0), self.step_size, samples - 1)
+        with self._lock:
+            try:
+                simulate(system, self._master, grid, (seen,), loop="native", layout=layout)
+            except StepError:
+                pass  # a model that runs away; what it gave until then is there
+            except ConfigError:
+                taken[:] = np.nan
+                simulate(system, self._master, grid, (seen,), loop="python", layout=layout)
+        return dict(zip(self.compared, taken, strict=True))
+
+    def feeding(self, port: Port) -> Connection | None:
+        """The connection that feeds an input."""
+        return next((one for one in self.system.connections if one.target == port), None)
+
+    def is_input(self, port: Port) -> bool:
+        """Whether a port is an input."""
+        return self.system.variable(port).causality is Causality.INPUT
+
+    def _playback(self, samples: Array) -> Link:
+        return Link(Playback.of(0.0, float(self.step_size), samples), "log", (), True)
+
+    def _system(
+        self, logs: Mapping[Port, Array], start: Mapping[Port, Value], inserted: Sequence[Inserted]
+    ) -> System:
+        at: dict[Port, list[Inserted]] = {}
+        for one in inserted:
+            at.setdefault(one.port, []).append(one)
+        connections, driven = [], set()
+        for connection in self.system.connections:
+            links = [self._link(one) for one in at.get(connection.source, ())]
+            if connection.source in self.fed and connection.source in logs:
+                links.append(self._playback(logs[connection.source]))
+            legs: tuple[Leg, ...] = (Leg(connection.source),)
+            if connection.wire is not None:
+                legs = connection.wire.legs
+                links += connection.wire.links
+            links += [self._link(one) for one in at.get(connection.target, ())]
+            wire = Wire(legs, tuple(links)) if links or connection.wire is not None else None
+            connections.append(replace(connection, wire=wire))
+            driven.add(connection.target)
+        instances = {one.name: one for one in self.system.instances}
+        given: dict[str, dict[str, Value]] = {}
+        for port, value in start.items():
+            given.setdefault(port.instance, {})[port.variable] = value
+        begin = {name: {**one.start, **given.get(name, {})} for name, one in instances.items()}
+        loose = [port for port in (*self.fed, *at) if self.is_input(port) and port not in driven]
+        for port in dict.fromkeys(loose):
+            if port not in logs and port not in at:
+                continue
+            own = next(one for one in self.system.recorded if one.instance == port.instance)
+            held = begin[port.instance].pop(port.variable, 0.0)
+            samples = logs[port] if port in logs else np.array([float(held)])
+            links = [replace_at_once(self._playback(samples)), *(self._link(one) for one in at.get(port, ()))]
+            connections.append(Connection(own, port, wire=Wire((Leg(own),), tuple(links))))
+        return replace(
+            self.system,
+            connections=tuple(connections),
+            instances=tuple(replace(one, start=begin[name]) for name, one in instances.items()),
+            longest_step=None,
+            bonds=(),
+        )
+
+    @staticmethod
+    def _link(one: Inserted) -> Link:
+        # What it reads is put in by `_layout`, which knows the places of signals that logs replace.
+        return Link(one.effect, "candidate", (), True)
+
+    def _layout(
+        self, system: System, logs: Mapping[Port, Array], inserted: Sequence[Inserted]
+    ) -> tuple[Layout, list[int]]:
+        """The layout, with signals that logs replace in place, and the places of the compared signals."""
+        plain = Layout.of(system)
+        wire_of = {one.connection.target: one.place for one in plain.wired}
+        feed_of = {one.target: one.source for one in system.connections}
+
+        def place(port: Port) -> int:
+            if self.is_input(port):
+                return wire_of[port] if port in wire_of else plain.index[feed_of[port]]
+            return plain.index[port]
+
+        reads = {id(one.effect): np.array([place(port) for port in one.reads], np.intp) for one in inserted}
+        wired = [
+            replace(
+                one, links=tuple((effect, reads.get(id(effect), old)) for effect, old in one.links)
+            )
+            for one in plain.wired
+        ]  # fmt: skip
+        for port in self.fed:
+            if port in logs and port not in self.compared and not self.is_input(port):
+                # Who reads the port sees the log, not only who is connected to it.
+                link = self._playback(logs[port])
+                wired.append(_extra(port, plain.index[port], plain.index[port], ((link.effect, _NONE),)))
+        size = plain.size
+        places = []
+        for port in self.compared:
+            own = tuple((one.effect, reads[id(one.effect)]) for one in inserted if one.port == port)
+            wired.append(_extra(port, plain.index[port], size, own))
+            places.append(size)
+            size += 1
+        more = size - plain.size
+        layout = replace(
+            plain,
+            size=size,
+            wired=tuple(wired),
+            owners=(*plain.owners, *self.compared),
+            nominal=np.concatenate([plain.nominal, np.ones(more)]),
+            smooth=np.concatenate([plain.smooth, np.ones(more, np.bool_)]),
+        )
+        return layout, places
+
+
+_NONE = np.zeros(0, np.intp)
+
+
+def replace_at_once(link: Link) -> Link:
+    """A link whose value does not wait for the signal that it replaces."""
+    return link._replace(at_once=False)
+
+
+def _extra(port: Port, source: int, place: int, links: tuple[tuple[Effect, np.ndarray], ...]) -> Wired:
+    """A signal of its own that no instance is fed."""
+    wire = Wire((Leg(port),), tuple(Link(effect, "log") for effect, _ in links))
+    return Wired(
+        connection=Connection(port, port, wire=wire),
+        place=place,
+        source=np.array([source], np.intp),
+        gain=np.ones(1),
+        offset=np.zeros(1),
+        links=links,
+    )
+
+
+class _Seen:
+    """Keeps some signals of all points."""
+
+    def __init__(self, places: np.ndarray, taken: Array) -> None:
+        self._places, self._taken = places, taken
+
+    def __call__(self, point: Point, signals: Signals) -> None:
+        """See `BlockObserver`."""
+        self._taken[:, point.index] = signals.values[self._places]
+
+    def observe_block(self, first: int, times: Array, values: Array) -> None:
+        """See `BlockObserver`."""
+        self._taken[:, first : first + len(times)] = values[:, self._places].T

@@ -1,0 +1,171 @@
+"""Step 0: components, or chains of them between logged ports, driven by what was measured."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...effects.offset import Offset
+from ...fmi import Causality, Kind, Value
+from ...system import Port
+from ..effect import Effect
+from ..finding import Augmented
+from ..study import Array
+from .candidates import FORCES, PortEffect, Sizes
+from .player import Inserted, Player
+from .study import PortRun, PortStudy
+
+__all__ = ["PortReplay", "measure"]
+
+# A model that gives this many times as much as was logged has run away.
+_RUNAWAY = 100.0
+# Numbers that are kept of earlier replays.
+_KEPT = 20_000_000
+
+
+class PortReplay:
+    """Runs of a system with its logs played in, compared at its logged outputs: a `Replay`.
+
+    Attributes:
+        study, runs: what is replayed.
+        player: runs the system.
+    """
+
+    def __init__(self, study: PortStudy, runs: Sequence[PortRun]) -> None:
+        self.study, self.runs = study, tuple(runs)
+        # Searches come back to the same models with other weights.
+        self._kept: OrderedDict[Any, list[Array]] = OrderedDict()
+        self.player = Player(
+            study.prepared.system,
+            study.prepared.master,
+            study.prepared.grid.step_size,
+            study.fed,
+            study.compared,
+        )
+
+    @property
+    def tolerances(self) -> Mapping[str, tuple[float, float]]:
+        """See `Replay`."""
+        return {name: (one.value, one.tolerance) for name, one in self.study.nominal.items()}
+
+    def signals(
+        self, run: PortRun, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
+    ) -> dict[Port, Array]:
+        """What a model gives at the compared ports, in their units, each of shape (samples,)."""
+        start: dict[Port, Value] = {
+            _port(name): calibrated.get(name, one.value) for name, one in self.study.nominal.items()
+        }
+        inserted: list[Inserted] = []
+        place = 0
+        for effect in effects:
+            own = theta[place : place + len(effect.parameters)]
+            place += len(effect.parameters)
+            assert isinstance(effect, PortEffect)
+            put = effect.inserted(own)
+            if put is not None:
+                inserted.append(put)
+            for name in effect.changes:
+                port = _port(name)
+                start[port] = self._value(port, start) + float(own[0])
+        for port, column in self.study.columns.items():
+            if column.start and port in run.logs:
+                start[port] = float(run.logs[port][0])
+        return self.player.run(run.logs, len(run), start, inserted)
+
+    def residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        """See `Replay`: per run, and in it per compared port."""
+        key = tuple(calibrated.items()), tuple(one.id for one in effects), theta.tobytes()
+        if key in self._kept:
+            return list(self._kept[key])
+        found = self._residuals(calibrated, effects, theta)
+        self._kept[key] = found
+        samples = sum(map(len, found))
+        while len(self._kept) * samples > _KEPT:
+            self._kept.popitem(last=False)
+        return list(found)
+
+    def _residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        found = []
+        for run in self.runs:
+            given = self.signals(run, calibrated, effects, theta)
+            for port in self.compared(run):
+                noise, log = self.study.columns[port].noise, run.logs[port]
+                assert noise is not None
+                r = (log - given[port])[self.study.settled :] / noise
+                with np.errstate(invalid="ignore"):
+                    ran_away = not np.abs(r).max() < _RUNAWAY * (np.abs(log).max() / noise + 1.0)
+                # Where a model runs away, fits are to stay out, and not to compare by how far.
+                found.append(np.full_like(r, np.nan) if ran_away else r)
+        return found
+
+    def of(self, model: Augmented) -> list[Array]:
+        """Residuals of a model."""
+        return self.residuals(model.calibrated, model.effects, model.theta)
+
+    def compared(self, run: PortRun) -> list[Port]:
+        """The ports that a run is compared at."""
+        return [port for port in self.study.compared if port in run.logs]
+
+    def _value(self, port: Port, start: Mapping[Port, Value]) -> float:
+        if port in start:
+            return float(start[port])
+        part = next(one for one in self.study.prepared.system.instances if one.name == port.instance)
+        return float(part.start.get(port.variable, part.variable(port.variable).start))
+
+
+def measure(study: PortStudy, run: PortRun) -> Sizes:
+    """How large the signals of all ports are in a run, as logged, or else as the system gives them."""
+    system = study.prepared.system
+    everything = [port for port in system.recorded if system.variable(port).kind is Kind.REAL]
+    player = Player(system, study.prepared.master, study.prepared.grid.step_size, study.fed, everything)
+    signals = player.run(run.logs, len(run))
+    step, settled = float(study.prepared.grid.step_size), study.settled
+    spread, peak, rate, way = {}, {}, {}, {}
+
+    def take(port: Port, values: Array) -> None:
+        values = values[settled:]
+        values = values[np.isfinite(values)]
+        if len(values) < 2:
+            values = np.zeros(2)
+        spread[port], peak[port] = float(values.std()), float(np.abs(values).max())
+        # The largest change that is not one sample's noise.
+        rate[port] = float(np.quantile(np.abs(np.diff(values)), 0.999)) / step
+        way[port] = float(np.cumsum(values - values.mean()).std()) * step
+
+    for port in everything:
+        take(port, run.logs.get(port, signals[port]))
+    for connection in system.connections:
+        if connection.source in spread:
+            take(connection.target, run.logs.get(connection.source, signals[connection.source]))
+    for port in study.fed:
+        if port in run.logs:
+            take(port, run.logs[port])
+    for instance in system.instances:
+        variables = instance.fmu.description.variables.values()
+        units = {FORCES.get(one.unit_name) for one in variables if one.causality is Causality.OUTPUT}
+        for one in variables:
+            port = Port(instance.name, one.name)
+            if one.causality is not Causality.INPUT or one.unit_name not in units - {None}:
+                continue
+            if spread.get(port, 0.0) > 0.0:
+                continue
+            moved = player.run(run.logs, len(run), {}, (Inserted(Offset(value=1.0), port),))
+            share = max(
+                float(np.std((moved[out] - signals[out])[settled:])
+                      + abs(np.mean((moved[out] - signals[out])[settled:]))) / spread[out]
+                for out in study.compared if spread[out] > 0.0
+            )  # fmt: skip
+            spread[port] = 1.0 / share if np.isfinite(share) and share > 0.0 else 0.0
+    return Sizes(spread, peak, rate, way)
+
+
+def _port(name: str) -> Port:
+    instance, _, variable = name.partition(".")
+    return Port(instance, variable)

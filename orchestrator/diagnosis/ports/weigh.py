@@ -1,0 +1,254 @@
+"""Which candidates explain the logs of a system: fitted on train runs, chosen with validation runs, too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..answers import Answer, simplest, tied
+from ..calibration import Calibration
+from ..effect import Effect
+from ..finding import Augmented, Candidate, Finding
+from ..fit import Fit, Fitter
+from ..search import Search, search
+from ..study import Array
+from .candidates import candidates
+from .replay import PortReplay, measure
+from .study import PortStudy, Role
+
+__all__ = ["Weighed", "carries", "weigh_ports"]
+
+# Answers that are told.
+_KEPT = 12
+# A share of the excess that is left by the best answer from which on something else is likelier, and how
+# sharply; excess counts where it is this part of the noise at least.
+_LEFT, _SHARPNESS, _EXCESS = 0.3, 40.0, 0.5
+# Tolerances by which a calibrated number may stray.
+_STRAYED = 3.0
+
+
+class _Weighted:
+    """A replay whose channels count as much as they carry."""
+
+    def __init__(self, replay: PortReplay, weights: Sequence[float]) -> None:
+        self.replay, self.weights = replay, tuple(weights)
+        self.tolerances = replay.tolerances
+
+    def residuals(self, calibrated, effects, theta):  # type: ignore[no-untyped-def]
+        """See `Replay`."""
+        found = self.replay.residuals(calibrated, effects, theta)
+        return [r * weight for r, weight in zip(found, self.weights, strict=True)]
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What weighing found.
+
+    Attributes:
+        finding: the answers.
+        effects: all candidates that were weighed.
+        left: share of the excess over noise that the answer leaves, by port; on train and validation.
+    """
+
+    finding: Finding
+    effects: tuple[Effect, ...]
+    left: dict[str, float]
+
+
+def carries(r: Array) -> float:
+    """What the square of a normalised residual is divided by: its mean square times its correlation time.
+
+    The correlation time is 1 + 2 times the sum of autocorrelations until the first that is not positive, in
+    samples. Residuals that are noise as specified give about one.
+
+    Args:
+        r: shape (n,).
+    """
+    n = len(r)
+    square = float(np.mean(r**2))
+    if not math.isfinite(square) or square == 0.0:
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(r, 2 * n)) ** 2
+    correlation = np.fft.irfft(spectrum)[:n]
+    correlation /= correlation[0]
+    below = np.flatnonzero(correlation <= 0.0)
+    last = int(below[0]) if below.size else n
+    time = 1.0 + 2.0 * float(correlation[1:last].sum())
+    # A few percent above one are chance.
+    return max(square * time, 1.0) if time > 1.5 or square > 1.5 else 1.0
+
+
+def weigh_ports(study: PortStudy) -> Weighed:
+    """Find which candidates make a system differ from its logs.
+
+    Effects are fitted on the train runs. An answer's evidence is that of its fit, with each channel weighed
+    by what its residuals carry (see `carries`), and what it gains on the validation runs as fitted.
+    """
+    train, validation = study.of(Role.TRAIN), study.of(Role.VALIDATION)
+    effects = candidates(study, measure(study, train[0]))
+    replay = PortReplay(study, train)
+    with threadpool_limits(limits=1, user_api="blas"):
+        plain = Fitter(replay).fit(())
+        # What a channel carries is told by what the best model at hand leaves of it: what an effect would
+        # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
+        # first sought as if residuals were white, only to see what remains.
+        explored = search(Fitter(_Weighted(replay, _weights(replay, plain.residuals, _square))), effects)
+        best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
+        left = replay.residuals(best.calibrated, best.effects, best.theta)
+        weights = _weights(replay, left, carries)
+        fitter = Fitter(_Weighted(replay, weights))
+        found = search(fitter, effects)
+        checked = PortReplay(study, validation)
+        answers = _answers(fitter, found, _Check(checked, fitter))
+    return _conclude(study, replay, checked, effects, found, answers)
+
+
+def _square(r: Array) -> float:
+    return max(float(np.mean(r**2)), 1.0)
+
+
+def _weights(
+    replay: PortReplay, residuals: Sequence[Array], divisor: Callable[[Array], float]
+) -> list[float]:
+    """Weights by what is left of channels; of several runs' like channels, by the mean."""
+    ports = [port for run in replay.runs for port in replay.compared(run)]
+    kept: dict[object, list[float]] = {}
+    for port, r in zip(ports, residuals, strict=True):
+        kept.setdefault(port, []).append(divisor(r))
+    return [1.0 / math.sqrt(float(np.mean(kept[port]))) for port in ports]
+
+
+class _Check:
+    """What fits gain on validation runs."""
+
+    def __init__(self, replay: PortReplay, fitter: Fitter) -> None:
+        self.replay = replay
+        assert isinstance(fitter.replay, _Weighted)
+        trained = fitter.replay.replay
+        by_port = dict(
+            zip(
+                [p for run in trained.runs for p in trained.compared(run)], fitter.replay.weights, strict=True
+            )
+        )
+        self.weights = [by_port.get(p, 0.0) for run in replay.runs for p in replay.compared(run)]
+
+    def square(self, fit: Fit) -> float:
+        """Sum of squares of the weighed residuals."""
+        found = self.replay.residuals(fit.calibrated, fit.effects, fit.theta)
+        total = sum(weight**2 * float(r @ r) for r, weight in zip(found, self.weights, strict=True))
+        return total if math.isfinite(total) else math.inf
+
+
+def _answers(fitter: Fitter, found: Search, check: _Check) -> list[Answer]:
+    """None first, then by falling evidence."""
+    before = check.square(found.none)
+    made = []
+    for fit in found.fits[:_KEPT]:
+        gain = found.gain(fit) + 0.5 * (before - check.square(fit))
+        if math.isfinite(gain):
+            # In the order in which they were found: what explains most stands first.
+            made.append(Answer(tuple(one.id for one in fit.effects), gain, 0.0, fit))
+    nothing = Answer((), 0.0, 0.0, found.none)
+    return [nothing, *tied(fitter, simplest(made))]
+
+
+def _left(study: PortStudy, replays: Sequence[PortReplay], fit: Fit, none: Fit) -> dict[str, float]:
+    """Share of the excess over noise of the model without effects that one with them leaves, by port."""
+    excess: dict[str, list[tuple[float, float, int]]] = {}
+    for replay in replays:
+        ports = [port for run in replay.runs for port in replay.compared(run)]
+        after = replay.residuals(fit.calibrated, fit.effects, fit.theta)
+        before = replay.residuals(none.calibrated, none.effects, none.theta)
+        for port, r, r0 in zip(ports, after, before, strict=True):
+            excess.setdefault(str(port), []).append((float(r @ r), float(r0 @ r0), len(r)))
+    found = {}
+    for port, parts in excess.items():
+        n = sum(part[2] for part in parts)
+        left, whole = (sum(part[place] for part in parts) / n - 1.0 for place in (0, 1))
+        if whole > _EXCESS:
+            found[port] = max(left, 0.0) / whole
+    return found
+
+
+def _conclude(
+    study: PortStudy,
+    replay: PortReplay,
+    checked: PortReplay,
+    effects: tuple[Effect, ...],
+    found: Search,
+    answers: list[Answer],
+) -> Weighed:
+    price = math.log(max(len(effects), 2))
+    learned = Calibration(first=price, further=price, outside=12.0, slope=0.0)
+    scores = [answers[0].gain] + [
+        one.gain - price * len(one.effects) for one in answers[1:]
+    ]  # fmt: skip
+    top = answers[int(np.argmax(scores))]
+    assert top.fit is not None
+    left = _left(study, (replay, checked), top.fit, found.none)
+    share = float(np.mean(list(left.values()))) if left else 0.0
+    probabilities = learned.probabilities(answers, 12.0 + _SHARPNESS * (share - _LEFT))
+    recalibrated = Augmented(found.none.calibrated, (), np.zeros(0))
+    made = [_candidate(one, float(p)) for one, p in zip(answers, probabilities[:-1], strict=True)]
+    made.append(Candidate(("outside",), float(probabilities[-1]), {}, (), 0.0))
+    made.sort(key=lambda one: -one.probability)
+    made = _folded(made)
+    first = made[0]
+    place = max(left, key=lambda port: left[port]).partition(".")[0] if left else ""
+    places = {place} if first.effects == ("outside",) else {one.partition(".")[0] for one in first.effects}
+    answer_set, held = [], 0.0
+    for one in made:
+        answer_set.append(" + ".join(one.effects) or "none")
+        held += one.probability
+        if held >= 0.95:
+            break
+    strayed = any(abs(value) > _STRAYED for value in found.none.deviation.values())
+    residuals = replay.residuals(top.fit.calibrated, top.fit.effects, top.fit.theta)
+    ports = [str(port) for run in replay.runs for port in replay.compared(run)]
+    misfit = {
+        port: float(
+            np.mean(
+                np.concatenate([r for name, r in zip(ports, residuals, strict=True) if name == port]) ** 2
+            )
+        )
+        for port in dict.fromkeys(ports)
+    }
+    finding = Finding(
+        tuple(made),
+        first.effects,
+        tuple(sorted(places)),
+        place if first.effects == ("outside",) else "",
+        tuple(answer_set),
+        recalibrated,
+        strayed and first.effects in ((), ("outside",)),
+        misfit,
+    )
+    return Weighed(finding, effects, left)
+
+
+def _folded(made: list[Candidate]) -> list[Candidate]:
+    """Answers with those that are tied to the first folded into it: apart, each would seem improbable."""
+    first, rest = made[0], made[1:]
+
+    def same(one: Candidate) -> bool:
+        alien = [name for name in one.effects if name not in first.effects]
+        return len(one.effects) == len(first.effects) and all(name in first.ties for name in alien)
+
+    together = first.probability + sum(one.probability for one in rest if same(one))
+    return [replace(first, probability=together), *(one for one in rest if not same(one))]
+
+
+def _candidate(answer: Answer, probability: float) -> Candidate:
+    fit = answer.fit
+    assert fit is not None
+    parameters, place = {}, 0
+    for effect in fit.effects:
+        for one in effect.parameters:
+            parameters[f"{effect.id}.{one.name}"] = float(fit.theta[place])
+            place += 1
+    model = Augmented(fit.calibrated, fit.effects, fit.theta)
+    return Candidate(answer.effects, probability, parameters, answer.ties, answer.gain, model)
