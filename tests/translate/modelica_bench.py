@@ -126,6 +126,9 @@ UNITS = {
     "force_noise": "N",
     "torque_noise": "N.m",
     "measured_torque": "N.m",
+    "reference": "m",
+    "voltage": "V",
+    "load": "N",
 }
 
 
@@ -156,6 +159,10 @@ INPUTS: dict[str, tuple[str, ...]] = {
         *elements("torque_noise", 3),
     ),
     "UncompensatedDocking": (),
+    "SmoothMotion": (),
+    "CascadeControl": ("reference", "position", "velocity"),
+    "LinearDrive": ("voltage", "load"),
+    "CoulombDamper": ("velocity",),
 }
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "RobotResponse": ("position", "velocity"),
@@ -178,6 +185,10 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "PointContact": (*elements("force", 3), *elements("point", 3), "penetration", "stored_energy"),
     "WrenchSensor": (*elements("measured_force", 3), *elements("measured_torque", 3)),
     "UncompensatedDocking": ("position", "velocity", "force"),
+    "SmoothMotion": ("position", "velocity"),
+    "CascadeControl": ("voltage",),
+    "LinearDrive": ("position", "velocity"),
+    "CoulombDamper": ("force",),
 }
 START: dict[str, dict[str, float]] = {
     "RobotResponse": {"tau_m": 2.3e-3},
@@ -243,6 +254,10 @@ START: dict[str, dict[str, float]] = {
         **dict(zip(elements("sensor_orientation", 4), (0.8, 0.0, 0.6, 0.0), strict=True)),
     },
     "UncompensatedDocking": {"robot.tau_m": 6e-3},
+    "SmoothMotion": {"stroke": 0.25, "frequency": 0.7},
+    "CascadeControl": {"position_gain": 160.0, "velocity_gain": 240.0},
+    "LinearDrive": {"mass": 95.0, "viscous_friction": 200.0, "force_per_voltage": 35.0, "velocity": 0.02},
+    "CoulombDamper": {"level": 9000.0, "width": 2e-3},
 }
 STEPS = {
     "RobotResponse": 5e-4,
@@ -256,6 +271,10 @@ STEPS = {
     "PointContact": 1e-3,
     "WrenchSensor": 5e-4,
     "UncompensatedDocking": 1e-3,
+    "SmoothMotion": 1e-3,
+    "CascadeControl": 1e-3,
+    "LinearDrive": 1e-3,
+    "CoulombDamper": 1e-3,
 }
 # Where the joints of JointServos stand at the start.
 JOINTS = (0.0, 0.0, -1.7453292519943295, 2.2689280275926285, 0.0, -0.5235987755982988, 0.0)
@@ -325,6 +344,22 @@ def inputs(name: str) -> list[dict[str, float]]:
             )
             rows.append(dict(zip(INPUTS[name], map(float, values), strict=True)))
         return rows
+    if name == "CascadeControl":
+        # A reference that runs ahead of a position to and fro.
+        angles = [2 * np.pi * i / 100 for i in range(101)]
+        return [
+            {
+                "reference": float(0.1 * np.sin(a)),
+                "position": float(0.1 * np.sin(a - 0.05)),
+                "velocity": float(0.3 * np.cos(a - 0.05)),
+            }
+            for a in angles
+        ]
+    if name == "LinearDrive":
+        # 2 V until 0.1 s, then none; a load from 50 ms on.
+        return [{"voltage": 2.0 if i <= 100 else 0.0, "load": -12.0 if i > 50 else 0.0} for i in range(301)]
+    if name == "CoulombDamper":
+        return [{"velocity": float(0.05 * np.sin(2 * np.pi * i / 200))} for i in range(401)]
     return [{} for _ in range(1001)]
 
 

@@ -18,6 +18,7 @@ REPLAY = {
     "point": 1e-15,
     "stored_energy": 1e-12,
     "measured_torque": 1e-9,
+    "voltage": 1e-12,
 }
 REPLAY |= {
     name: 1e-11 if "velocity" in name else 1e-13
@@ -237,3 +238,47 @@ def test_at_zero_size_an_fmu_is_the_nominal_one(plain):
     assert np.abs(one - other).max(axis=0) == pytest.approx(
         0.0, abs=0.0 if plain == "DockingContact" else 1e-12
     )
+
+
+def test_smooth_motion_is_a_sinusoid_from_rest():
+    reference, start = bench.read("SmoothMotion"), bench.START["SmoothMotion"]
+    angle = 2 * np.pi * start["frequency"] * reference["time"]
+    position = 0.5 * start["stroke"] * (1 - np.cos(angle))
+    np.testing.assert_allclose(reference["position"], position, rtol=0, atol=1e-12)
+    velocity = np.pi * start["stroke"] * start["frequency"] * np.sin(angle)
+    np.testing.assert_allclose(reference["velocity"], velocity, rtol=0, atol=1e-11)
+    assert np.ptp(position) > 0.1
+
+
+def test_cascade_control_is_its_law():
+    reference, start = bench.read("CascadeControl"), bench.START["CascadeControl"]
+    asked = start["position_gain"] * (reference["reference"] - reference["position"])
+    voltage = start["velocity_gain"] * (asked - reference["velocity"])
+    np.testing.assert_allclose(reference["voltage"], voltage, rtol=1e-13, atol=1e-11)
+    assert voltage.min() < -50 and voltage.max() > 50
+
+
+def test_linear_drive_is_the_closed_form():
+    """Between jumps of the force the velocity falls to its final value exponentially."""
+    reference, start = bench.read("LinearDrive"), bench.START["LinearDrive"]
+    b, rate = start["viscous_friction"], start["viscous_friction"] / start["mass"]
+    position, velocity = 0.0, start["velocity"]
+    found = [(position, velocity)]
+    for voltage, load in zip(reference["voltage"][1:], reference["load"][1:], strict=True):
+        final, gone = (start["force_per_voltage"] * voltage + load) / b, np.exp(-rate * 1e-3)
+        position += final * 1e-3 + (velocity - final) * (1 - gone) / rate
+        velocity = final + (velocity - final) * gone
+        found.append((position, velocity))
+    expected = np.array(found)
+    np.testing.assert_allclose(reference["position"], expected[:, 0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(reference["velocity"], expected[:, 1], rtol=0, atol=1e-9)
+    assert expected[:, 1].max() > 0.07
+
+
+def test_coulomb_damper_is_its_law():
+    reference, start = bench.read("CoulombDamper"), bench.START["CoulombDamper"]
+    v = reference["velocity"]
+    np.testing.assert_allclose(
+        reference["force"], start["level"] * v / np.hypot(v, start["width"]), rtol=1e-13, atol=1e-9
+    )
+    assert np.ptp(reference["force"]) > 17e3

@@ -136,9 +136,17 @@ def _ports(study: PortStudy) -> list[Port]:
     return list(found)
 
 
+def _unit(study: PortStudy, port: Port) -> str:
+    """Unit of the signal that an effect at a port works on: that of the source, where an input converts."""
+    for one in study.prepared.system.connections:
+        if one.target == port and (one.gain, one.offset) != (1.0, 0.0):
+            return study.unit(one.source)
+    return study.unit(port)
+
+
 def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
     """Effects of connections at a port."""
-    unit, step = study.unit(port), float(study.prepared.grid.step_size)
+    unit, step = _unit(study, port), float(study.prepared.grid.step_size)
     if not sizes.spread.get(port, 0.0) > 0.0 or not sizes.rate.get(port, 0.0) > 0.0:
         return []
     spread, peak, rate = sizes.spread[port], sizes.peak[port], sizes.rate[port]
@@ -217,7 +225,7 @@ def _friction(study: PortStudy, instance: Instance, sizes: Sizes) -> list[Effect
 
 def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, prefix: str) -> list[Effect]:
     """Laws at a force, added, and where a component gives it, softening what it has."""
-    force_unit, speed_unit = study.unit(port), study.unit(read)
+    force_unit, speed_unit = _unit(study, port), study.unit(read)
     way_unit = _VELOCITIES[speed_unit]
     speed = sizes.spread[read]
     force, way = sizes.spread[port], sizes.way[read]

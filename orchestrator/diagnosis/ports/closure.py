@@ -74,7 +74,7 @@ def _floor(study: PortStudy, run: PortRun, port: Any, scale: float) -> float:
 
 
 def ledger(study: PortStudy, model: Augmented = NOMINAL) -> list[Mapping[str, Any]]:
-    """Energy of the residuals of held-out runs beyond the noise, by compared port and band; shares add up to 1.
+    """Energy of the residuals of held-out runs beyond the noise, by port and band; shares add up to 1.
 
     Each port's residual counts relative to the spread of its log. Without any excess there are none.
     """
@@ -109,7 +109,7 @@ def ledger(study: PortStudy, model: Augmented = NOMINAL) -> list[Mapping[str, An
 
 
 def _white(n: int, inside: Array) -> float:
-    """Expected power of white noise of variance one in some of the frequencies of a transform of n samples."""
+    """Expected power of white noise of variance one in some frequencies of a transform of n samples."""
     weight = np.full(n // 2 + 1, 2.0)
     weight[0] = 1.0
     if n % 2 == 0:

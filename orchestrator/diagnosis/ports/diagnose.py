@@ -60,7 +60,7 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
     if not heldout:
         left_out |= dict.fromkeys(("ledger", "how_far"), "no run has the role held-out")
     progress("how far")
-    config = augmented_config(study, finding)
+    config, missing = augmented_config(study, finding)
     diagnosis = Diagnosis.model_validate(
         {
             "case": study.name,
@@ -71,7 +71,7 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
             "answer_set": list(finding.answer_set),
             "doubtful_tolerances": finding.doubtful_tolerances,
             "how_far": strict(how_far(study, finding)) if heldout else None,
-            "augmented": Runnable(file=AUGMENTED, run="", left_out={}) if config else None,
+            "augmented": Runnable(file=AUGMENTED, run="", left_out=missing),
             "next_experiment": None,
             "numerics": None,
             "ledger": strict(ledger(study)) if heldout else [],
@@ -83,7 +83,7 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
             "provenance": _provenance(path, weighed, begin),
         }
     )
-    files = {AUGMENTED: config} if config else {}
+    files = {AUGMENTED: config}
     if report:
         # matplotlib takes a third of a second to import.
         from .page import page

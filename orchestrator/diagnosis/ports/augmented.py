@@ -1,0 +1,152 @@
+"""A system with the effects that were found, as a config that runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...config.text import dump
+from ...effects import Effect as ConnectionEffect
+from ...effects import OfSignal, Pure
+from ...effects.choose import BUILT_IN, built_in
+from ...fmi import Causality
+from ...system import Port
+from ..finding import Augmented, Finding
+from .candidates import PortEffect
+from .study import PortStudy
+
+__all__ = ["NAME", "augmented_config"]
+
+NAME = "augmented.yaml"
+
+
+def augmented_config(study: PortStudy, finding: Finding) -> tuple[str, dict[str, str]]:
+    """The config with the answer's effects and calibration, as YAML; and what it does not hold, and why.
+
+    Effects stand under `through` of the connections that they act on. An effect at an output acts on all
+    connections from it; one at a free input is fed by a connection of its own.
+    """
+    config = study.prepared.config
+    data = config.model.to_data()
+    data["instances"] = {name: dict(one) for name, one in data["instances"].items()}
+    for one in data["instances"].values():
+        one["start"] = dict(one.get("start", {}))
+        if (config.folder / one["fmu"]).is_file():
+            one["fmu"] = str((config.folder / one["fmu"]).resolve())
+    _calibrate(study, data, finding.answer)
+    connections = [_long(one) for one in data.get("connections", [])]
+    left_out: dict[str, str] = {}
+    place = 0
+    for effect in finding.answer.effects:
+        theta = finding.answer.theta[place : place + len(effect.parameters)]
+        place += len(effect.parameters)
+        if isinstance(effect, PortEffect) and effect.port is not None and effect.make is not None:
+            if not _insert(study, data, connections, effect, effect.make(theta)):
+                left_out[effect.id] = f"{effect.port} feeds nothing in this system"
+    data["connections"] = [
+        one if one["through"] or isinstance(one["from"], list) else f"{one['from']} -> {one['to']}"
+        for one in connections
+    ]
+    data["title"] = f"{data.get('title', config.name)}, with the effects found"
+    return dump(data), left_out
+
+
+def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> None:
+    values = {name: answer.calibrated.get(name, one.value) for name, one in study.nominal.items()}
+    place = 0
+    for effect in answer.effects:
+        for name in effect.changes:
+            instance, _, variable = name.partition(".")
+            part = next(one for one in study.prepared.system.instances if one.name == instance)
+            before = values.get(name, part.start.get(variable, part.variable(variable).start))
+            values[name] = float(before) + float(answer.theta[place])
+        place += len(effect.parameters)
+    for name, value in values.items():
+        instance, _, variable = name.partition(".")
+        data["instances"][instance]["start"][variable] = _with(value, study.unit(Port(instance, variable)))
+
+
+def _long(one: Any) -> dict[str, Any]:
+    """A connection in the long form."""
+    if isinstance(one, str):
+        source, _, target = one.partition("->")
+        one = {"from": source.strip(), "to": target.strip()}
+    return {**one, "through": list(one.get("through", []))}
+
+
+def _insert(
+    study: PortStudy,
+    data: dict[str, Any],
+    connections: list[dict[str, Any]],
+    effect: PortEffect,
+    made: ConnectionEffect,
+) -> bool:
+    """Put an effect where it acts; whether there is such a place."""
+    port = effect.port
+    assert port is not None
+    entry = _entry(made, effect, study)
+    name = str(port)
+    if study.prepared.system.variable(port).causality is Causality.OUTPUT:
+        fed = [one for one in connections if one["from"] == name]
+        for one in fed:
+            # What acts on one connection alone comes after.
+            one["through"].insert(0, entry)
+        return bool(fed)
+    feeding = next((one for one in connections if one["to"] == name), None)
+    if feeding is None:
+        own = next(one for one in study.prepared.system.recorded if one.instance == port.instance)
+        unit, source = study.unit(port), study.unit(own)
+        start = data["instances"][port.instance]["start"].pop(port.variable, None)
+        # Nothing of the source comes through: effects need a signal to act on.
+        zero = {"port": str(own), "gain": f"0 {unit}/({source})" if "/" not in source else _per(unit, source)}
+        feeding = {"from": [zero], "to": name, "through": [{"offset": start}] if start is not None else []}
+        connections.append(feeding)
+    feeding["through"].append(entry)
+    return True
+
+
+def _per(unit: str, source: str) -> str:
+    """Zero, in a unit over another that is a quotient itself."""
+    above, _, below = source.partition("/")
+    return f"0 {unit}.{below}/{above}"
+
+
+def _entry(made: ConnectionEffect, effect: PortEffect, study: PortStudy) -> dict[str, Any]:
+    """An effect as an entry of `through`."""
+    names = {built_in(name): name for name in BUILT_IN}
+    options: dict[str, Any] = {}
+    port = effect.port
+    assert port is not None
+    unit = next((one.unit for one in effect.parameters if one.name in ("level", "offset")), study.unit(port))
+    for key, field in type(made).model_fields.items():
+        value = getattr(made, key)
+        if value is None or (field.exclude and key == "unit"):
+            continue
+        marks = [mark for mark in field.metadata if isinstance(mark, Pure | OfSignal)]
+        if not marks:
+            options[key] = value
+        elif isinstance(marks[0], Pure):
+            options[key] = _with(value, marks[0].unit)
+        else:
+            parameter = next((one for one in effect.parameters if one.name == key), None)
+            own = parameter.unit if parameter is not None and marks[0].per else unit
+            options[key] = _with(
+                value, f"{own}/{marks[0].per}" if marks[0].per and parameter is None else own
+            )
+    kind = type(made)
+    if kind in names:
+        return {names[kind]: options}
+    read = {name: str(_source(study, one)) for name, one in zip(kind.reads, effect.reads, strict=True)}
+    return {"effect": f"{kind.__module__}:{kind.__qualname__}", **options, "read": read}
+
+
+def _source(study: PortStudy, port: Port) -> Port:
+    """The output in which a port shows."""
+    for one in study.prepared.system.connections:
+        if one.target == port:
+            return one.source
+    return port
+
+
+def _with(value: float, unit: str) -> Any:
+    """A number with its unit, as configs have it."""
+    return float(value) if unit in ("", "1") else f"{float(value)!r} {unit}"
