@@ -97,7 +97,7 @@ def _insert(
         unit, source = study.unit(port), study.unit(own)
         start = data["instances"][port.instance]["start"].pop(port.variable, None)
         # Nothing of the source comes through: effects need a signal to act on.
-        zero = {"port": str(own), "gain": f"0 {unit}/({source})" if "/" not in source else _per(unit, source)}
+        zero = {"port": str(own), "gain": f"0 {unit}/{source}" if "/" not in source else _per(unit, source)}
         feeding = {"from": [zero], "to": name, "through": [{"offset": start}] if start is not None else []}
         connections.append(feeding)
     feeding["through"].append(entry)

@@ -255,6 +255,8 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
             lambda p: laws.Stribeck(sign=sign, level=p[0], excess=p[1], speed=p[2], width=width)),
         law("viscous", "F = damping v", "", per("v", 0.5 * force / speed, "damping"),
             lambda p: laws.Viscous(sign=sign, damping=p[0])),
+        law("one-sided", "F = damping |v|", "", per("v", 0.5 * force / speed, "damping"),
+            lambda p: laws.OneSided(sign=sign, damping=p[0])),
         law("drag", "F = drag v |v|", "", (Parameter("drag", f"{force_unit}.s2/{way_unit}2",
             0.5 * force / speed**2, starts=(0.025 * force / speed**2,)),),
             lambda p: laws.Drag(sign=sign, drag=p[0])),
@@ -273,7 +275,7 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
                                     make=lambda p: Offset(value=p[0])))  # fmt: skip
         return found
     # What the component gives already is Coulomb's: further levels of it are its parameter's business.
-    found = [one for one in found if one.id.rpartition(".")[2] in ("viscous", "drag")]
+    found = [one for one in found if one.id.rpartition(".")[2] in ("viscous", "one-sided", "drag")]
     return [
         *found,
         law("parallel-spring", "F = stiffness x", "", per("x", force / way, "stiffness"),

@@ -23,6 +23,7 @@ __all__ = [
     "ElasticSlip",
     "LuGre",
     "MaxwellSlip",
+    "OneSided",
     "SofteningDahl",
     "SofteningMaxwellSlip",
     "Spring",
@@ -91,6 +92,17 @@ class Viscous(_Added):
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel."""
         return x[0] + options[0] * options[1] * x[1]
+
+
+class OneSided(_Added):
+    """F = damping |v|: what viscous friction is more in one direction than in the other. Zero size: 0."""
+
+    damping: Annotated[float, OfSignal("m/s")] = Field(description="Force per speed.")
+
+    @staticmethod
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
+        """See Effect.kernel."""
+        return x[0] + options[0] * options[1] * abs(x[1])
 
 
 class Drag(_Added):

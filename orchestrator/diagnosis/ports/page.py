@@ -93,7 +93,7 @@ def _assumed(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> list[s
         + (f"; answers were chosen with {names[Role.VALIDATION]}, too" if names[Role.VALIDATION] else "")
         + (f"; the gap is measured on {names[Role.HELDOUT]}." if names[Role.HELDOUT] else "."),
         "A calibrated number deviates from its value by its tolerance, one standard deviation.",
-        f"Causes are {len(weighed.effects)} candidates, alone or up to three together: parameters with a "
+        f"Causes are {len(weighed.effects)} candidates, alone or up to four together: parameters with a "
         "prior, effects at ports, laws of friction; none of them; or something else.",
         "Residuals count less where they are larger than the noise, or correlated. Probabilities are not "
         "calibrated on cases.",

@@ -27,6 +27,8 @@ _KEPT = 12
 # A share of the excess that is left by the best answer from which on something else is likelier, and how
 # sharply; excess counts where it is this part of the noise at least.
 _LEFT, _SHARPNESS, _EXCESS = 0.3, 40.0, 0.5
+# How many effects an answer may hold.
+_LONGEST = 4
 # Tolerances by which a calibrated number may stray.
 _STRAYED = 3.0
 
@@ -101,7 +103,9 @@ def weigh_ports(study: PortStudy) -> Weighed:
         left = replay.residuals(best.calibrated, best.effects, best.theta)
         weights = _weights(replay, left, carries)
         fitter = Fitter(_Weighted(replay, weights))
-        found = search(fitter, effects)
+        # What never came near the best then will not now.
+        near = {one.id for fit in explored.fits for one in fit.effects}
+        found = search(fitter, [one for one in effects if one.id in near], longest=_LONGEST)
         checked = PortReplay(study, validation)
         answers = _answers(fitter, found, _Check(checked, fitter))
     return _conclude(study, replay, checked, effects, found, answers)

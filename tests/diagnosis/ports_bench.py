@@ -1,0 +1,84 @@
+"""Studies of the positioning system whose logs are made by runs of it, with or without something hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from orchestrator.config import load_config
+from orchestrator.run import run
+
+STEP = 2e-3
+NOISE = {"drive.position": 2e-6, "controller.voltage": 5e-3}
+UNITS = {"path.position": "m", "drive.position": "m", "controller.voltage": "V"}
+LAWS = "orchestrator.diagnosis.ports.laws"
+
+
+def system(stroke: float, connections: Sequence[Any] = ()) -> dict[str, Any]:
+    """The config of the positioning system; `connections` replace those with the same target."""
+    data = load_config("emps", ["run.step_size=2 ms", "run.stop_time=2 s"]).model.to_data()
+    data["instances"]["path"]["start"] = {"stroke": f"{stroke} m", "frequency": "0.5 Hz"}
+    own = {one["to"] for one in connections}
+    kept = [one for one in data["connections"] if one.partition("->")[2].strip() not in own]
+    data["connections"] = [*kept, *connections]
+    if "drive.load" in own:
+        del data["instances"]["drive"]["start"]["load"]
+    return data
+
+
+def friction(law: str, **options: Any) -> dict[str, Any]:
+    """A connection that gives the drive a law of friction."""
+    read = {"read": {"velocity": "drive.velocity"}}
+    return {
+        "from": [{"port": "drive.velocity", "gain": "0 N.s/m"}],
+        "to": "drive.load",
+        "through": [{"effect": f"{LAWS}:{law}", **options, **read}],
+    }
+
+
+def study(
+    folder: Path,
+    hidden: Sequence[Any] = (),
+    seed: int | None = 1,
+    candidates: dict[str, Any] | None = None,
+    **more: Any,
+) -> Path:
+    """Write a study of three runs; without a seed, logs have no noise."""
+    folder.mkdir(parents=True, exist_ok=True)
+    draw = np.random.default_rng(seed)
+    runs = []
+    for number, (role, stroke) in enumerate((("train", 0.2), ("validation", 0.14), ("held-out", 0.17))):
+        results = run(system(stroke, hidden), halving=False).results
+        columns = {"time [s]": np.asarray(results.time)}
+        for name, unit in UNITS.items():
+            noise = NOISE.get(name, 0.0) * draw.standard_normal(len(results)) if seed is not None else 0.0
+            columns[f"{name} [{unit}]"] = np.asarray(results[name]) + noise
+        rows = np.column_stack(list(columns.values()))
+        text = ",".join(columns) + "\n" + "\n".join(",".join(map(repr, row.tolist())) for row in rows) + "\n"
+        (folder / f"run-{number}.csv").write_text(text)
+        runs.append({"file": f"run-{number}.csv", "role": role})
+    data = {
+        "format": "port-study/1",
+        "system": "emps",
+        "set": ["run.step_size=2 ms"],
+        "columns": {
+            "time": "time",
+            "path.position": "path.position",
+            "drive.position": {"column": "drive.position", "noise": "2 um", "feed": False},
+            "controller.voltage": {"column": "controller.voltage", "noise": "5 mV", "feed": False},
+        },
+        "calibrated": {
+            "drive.mass": {"tolerance": "2 kg"},
+            "drive.viscous_friction": {"tolerance": "10 N.s/m"},
+        },
+        "settle": "50 ms",
+        "runs": runs,
+        **({"candidates": candidates} if candidates else {}),
+        **more,
+    }
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    return folder

@@ -1,0 +1,217 @@
+"""A diagnosis of any system of FMUs: replay of its logs, effects hidden in it, none, and one struck out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from ports_bench import friction, study
+
+from orchestrator.__main__ import main
+from orchestrator.diagnosis.diagnose import diagnose
+from orchestrator.diagnosis.finding import Augmented
+from orchestrator.diagnosis.ports.candidates import candidates
+from orchestrator.diagnosis.ports.closure import NOMINAL
+from orchestrator.diagnosis.ports.replay import PortReplay, measure
+from orchestrator.diagnosis.ports.study import Role, load_port_study
+from orchestrator.diagnosis.ports.weigh import carries, weigh_ports
+from orchestrator.diagnosis.verdict import read_diagnosis
+from orchestrator.errors import ConfigError
+from orchestrator.run import run
+from orchestrator.system import Port
+
+POSITION, VOLTAGE = Port("drive", "position"), Port("controller", "voltage")
+# Each law is compiled when it is first used, so that fewer of them are quicker.
+FEW = {"only": ["drive.coulomb", "drive.stribeck", "drive.viscous", "drive.voltage.*"]}
+COULOMB = friction("Coulomb", level="12 N", width="1 mm/s")
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """A study whose logs the system itself made, without noise."""
+    return study(tmp_path_factory.mktemp("plain"), seed=None)
+
+
+def fed(path, *ports):
+    """The study with outputs fed, too."""
+    data = yaml.safe_load((path / "study.yaml").read_text())
+    for port in ports:
+        data["columns"][port]["feed"] = True
+    (path / "fed.yaml").write_text(yaml.safe_dump(data))
+    return path / "fed.yaml"
+
+
+@pytest.mark.parametrize("ports", [(), ("drive.position",), ("controller.voltage",),
+                                   ("drive.position", "controller.voltage")])  # fmt: skip
+def test_logs_of_the_system_itself_replay_exactly(plain, ports):
+    """As one chain, and component by component."""
+    found = load_port_study(fed(plain, *ports))
+    replay = PortReplay(found, found.runs)
+    # The logs are those of other strokes than the config's: nothing but they can have brought the motion.
+    for run_ in found.runs:
+        given = replay.signals(run_, {}, (), np.zeros(0))
+        for port in (POSITION, VOLTAGE):
+            assert np.abs(given[port] - run_.logs[port]).max() <= 1e-9 * np.abs(run_.logs[port]).max()
+            assert np.ptp(run_.logs[port]) > 0.1
+
+
+def test_only_the_faulty_component_leaves_a_residual(tmp_path):
+    """Driven by what was measured each, the controller is as it should be, the drive is not."""
+    path = study(tmp_path, [COULOMB], seed=None)
+    found = load_port_study(fed(path, "controller.voltage"))
+    found = replace(found, fed=tuple(dict.fromkeys((*found.fed, VOLTAGE))))
+    replay = PortReplay(found, found.of(Role.TRAIN))
+    given = replay.signals(replay.runs[0], {}, (), np.zeros(0))
+    assert np.abs(given[POSITION] - replay.runs[0].logs[POSITION]).max() > 1e-3
+    law = next(one for one in candidates(found, measure(found, replay.runs[0])) if one.id == "drive.coulomb")
+    given = replay.signals(replay.runs[0], {}, (law,), np.array([12.0]))
+    # The hidden law's corner is rounded off by another width.
+    assert np.abs(given[POSITION] - replay.runs[0].logs[POSITION]).max() < 2e-4
+
+
+def test_a_hidden_friction_is_found(tmp_path):
+    path = study(tmp_path / "case", [COULOMB], candidates=FEW)
+    made = diagnose(path, tmp_path / "out")
+    found = read_diagnosis(tmp_path / "out")
+    # The hidden law's corner is rounded off by another width, as which a Stribeck curve can pass.
+    assert made.diagnosis.verdict.effects[0] in ("drive.coulomb", "drive.stribeck")
+    assert found.verdict.places == ["drive"] and len(found.verdict.effects) == 1
+    assert found.which[0].probability > 0.5
+    assert found.which[0].parameters[f"{found.verdict.effects[0]}.level"] == pytest.approx(12.0, rel=0.05)
+    # The gap on the run that no fit saw goes down to the noise; other masses and dampings do not get there.
+    assert found.how_far.closure > 0.97 > found.how_far.recalibration_only
+    assert sum(one.share for one in found.ledger) == pytest.approx(1.0, abs=1e-9)
+    assert found.calibration["drive.mass"]["fitted"] == pytest.approx(95.1, abs=1.0)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert found.verdict.effects[0] in page and page.count("<svg") == 2 and "one contact ahead" not in page
+    # The system with the effect added runs, and gives what was logged.
+    config = yaml.safe_load((tmp_path / "out" / "augmented.yaml").read_text())
+    config["instances"]["path"]["start"] = {"stroke": "0.17 m", "frequency": "0.5 Hz"}
+    config["run"]["stop_time"] = "2 s"
+    results = run(config, halving=False).results
+    log = np.genfromtxt(path / "run-2.csv", delimiter=",", names=True)
+    left = np.asarray(results["controller.voltage"]) - log["controllervoltage_V"]
+    assert np.std(left) < 0.02 < 0.1 < np.std(log["controllervoltage_V"])
+
+
+def test_a_hidden_effect_on_a_connection_is_found(tmp_path):
+    hidden = {"from": "controller.voltage", "to": "drive.voltage", "through": [{"dead-band": "0.2 V"}]}
+    weighed = weigh_ports(load_port_study(study(tmp_path, [hidden], candidates=FEW)))
+    assert weighed.finding.effects == ("drive.voltage.dead-band",)
+    parameters = weighed.finding.candidates[0].parameters
+    assert parameters["drive.voltage.dead-band.threshold"] == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_none_is_found_where_nothing_is_hidden(tmp_path, seed):
+    weighed = weigh_ports(load_port_study(study(tmp_path, seed=seed, candidates=FEW)))
+    assert weighed.finding.effects == ()
+    assert weighed.finding.candidates[0].probability > 0.8
+    assert not weighed.finding.doubtful_tolerances
+
+
+def test_outside_is_told_where_the_effect_is_struck(tmp_path):
+    strike = {"only": ["controller.reference.*", "controller.voltage.*", "drive.position.*"]}
+    found = load_port_study(study(tmp_path, [COULOMB], candidates=strike))
+    weighed = weigh_ports(found)
+    assert weighed.finding.effects == ("outside",)
+    assert weighed.finding.outside_place in ("drive", "controller")
+
+
+def test_another_parameter_than_configured_is_found(tmp_path):
+    path = study(
+        tmp_path,
+        [],
+        candidates={
+            "only": [*FEW["only"], "drive.force_per_voltage"],
+            "parameters": {"drive.force_per_voltage": "5 N/V"},
+        },
+    )
+    # The study believes in a drive that is 8 % weaker than the one that made the logs.
+    text = (path / "study.yaml").read_text().replace(
+        "- run.step_size=2 ms", "- run.step_size=2 ms\n- drive.force_per_voltage=32.5 N/V"
+    )  # fmt: skip
+    (path / "study.yaml").write_text(text)
+    weighed = weigh_ports(load_port_study(path))
+    best = weighed.finding.candidates[0]
+    assert "drive.force_per_voltage" in (*best.effects, *best.ties)
+    assert best.effects != ()
+
+
+def test_what_residuals_carry():
+    draw = np.random.default_rng(3)
+    white = draw.standard_normal(20000)
+    assert carries(white) == 1.0
+    assert carries(3.0 * white) == pytest.approx(9.0, rel=0.1)
+    slow = np.convolve(white, np.ones(50) / np.sqrt(50), "same")
+    # The correlation time of a moving average over 50 samples is 50.
+    assert carries(slow) == pytest.approx(50.0, rel=0.35)
+
+
+def test_effects_of_size_zero_change_nothing(plain):
+    found = load_port_study(plain)
+    replay = PortReplay(found, found.of(Role.TRAIN))
+    before = replay.of(NOMINAL)
+    seen = 0
+    for effect in candidates(found, measure(found, replay.runs[0])):
+        theta = np.array([(one.starts or (0.0,))[0] if one.shape else 0.0 for one in effect.parameters])
+        after = replay.of(Augmented({}, (effect,), theta))
+        for a, b in zip(before, after, strict=True):
+            assert np.array_equal(a, b), effect.id
+        seen += 1
+    assert seen > 50
+
+
+def test_all_that_is_wrong_with_a_study_is_told_at_once(plain, capsys):
+    data = yaml.safe_load((plain / "study.yaml").read_text())
+    data["columns"]["drive.positon"] = data["columns"].pop("drive.position")
+    data["columns"]["drive.voltage"] = {"column": "controller.voltage", "unit": "V"}
+    data["calibrated"] = {"drive.mass": {"tolerance": "2 N"}, "drive.masss": {"tolerance": "2 kg"}}
+    data["settle"] = "2 m"
+    (plain / "wrong.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError) as caught:
+        load_port_study(plain / "wrong.yaml")
+    places = [one.place.partition(": ")[2] for one in caught.value.problems]
+    assert places == ["columns.drive.positon", "columns.drive.voltage", "calibrated.drive.mass.tolerance",
+                      "calibrated.drive.masss.tolerance", "settle"]  # fmt: skip
+    told = str(caught.value)
+    assert "Did you mean drive.position" in told and "drive.voltage is fed by controller.voltage" in told
+    assert main(["diagnose", str(plain / "wrong.yaml")]) == 2
+    assert "drive.positon" in capsys.readouterr().err
+
+
+def test_refused_runs_and_patterns(plain):
+    data = yaml.safe_load((plain / "study.yaml").read_text())
+    data["set"] = ["run.step_size=1 ms"]
+    (plain / "step.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match=r"samples are 0\.002 to 0\.002 s apart"):
+        load_port_study(plain / "step.yaml")
+    data["set"] = ["run.step_size=2 ms"]
+    data["runs"][0] |= {"from": "1 s", "to": "0.5 s"}
+    (plain / "empty.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match="holds no samples"):
+        load_port_study(plain / "empty.yaml")
+    data["runs"][0] |= {"from": "0 s", "to": "1 s"}
+    data["candidates"] = {"without": ["drive.friction-*"]}
+    (plain / "pattern.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(plain / "pattern.yaml")
+    with pytest.raises(ConfigError, match=r"drive.friction-\*: fits no candidate"):
+        candidates(found, measure(found, found.runs[0]))
+    data["runs"][0]["rolle"] = "train"
+    (plain / "key.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match=r"runs\.0\.rolle"):
+        load_port_study(plain / "key.yaml")
+
+
+def test_the_command(tmp_path, capsys):
+    path = study(tmp_path / "case", candidates={"only": ["controller.voltage.*"]})
+    assert main(["diagnose", str(path / "study.yaml"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
+    assert "No unmodelled effect is needed" in capsys.readouterr().out
+    names = sorted(one.name for one in (tmp_path / "out").iterdir())
+    assert names == ["augmented.yaml", "diagnosis.json"]
+    data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert data["how_far"]["within_floor"] and set(data["left_out"]) == {
+        "where", "energy", "next_experiment", "numerics"}  # fmt: skip

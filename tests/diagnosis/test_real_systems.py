@@ -1,0 +1,102 @@
+"""Measured systems: a positioning drive and a friction damper, as handed over without what is to be found.
+
+The data stand outside the checkout. Models know mass, viscous friction and control law of the drive, and of the
+damper that it has friction of about 10 kN. Effects are chosen by train and validation runs; the held-out runs
+only tell the gap.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from orchestrator.diagnosis.diagnose import diagnose
+
+REAL = Path(__file__).parents[3] / "shared" / "gap" / "real"
+FRICTION = {"coulomb", "stribeck", "dahl", "lugre", "maxwell-slip"}
+
+
+def needed(*names):
+    """Paths of files; skips without them."""
+    paths = [REAL / name for name in names]
+    if not all(path.is_file() for path in paths):
+        pytest.skip(f"measurements are not there: {REAL}")
+    return paths
+
+
+def test_the_drive_lacks_dry_friction(tmp_path):
+    """EMPS: dry friction first; the drive's force within 4 % in a run with force pulses that no fit saw."""
+    known, pulses = needed("emps/DATA_EMPS.mat", "emps/DATA_EMPS_PULSES.mat")
+    study = {
+        "format": "port-study/1",
+        "system": "emps",
+        "columns": {
+            "path.position": {"column": "qg", "unit": "m"},
+            "drive.position": {"column": "qm", "unit": "m", "noise": "10 um", "feed": False, "start": True},
+            "controller.voltage": {"column": "vir", "unit": "V", "noise": "20 mV", "feed": False},
+            "drive.load": {"column": "pulses_N", "unit": "N"},
+        },
+        "calibrated": {
+            "drive.mass": {"tolerance": "5 kg"},
+            "drive.viscous_friction": {"tolerance": "20 N.s/m"},
+        },
+        "settle": "0.3 s",
+        "runs": [
+            {"file": str(known), "role": "train", "to": "12.5 s", "without": ["drive.load"]},
+            {"file": str(known), "role": "validation", "from": "12.5 s", "without": ["drive.load"]},
+            {"file": str(pulses), "role": "held-out"},
+        ],
+    }
+    (tmp_path / "emps.yaml").write_text(yaml.safe_dump(study))
+    found = diagnose(tmp_path / "emps.yaml", tmp_path / "out").diagnosis
+    place, _, effect = found.verdict.effects[0].partition(".")
+    assert place == "drive" and effect in FRICTION
+    assert found.which[0].probability > 0.9
+    voltage = found.how_far.model_extra["outputs"]["controller.voltage"]
+    assert voltage["after"] < 0.04 < 0.15 < voltage["recalibrated"]
+    assert found.how_far.recalibration_only < found.how_far.closure
+    # Published: 95.1 kg, 203.5 N.s/m, 20.4 N.
+    level = found.which[0].parameters[f"{found.verdict.effects[0]}.level"]
+    assert level == pytest.approx(20.4, rel=0.1)
+    assert found.calibration["drive.mass"]["fitted"] == pytest.approx(95.1, rel=0.05)
+
+
+def test_the_damper_lacks_presliding_with_backlash(tmp_path):
+    roles = {
+        "0.5Hz30lbtension1amplitude": "train",
+        "2Hz30lbtension0.5amplitude": "train",
+        "1Hz30lbtension1amplitude": "validation",
+        "1Hz30lbtension0.5amplitude": "held-out",
+    }
+    runs = []
+    for path, (name, role) in zip(
+        needed(*(f"friction-damper/{name}.json" for name in roles)), roles.items(), strict=True
+    ):
+        rows = np.array(json.loads(path.read_text())["data"])
+        log = np.column_stack([rows[:, 0], rows[:, 1], rows[:, 3], 1e3 * rows[:, 2]])
+        file = f"{name.replace('.', '_')}.csv"
+        header = "time [s],position [in],velocity [in/s],force [lbf]"
+        np.savetxt(tmp_path / file, log, delimiter=",", header=header, comments="")
+        runs.append({"file": file, "role": role})
+    study = {
+        "format": "port-study/1",
+        "system": "friction-damper",
+        "set": ["run.step_size=0.9765625 ms", "run.stop_time=1 s"],
+        "columns": {
+            "time": "time",
+            "machine.velocity": "velocity",
+            "machine.position": "position",
+            "damper.force": {"column": "force", "noise": "50 N"},
+        },
+        "calibrated": {"damper.level": {"tolerance": "500 N"}},
+        "settle": "0.5 s",
+        "runs": runs,
+    }
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(study))
+    found = diagnose(tmp_path, tmp_path / "out").diagnosis
+    assert found.verdict.effects[0] == "damper.presliding-backlash"
+    assert found.how_far.closure > 0.5 > found.how_far.recalibration_only
