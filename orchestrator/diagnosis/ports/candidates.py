@@ -31,6 +31,7 @@ from .study import PortStudy
 __all__ = ["FORCES", "PortEffect", "Sizes", "candidates"]
 
 _VELOCITIES = {"m/s": "m", "rad/s": "rad"}
+_DRY = {"coulomb", "stribeck", "dahl", "lugre", "maxwell-slip", "presliding", "play", "presliding-backlash"}
 FORCES = {"m/s": "N", "rad/s": "N.m"}
 
 
@@ -42,11 +43,13 @@ class PortEffect(Effect):
         port: where it is inserted; None where it changes a parameter.
         make: the effect on connections that it is, of its parameters.
         reads: ports that the effect reads.
+        family: effects of one family are forms of one cause, and are not combined; "" for none.
     """
 
     port: Port | None = None
     make: Callable[[Array], ConnectionEffect] | None = None
     reads: tuple[Port, ...] = ()
+    family: str = ""
 
     def __post_init__(self) -> None:
         if (self.port is None) != (self.make is None) or (self.port is None and not self.changes):
@@ -240,7 +243,14 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
         name: str, equation: str, source: str, parameters: tuple[Parameter, ...], make: Callable
     ) -> PortEffect:
         return PortEffect(
-            f"{prefix}.{name}", equation, source, parameters, port=port, make=make, reads=(read,)
+            f"{prefix}.{name}",
+            equation,
+            source,
+            parameters,
+            port=port,
+            make=make,
+            reads=(read,),
+            family=f"{port}: dry friction" if name in _DRY and (sign < 0 or name != "stribeck") else "",
         )
 
     def per(unit: str, scale: float, name: str) -> tuple[Parameter, ...]:

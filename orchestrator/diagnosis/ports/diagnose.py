@@ -80,7 +80,7 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
             "calibration": strict(_calibration(study, finding)),
             "data": warned,
             "left_out": left_out,
-            "provenance": _provenance(path, weighed, begin),
+            "provenance": _provenance(path, study, weighed, begin),
         }
     )
     files = {AUGMENTED: config}
@@ -134,10 +134,16 @@ def _warnings(study: PortStudy) -> list[Warned]:
     return found
 
 
-def _provenance(path: Path, weighed: Weighed, begin: float) -> dict[str, Any]:
+def _provenance(path: Path, study: PortStudy, weighed: Weighed, begin: float) -> dict[str, Any]:
     folder = path if path.is_dir() else path.parent
     file = path / "study.yaml" if path.is_dir() else path
-    digests = {file.relative_to(folder).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()}
+    files = [file, *dict.fromkeys(run.file for run in study.runs if run.file and run.file.is_file())]
+    digests = {
+        (one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): hashlib.sha256(
+            one.read_bytes()
+        ).hexdigest()
+        for one in files
+    }
     return {
         **origin(),
         "packages": versions(_PACKAGES),

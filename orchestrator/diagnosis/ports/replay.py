@@ -79,6 +79,14 @@ class PortReplay:
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
     ) -> list[Array]:
         """See `Replay`: per run, and in it per compared port."""
+        families = [one.family for one in effects if isinstance(one, PortEffect) and one.family]
+        if len(set(families)) < len(families):
+            # Two forms of one cause explain nothing together that a third form of it would not.
+            return [
+                np.full(len(run) - self.study.settled, np.nan)
+                for run in self.runs
+                for _ in self.compared(run)
+            ]
         key = tuple(calibrated.items()), tuple(one.id for one in effects), theta.tobytes()
         if key in self._kept:
             return list(self._kept[key])
@@ -98,8 +106,8 @@ class PortReplay:
             for port in self.compared(run):
                 noise, log = self.study.columns[port].noise, run.logs[port]
                 assert noise is not None
-                r = (log - given[port])[self.study.settled :] / noise
-                with np.errstate(invalid="ignore"):
+                with np.errstate(invalid="ignore", over="ignore"):
+                    r = (log - given[port])[self.study.settled :] / noise
                     ran_away = not np.abs(r).max() < _RUNAWAY * (np.abs(log).max() / noise + 1.0)
                 # Where a model runs away, fits are to stay out, and not to compare by how far.
                 found.append(np.full_like(r, np.nan) if ran_away else r)
@@ -130,13 +138,13 @@ def measure(study: PortStudy, run: PortRun) -> Sizes:
     spread, peak, rate, way = {}, {}, {}, {}
 
     def take(port: Port, values: Array) -> None:
+        if not np.isfinite(values).all():
+            values = np.zeros(len(values))
+        # A little more than the largest change, so that a limit of this rate is none.
+        rate[port] = float(np.abs(np.diff(values)).max()) / step * (1.0 + 1e-9)
+        peak[port] = float(np.abs(values).max())
         values = values[settled:]
-        values = values[np.isfinite(values)]
-        if len(values) < 2:
-            values = np.zeros(2)
-        spread[port], peak[port] = float(values.std()), float(np.abs(values).max())
-        # The largest change that is not one sample's noise.
-        rate[port] = float(np.quantile(np.abs(np.diff(values)), 0.999)) / step
+        spread[port] = float(values.std())
         way[port] = float(np.cumsum(values - values.mean()).std()) * step
 
     for port in everything:

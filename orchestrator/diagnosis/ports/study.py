@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pathlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -100,12 +99,14 @@ class PortRun:
 
     Attributes:
         logs: by port, in the unit of the port, each of shape (n,), a communication step apart.
+        repeats: name of the run that it repeats; file: that it was read from.
     """
 
     name: str
     role: Role
     logs: Mapping[Port, Array]
     repeats: str | None = None
+    file: Path | None = None
 
     def __len__(self) -> int:
         return len(next(iter(self.logs.values())))
@@ -376,12 +377,13 @@ class _Reader:
             for name, values in found.items()
             if name != "time"
         }
-        stem = pathlib.Path(model.file).name.partition(".")[0]
+        stem = Path(path.name.removesuffix(".gz")).stem
         return PortRun(
             model.name or (stem if model.begin is None else f"{stem}-{first}"),
             model.role,
             logs,
             model.repeats,
+            path,
         )
 
 
