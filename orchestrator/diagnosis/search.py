@@ -44,9 +44,11 @@ class Search:
         return fit.log_evidence - self.none.log_evidence
 
 
-def _each(function: Callable[[_In], _Out], items: Sequence[_In]) -> list[_Out]:
+def _each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) -> list[_Out]:
     """Results in the order of the items; replays release the interpreter's lock."""
-    with ThreadPoolExecutor(max_workers=2) as pool:
+    if workers == 1:
+        return [function(one) for one in items]
+    with ThreadPoolExecutor(max_workers=workers) as pool:
         return list(pool.map(function, items))
 
 
@@ -77,6 +79,7 @@ def search(
     effects: Sequence[Effect],
     always: tuple[Effect, ...] = (),
     longest: int = _LONGEST,
+    workers: int = 2,
 ) -> Search:
     """Fit none, the most promising single effects, and combinations built from the best of them.
 
@@ -84,21 +87,22 @@ def search(
         effects: to choose from.
         always: effects that every model holds.
         longest: how many effects a combination may have.
+        workers: threads; more than one pay where replays do not wait for each other.
     """
     count = len(fitter.replay.tolerances)
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
     none = fitter.fit(always, None, start)
     nominal = np.concatenate([np.zeros(count), none.z[count:]])
-    bases = _each(lambda z: fitter.base(always, z), [nominal, none.z])
-    found: list[Fit] = _grow(fitter, effects, bases, none.cost, _KEPT_SINGLES)
+    bases = _each(lambda z: fitter.base(always, z), [nominal, none.z], workers)
+    found: list[Fit] = _grow(fitter, effects, bases, none.cost, _KEPT_SINGLES, workers)
     level = found
     for size in range(2, longest + 1):
         level = sorted(level, key=lambda fit: -fit.log_evidence)[:2]
         if not level or level[0].cost > none.cost - _PROMISING:
             break
         before = level[0]
-        bases = _each(lambda fit: fitter.base(fit.effects, fit.z), level)
-        level = _grow(fitter, effects, bases, level[0].cost - _PROMISING, _KEPT_PAIRS)
+        bases = _each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)
+        level = _grow(fitter, effects, bases, level[0].cost - _PROMISING, _KEPT_PAIRS, workers)
         level = [fit for fit in level if len(fit.effects) == size + len(always)]
         found += level
         if max((fit.log_evidence for fit in level), default=-math.inf) < before.log_evidence + 5.0:
@@ -112,7 +116,7 @@ def search(
 
 
 def _grow(
-    fitter: Fitter, effects: Sequence[Effect], bases: Sequence[Base], highest: float, kept: int
+    fitter: Fitter, effects: Sequence[Effect], bases: Sequence[Base], highest: float, kept: int, workers: int
 ) -> list[Fit]:
     """Fit the most promising effects on top of some bases.
 
@@ -132,7 +136,7 @@ def _grow(
 
     screened = [
         (cost, effect, base, start)
-        for (effect, _), (cost, base, start) in zip(tasks, _each(promise, tasks), strict=True)
+        for (effect, _), (cost, base, start) in zip(tasks, _each(promise, tasks, workers), strict=True)
         if cost < highest
     ]
     screened.sort(key=lambda one: one[0])
@@ -158,7 +162,7 @@ def _grow(
 
     found: list[Fit] = []
     for first in range(0, len(chosen), 2):  # two at a time: what is given up does not depend on the machine
-        fits = _each(fitted, chosen[first : first + 2])
+        fits = _each(fitted, chosen[first : first + 2], workers)
         found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
         aim = min([fit.cost for fit in found], default=math.inf) + _NEAR
     return found
