@@ -98,14 +98,16 @@ def weigh_ports(study: PortStudy) -> Weighed:
         # What a channel carries is told by what the best model at hand leaves of it: what an effect would
         # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
         # first sought as if residuals were white, only to see what remains.
-        explored = search(Fitter(_Weighted(replay, _weights(replay, plain.residuals, _square))), effects)
+        explored = search(
+            Fitter(_Weighted(replay, _weights(replay, plain.residuals, _square))), effects, workers=1
+        )
         best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
         left = replay.residuals(best.calibrated, best.effects, best.theta)
         weights = _weights(replay, left, carries)
         fitter = Fitter(_Weighted(replay, weights))
         # What never came near the best then will not now.
         near = {one.id for fit in explored.fits for one in fit.effects}
-        found = search(fitter, [one for one in effects if one.id in near], longest=_LONGEST)
+        found = search(fitter, [one for one in effects if one.id in near], longest=_LONGEST, workers=1)
         checked = PortReplay(study, validation)
         answers = _answers(fitter, found, _Check(checked, fitter))
     return _conclude(study, replay, checked, effects, found, answers)
