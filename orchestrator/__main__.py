@@ -191,6 +191,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         fmu_cli.add_arguments(fmu)
     fmu.set_defaults(command_function=_fmu)
 
+    report = commands.add_parser("report", help="make a page for the browser of what a command wrote")
+    if arguments[:1] == ["report"]:
+        from .report import cli as report_cli
+
+        report_cli.add_arguments(report)
+    report.set_defaults(command_function=_report)
+
     for command in (run, check, stability, export, reproduction, listing):
         command.add_argument("--json", action="store_true", help="print JSON, one line a result, and no text")
 
@@ -391,6 +398,12 @@ def _store(args: argparse.Namespace) -> int:
     from .campaign import cli
 
     return cli.store_main(args)
+
+
+def _report(args: argparse.Namespace) -> int:
+    from .report import cli
+
+    return cli.main(args)
 
 
 if __name__ == "__main__":

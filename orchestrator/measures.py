@@ -26,6 +26,7 @@ class Measure(Protocol):
     Attributes:
         options: pydantic model of the options that the config gives. If it has a method `signals()`, the
             names that it returns are recorded whatever the config says; it is an error if they do not exist.
+        units: where the measure tells them, units of its numbers by their keys.
     """
 
     options: ClassVar[type[BaseModel]]
@@ -35,6 +36,14 @@ class Measure(Protocol):
 
     def figures(self, results: Results, options: Any) -> dict[str, Figure]:
         """Figures by file name without suffix."""
+
+    # Only where a report has more to tell of it:
+
+    def headline(self, measured: dict[str, Any]) -> str:
+        """What `measure` found, in a sentence."""
+
+    def scene(self, results: Results, options: Any) -> dict[str, Any] | None:
+        """What moves, for the view of motion in a report: see `orchestrator.docking.scene`."""
 
     # Only where several runs can be compared:
 

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 from .results import Results
 
-__all__ = ["COLORS", "draw_coupling", "draw_punctuality", "draw_signals", "save"]
+__all__ = [
+    "COLORS",
+    "draw_coupling",
+    "draw_overlaid",
+    "draw_points",
+    "draw_punctuality",
+    "draw_signals",
+    "encoded",
+    "save",
+    "svg",
+]
 
 # Okabe and Ito's palette: told apart with any colour vision, and dark enough on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -21,13 +34,16 @@ _MOST_AXES = 12
 _MOST_POINTS = 20_000
 
 
-def draw_signals(results: Results, title: str = "", names: Sequence[str] | None = None) -> Figure:
+def draw_signals(
+    results: Results, title: str = "", names: Sequence[str] | None = None, points: int = _MOST_POINTS
+) -> Figure:
     """All real signals over time, one pair of axes for each unit.
 
     Args:
         results: of a run.
         title: stands above.
         names: signals to draw; all floating-point ones by default.
+        points: longer signals are thinned, lowest and highest values kept.
     """
     names = [n for n, kind in results.types.items() if kind.kind == "f"] if names is None else list(names)
     groups: dict[str, list[str]] = {}
@@ -39,7 +55,7 @@ def draw_signals(results: Results, title: str = "", names: Sequence[str] | None 
     instants = results.time
     for axes, (unit, members) in zip(all_axes, shown, strict=False):
         for index, name in enumerate(members[:_MOST_LINES]):
-            time, values = _thinned(instants, results[name])
+            time, values = _thinned(instants, results[name], points)
             dash = _DASHES[index // len(COLORS)]
             # Each line is thinner than the one below it, so that equal signals can both be seen.
             width = max(0.8, 2.6 - 0.5 * index)
@@ -118,9 +134,11 @@ def draw_punctuality(realtime: Mapping[str, Any], step_size: float, title: str =
     return figure
 
 
-def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _thinned(
+    time: np.ndarray, values: np.ndarray, points: int = _MOST_POINTS
+) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest value of each short stretch: no peak is lost, and long runs draw fast."""
-    width = len(time) // _MOST_POINTS
+    width = len(time) // points
     if width < 2:
         return time, values
     whole = len(time) // width * width
@@ -136,3 +154,61 @@ def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def save(figure: Figure, path: Path) -> None:
     """Write a figure as PNG."""
     figure.savefig(path, dpi=150)
+
+
+def encoded(figure: Figure, dpi: int = 110) -> str:
+    """A figure as PNG in base 64, to stand in a page."""
+    memory = io.BytesIO()
+    figure.savefig(memory, format="png", dpi=dpi)
+    return base64.b64encode(memory.getvalue()).decode("ascii")
+
+
+def svg(figure: Figure, name: str) -> str:
+    """A figure as SVG text; the same figure gives the same bytes, and names do not clash within a page."""
+    stream = io.StringIO()
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify": True}):
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+    text = stream.getvalue()
+    return text[text.index("<svg") :]
+
+
+def draw_overlaid(runs: Mapping[str, Results], name: str, points: int = _MOST_POINTS) -> Figure:
+    """One signal of several runs over time.
+
+    Args:
+        runs: that have it, by name.
+        points: longer signals are thinned, lowest and highest values kept.
+    """
+    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    unit = next(iter(runs.values())).units.get(name, "")
+    for index, (run, results) in enumerate(runs.items()):
+        time, values = _thinned(results.time, results[name], points)
+        dash = _DASHES[index // len(COLORS) % len(_DASHES)]
+        axes.plot(time, values, dash, color=COLORS[index % len(COLORS)], linewidth=1.4, label=run)
+    axes.set_ylabel(f"[{unit}]" if unit else "no unit")
+    axes.set_xlabel("time [s]")
+    axes.grid(alpha=0.3)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
+    return figure
+
+
+def draw_points(
+    lines: Mapping[str, tuple[Sequence[float], Sequence[float]]], x_label: str, y_label: str
+) -> Figure:
+    """Points of one quantity over another, joined within each line where there are several.
+
+    Args:
+        lines: x and y by name.
+    """
+    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    for index, (name, (x, y)) in enumerate(lines.items()):
+        dash = _DASHES[index // len(COLORS) % len(_DASHES)] if len(lines) > 1 else ""
+        axes.plot(x, y, dash, marker="o", markersize=4, color=COLORS[index % len(COLORS)], label=name)
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    axes.grid(alpha=0.3)
+    if len(lines) > 1:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize="small")
+    return figure

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["summary_text"]
+__all__ = ["OWN", "remarks", "summary_text"]
 
-_OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error", "coupling")
+# Keys of every summary; the others hold what measures found.
+OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error", "coupling")
 _MOST_ROWS = 30
 # What a coupling may create of what it exchanges before it is spoken of.
 _CREATED = 0.01
@@ -18,9 +19,9 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     numerics = summary.get("numerics") or {}
     lines = [_heading(summary)]
     for key, value in summary.items():
-        if key not in _OWN:
+        if key not in OWN:
             lines += _section(key, value, numerics.get(key))
-    if not any(key not in _OWN for key in summary) and "signals" in numerics:
+    if not any(key not in OWN for key in summary) and "signals" in numerics:
         rows = [
             {"signal": name, "largest change": one["max_change"], "over its range": one["relative"]}
             for name, one in numerics["signals"].items()
@@ -28,14 +29,21 @@ def summary_text(summary: Mapping[str, Any]) -> str:
         lines += _section("change at half the step size", rows, None)
     elif numerics and "error" not in numerics:
         lines.append("+-: change at half the step size; under a table, the largest of each column.")
-    lines += _created(summary.get("coupling") or {}, numerics.get("coupling") or {})
-    lines += _punctuality(summary["run"].get("realtime"))
-    for name, link in summary["run"].get("external", {}).items():
+    lines += remarks(summary)
+    return "\n".join(lines)
+
+
+def remarks(summary: Mapping[str, Any]) -> list[str]:
+    """What a reader has to be told: energy from the coupling, missed deadlines, lost datagrams, warnings."""
+    numerics, run = summary.get("numerics") or {}, summary.get("run") or {}
+    lines = _created(summary.get("coupling") or {}, numerics.get("coupling") or {})
+    lines += _punctuality(run.get("realtime"))
+    for name, link in run.get("external", {}).items():
         lines.append(
             f"{name}: {link['sent']} datagrams sent, {link['received']} received, {link['lost']} lost, "
             f"{link['reordered']} out of order; round trip {_milliseconds(link['round_trip'])}"
         )
-    for name, told in summary["run"].get("log", {}).items():
+    for name, told in run.get("log", {}).items():
         lines.append(f"{name} logged {len(told)} warnings; the last: {told[-1]}")
     if "error" in numerics:
         message = numerics["error"]["message"].splitlines()[0]
@@ -43,7 +51,7 @@ def summary_text(summary: Mapping[str, Any]) -> str:
         lines.append(
             f"The run with half the step size {how}, so nothing is known of the step's effect: {message}"
         )
-    return "\n".join(lines)
+    return lines
 
 
 def _created(coupling: Mapping[str, Any], changed: Mapping[str, Any]) -> list[str]:

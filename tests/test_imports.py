@@ -16,8 +16,8 @@ LAYERS = [
     "fixed_point", "system", "bonds", "checks", "connecting", "histogram", "external", "assembly",
     "signals", "wires", "initialisation", "culprits", "instances", "ledger", "master", "native",
     "pacing", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",
-    "plotting", "folder_lock", "workers", "run_folder", "run", "compare", "table", "fmu_tools",
-    "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "__main__",
+    "plotting", "page", "folder_lock", "workers", "run_folder", "run", "compare", "table", "fmu_tools",
+    "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report", "__main__",
 ]  # fmt: skip
 
 

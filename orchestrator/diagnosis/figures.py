@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import io
-
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..plotting import COLORS
+from ..plotting import COLORS, svg
 from .finding import Augmented
 from .motion import contacts
 from .study import Array, Role, Run, Study
 from .traces import CHANNEL_OF, Trace, traces
 
-__all__ = ["figure_of", "shown_run", "svg"]
+__all__ = ["figure_of", "shown_run"]
 
 _TITLES = {
     "encoder_position": "robot position",
@@ -107,12 +105,3 @@ def _draw_left(axes: matplotlib.axes.Axes, trace: Trace, span: slice, scale: flo
     for model, color, label in ((trace.before, _BEFORE, "before"), (trace.after, _AFTER, "after")):
         axes.plot(time, scale * (trace.measured - model)[span], color=color, linewidth=0.9, label=label)
     axes.set_ylabel(f"[{unit}]")
-
-
-def svg(figure: Figure, name: str) -> str:
-    """A figure as SVG text; the same figure gives the same bytes, and names do not clash within a page."""
-    stream = io.StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify": True}):
-        figure.savefig(stream, format="svg", metadata={"Date": None})
-    text = stream.getvalue()
-    return text[text.index("<svg") :]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from importlib import resources
 
+from ..page import bar as _bar
+from ..page import card as _card
+from ..page import document, figure
 from .catalogue import catalogue
 from .effect import Effect
 from .figures import figure_of
@@ -49,7 +51,6 @@ def compose(
         known: the effects that were weighed, by id.
         gap: over what the gap is measured.
     """
-    style = resources.files(__package__).joinpath("report.css").read_text(encoding="utf-8")
     parts = [
         f"<p class=headline>{escape(headline(diagnosis))}</p>",
         _warnings(diagnosis),
@@ -60,10 +61,7 @@ def compose(
         _card("What to run next", _next(diagnosis)),
         "</div>",
         "<h2>Residuals before and after</h2>",
-        *(
-            f"<figure>{drawn}<figcaption>{escape(words)}</figcaption></figure>"
-            for words, drawn in figures.items()
-        ),
+        *(figure(drawn, words) for words, drawn in figures.items()),
         _augmented(diagnosis),
         _ledger(diagnosis),
         _energy(diagnosis),
@@ -71,33 +69,11 @@ def compose(
         _told(assumed),
         _provenance(diagnosis),
     ]
-    title = escape(f"{diagnosis.case}: diagnosis of the sim-to-real gap")
-    body = "\n".join(part for part in parts if part)
-    return (
-        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<style>\n{style}</style></head>\n"
-        f"<body><header><h1>{title}</h1></header>\n{body}\n</body></html>\n"
-    )
+    return document(f"{diagnosis.case}: diagnosis of the sim-to-real gap", parts)
 
 
 def _number(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
-
-
-def _card(title: str, content: str) -> str:
-    return f"<section class=card><h2>{escape(title)}</h2>{content}</section>"
-
-
-def _bar(label: str, value: float, text: str, note: str = "", strong: bool = False) -> str:
-    width = 100 * min(max(abs(value), 0.0), 1.0)
-    kind = "bar negative" if value < 0 else "bar"
-    name = f"<b>{escape(label)}</b>" if strong else escape(label)
-    more = f"<div class=note>{escape(note)}</div>" if note else ""
-    return (
-        f'<div class=row><div class=name>{name}</div><div class=track><div class="{kind}" '
-        f'style="width:{width:.1f}%"></div></div><div class=value>{escape(text)}</div>{more}</div>'
-    )
 
 
 def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect]) -> str:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -16,7 +16,42 @@ if TYPE_CHECKING:
 
     from ..results import Results
 
-__all__ = ["DockingMeasure", "DockingOptions"]
+__all__ = ["KEPT", "UNITS", "DockingMeasure", "DockingOptions"]
+
+# Of the numbers of both docking measures; the others are ratios.
+UNITS = {
+    "start_time": "s",
+    "end_time": "s",
+    "peak_force": "N",
+    "first_peak_force": "N",
+    "contact_frequency": "Hz",
+    "stiffness_estimate": "N/m",
+    "damping_estimate": "N.s/m",
+    "effective_mass": "kg",
+    "linear_impulse": "N.s",
+    "start": "J",
+    "largest_turn": "rad",
+    "largest_rate": "rad/s",
+}
+# Ratios of speeds this near to the ideal count as kept: the source's own rebounds stay within it.
+KEPT = 0.02
+
+
+def _kept_speed(contacts: Sequence[Mapping[str, Any]], ideal: float) -> str:
+    """What a sequence of contacts did to the speed, in a sentence.
+
+    Args:
+        contacts: each with its `rebound_velocity_ratio`.
+        ideal: the size of the last ratio without delay.
+    """
+    if not contacts:
+        return "No contact was completed."
+    ratio = abs(contacts[-1]["rebound_velocity_ratio"] or 0.0)
+    count = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
+    told = f"After {count} the rod has {ratio:.4f} times its first speed (without delay {ideal:.4g})"
+    if abs(ratio - ideal) <= KEPT * ideal:
+        return f"{told}: the loop keeps the energy of the contact."
+    return f"{told}: the loop {'adds' if ratio > ideal else 'takes'} energy at each contact."
 
 
 class DockingOptions(BaseModel):
@@ -42,6 +77,7 @@ class DockingMeasure:
     """Measures of a one-dimensional docking run; see `measure` for the keys."""
 
     options = DockingOptions
+    units: ClassVar[dict[str, str]] = UNITS
 
     def measure(self, results: Results, options: DockingOptions) -> dict[str, Any]:
         """Measure every completed contact.
@@ -89,6 +125,17 @@ class DockingMeasure:
             },
             **estimates,
         }
+
+    def headline(self, measured: dict[str, Any]) -> str:
+        """What the contacts did to the speed."""
+        contacts = measured["contacts"]
+        return _kept_speed(contacts, abs(contacts[-1]["ideal_velocity_ratio"]) if contacts else 1.0)
+
+    def scene(self, results: Results, options: DockingOptions) -> dict[str, Any]:
+        """The rod's tip between the surfaces."""
+        from .scene import line_scene
+
+        return line_scene(results, options)
 
     def figures(self, results: Results, options: DockingOptions) -> dict[str, Figure]:
         """Figures by name: `contacts` (velocity and force, free flight cut out), `rebounds` and,

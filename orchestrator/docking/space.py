@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from .contacts import Contact, find_contacts
 from .frames import Motion, attached
+from .measures import KEPT, UNITS
 from .theory import contact_frequency, ideal_peak_force, ideal_restitution
 
 if TYPE_CHECKING:
@@ -139,6 +140,7 @@ class SpaceMeasure:
     """Measures of a docking run in six degrees of freedom; see `measure` for the keys."""
 
     options = SpaceOptions
+    units: ClassVar[dict[str, str]] = UNITS
 
     def measure(self, results: Results, options: SpaceOptions) -> dict[str, Any]:
         """Measure every completed contact, energy and momentum.
@@ -203,6 +205,28 @@ class SpaceMeasure:
             },
             **estimates,
         }
+
+    def headline(self, measured: dict[str, Any]) -> str:
+        """What the contacts did to the energy; the speed along the normal changes with the rotation, too."""
+        contacts = measured["contacts"]
+        ratio = contacts[-1]["kinetic_energy_ratio"] if contacts else None
+        if ratio is None:
+            return (
+                "No contact was completed." if not contacts else "The satellites were at rest at the start."
+            )
+        count = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
+        told = f"After {count} the satellites have {ratio:.4f} times their first kinetic energy"
+        if any(one["ideal_cor"] < 1.0 for one in contacts):
+            return f"{told}; the contact is damped."
+        if abs(ratio - 1.0) <= 2 * KEPT:
+            return f"{told}: the loop keeps the energy of the contact."
+        return f"{told}: the loop {'adds' if ratio > 1.0 else 'takes'} energy at each contact."
+
+    def scene(self, results: Results, options: SpaceOptions) -> dict[str, Any]:
+        """The rod's tip between the surfaces, and both satellites."""
+        from .scene import space_scene
+
+        return space_scene(results, options)
 
     def figures(self, results: Results, options: SpaceOptions) -> dict[str, Figure]:
         """Figures by name: `positions`, `attitude`, `forces`, `energy`, `contacts` and, with a controller,

@@ -22,6 +22,7 @@ from orchestrator.diagnosis.parts import Parts
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.verdict import read_diagnosis
 from orchestrator.errors import ConfigError, OrchestratorError
+from orchestrator.report.make import report
 
 HERTZ = catalogue()["contact.hertz"]
 THETA = np.array([(one.starts or (0.2,))[0] for one in HERTZ.parameters])
@@ -141,6 +142,7 @@ def test_the_page_stands_alone_and_tells_all(study, tmp_path):
         "What was assumed",
     ):  # fmt: skip
         assert part in text
+    assert report([tmp_path]) == text
     # The effect that made the logs leaves nothing but noise.
     before, after = map(
         float, re.search(r"residual is ([\d.]+) times the noise before and ([\d.]+)", text).groups()

@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 
 from orchestrator.__main__ import main
-from orchestrator.docking.reproduction.page import headline, number, page
+from orchestrator.docking.reproduction.page import headline, number, page, page_of_folder
 from orchestrator.docking.reproduction.reproduce import Reproduction
 
 
@@ -110,6 +110,12 @@ def test_the_page_holds_every_figure_and_needs_no_other_file(folder, summary, re
         assert base64.b64decode(data).startswith(b"\x89PNG")
     assert all(link.startswith(("#", "data:")) for link in reader.links)
     assert {path.name for path in (folder / "figures").iterdir()} == {"fig6.png", "fig7.png"}
+
+
+def test_the_page_can_be_made_again_from_the_folder(folder, summary):
+    again = read(page_of_folder(folder, summary))
+    assert list(again.rows) == [one["key"] for entry in summary["experiments"] for one in entry["quantities"]]
+    assert len(again.images) == 2 and headline(summary) in "".join(again.text)
 
 
 def test_the_summary_counts_its_verdicts(summary):

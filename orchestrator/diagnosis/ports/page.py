@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...plotting import COLORS
+from ...plotting import COLORS, svg
 from ...system import Port
-from ..figures import svg
 from ..report import compose
 from ..study import Array
 from ..verdict import Diagnosis

@@ -5,46 +5,51 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Mapping
 from html import escape
-from io import BytesIO
+from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
+
+from ... import page as pieces
+from ...plotting import encoded
 
 if TYPE_CHECKING:
     from .reproduce import Reproduction
 
-__all__ = ["headline", "number", "page", "verdict"]
+__all__ = ["headline", "number", "page", "page_of_folder", "verdict"]
 
-_DPI = 110
-_STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; color: #1a1a1a; }
-body { max-width: 76rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 2.6rem; }
-p.about { max-width: 60rem; }
-table { border-collapse: collapse; width: 100%; margin: 1rem 0; font-size: 0.9rem; }
-th, td { text-align: left; vertical-align: top; padding: 0.3rem 0.6rem; border-bottom: 1px solid #ddd; }
-th { background: #f3f3f3; }
-td.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
-td.yes { color: #00664b; } td.no { color: #a33c00; font-weight: 600; } td.none { color: #666; }
-.note { color: #555; font-size: 0.85rem; }
-.error { color: #a33c00; white-space: pre-wrap; }
-figure { margin: 1.5rem 0; } img { max-width: 100%; height: auto; } figcaption { color: #333; }
-nav a { margin-right: 0.9rem; }
-dt { margin-top: 0.5rem; } code { font-size: 0.8rem; overflow-wrap: anywhere; }
-"""
+_COLUMNS = ("figure", "quantity", "source", "ours", "unit", "agreement", "change at half the step")
 
 
 def page(made: Reproduction) -> str:
     """The whole page as HTML."""
-    summary = made.summary
-    images = {name: _image(figure) for name, figure in made.figures.items()}
+    return _page(made.summary, {name: encoded(figure) for name, figure in made.figures.items()})
+
+
+def page_of_folder(folder: Path, summary: Mapping[str, Any]) -> str:
+    """The page of what `orchestrator reproduce` wrote to a folder; figures that are gone are left out.
+
+    Args:
+        summary: content of the folder's summary.json.
+    """
+    images = {}
+    for name in summary["figures"]:
+        path = folder / "figures" / f"{name}.png"
+        if path.is_file():
+            images[name] = base64.b64encode(path.read_bytes()).decode("ascii")
+    return _page(summary, images)
+
+
+def _page(summary: Mapping[str, Any], images: Mapping[str, str]) -> str:
+    """The page with figures as PNG in base 64."""
     links = "".join(f'<a href="#{name}">{_label(name)}</a>' for name in images)
-    packages = ", ".join(f"{name} {version}" for name, version in summary["packages"].items())
+    differ = summary["source"]["differ"] + summary["theory"]["differ"]
+    failed = sum(bool(entry["errors"]) for entry in summary["experiments"])
+    judged = sum(summary["source"].values()) + sum(summary["theory"].values())
+    told = f"{judged - differ} of {judged} numbers that can be judged agree"
+    if failed:
+        told += f"; {failed} experiments failed"
     parts = [
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        "<title>Reproduction of the source's figures and "
-        f"numbers</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
-        "<h1>The source's figures and numbers, made again by co-simulation</h1>",
+        f"<p class=headline>{told}.</p>",
         f"<p>{escape(summary['reference'])}.</p>",
         f"<p>{headline(summary)} Every run was made twice: the last column is what changed with half the "
         "communication step. The column of the source quotes its text, with the section; its figures' "
@@ -54,12 +59,9 @@ def page(made: Reproduction) -> str:
     said: set[str] = set()
     for entry in summary["experiments"]:
         parts += _section(entry, images, said)
-    parts.append(
-        f'<p class="note">Made {escape(summary["created"])} in {summary["wall_time"]:.0f} s with '
-        f"{summary['runs']} runs; {escape(packages)}; Python {escape(summary['python'])}, "
-        f"{escape(summary['platform'])}.</p>\n</body>\n</html>\n"
-    )
-    return "\n".join(parts)
+    made = f"{summary['runs']} runs in {summary['wall_time']:.0f} s."
+    parts.append(pieces.provenance(summary, pieces.note(made)))
+    return pieces.document("The source's figures and numbers, made again by co-simulation", parts)
 
 
 def number(value: float | None) -> str:
@@ -92,23 +94,21 @@ def _section(entry: Mapping[str, Any], images: Mapping[str, str], said: set[str]
     yield f'<h2 id="{escape(entry["name"])}">{escape(entry["title"])}</h2>'
     for paragraph in entry["about"]:
         if paragraph not in said:
-            yield f'<p class="about">{escape(paragraph)}</p>'
+            yield f"<p>{escape(paragraph)}</p>"
     said.update(entry["about"])
     for message in entry["errors"]:
         yield f'<p class="error">This run failed, so nothing is told of the experiment: {escape(message)}</p>'
     if entry["quantities"]:
-        yield (
-            "<table>\n<thead><tr><th>figure</th><th>quantity</th><th>source</th><th>ours</th><th>unit</th>"
-            "<th>agreement</th><th>change at half the step</th></tr></thead>\n<tbody>"
-        )
+        heads = "".join(f"<th scope=col><button type=button>{one}</button></th>" for one in _COLUMNS)
+        yield (f"<div class=wide><table class='told sorts'>\n<thead><tr>{heads}</tr></thead>\n<tbody>")
         yield from map(_row, entry["quantities"])
-        yield "</tbody>\n</table>"
+        yield "</tbody>\n</table></div>"
     for name, caption in entry["figures"].items():
+        if name not in images:
+            continue
         text = f"{_label(name)}. {caption}"
-        yield (
-            f'<figure id="{name}"><img alt="{escape(text)}" src="data:image/png;base64,{images[name]}">'
-            f"<figcaption>{escape(text)}</figcaption></figure>"
-        )
+        image = f'<img alt="{escape(text)}" src="data:image/png;base64,{images[name]}">'
+        yield pieces.figure(image, text, name)
     yield f"<details><summary>The {len(entry['runs'])} runs, one by one</summary>\n<dl>"
     for name, one in entry["runs"].items():
         settings = " ".join(f"--set {quote(override)}" for override in one["overrides"])
@@ -125,20 +125,20 @@ def _row(quantity: Mapping[str, Any]) -> str:
         agreement += f"{of}: {escape(quantity['criterion'])}"
     note = f'<div class="note">{escape(quantity["note"])}</div>' if quantity["note"] else ""
     unit = "" if quantity["unit"] == "1" else escape(quantity["unit"])
+    change = quantity["halving_change"]
     return (
         f'<tr data-key="{escape(quantity["key"])}"><td>{_label(quantity["figure"])}</td>'
         f"<td>{escape(quantity['text'])}{note}</td><td>{escape(quantity['paper'])}</td>"
-        f'<td class="number">{number(quantity["ours"])}</td><td>{unit}</td>'
+        f'<td class="number"{_value(quantity["ours"])}>{number(quantity["ours"])}</td><td>{unit}</td>'
         f'<td class="{kind}">{agreement}</td>'
-        f'<td class="number">{_change(quantity["halving_change"])}</td></tr>'
+        f'<td class="number"{_value(change)}>{_change(change)}</td></tr>'
     )
+
+
+def _value(value: float | None) -> str:
+    """What a table sorts by."""
+    return "" if value is None else f' data-value="{value!r}"'
 
 
 def _label(figure: str) -> str:
     return f"Fig. {escape(figure.removeprefix('fig'))}"
-
-
-def _image(figure: Any) -> str:
-    memory = BytesIO()
-    figure.savefig(memory, format="png", dpi=_DPI)
-    return base64.b64encode(memory.getvalue()).decode("ascii")

@@ -1,0 +1,1 @@
+"""Pages for a browser, of what the other commands wrote: runs, sweeps, reproductions, diagnoses."""

@@ -1,0 +1,219 @@
+"""What pages say, read without a browser."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import re
+import shutil
+from html import unescape
+
+import numpy as np
+import pytest
+
+from orchestrator.__main__ import main
+from orchestrator.config import load_config
+from orchestrator.errors import ConfigError
+from orchestrator.page import SignalStore
+from orchestrator.page.signals import extremes
+from orchestrator.report.graph_layout import Node, Wire, lay_out
+from orchestrator.report.graph_svg import draw_graph
+from orchestrator.report.make import report
+from orchestrator.report.store_page import SweepTable, page_of_tables
+from orchestrator.results import Results, read_results
+
+
+def held(text: str) -> dict:
+    """The data that a page holds."""
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)[1])
+
+
+def decoded(kept: dict) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(kept["data"]), "<" + kept["type"])
+
+
+def words(text: str) -> str:
+    return unescape(re.sub(r"<[^>]+>", " ", text))
+
+
+def headline(text: str) -> str:
+    return unescape(re.search(r"<p class=headline>(.*?)</p>", text, re.S)[1])
+
+
+def test_extremes_keep_every_peak_and_the_order():
+    values = np.array([0.0, 5.0, -1.0, 2.0, 2.0, 2.0, 7.0])
+    assert extremes(values, 3).tolist() == [5.0, -1.0, 2.0, 2.0, 7.0, 7.0]
+    noise = np.random.default_rng(1).normal(size=10_007)
+    thin = extremes(noise, 50)
+    assert len(thin) == 402
+    assert thin.min() == noise.min() and thin.max() == noise.max()
+
+
+def test_a_page_within_the_budget_holds_every_instant(line_run):
+    results = read_results(line_run)
+    arrays = held(report([line_run]))["arrays"]
+    assert decoded(arrays["time"]).tolist() == results.time.tolist()
+    assert decoded(arrays["contact.force"]) == pytest.approx(results["contact.force"], rel=1e-6)
+
+
+def test_a_smaller_budget_thins_keeps_peaks_and_says_so(line_run):
+    text = report([line_run], budget=40_000)
+    results, arrays = read_results(line_run), held(text)["arrays"]
+    force = decoded(arrays["contact.force"])
+    assert len(force) < len(results) / 3
+    assert force.min() == pytest.approx(results["contact.force"].min(), rel=1e-6)
+    assert sum(len(one.get("data", "")) for one in arrays.values()) < 44_000
+    assert "4001 instants are too many for a page" in words(text)
+
+
+def test_numbers_that_are_none_or_too_large_are_kept_apart():
+    values = np.array([0.0, np.nan, 1e300, np.inf])
+    store = SignalStore(10_000)
+    store.add(Results(np.arange(4.0), {"a": values, "b": np.full(4, np.nan)}), ["a", "b"])
+    arrays = store.data()["arrays"]
+    assert arrays["a"]["type"] == "f8" and decoded(arrays["a"])[2] == 1e300
+    assert arrays["b"] == {"constant": None}
+
+
+def test_a_run_without_a_summary_is_told_as_killed(line_run, tmp_path):
+    folder = tmp_path / "killed"
+    shutil.copytree(line_run, folder)
+    (folder / "summary.json").unlink()
+    assert headline(report([folder])).startswith("Killed at 2 s or shortly after, without a summary")
+
+
+def test_a_failed_run_is_told_with_its_error(line_run, tmp_path):
+    folder = tmp_path / "failed"
+    shutil.copytree(line_run, folder)
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    kept = {key: summary[key] for key in ("title", "config", "run", "parameters", "provenance")}
+    kept["error"] = {"kind": "StepError", "message": "robot at 2 s: <broken>", "log": ["a & b"]}
+    (folder / "summary.json").write_text(json.dumps(kept), encoding="utf-8")
+    text = report([folder])
+    assert headline(text) == "Failed at 2 s: robot at 2 s: <broken>"
+    assert "<broken>" not in text and "<li>a &amp; b</li>" in text
+
+
+def test_the_page_loads_nothing(line_run):
+    text = re.sub(r"<script.*?</script>", "", report([line_run]), flags=re.S)
+    assert not re.search(r"(?:src|href)\s*=\s*[\"']?(?!#|data:|[\"'])", re.sub(r"xlink:href=\"#", "", text))
+    assert "default-src 'none'" in text
+
+
+def test_the_graph_shows_ports_units_and_effects(line_run):
+    text = report([line_run])
+    graph = re.search(r"<div class=graph>(.*?)</div>", text, re.S)[1]
+    for one in ("satellite", "RobotResponse", "force [N]", "command", "delay 1 ms"):
+        assert one in words(graph)
+    assert len(re.findall(r'class="tip"', graph)) == 4
+
+
+def crossed(drawing) -> list[tuple[str, tuple]]:
+    """Boxes that a wire runs through."""
+    found = []
+    for net in drawing.nets:
+        for line in net.lines:
+            for (x0, y0), (x1, y1) in itertools.pairwise(line):
+                for name, box in drawing.boxes.items():
+                    if (
+                        min(x0, x1) < box.x + box.node.width - 0.5
+                        and max(x0, x1) > box.x + 0.5
+                        and min(y0, y1) < box.y + box.node.height
+                        and max(y0, y1) > box.y
+                    ):
+                        found.append((name, (x0, y0, x1, y1)))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_wire_crosses_a_box(seed):
+    random = np.random.default_rng(seed)
+    count = int(random.integers(2, 9))
+    ends = [tuple(map(int, random.integers(0, count, 2))) for _ in range(int(random.integers(1, 16)))]
+    wires = [Wire((f"n{a}", f"o{i % 3}"), (f"n{b}", f"i{i}")) for i, (a, b) in enumerate(ends)]
+    nodes = [
+        Node(
+            f"n{n}",
+            "kind",
+            {w.target[1]: w.target[1] for w in wires if w.target[0] == f"n{n}"},
+            {w.source[1]: w.source[1] for w in wires if w.source[0] == f"n{n}"},
+        )
+        for n in range(count)
+    ]
+    drawing = lay_out(nodes, wires)
+    assert crossed(drawing) == []
+    assert sum(len(net.lines) for net in drawing.nets) == len(wires)
+    for net in drawing.nets:
+        for line in net.lines:
+            assert all(0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in line)
+            assert all(a[0] == b[0] or a[1] == b[1] for a, b in itertools.pairwise(line))
+
+
+def test_every_bundled_system_can_be_drawn():
+    from orchestrator import bundled
+
+    for name in bundled.system_names():
+        model = load_config(name).model
+        assert draw_graph(model, {}).count("data-instance=") == len(model.instances) + len(model.external)
+
+
+def test_a_folder_of_runs_is_compared_and_bad_ones_are_refused(line_run, tmp_path, capsys):
+    for name in ("a", "b"):
+        shutil.copytree(line_run, tmp_path / "runs" / name)
+    page = tmp_path / "page.html"
+    assert main(["report", str(tmp_path / "runs"), "-o", str(page)]) == 0
+    assert headline(page.read_text(encoding="utf-8")) == "2 runs, all done."
+    assert f"Written: {page}" in capsys.readouterr().out
+    (tmp_path / "empty").mkdir()
+    assert main(["report", str(tmp_path / "empty"), str(tmp_path / "none")]) == 2
+    told = capsys.readouterr().err
+    assert "empty: holds no run" in told and "none: is no folder" in told
+    with pytest.raises(ConfigError, match="several runs are called"):
+        report([tmp_path / "runs" / "a", tmp_path / "runs"])
+    assert main(["report", str(line_run), "--size", "0"]) == 2
+
+
+def sweep(rows) -> SweepTable:
+    return SweepTable("abc", "delays", {"robot.tau_m": "s"}, ["peak"], rows, {})
+
+
+def test_a_sweep_shows_its_points_ranges_and_failures():
+    rows = [
+        {"point": 0, "robot.tau_m": 0.002, "status": "done", "peak": 140.25, "peak.change": 0.5},
+        {"point": 1, "robot.tau_m": 0.004, "status": "done", "peak": 180.5, "peak.change": -0.75},
+        {"point": 2, "robot.tau_m": 0.006, "status": "failed", "kind": "crash", "message": "x < 1\nmore"},
+        {"point": 3, "robot.tau_m": 0.008, "status": None},
+    ]
+    text = page_of_tables("runs", [sweep(rows)])
+    assert headline(text) == "4 points: 2 done, 1 failed, 1 not run yet."
+    ranges = re.search(r'<tr data-key="range.peak">(.*?)</tr>', text)[1]
+    assert re.findall(r'data-value="([^"]*)"', ranges) == ["140.25", "0", "180.5", "1", "0.75"]
+    assert "<td>crash</td>" in text and "<td>x &lt; 1</td>" in text
+    arrays = held(text)["arrays"]
+    assert decoded(arrays["abc/peak/robot.tau_m/0/x"]).tolist() == [0.002, 0.004]
+    assert decoded(arrays["abc/peak/robot.tau_m/0/y"]).tolist() == [140.25, 180.5]
+
+
+def test_a_store_without_studies_has_a_page():
+    assert headline(page_of_tables("runs", [])) == "The store holds no study yet."
+
+
+def test_the_page_of_a_store_has_the_stores_numbers(tmp_path):
+    reading = pytest.importorskip("orchestrator.campaign.reading", reason="DuckDB is not installed")
+    study = tmp_path / "study.yaml"
+    study.write_text(
+        "format: sweep/1\ntitle: delays\nsystem: docking-1d-uncompensated\n"
+        "set: {run.stop_time: 0.5 s, run.step_size: 1 ms}\nstep_halving: false\n"
+        "design:\n  grid:\n    robot.tau_m: [2 ms, 6 ms]\n"
+        "derived: {peak: max(abs(contact.force))}\n",
+        encoding="utf-8",
+    )
+    assert main(["sweep", str(study), "--store", str(tmp_path / "store"), "--quiet"]) == 0
+    with reading.Store(tmp_path / "store") as store:
+        rows = store.table().to_pylist()
+    text = report([tmp_path / "store"])
+    assert headline(text) == "2 points: 2 done, 0 failed."
+    for row in rows:
+        told = re.search(rf'<tr data-key="point.{row["point"]}.0">(.*?)</tr>', text, re.S)[1]
+        assert f'data-value="{row["peak"]!r}"' in told and f'data-value="{row["robot.tau_m"]!r}"' in told
