@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from .catalogue import catalogue
@@ -12,7 +12,7 @@ from .software import ControllerReplay, DynamicsReplay
 from .stochastic import Noise
 from .study import Role, Study
 
-__all__ = ["SOFTWARE", "Answer", "Group", "simplest", "tied", "weigh_software"]
+__all__ = ["SOFTWARE", "Answer", "Group", "complete", "simplest", "tied", "weigh_software"]
 
 SOFTWARE = (("dynamics", DynamicsReplay), ("controller", ControllerReplay))
 # Effects whose log evidence differs by less [nats], and whose fitted replays data like these would hardly
@@ -20,6 +20,8 @@ SOFTWARE = (("dynamics", DynamicsReplay), ("controller", ControllerReplay))
 _TIED, _APART = 5.0, 8.0
 # Software is exact: residuals beyond this mean square, in last digits, are a gap.
 _EXACT = 3.0
+# Log evidence that an answer may lack to the best one to be told with effects too small to be seen [nats].
+_NEAR = 12.0
 
 
 @dataclass(frozen=True)
@@ -30,8 +32,9 @@ class Answer:
         effects: ids, or ("outside",), or none.
         gain: log evidence over none [nats]; of none, that of wider tolerances.
         left: unexplained by it [nats].
-        fit: the model; None for outside and for none of the software groups.
+        fit: the model; None for outside, and for what was not fitted itself.
         noises: stochastic effects among the effects.
+        unseen: effects among them for which the logs do not speak; they are too small to be seen.
     """
 
     effects: tuple[str, ...]
@@ -40,6 +43,12 @@ class Answer:
     fit: Fit | None = None
     ties: tuple[str, ...] = ()
     noises: tuple[Noise, ...] = ()
+    unseen: tuple[str, ...] = ()
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """The effects that the logs speak for."""
+        return tuple(one for one in self.effects if one not in self.unseen)
 
 
 @dataclass(frozen=True)
@@ -94,6 +103,41 @@ def simplest(answers: Sequence[Answer]) -> list[Answer]:
         if not any(set(other.effects) < set(answer.effects) for other in kept):
             kept.append(answer)
     return kept
+
+
+def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
+    """Answers with those that hold one effect more, which is too small to be seen.
+
+    An effect may be as small as it likes: no answer has less evidence than it has without some of its
+    effects, and one that was not worth a fit has the same. Only to no effect, and to near answers of one, is
+    one added.
+
+    Args:
+        answers: none first, then by falling evidence.
+        ids: of all effects of the group.
+    Returns: none first, then by falling evidence.
+    """
+    found: dict[frozenset[str], Answer] = {}
+    for answer in sorted(answers, key=lambda one: len(one.effects)):
+        within = [one for key, one in found.items() if key < set(answer.effects)]
+        better = max(within, key=lambda one: one.gain, default=answer)
+        if better.gain > answer.gain:
+            added = tuple(one for one in answer.effects if one not in better.seen)
+            answer = replace(answer, gain=better.gain, unseen=added)
+        found[frozenset(answer.effects)] = answer
+    best = max(one.gain for one in found.values())
+    bases = [
+        one
+        for one in found.values()
+        if not one.effects or (len(one.effects) == 1 and not one.unseen and one.gain > best - _NEAR)
+    ]
+    for base in bases:
+        for name in ids:
+            key = frozenset((*base.effects, name))
+            if key not in found:
+                found[key] = replace(base, effects=tuple(sorted(key)), unseen=(name,))
+    none, *others = found.values()
+    return [none, *sorted(others, key=lambda one: -one.gain)]
 
 
 def tied(fitter: Fitter, answers: Sequence[Answer]) -> list[Answer]:

@@ -22,12 +22,12 @@ _RUNAWAY = 1e60
 _FAR = 20.0
 # Autocorrelation is summed up to so many of the times that the sum gives.
 _WINDOW = 6.0
-# Directions of roughness that stray by less, in standard deviations of a sample, are left out.
-_SPREAD = 0.02
 # Bases whose costs differ by less are much the same place: effects are screened from the better one alone.
 _ALIKE = 60.0
 # Steps after which derivatives that only followed the steps are taken anew.
 _STALE = 5
+# Directions of roughness that stray by less, in standard deviations of a sample, are left out.
+_SPREAD = 0.1
 # A fit has converged when the cost falls by less.
 _CONVERGED = 0.3
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
@@ -146,8 +146,11 @@ class Fitter:
         self.inflation = inflation
         self._shrink: tuple[Array, Array] | None = None
         if roughness is not None and roughness.size:
-            directions, spread, _ = np.linalg.svd(roughness / math.sqrt(inflation), full_matrices=False)
-            directions, spread = directions[:, spread > _SPREAD], spread[spread > _SPREAD]
+            # Singular vectors, by the columns' products, which are few; those of no spread change nothing.
+            square, turn = np.linalg.eigh(roughness.T @ roughness / inflation)
+            kept = square > _SPREAD**2
+            spread = np.sqrt(square[kept])
+            directions = np.ascontiguousarray(roughness @ (turn[:, kept] / (spread * math.sqrt(inflation))))
             # (1 + C C')^(-1/2) r, which is r but along the directions.
             self._shrink = directions, 1.0 / np.sqrt(1.0 + spread**2) - 1.0
         self._names = tuple(replay.tolerances)
@@ -159,6 +162,11 @@ class Fitter:
         sure = np.abs(self._centre) > _SURE * self._tolerance
         self._low = np.where(sure & (self._centre > 0.0), nearest, -math.inf)
         self._high = np.where(sure & (self._centre < 0.0), nearest, math.inf)
+
+    @property
+    def nominal(self) -> Array:
+        """The normalised calibration as it is believed to be."""
+        return np.zeros(len(self._names))
 
     # Normalised parameters: the calibration in tolerances, then the effects' in prior scales.
 
@@ -200,6 +208,19 @@ class Fitter:
             directions, shrink = self._shrink
             r += directions @ (shrink * (directions.T @ r))
         return r
+
+    def log_evidence(self, fit: Fit, inflation: Sequence[float]) -> float:
+        """Log evidence of a fit where the squares of residuals are inflated, per run and channel [nats].
+
+        See `Fit.log_evidence`; the fit itself is taken as it is.
+        """
+        r = np.concatenate(fit.residuals) / math.sqrt(self.inflation)
+        if self._shrink is not None:
+            directions, shrink = self._shrink
+            r += directions @ (shrink * (directions.T @ r))
+        parts = np.split(r, np.cumsum([len(one) for one in fit.residuals])[:-1])
+        square = sum(float(one @ one) / by for one, by in zip(parts, inflation, strict=True))
+        return -0.5 * (square + fit.cost - fit.chi2) - 0.5 * fit.log_determinant
 
     def left(self, residuals: Iterable[Array]) -> list[Array]:
         """Residuals less what roughness most probably makes of them."""

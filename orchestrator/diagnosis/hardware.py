@@ -9,71 +9,47 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from .answers import SOFTWARE, Answer, Group, simplest, tied
+from .answers import SOFTWARE, Answer, Group, complete, simplest, tied
+from .benign import Weighted, Widened, scatter, settled, touching, waves, weighted
+from .calibration import calibration
 from .catalogue import catalogue
-from .effect import Effect, Seen
-from .fit import Fit, Fitter, Replay
+from .effect import Effect
+from .fit import Fit, Fitter, inflation
 from .misfit import unexplained
 from .model import RigModel
-from .rig import Calibrated
 from .search import Search, roughness, search
-from .stochastic import Force, Noise, link_noise, random_arrival, sensor_noise
+from .stochastic import Force, Noise, arrival_innovations, link_noise, random_arrival, sensor_noise
 from .study import Array, Role, Study
 
-__all__ = ["Weighted", "Widened", "weigh_rig"]
+__all__ = ["weigh_rig"]
 
+# How many fits become answers, and log evidence below which a noise may be chance [nats].
+_KEPT, _WEAK = 12, 40.0
 # Log evidence of commands lost or delayed at random from which they are weighed [nats].
 _LINK_CLEAR = 5.0
 # Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
 _CLEAR = 20.0
-# Tolerances are doubtful where as many calibrated parameters stray by more tolerances than `_STRAYED`, while
-# tolerances wider by this factor make all of it ordinary.
-_WIDER, _SEVERAL, _STRAYED, _ORDINARY = 2.5, 3, 2.0, 3.0
+# Tolerances are doubtful where a factor on all of them has some log evidence, at most so much less than the
+# best effect, while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a
+# delay, strays in all numbers of its kind.
+_STRAYED, _DOUBTED, _LESS = 2.0, 2.0, 6.0
+_KINDS = (
+    ("natural_frequency", "damping_ratio", "response_delay"),
+    ("contact_damping", "sensor_delay", "sensor_cutoff"),
+    ("front_wall", "rear_wall"),
+    ("contact_stiffness",),
+    ("force_bias",),
+)
 
 
-class Weighted:
-    """A replay whose residuals count less where the noise is larger than specified.
-
-    Args:
-        weights: by channel, a factor or one per sample.
-    """
-
-    def __init__(self, replay: Replay, weights: Sequence[float | Array]) -> None:
-        self.replay = replay
-        self.weights = tuple(weights)
-
-    @property
-    def tolerances(self) -> Mapping[str, tuple[float, float]]:
-        """See `Replay`."""
-        return self.replay.tolerances
-
-    def residuals(
-        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
-    ) -> list[Array]:
-        """See `Replay`."""
-        found = self.replay.residuals(calibrated, effects, theta)
-        return [r * weight for r, weight in zip(found, self.weights, strict=True)]
-
-    def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
-        """See `Replay`."""
-        return self.replay.seen(calibrated, effects, theta)
-
-
-class Widened(Weighted):
-    """A replay whose calibration is trusted less."""
-
-    @property
-    def tolerances(self) -> Mapping[str, tuple[float, float]]:
-        """See `Replay`."""
-        return {name: (centre, _WIDER * width) for name, (centre, width) in self.replay.tolerances.items()}
-
-
-def weigh_rig(study: Study, without: Sequence[str] = ()) -> Group:
+def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, float] | None = None) -> Group:
     """Weigh the effects of link, robot, structure, contact and sensor.
 
     Args:
         without: ids of effects to leave out of the catalogue.
+        rough: roughness of every rig, see `Calibration.roughness`; what comes with the product by default.
     """
+    rough = calibration().roughness if rough is None else rough
     model = RigModel(study, study.of(Role.TRAIN))
     software = {place for place, _ in SOFTWARE}
     own = [
@@ -82,11 +58,11 @@ def weigh_rig(study: Study, without: Sequence[str] = ()) -> Group:
         if one.place not in software and not one.statistic and one.id not in without
     ]
     plain = [one for one in own if not one.statistic]
-    fitter = Fitter(model, 1.0, roughness(Fitter(model), plain))
+    weights = [settled(len(run)) for run in model.runs for _ in range(2)]
+    fitter = weighted(model, weights, plain, rough)
     none = fitter.fit(())
     force = _force(model, fitter, none)
     noises = [one for one in force.noises if one.id not in without]
-    weights: list[float | Array] = [1.0] * (2 * len(model.runs))
     coloured = next((one.scale for one in force.noises if one.id == "sensor.coloured-noise"), 1.0)
     if coloured > 1.0:
         # It may be an effect that shows in flight, like the tool's inertia: then it goes as that is fitted.
@@ -101,76 +77,118 @@ def weigh_rig(study: Study, without: Sequence[str] = ()) -> Group:
     noise = study.nominal["force_noise"].value
     coarse = math.hypot(1.0, step / math.sqrt(12.0) / noise)
     for index in range(len(model.runs)):
-        weight = np.full(len(model.runs[index]), 1.0 / (coloured * coarse))
+        weight = settled(len(model.runs[index])) / (coloured * coarse)
         if lost:
             weight[force.repeats[index]] = 0.0
         weights[2 * index + 1] = weight
     if noises:
-        fitter = _weighted(model, weights, plain)
+        fitter = weighted(model, weights, plain, rough)
     found = search(fitter, plain)
-    best = found.fits[0] if found.fits and found.gain(found.fits[0]) > 0 else found.none
-    left = fitter.left(best.residuals)
-    always: tuple[Effect, ...] = ()
-    arrival, deviation = random_arrival(model, best, left[0::2])
+    # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
+    further = scatter(model, fitter.replay, found.best)
+    fitter = weighted(model, weights, plain, rough, further)
+    left = fitter.left(found.best.residuals)
+    waved = waves(model, left, weights)
+    if waved is not None:
+        fitter = weighted(model, weights, plain, rough, np.hstack([further, waved]))
+        left = fitter.left(found.best.residuals)
+    line = force.line
+    if line > 0.0:  # what an effect leaves where it is not fitted may look like one
+        line = min(line, _force(model, fitter, found.best).line)
+    doubt = _doubt(model, weights, plain, rough, found.none)
+    answers = _answers(fitter, found, noises)
+    arrival, deviation = random_arrival(model, found.best, left[0::2])
+    links = []
     if arrival > _LINK_CLEAR:
-        link = _link(model, found.none, arrival, deviation, without)
-        if link is not None:
-            noises.append(link)
-            always = (catalogue()[link.id],)
-            fitter, found = _behind_link(model, weights, plain, always, found.none)
-            best = found.fits[0] if found.fits and found.gain(found.fits[0]) > 0 else found.none
-            left = fitter.left(best.residuals)
-    return _group(
-        model, fitter, found, best, noises, always, force, _doubt(model, weights, plain, found.none)
+        links = _links(model, found.none, arrival, deviation, without)
+    if links:
+        # The best of them lies above the best without it by the log evidence of what is random.
+        level = arrival + max((one.gain for one in answers), default=0.0)
+        always = (catalogue()[links[0].id],)
+        behind, again = _behind_link(model, weights, plain, rough, always, found.none)
+        beside = _answers(behind, again, [*noises, links[0]], always)
+        top = max(one.gain for one in beside)
+        # Random arrivals take up what the encoder strays, whatever it is; but then it is not white.
+        odd = unexplained(arrival_innovations(model, found.best, left[0::2], deviation))
+        beside = [replace(one, gain=one.gain - top + level, left=one.left + odd) for one in beside]
+        answers = sorted([*answers, *beside, *_other_link(beside, links)], key=lambda one: -one.gain)
+        left = behind.left(again.best.residuals) if again.best.effects else left
+    answers = tied(fitter, simplest(answers))
+    best = max((one.gain for one in answers), default=0.0)
+    doubtful = doubt > max(_DOUBTED, best - _LESS)
+    doubt = max(doubt, best) if doubtful else 0.0
+    nothing = Answer((), doubt, unexplained(fitter.left(found.none.residuals)), found.none)
+    every = [one.id for one in catalogue().values() if one.place not in software and one.id not in without]
+    misfit = {
+        "robot": float(np.mean(np.concatenate(left[0::2]) ** 2)),
+        "contact": float(np.mean(np.concatenate(left[1::2]) ** 2)),
+    }
+    return Group(
+        tuple(complete([nothing, *answers], every)),
+        line + force.held,
+        _place(left, line + force.held),
+        found.none,
+        misfit,
+        doubtful,
     )
 
 
 def _force(model: RigModel, fitter: Fitter, fit: Fit) -> Force:
-    touching = []
-    for index in range(len(model.runs)):
-        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
-        at = model.replay(index, fit.calibrated, fit.effects, fit.theta)[7]
-        touching.append((at > p[Calibrated.FRONT_WALL]) | (at < p[Calibrated.REAR_WALL]))
-    return sensor_noise(model, fitter.left(fit.residuals)[1::2], touching)
+    return sensor_noise(model, fitter.left(fit.residuals)[1::2], touching(model, fit))
 
 
-def _doubt(model: RigModel, weights: Sequence[float | Array], effects: Sequence[Effect], none: Fit) -> float:
-    """Log evidence of wider tolerances over those given, zero unless they explain several strays at once."""
-    if none.effects or sum(abs(value) > _STRAYED for value in none.deviation.values()) < _SEVERAL:
+def _doubt(
+    model: RigModel,
+    weights: Sequence[Array],
+    effects: Sequence[Effect],
+    rough: Mapping[str, float],
+    none: Fit,
+) -> float:
+    """Log evidence of wider tolerances over those given; zero unless numbers of several kinds stray."""
+    kinds = [[abs(none.deviation.get(name, 0.0)) for name in kind] for kind in _KINDS]
+    if none.effects or sum(max(kind) > _STRAYED for kind in kinds) < 2:
         return 0.0
-    weighted = Weighted(model, weights)
-    fit = Fitter(Widened(model, weights), 1.0, roughness(Fitter(weighted), effects)).fit(())
-    strays = np.abs(list(fit.deviation.values()))
-    if np.sum(_WIDER * strays > _STRAYED) < _SEVERAL or strays.max() > _ORDINARY:
-        return 0.0
+    columns = roughness(Fitter(Weighted(model, weights)), effects, rough)
+    fit = Fitter(Widened(model, weights), 1.0, columns).fit(())
     return max(0.0, fit.log_evidence - none.log_evidence)
 
 
-def _weighted(model: RigModel, weights: Sequence[float | Array], effects: Sequence[Effect]) -> Fitter:
-    replay = Weighted(model, weights)
-    return Fitter(replay, 1.0, roughness(Fitter(replay), effects))
-
-
-def _link(
+def _links(
     model: RigModel, none: Fit, arrival: float, deviation: float, without: Sequence[str]
-) -> Noise | None:
-    """Commands lost or delayed at random, whichever explains the encoder better.
+) -> list[Noise]:
+    """Commands lost or delayed at random, the one that explains the encoder better first.
 
     Args:
-        arrival, deviation: log evidence that either is there [nats], and how strong it is [s].
+        arrival, deviation: log evidence that either is there [nats], and how strong it is [s]; the second has
+            less evidence by what it explains less.
     """
     at = none.calibrated
     lag = 2.0 * at["damping_ratio"] / at["natural_frequency"] + at["response_delay"]
     found = [one for one in link_noise(model, lag, deviation) if one.id not in without]
-    if not found:
-        return None
-    return replace(max(found, key=lambda one: one.log_evidence), log_evidence=arrival, scale=1.0)
+    found.sort(key=lambda one: -one.log_evidence)
+    return [
+        replace(one, log_evidence=arrival + one.log_evidence - found[0].log_evidence, scale=1.0)
+        for one in found
+    ]
+
+
+def _other_link(answers: Sequence[Answer], links: Sequence[Noise]) -> list[Answer]:
+    """The best answers with the other kind of randomness instead, which was not fitted."""
+    found = []
+    for other in links[1:]:
+        for answer in answers[:3]:
+            names = {*answer.effects} - {links[0].id} | {other.id}
+            noises = (*(one for one in answer.noises if one is not links[0]), other)
+            gain = answer.gain - links[0].log_evidence + other.log_evidence
+            found.append(replace(answer, effects=tuple(sorted(names)), gain=gain, noises=noises, fit=None))
+    return found
 
 
 def _behind_link(
     model: RigModel,
-    weights: list[float | Array],
+    weights: list[Array],
     effects: Sequence[Effect],
+    rough: Mapping[str, float],
     always: tuple[Effect, ...],
     none: Fit,
 ) -> tuple[Fitter, Search]:
@@ -185,56 +203,48 @@ def _behind_link(
         r = fit.residuals[2 * index]
         n = len(r) // 16
         sums = r[: 16 * n].reshape(n, 16).sum(axis=1)
-        weights[2 * index] = 1.0 / max(1.0, math.sqrt(float(np.mean(sums**2)) / 16.0), float(r.std()))
-        weights[2 * index + 1] = 0.5 * np.asarray(weights[2 * index + 1])
-    fitter = _weighted(model, weights, effects)
+        noise = max(1.0, math.sqrt(float(np.mean(sums**2)) / 16.0), float(r.std()))
+        weights[2 * index] = weights[2 * index] / noise
+        weights[2 * index + 1] = 0.5 * weights[2 * index + 1]
+    fitter = weighted(model, weights, effects, rough)
     return fitter, search(fitter, effects, always)
 
 
-def _group(
-    model: RigModel,
-    fitter: Fitter,
-    found: Search,
-    best: Fit,
-    noises: Sequence[Noise],
-    always: tuple[Effect, ...],
-    force: Force,
-    doubt: float,
-) -> Group:
-    extra = tuple(one.id for one in noises)
-    gain = sum(one.log_evidence for one in noises)
+def _answers(
+    fitter: Fitter, found: Search, noises: Sequence[Noise], always: tuple[Effect, ...] = ()
+) -> list[Answer]:
+    """What a search found as answers, largest log evidence first; without none, if nothing is known of noise.
+
+    Args:
+        noises: effects known by statistics; weak ones may be there or not.
+        always: effects of every model, which are among the noises.
+    """
+    left = fitter.left(found.best.residuals)
+    by = [inflation(left[0::2]), inflation(left[1::2])] * (len(left) // 2)
+    least = fitter.log_evidence(found.none, by)
     hidden = {one.id for one in always}
-
-    def answer(fit: Fit) -> Answer:
-        names = tuple(one.id for one in fit.effects if one.id not in hidden)
-        remains = unexplained(fitter.left(fit.residuals))
-        return Answer(
-            tuple(sorted((*names, *extra))), gain + found.gain(fit), remains, fit, (), tuple(noises)
-        )
-
-    answers = simplest([answer(fit) for fit in (found.none, *found.fits[:12])])
-    if not extra:
-        answers = [one for one in answers if one.effects]
-    answers = tied(fitter, answers)
-    nothing = Answer((), doubt, unexplained(fitter.left(found.none.residuals)), found.none)
-    left = fitter.left(best.residuals)
-    misfit = {
-        "robot": float(np.mean(np.concatenate(left[0::2]) ** 2)),
-        "contact": float(np.mean(np.concatenate(left[1::2]) ** 2)),
-    }
-    return Group(
-        (nothing, *answers),
-        force.line + force.held,
-        _place(left, force),
-        found.none,
-        misfit,
-        doubt > 3.0,
-    )
+    answers = []
+    for fit in (found.none, *found.fits[:_KEPT]):
+        names = [one.id for one in fit.effects if one.id not in hidden]
+        over, remains = fitter.log_evidence(fit, by) - least, unexplained(fitter.left(fit.residuals))
+        for some in _subsets(noises, always):
+            gain = over + sum(one.log_evidence for one in some)
+            every = tuple(sorted((*names, *(one.id for one in some))))
+            if every:
+                answers.append(Answer(every, gain, remains, fit, (), some))
+    return simplest(answers)
 
 
-def _place(left: Sequence[Array], force: Force) -> str:
+def _subsets(noises: Sequence[Noise], always: tuple[Effect, ...]) -> list[tuple[Noise, ...]]:
+    """All noises, and all but one of those that may be chance."""
+    hidden = {one.id for one in always}
+    weak = [one for one in noises if one.log_evidence < _WEAK and one.id not in hidden]
+    return [tuple(noises), *(tuple(one for one in noises if one is not gone) for gone in weak)]
+
+
+def _place(left: Sequence[Array], odd: float) -> str:
     """Where something outside the catalogue acts."""
     encoder, sensor = unexplained(left[0::2]), unexplained(left[1::2])
-    if force.line + force.held > _CLEAR and sensor > encoder:
+    if odd > _CLEAR and sensor > encoder:
         return "sensor"
     return "robot" if encoder > sensor else "contact"

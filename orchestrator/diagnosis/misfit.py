@@ -9,9 +9,11 @@ import numpy as np
 
 from .study import Array
 
-__all__ = ["hum", "unexplained"]
+__all__ = ["hum", "unexplained", "wave"]
 
 _BLOCKS = (1, 4, 16, 64, 256)
+# Of encoders' scales and interpolators [m]: as fine as ways of a centimetre tell apart.
+_PITCHES = 3e-4 * 1.01 ** np.arange(300)
 
 
 def unexplained(channels: Sequence[Array]) -> float:
@@ -61,3 +63,24 @@ def hum(r: Array, windows: Sequence[slice]) -> tuple[float, float]:
     # Amplitude and phase of the line are free in each window.
     price = math.log(len(power)) + sum(math.log(len(part)) for part in parts)
     return 0.5 * size * math.log(energy / rest) - price, best / length
+
+
+def wave(channels: Sequence[Array], positions: Sequence[Array]) -> tuple[float, float, float]:
+    """Find a wave along the position that residuals of several runs have in common, as of an encoder's scale.
+
+    Args:
+        channels: residuals over their noise, by run; positions: of the same samples [m].
+    Returns: its log likelihood over none, number of tried pitches accounted for [nats], its pitch [m], and
+        its amplitude in standard deviations of the noise.
+    """
+    r, x = np.concatenate(channels), np.concatenate(positions)
+    best = (0.0, float(_PITCHES[0]), 0.0)
+    for pitch in _PITCHES:
+        turned = (2.0 * math.pi / pitch) * x
+        basis = np.stack([np.cos(turned), np.sin(turned)])
+        along = basis @ r
+        amplitudes = np.linalg.lstsq(basis @ basis.T, along, rcond=None)[0]
+        gain = 0.5 * float(along @ amplitudes)
+        if gain > best[0]:
+            best = gain, float(pitch), float(np.hypot(*amplitudes))
+    return max(best[0] - math.log(len(_PITCHES)), 0.0), best[1], best[2]

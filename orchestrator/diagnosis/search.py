@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
@@ -14,10 +14,12 @@ from .effect import Effect
 from .fit import Base, Fit, Fitter
 from .study import Array
 
-__all__ = ["Search", "roughness", "search", "separation"]
+__all__ = ["Search", "directions", "roughness", "search", "separation"]
 
-# Effects at this share of their priors are roughness that every rig has.
-_ROUGH = 0.02
+# Effects at this share of their priors are roughness that every rig has, where nothing better was learned.
+_ROUGH = 0.005
+# Share of the prior by which they are moved for a derivative.
+_MOVED = 0.02
 _KEPT_SINGLES, _KEPT_PAIRS, _LONGEST = 7, 4, 3
 # Fits that will not come this near the best cost found are given up.
 _NEAR = 60.0
@@ -39,6 +41,11 @@ class Search:
     none: Fit
     fits: tuple[Fit, ...]
 
+    @property
+    def best(self) -> Fit:
+        """The fit of the largest log evidence, none where no effect has any."""
+        return self.fits[0] if self.fits and self.gain(self.fits[0]) > 0.0 else self.none
+
     def gain(self, fit: Fit) -> float:
         """Log evidence of a fit over that of none [nats]."""
         return fit.log_evidence - self.none.log_evidence
@@ -52,26 +59,43 @@ def _each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) -
         return list(pool.map(function, items))
 
 
-def roughness(fitter: Fitter, effects: Sequence[Effect]) -> Array:
-    """Directions of the stacked residuals in which effects at 2 % of their priors move them.
+def roughness(fitter: Fitter, effects: Sequence[Effect], sizes: Mapping[str, float] | None = None) -> Array:
+    """Directions of the stacked residuals in which every rig strays a little, as effects would move them.
+
+    Args:
+        sizes: one standard deviation, as a share of the effect's prior, by id.
+    Returns: one column per effect and start, scaled to one standard deviation, shape (residuals, k).
+    """
+    columns = []
+    for effect, many, column in directions(fitter, effects):
+        size = (sizes or {}).get(effect.id, _ROUGH)
+        columns.append(size / math.sqrt(many) * column)
+    return np.column_stack(columns) if columns else np.zeros((fitter.stacked((), fitter.nominal).size, 0))
+
+
+def directions(
+    fitter: Fitter, effects: Sequence[Effect], at: Array | None = None
+) -> list[tuple[Effect, int, Array]]:
+    """Derivatives of the stacked residuals by the sizes of effects, of which there are none yet.
 
     Effects whose size is no continuous parameter that vanishes at zero are left out.
 
-    Returns: one column per effect and start, scaled to one standard deviation, shape (residuals, k).
+    Args:
+        at: normalised calibration; the nominal one by default.
+    Returns: effect, how many directions it has (by the starts of its shape), and each of them.
     """
-    count = len(fitter.replay.tolerances)
-    r = fitter.stacked((), np.zeros(count))
-    columns = []
+    z = fitter.nominal if at is None else at
+    r = fitter.stacked((), z)
+    found = []
     for effect in effects:
         if effect.parameters[0].whole or effect.parameters[0].shape or effect.statistic:
             continue
-        starts = fitter.starts(effect)
-        for start in {tuple(one[1:]) for one in starts}:
-            z = np.concatenate([np.zeros(count), [_ROUGH], start])
-            column = fitter.stacked((effect,), z) - r
+        shapes = sorted({tuple(one[1:]) for one in fitter.starts(effect)})
+        for shape in shapes:
+            column = (fitter.stacked((effect,), np.concatenate([z, [_MOVED], shape])) - r) / _MOVED
             if np.isfinite(column).all():
-                columns.append(column / math.sqrt(len({tuple(one[1:]) for one in starts})))
-    return np.column_stack(columns) if columns else np.zeros((r.size, 0))
+                found.append((effect, len(shapes), column))
+    return found
 
 
 def search(

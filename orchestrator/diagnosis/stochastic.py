@@ -18,11 +18,13 @@ from .model import RigModel
 from .rig import HISTORY, Calibrated, _transition
 from .study import Array
 
-__all__ = ["Force", "Noise", "flights", "link_noise", "random_arrival", "sensor_noise"]
+__all__ = ["Force", "Noise", "arrival_innovations", "flights", "link_noise", "random_arrival", "sensor_noise"]
 
 # Ticks about a contact that count with it.
 _MARGIN = 40
 _PARTICLES = 96
+# Of one sample to the next, from which on what is coloured is no noise but wanders.
+_WANDER = 0.99
 # Of the arrival of commands, all about as likely beforehand [s].
 _DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
 # Deviations of slow errors of the encoder, in its noise, and how fast they change [rad/s].
@@ -146,7 +148,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     line, _ = hum(np.concatenate(parts), _consecutive(parts))
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held, repeats)
-    if deviation > 0.3 * noise and keep > 0.3 and evidence > 0.0:
+    if deviation > 0.3 * noise and 0.3 < keep < _WANDER and evidence > 0.0:
         apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
         found.append(
             Noise("sensor.coloured-noise", (deviation,), evidence, math.hypot(1.0, apparent / noise))
@@ -289,7 +291,7 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise):
+def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise, innovations):
     """Log likelihood of what the robot strayed if commands arrive early or late at random (Kalman filter).
 
     A change of the command that is late by s kicks the servo by omega^2 s times the change.
@@ -297,6 +299,7 @@ def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise):
     Args:
         strayed: measured minus replayed position, shape (n,) [m]; commands: as `run_rig` takes them [m].
         deviation: of the arrival [s]; slow: of a slow error of the position beside it [m].
+        innovations: normalised, shape (n,); written.
     """
     late = int(delay / tick)
     rest = tick - (delay - late * tick)
@@ -312,6 +315,7 @@ def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise):
     for n in range(strayed.shape[0]):
         s = p[0, 0] + 2.0 * p[0, 2] + p[2, 2] + noise * noise
         error = strayed[n] - x[0] - x[2]
+        innovations[n] = error / math.sqrt(s)
         total -= 0.5 * (error * error / s + math.log(s / (noise * noise)))
         for i in range(3):
             k[i] = (p[i, 0] + p[i, 2]) / s
@@ -361,8 +365,9 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
         for row, deviation in enumerate((0.0, *_DEVIATIONS)):
             for column, slow in enumerate(_STRAYS):
                 found[row, column] += _kicked(
-                    noise * r, model.commands[index], deviation, noise * slow, *servo, delay, tick, noise
-                )
+                    noise * r, model.commands[index], deviation, noise * slow, *servo, delay, tick, noise,
+                    np.empty(len(r)),
+                )  # fmt: skip
     weighed = logsumexp(found, axis=1)
     evidence = float(logsumexp(weighed[1:]) - math.log(len(_DEVIATIONS)) - weighed[0])
     top = min(max(int(np.argmax(weighed[1:])), 1), len(_DEVIATIONS) - 2) + 1
@@ -370,6 +375,35 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
     bend = before - 2.0 * at + after
     share = float(np.clip(0.5 * (before - after) / bend, -1.0, 1.0)) if bend < 0.0 else 0.0
     return evidence, float(_DEVIATIONS[top - 1] * 2.0**share)
+
+
+def arrival_innovations(model: RigModel, fit: Fit, left: Sequence[Array], deviation: float) -> list[Array]:
+    """What remains unforeseen of the encoder where commands arrive with a deviation, normalised, by run.
+
+    Arguments as those of `random_arrival`. It is white where that is what the encoder strays by.
+    """
+    noise, tick = model.noise[0], model.study.tick
+    best: tuple[float, list[Array]] = -math.inf, []
+    for slow in _STRAYS:
+        total, found = 0.0, []
+        for index, r in enumerate(left):
+            p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
+            servo = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
+            delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
+            found.append(np.empty(len(r)))
+            total += _kicked(
+                noise * r,
+                model.commands[index],
+                deviation,
+                noise * slow,
+                *servo,
+                delay,
+                tick,
+                noise,
+                found[-1],
+            )
+        best = max(best, (total, found), key=lambda one: one[0])
+    return best[1]
 
 
 def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from itertools import product
 
@@ -20,6 +19,11 @@ from .study import Array, Study
 
 __all__ = ["conclude", "weigh"]
 
+Choice = tuple[tuple[Group, Answer], ...]
+_OUTSIDE = Answer(("outside",), 0.0, 0.0)
+# Answers of a group that are told, and combined with those of other groups.
+_TOLD, _TOLD_OF_SOFTWARE = 120, 8
+
 
 def weigh(study: Study) -> Finding:
     """Find which effects cause the gap.
@@ -34,30 +38,40 @@ def weigh(study: Study) -> Finding:
 
 
 def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
-    """Make a finding of the answers of all groups; the last group is the rig's."""
-    weighed = [learned.probabilities(group.answers, group.outside) for group in groups]
-    joint: list[tuple[float, tuple[tuple[Group, Answer], ...]]] = []
-    ranked = []
-    for group, probabilities in zip(groups, weighed, strict=True):
+    """Make a finding of the answers of all groups; the last group is the rig's.
+
+    Log evidences of groups add up; the price of effects is that of all of them together.
+    """
+    ranked: list[list[tuple[float, Group, Answer]]] = []
+    for group in groups:
         if group is not groups[-1] and len(group.answers) == 1 and group.outside == 0.0:
-            ranked.append([(1.0, group, group.answers[0])])  # software that replays to the last digit
+            ranked.append([(0.0, group, group.answers[0])])  # software that replays to the last digit
             continue
-        options = [*group.answers, Answer(("outside",), 0.0, 0.0)]
-        pairs = sorted(zip(probabilities, options, strict=True), key=lambda one: -one[0])[:8]
-        ranked.append([(p, group, answer) for p, answer in pairs])
+        options = [*group.answers, _OUTSIDE]
+        scores = learned.scores(group.answers, group.outside)
+        own = scores - [*(learned.price(len(one.effects)) for one in group.answers), 0.0]
+        order = np.argsort(-own, kind="stable")[: _TOLD if group is groups[-1] else _TOLD_OF_SOFTWARE]
+        ranked.append([(float(scores[place]), group, options[place]) for place in order])
+    scored: dict[tuple[str, ...], list[tuple[float, Choice]]] = {}
     for choice in product(*ranked):
-        p = math.prod(one[0] for one in choice)
-        joint.append((p, tuple((one[1], one[2]) for one in choice)))
-    joint.sort(key=lambda one: -one[0])
-    merged: dict[tuple[str, ...], tuple[float, tuple[tuple[Group, Answer], ...]]] = {}
-    for p, choice in joint:  # something outside may act in one group or another: it is one answer
-        key = tuple(sorted({name for _, answer in choice for name in answer.effects}))
-        merged[key] = (p + merged[key][0], merged[key][1]) if key in merged else (p, choice)
-    joint = sorted(merged.values(), key=lambda one: -one[0])[:16]
-    total = sum(p for p, _ in joint)
-    candidates = tuple(_candidate(p / total, choice) for p, choice in joint)
-    first = candidates[0]
-    outside = next((group.place for group, answer in joint[0][1] if answer.effects == ("outside",)), "")
+        named = {name for _, _, answer in choice for name in answer.effects}
+        known = len(named - {"outside"})
+        standing = [one for one in choice if one[2] is not _OUTSIDE]
+        price = learned.price(len({name for _, _, answer in standing for name in answer.effects}))
+        beside = sum(one[2] is _OUTSIDE for one in choice) - 1 + (known > 0)
+        price += max(beside, 0) * learned.second if "outside" in named else 0.0
+        score = sum(one[0] for one in choice) - price
+        scored.setdefault(tuple(sorted(named)), []).append((score, tuple(one[1:] for one in choice)))
+    # Something outside may act in one group or another: it is one answer.
+    joint = [
+        (float(np.logaddexp.reduce([one[0] for one in same])), max(same, key=lambda one: one[0])[1])
+        for same in scored.values()
+    ]
+    p = learned.spread(np.array([one[0] for one in joint]))
+    order = np.argsort(-p, kind="stable")
+    candidates = tuple(_candidate(float(p[place]), joint[place][1]) for place in order)
+    first, choice = _given([(one, joint[place][1]) for one, place in zip(candidates, order, strict=True)])
+    outside = next((group.place for group, answer in choice if answer is _OUTSIDE), "")
     places = {one.partition(".")[0] for one in first.effects if one != "outside"} | {outside} - {""}
     answer_set, held = [], 0.0
     for one in candidates:
@@ -81,7 +95,28 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     )
 
 
-def _candidate(probability: float, choice: Sequence[tuple[Group, Answer]]) -> Candidate:
+def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:
+    """The answer to give: what the logs speak for with the largest probability, ties included.
+
+    An answer with a further effect that is too small to be seen speaks for the answer without it.
+    """
+    shown: dict[frozenset[str], float] = {}
+    for candidate, choice in candidates:
+        seen = frozenset(name for _, answer in choice for name in answer.seen)
+        shown[seen] = shown.get(seen, 0.0) + candidate.probability
+
+    def mass(one: Candidate) -> float:
+        named = set(one.effects)
+        tied = named | set(one.ties)
+        return sum(
+            p for seen, p in shown.items() if len(seen) == len(named) and (seen == named or seen <= tied)
+        )
+
+    standing = [one for one in candidates if frozenset(one[0].effects) in shown]
+    return max(standing, key=lambda one: (mass(one[0]), one[0].probability))
+
+
+def _candidate(probability: float, choice: Choice) -> Candidate:
     names: list[str] = []
     effects: list[Effect] = []
     theta: list[float] = []
@@ -105,8 +140,9 @@ def _candidate(probability: float, choice: Sequence[tuple[Group, Answer]]) -> Ca
             theta += own.tolist()
             for parameter, value in zip(effect.parameters, own, strict=True):
                 parameters[f"{effect.id}.{parameter.name}"] = float(value)
-    outside = "outside" in names
-    model = None if outside else Augmented(calibrated, tuple(effects), np.array(theta))
+    # Effects too small to be seen have no model, nor what was not fitted itself.
+    unmodelled = any(answer.unseen or (answer.effects and answer.fit is None) for _, answer in choice)
+    model = None if unmodelled else Augmented(calibrated, tuple(effects), np.array(theta))
     return Candidate(tuple(sorted(set(names))), probability, parameters, tuple(ties), evidence, model)
 
 

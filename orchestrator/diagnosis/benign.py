@@ -1,0 +1,142 @@
+"""What every rig has and no effect is: how runs begin, more noise than specified, roughness of all kinds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from .effect import Effect, Seen
+from .fit import Fit, Fitter, Replay
+from .misfit import wave
+from .model import RigModel
+from .rig import Calibrated
+from .search import roughness
+from .study import Array
+
+__all__ = ["SETTLED", "WIDER", "Weighted", "Widened", "scatter", "settled", "touching", "waves", "weighted"]
+
+# Standard deviation of where a contact begins, from one to the next, on every rig [m].
+_SCATTER = 1e-6
+# First ticks of a run that tell nothing: how the robot is moving when a log begins is not known as well as
+# the encoder sees it. A servo as that of the docking rig has forgotten it to a thousandth by then.
+SETTLED = 20
+# A wave of the encoder's scale that is no larger than this, in standard deviations of its noise, is roughness
+# of every rig; its own standard deviation, and the log evidence from which it is reckoned with [nats].
+_WAVY, _WAVE, _WAVING = 1.5, 0.5, 10.0
+# Factor on tolerances that are not trusted.
+WIDER = 2.5
+
+
+class Weighted:
+    """A replay whose residuals count less where the noise is larger than specified.
+
+    Args:
+        weights: by channel, one per sample.
+    """
+
+    def __init__(self, replay: Replay, weights: Sequence[Array]) -> None:
+        self.replay = replay
+        self.weights = tuple(weights)
+
+    @property
+    def tolerances(self) -> Mapping[str, tuple[float, float]]:
+        """See `Replay`."""
+        return self.replay.tolerances
+
+    def residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        """See `Replay`."""
+        found = self.replay.residuals(calibrated, effects, theta)
+        return [r * weight for r, weight in zip(found, self.weights, strict=True)]
+
+    def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
+        """See `Replay`."""
+        return self.replay.seen(calibrated, effects, theta)
+
+
+class Widened(Weighted):
+    """A replay whose calibration is trusted less."""
+
+    @property
+    def tolerances(self) -> Mapping[str, tuple[float, float]]:
+        """See `Replay`."""
+        return {name: (centre, WIDER * width) for name, (centre, width) in self.replay.tolerances.items()}
+
+
+def settled(ticks: int) -> Array:
+    """Weights of a run's samples: none while it settles, shape (ticks,)."""
+    weight = np.ones(ticks)
+    weight[:SETTLED] = 0.0
+    return weight
+
+
+def touching(model: RigModel, fit: Fit) -> list[Array]:
+    """Whether the rod touches a frame at each tick, by run."""
+    found = []
+    for index in range(len(model.runs)):
+        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
+        at = model.replay(index, fit.calibrated, fit.effects, fit.theta)[7]
+        found.append((at > p[Calibrated.FRONT_WALL]) | (at < p[Calibrated.REAR_WALL]))
+    return found
+
+
+def weighted(
+    model: RigModel,
+    weights: Sequence[Array],
+    effects: Sequence[Effect],
+    rough: Mapping[str, float],
+    further: Array | None = None,
+) -> Fitter:
+    """A fitter in which roughness along effects, and in further directions, is marginalised.
+
+    Args:
+        weights: by channel, one per sample.
+        rough: see `Calibration.roughness`; further: columns as those of `search.roughness`.
+    """
+    replay = Weighted(model, weights)
+    columns = roughness(Fitter(replay), effects, rough)
+    return Fitter(replay, 1.0, columns if further is None else np.hstack([columns, further]))
+
+
+def scatter(model: RigModel, replay: Replay, fit: Fit) -> Array:
+    """Directions in which the residuals stray where each contact begins a little early or late.
+
+    Returns: one column per contact, scaled to one standard deviation, shape (residuals, contacts).
+    """
+    plain = replay.residuals(fit.calibrated, fit.effects, fit.theta)
+    ends = np.cumsum([0, *map(len, plain)])
+    columns = []
+    for name in ("front_wall", "rear_wall"):
+        at = fit.calibrated.get(name, model.study.nominal[name].value)
+        moved = {**fit.calibrated, name: at + _SCATTER}
+        found = replay.residuals(moved, fit.effects, fit.theta)
+        for index, touched in enumerate(touching(model, fit)):
+            channel = 2 * index + 1
+            change = found[channel] - plain[channel]
+            begins = np.flatnonzero(np.diff(touched.astype(int), prepend=0) == 1)
+            for first, last in pairwise([*begins.tolist(), len(change)]):
+                if np.abs(change[first:last]).max(initial=0.0) > 0.0:
+                    column = np.zeros(ends[-1])
+                    column[ends[channel] + first : ends[channel] + last] = change[first:last]
+                    columns.append(column)
+    return np.column_stack(columns) if columns else np.zeros((ends[-1], 0))
+
+
+def waves(model: RigModel, left: Sequence[Array], weights: Sequence[Array]) -> Array | None:
+    """Directions of a wave of the encoder's scale, if there is a small one, shape (residuals, 2)."""
+    positions = [run["encoder_position"] for run in model.runs]
+    gain, pitch, amplitude = wave(left[0::2], positions)
+    if gain < _WAVING or amplitude > _WAVY:
+        return None
+    columns = []
+    for function in (np.cos, np.sin):
+        parts = []
+        for index, position in enumerate(positions):
+            parts.append(_WAVE * function(2.0 * math.pi / pitch * position) * weights[2 * index])
+            parts.append(np.zeros(len(position)))
+        columns.append(np.concatenate(parts))
+    return np.column_stack(columns)

@@ -1,0 +1,194 @@
+"""Cases to practise on: the challenge's rig, with what its hardware hides, or what no catalogue holds.
+
+The kinds outside the catalogue are made here, by deforming what was logged, and are none of the challenge's
+own: those are kept for blind checks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from .challenge import draw, hidden
+from .challenge.hidden import between
+from .study import Array, Nominal, Role, Run, Study
+
+__all__ = ["ODDITIES", "bare_study", "simulated_case", "simulated_study"]
+
+_SOFTWARE = ("dynamics", "controller")
+_DIGITS = (9, 9, 6, 1, 4, 1)
+_COLUMNS = (
+    "desired_position",
+    "desired_velocity",
+    "encoder_position",
+    "sensor_force",
+    "compensated_force",
+    "stiffness_estimate",
+)
+_TICK = 0.001
+# Cases are taken from a plan of so many, so that the first ones do not depend on how many are asked for.
+_PLANNED = 1000
+# Other labs' rigs are smoother or rougher than that of the challenge.
+_ROUGHNESS = (0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class _Logged:
+    """What is deformed: encoder position [m] and force [N] by tick, shape (n,); chance is each run's own."""
+
+    position: Array
+    force: Array
+    chance: np.random.Generator
+
+    @property
+    def time(self) -> Array:
+        return _TICK * np.arange(len(self.force))
+
+    @property
+    def velocity(self) -> Array:
+        """Smoothed [m/s]."""
+        return np.convolve(np.gradient(self.position, _TICK), np.ones(9) / 9.0, "same")
+
+
+_Deform = Callable[[_Logged, np.random.Generator, float], _Logged]
+
+
+def _beat(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The sensor's sensitivity rises and falls."""
+    wave = np.sin(2.0 * np.pi * between(rng, 1.0, 6.0) * log.time + rng.uniform(0.0, 6.0))
+    return replace(log, force=log.force * (1.0 + size * between(rng, 0.08, 0.25) * wave))
+
+
+def _ringing(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The sensor's body rings."""
+    omega, damping = 2.0 * np.pi * between(rng, 60.0, 200.0) * _TICK, between(rng, 0.03, 0.1)
+    a = [1.0, -2.0 * np.exp(-damping * omega) * np.cos(omega), np.exp(-2.0 * damping * omega)]
+    rung = lfilter([sum(a)], a, log.force)
+    return replace(log, force=log.force + size * between(rng, 0.2, 0.6) * (rung - log.force))
+
+
+def _tether(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """A cable pulls at the sensor, in proportion to the position."""
+    return replace(log, force=log.force - size * between(rng, 150.0, 600.0) * log.position)
+
+
+def _encoder_walk(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The encoder loses counts at random."""
+    n = len(log.position)
+    lost = (log.chance.random(n) < 4.0 * _TICK) * log.chance.standard_normal(n)
+    return replace(log, position=log.position + size * between(rng, 1.5e-5, 5e-5) * np.cumsum(lost))
+
+
+def _vibration(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The floor shakes the robot."""
+    wave = np.sin(2.0 * np.pi * between(rng, 4.0, 40.0) * log.time + rng.uniform(0.0, 6.0))
+    return replace(log, position=log.position + size * between(rng, 8e-6, 4e-5) * wave)
+
+
+def _warming(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The robot's arm grows as it warms up."""
+    growth = hidden.signed(rng) * between(rng, 2e-5, 1e-4) * (1.0 - np.exp(-log.time))
+    return replace(log, position=log.position + size * growth)
+
+
+def _spot(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The rod is held at one place of its way."""
+    near = np.exp(-(((log.position - rng.uniform(-0.004, 0.004)) / between(rng, 3e-4, 1e-3)) ** 2))
+    return replace(log, force=log.force + size * hidden.signed(rng) * between(rng, 3.0, 10.0) * near)
+
+
+def _chatter(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The rod rings after each hit."""
+    hit = np.flatnonzero(np.diff((np.abs(log.force) > 6.0).astype(int)) == 1)
+    struck = np.zeros(len(log.force))
+    struck[hit] = np.sign(log.force[hit])
+    t = np.arange(0.0, 0.15, _TICK)
+    ring = np.exp(-t / between(rng, 0.01, 0.04)) * np.sin(2.0 * np.pi * between(rng, 60.0, 220.0) * t)
+    wave = np.convolve(struck, ring)[: len(struck)]
+    return replace(log, force=log.force + size * between(rng, 4.0, 15.0) * wave)
+
+
+def _rubbing(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The rod rubs in its guide, in flight as in contact."""
+    push = np.tanh(log.velocity / 2e-3)
+    return replace(log, force=log.force - size * between(rng, 1.0, 4.0) * push)
+
+
+_DEFORMED: dict[str, _Deform] = {
+    "sensor.beat": _beat,
+    "sensor.ringing": _ringing,
+    "sensor.tether": _tether,
+    "robot.encoder-walk": _encoder_walk,
+    "robot.vibration": _vibration,
+    "robot.warming": _warming,
+    "contact.spot": _spot,
+    "contact.chatter": _chatter,
+    "contact.rubbing": _rubbing,
+}
+
+
+def _no_knobs(rng: np.random.Generator, size: float) -> dict[str, float]:
+    """They act on what the rig has logged, not in it."""
+    return {}
+
+
+ODDITIES = tuple(hidden.Hidden(name, _no_knobs) for name in _DEFORMED)
+
+
+def simulated_case(
+    seed: int, number: int, tight: float = 1.0, plan: draw.Plan | None = None
+) -> tuple[draw.Case, list[Array]]:
+    """A case of the challenge's rig and what its train runs log, before anything is deformed.
+
+    Args:
+        tight: by how much the lab's tolerances are smaller than its errors.
+        plan: what is hidden; by default what the number has in a plan of many cases.
+    """
+    pool = [one for one in hidden.HIDDEN.values() if one.place not in _SOFTWARE]
+    plan = plan or draw.plan_cases(_PLANNED, seed, pool, ODDITIES, True)[number - 1]
+    rng = np.random.default_rng(np.random.SeedSequence([seed, number, 3]))
+    case = draw.draw_case(plan, seed, number, between(rng, *_ROUGHNESS), tight)
+    train = [index for index, run in enumerate(draw.RUNS) if run.role == "train"]
+    return case, [draw.make_run(case, index) for index in train]
+
+
+def simulated_study(
+    seed: int, number: int, tight: float = 1.0, plan: draw.Plan | None = None
+) -> tuple[Study, draw.Plan]:
+    """A case with what it hides in the rig's hardware, or outside the catalogue; train runs only.
+
+    Arguments as those of `simulated_case`.
+    """
+    case, rows = simulated_case(seed, number, tight, plan)
+    tolerances = draw.tolerances(case.lab)
+    nominal = {name: Nominal(value, tolerances.get(name, 0.0)) for name, value in case.lab.nominal.items()}
+    specified = zip(
+        ("encoder_noise", "force_noise", "encoder_resolution", "force_resolution"),
+        (*draw.NOISE, 1e-6, 0.1),
+        strict=True,
+    )
+    nominal |= {name: Nominal(value, 0.0) for name, value in specified}
+    plans = [run for run in draw.RUNS if run.role == "train"]
+    runs = []
+    for run, logged in zip(plans, rows, strict=True):
+        columns = dict(zip(_COLUMNS, logged, strict=True))
+        if case.plan.kind == "outside":
+            rng = np.random.default_rng(np.random.SeedSequence([seed, number, 4]))
+            chance = np.random.default_rng(np.random.SeedSequence([seed, number, 5, len(runs)]))
+            log = _Logged(columns["encoder_position"], columns["sensor_force"], chance)
+            log = _DEFORMED[case.plan.effects[0].id](log, rng, case.plan.magnitude)
+            columns |= {"encoder_position": log.position, "sensor_force": log.force}
+        columns = {
+            name: np.round(row, digits) for (name, row), digits in zip(columns.items(), _DIGITS, strict=True)
+        }
+        columns["time"] = _TICK * np.arange(logged.shape[1])
+        runs.append(Run(run.name, Role.TRAIN, run.mass, run.speed, columns))
+    return Study(f"case-{number:04d}", _TICK, nominal, tuple(runs)), case.plan
+
+
+def bare_study(seed: int, number: int) -> Study:
+    """A case that hides nothing, with calibration errors and roughness as every rig has them."""
+    return simulated_study(seed, number, plan=draw.Plan("none", (), 0.0))[0]
