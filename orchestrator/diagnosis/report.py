@@ -20,6 +20,8 @@ __all__ = ["compose", "page"]
 
 # A share of probability below which an answer is not worth a line, and so many lines.
 _WORTH, _LINES = 0.005, 8
+# So many answers of the 95 % set are named.
+_NAMED = 6
 # Energy shares are shown with a colour that is full from here on.
 _FULL = 0.5
 
@@ -90,7 +92,10 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect]) -> str:
     rest = 1.0 - sum(one.probability for one in shown)
     if rest > 1e-4:
         rows.append(_bar("all others", rest, percent(rest)))
-    answers = ", ".join(diagnosis.answer_set)
+    answers = ", ".join(diagnosis.answer_set[:_NAMED])
+    if len(diagnosis.answer_set) > _NAMED:
+        more = len(diagnosis.answer_set) - _NAMED
+        answers += f", and {more} more that the logs show too little of to exclude"
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
 
