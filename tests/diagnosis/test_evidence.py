@@ -1,0 +1,180 @@
+"""What makes evidence honest: settling, waves of the encoder, roughness, effects too small to be seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis import benign
+from orchestrator.diagnosis.answers import Answer, Group, complete
+from orchestrator.diagnosis.calibration import Calibration
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.misfit import wave
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.practice import ODDITIES, bare_study, simulated_study
+from orchestrator.diagnosis.rough import Strayed, learn_roughness
+from orchestrator.diagnosis.search import roughness
+from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.weigh import conclude
+from tests.diagnosis.rigs import study
+from tests.diagnosis.test_weigh import named, noisy, own_study, with_columns
+
+_SIMPLE = Calibration(1.0, 0.0, 0.5, 4.0, 5.0, 8.0, 12.0, 1.0, 0.3, 0.001)
+
+
+def test_how_a_run_begins_is_no_effect(monkeypatch):
+    """A robot that is still catching up when the log begins."""
+
+    def late(run, rng) -> dict:
+        columns = noisy(run, rng)
+        caught = -8e-5 * np.exp(-run["time"] / 3e-3) * (1.0 - np.exp(-run["time"] / 3e-3))
+        return columns | {"encoder_position": np.round(columns["encoder_position"] + caught, 6)}
+
+    own = with_columns(study(), late)
+    assert named(own).effects == ()
+    monkeypatch.setattr(benign, "SETTLED", 0)
+    assert named(own).effects != ()
+
+
+def test_a_small_wave_of_the_encoder_is_roughness_and_a_large_one_is_not():
+    def waved(size):
+        def change(run, rng) -> dict:
+            columns = noisy(run, rng)
+            along = size * np.sin(2.0 * np.pi * run["encoder_position"] / 7e-4 + 0.4)
+            return columns | {"encoder_position": np.round(columns["encoder_position"] + along, 6)}
+
+        return with_columns(study(), change)
+
+    small, large = (weigh_rig(waved(size), rough={}) for size in (1.5e-6, 1e-5))
+    assert small.answers[0].left < 30.0 and large.answers[0].left > 1000.0
+    assert max(one.gain for one in small.answers) < 5.0
+
+
+def test_contacts_that_begin_a_little_early_or_late_are_roughness(monkeypatch):
+    own = bare_study(11, 26)  # its frames stand up to 4 micrometres elsewhere from one contact to the next
+    found = weigh_rig(own).answers[0]
+    monkeypatch.setattr(benign, "_SCATTER", 1e-12)
+    plain = weigh_rig(own).answers[0]
+    assert found.left < 5.0 and plain.left > 10.0
+
+
+def test_a_line_that_a_strong_effect_leaves_is_not_outside():
+    none, strong = Answer((), 0.0, 5e4), Answer(("a.x",), 8e4, 20.0)
+    for beside, outside in ((80.0, False), (1e6, True)):
+        p = Calibration(share=0.3, slope=1.5, outside=5.0).probabilities([none, strong], beside)
+        assert (p[-1] > 0.5) == outside
+
+
+def test_a_wave_is_found_by_its_pitch():
+    rng = np.random.default_rng(5)
+    positions = [0.006 * np.sin(np.arange(3000) / 150.0 + phase) for phase in (0.0, 1.0)]
+    noise = [rng.standard_normal(3000) for _ in positions]
+    assert wave(noise, positions)[0] < 6.0
+    r = [one + 0.5 * np.cos(2.0 * np.pi * x / 8e-4) for one, x in zip(noise, positions, strict=True)]
+    gain, pitch, amplitude = wave(r, positions)
+    assert (
+        gain > 200.0 and pitch == pytest.approx(8e-4, rel=0.01) and amplitude == pytest.approx(0.5, abs=0.1)
+    )
+
+
+def test_evidence_of_autocorrelated_residuals_is_deflated():
+    own = own_study(["contact.hertz"], [0.1, 5e-4])
+    model = RigModel(own, own.of(Role.TRAIN))
+    hertz = catalogue()["contact.hertz"]
+    for columns in (None, roughness(Fitter(model), [catalogue()["contact.cubic"]], {"contact.cubic": 0.01})):
+        fitter = Fitter(model, 1.0, columns)
+        none, fit = fitter.fit(()), fitter.fit((hertz,), None, fitter.starts(hertz)[0])
+        ones, threes = [1.0] * len(fit.residuals), [3.0] * len(fit.residuals)
+        for one in (none, fit):
+            assert fitter.log_evidence(one, ones) == pytest.approx(one.log_evidence, rel=1e-9)
+        plain = fit.log_evidence - none.log_evidence
+        deflated = fitter.log_evidence(fit, threes) - fitter.log_evidence(none, threes)
+        assert 0.2 * plain < deflated < 0.5 * plain
+
+
+def test_effects_too_small_to_be_seen_are_answers():
+    none, seen = Answer((), 0.0, 3.0), Answer(("a.x",), 20.0, 1.0, ties=("a.y",))
+    worse = Answer(("a.x", "b.y"), 18.0, 1.0)
+    found = {one.effects: one for one in complete([none, seen, worse], ["a.x", "a.y", "b.y"])}
+    assert set(found) == {(), ("a.x",), ("a.y",), ("b.y",), ("a.x", "a.y"), ("a.x", "b.y")}
+    assert found["a.x",] is seen and found["b.y",].gain == 0.0 and found["b.y",].unseen == ("b.y",)
+    # An effect that may be as small as it likes cannot make an answer worse.
+    assert found["a.x", "b.y"].gain == 20.0 and found["a.x", "b.y"].unseen == ("b.y",)
+    assert found["a.x", "a.y"].ties == ("a.y",)
+
+
+def test_effects_of_software_and_rig_share_one_price():
+    model = RigModel(study(), study().of(Role.TRAIN))
+    nothing = Fitter(model).fit(())
+    software = Group((Answer((), 0.0, 0.0), Answer(("dynamics.drag",), 1e6, 0.0)), 0.0, "dynamics")
+    rig = Group((Answer((), 0.0, 0.0, nothing), Answer(("sensor.bias",), 4.5, 0.0)), 0.0, "sensor", nothing)
+    alone = conclude([rig], _SIMPLE)
+    both = conclude([software, rig], _SIMPLE)
+    assert alone.effects == ("sensor.bias",) and both.effects == ("dynamics.drag",)
+    assert sum(one.probability for one in both.candidates) == pytest.approx(1.0)
+    second = {one.effects: one.probability for one in both.candidates}
+    ratio = second["dynamics.drag", "sensor.bias"] / second["dynamics.drag",]
+    assert ratio == pytest.approx(np.exp(4.5 - _SIMPLE.second), rel=0.02)
+
+
+def test_the_set_holds_effects_that_the_logs_do_not_exclude():
+    found = named(own_study())
+    assert found.effects == ()
+    assert found.answer_set[0] == "none" and "contact.adhesion" in found.answer_set
+    unseen = next(one for one in found.candidates if one.effects == ("contact.adhesion",))
+    assert unseen.model is None and unseen.probability < 0.1
+
+
+def test_the_answer_is_what_the_logs_speak_for_most():
+    """One of two tied effects, though none is more probable than either."""
+    model = RigModel(study(), study().of(Role.TRAIN))
+    nothing = Fitter(model).fit(())
+    bias, drift = (
+        Answer((one,), gain, 0.0, nothing, (other,))
+        for one, other, gain in (("sensor.bias", "sensor.drift", 3.8), ("sensor.drift", "sensor.bias", 3.7))
+    )
+    rig = Group((Answer((), 0.0, 0.0, nothing), bias, drift), 0.0, "sensor", nothing)
+    found = conclude([rig], _SIMPLE)
+    assert found.candidates[0].effects == () and found.effects == ("sensor.bias",)
+    unseen = [replace(drift, effects=(one,), gain=0.0, ties=(), unseen=(one,)) for one in ("a.x", "a.y")]
+    weak = Group((rig.answers[0], replace(bias, gain=4.005, ties=()), *unseen), 0.0, "sensor", nothing)
+    assert conclude([weak], _SIMPLE).effects == ()  # what is too small to be seen speaks for none
+
+
+def test_roughness_is_learned_where_rigs_show_it():
+    rng = np.random.default_rng(2)
+    problems = []
+    for _ in range(60):
+        jacobian = 300.0 * rng.standard_normal((40, 3))
+        sizes = np.array([0.01, 0.0, 0.0]) * rng.standard_normal(3)
+        r = jacobian @ sizes + rng.standard_normal(40)
+        problems.append(Strayed(("a", "b", "c"), jacobian.T @ jacobian, -jacobian.T @ r, np.zeros(0)))
+    learned = learn_roughness(problems)
+    assert learned["a"] == pytest.approx(0.01, rel=0.3)
+    assert learned["b"] == learned["c"] == 0.003  # the least that is reckoned with
+
+
+def test_oddities_to_practise_on_are_none_of_the_challenges():
+    assert not {one.id for one in ODDITIES} & set(OUTSIDE)
+    numbers = (number for number in range(1, 60) if simulated_study(3, number)[1].kind == "outside")
+    number = next(numbers)
+    odd, plan = simulated_study(3, number)
+    plain, _ = simulated_study(3, number, plan=replace(plan, kind="none", effects=()))
+    assert plan.effects[0] in ODDITIES
+    changed = [
+        not np.array_equal(one[name], other[name])
+        for one, other in zip(odd.runs, plain.runs, strict=True)
+        for name in ("encoder_position", "sensor_force")
+    ]
+    assert any(changed)
+    again, _ = simulated_study(3, number)
+    assert all(
+        np.array_equal(one[name], other[name])
+        for one, other in zip(odd.runs, again.runs, strict=True)
+        for name in one.columns
+    )
