@@ -33,6 +33,8 @@ _CLEAR = 20.0
 # best effect, while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a
 # delay, strays in all numbers of its kind.
 _STRAYED, _DOUBTED, _LESS = 2.0, 2.0, 6.0
+# Not even wider tolerances make more strays than these ordinary.
+_ORDINARY = 3.0
 _KINDS = (
     ("natural_frequency", "damping_ratio", "response_delay"),
     ("contact_damping", "sensor_delay", "sensor_cutoff"),
@@ -144,12 +146,17 @@ def _doubt(
     rough: Mapping[str, float],
     none: Fit,
 ) -> float:
-    """Log evidence of wider tolerances over those given; zero unless numbers of several kinds stray."""
+    """Log evidence of wider tolerances over those given.
+
+    It is zero unless numbers of several kinds stray, and none does beyond wider tolerances.
+    """
     kinds = [[abs(none.deviation.get(name, 0.0)) for name in kind] for kind in _KINDS]
     if none.effects or sum(max(kind) > _STRAYED for kind in kinds) < 2:
         return 0.0
     columns = roughness(Fitter(Weighted(model, weights)), effects, rough)
     fit = Fitter(Widened(model, weights), 1.0, columns).fit(())
+    if max(map(abs, fit.deviation.values())) > _ORDINARY:
+        return 0.0
     return max(0.0, fit.log_evidence - none.log_evidence)
 
 
