@@ -137,7 +137,8 @@ def test_another_parameter_than_configured_is_found(tmp_path):
     (path / "study.yaml").write_text(text)
     weighed = weigh_ports(load_port_study(path))
     best = weighed.finding.candidates[0]
-    assert "drive.force_per_voltage" in (*best.effects, *best.ties)
+    # More force per volt is as good as more volts.
+    assert {"drive.force_per_voltage", "drive.voltage.gain"} & {*best.effects, *best.ties}
     assert best.effects != ()
 
 

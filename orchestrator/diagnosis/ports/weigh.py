@@ -189,7 +189,7 @@ def _conclude(
     answers: list[Answer],
 ) -> Weighed:
     price = math.log(max(len(effects), 2))
-    learned = Calibration(first=price, further=price, outside=12.0, slope=0.0)
+    learned = Calibration(first=price, second=price, further=price)
     scores = [answers[0].gain] + [
         one.gain - price * len(one.effects) for one in answers[1:]
     ]  # fmt: skip
@@ -197,7 +197,10 @@ def _conclude(
     assert top.fit is not None
     left = _left(study, (replay, checked), top.fit, found.none)
     share = float(np.mean(list(left.values()))) if left else 0.0
-    probabilities = learned.probabilities(answers, 12.0 + _SHARPNESS * (share - _LEFT))
+    weighed = learned.scores(answers, 0.0)
+    weighed[:-1] -= [learned.price(len(one.effects)) for one in answers]
+    weighed[-1] = weighed[:-1].max() + _SHARPNESS * (share - _LEFT)
+    probabilities = learned.spread(weighed)
     recalibrated = Augmented(found.none.calibrated, (), np.zeros(0))
     made = [_candidate(one, float(p)) for one, p in zip(answers, probabilities[:-1], strict=True)]
     made.append(Candidate(("outside",), float(probabilities[-1]), {}, (), 0.0))
