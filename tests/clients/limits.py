@@ -18,11 +18,30 @@ class Limit(NamedTuple):
     meaning: str
 
 
-LIMITS: tuple[Limit, ...] = ()
+_UNREADABLE = "fmi2GetReal failed|fmi2SetReal failed"
+LIMITS = (
+    Limit("fmpy", "runs single FMUs", "couples FMUs in packages only"),
+    Limit("libcosimpy", "ends by SIGSEGV", "crashes where it is given FMI 3.0, which it does not read"),
+    Limit("libcosimpy", "start value of (velocity|position)", "sets no start values of outputs"),
+    Limit("libcosimpy", "does not see", "does not see enumerations"),
+    Limit(
+        "pathsim-fmi",
+        _UNREADABLE,
+        "reads and writes integers and booleans as real numbers, which FMUs refuse",
+    ),
+    Limit(
+        "cofmupy", _UNREADABLE, "reads and writes integers and booleans as real numbers, which FMUs refuse"
+    ),
+    Limit(
+        "cofmupy", "'minimum' did not contain a loop", "takes the least of step sizes in a text, and fails"
+    ),
+)
 
 
 def limit_of(client: str, outcome: Outcome) -> Limit | None:
     """The limit that an outcome shows; None if it is none."""
     if outcome.deviation is not None:
         return None
-    return next((one for one in LIMITS if one.client == client and re.search(one.message, outcome.reason)), None)
+    return next(
+        (one for one in LIMITS if one.client == client and re.search(one.message, outcome.reason)), None
+    )

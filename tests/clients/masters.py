@@ -326,9 +326,7 @@ def cofmupy(job: Job) -> Values:
     connections: dict[tuple[str, str], list[tuple[str, str]]] = {}
     for source, target in job.links:
         connections.setdefault(split(source), []).append(split(target))
-    parts = [
-        {"id": part.name, "path": part.path, "initialization": given[part.name]} for part in job.parts
-    ]
+    parts = [{"id": part.name, "path": part.path, "initialization": given[part.name]} for part in job.parts]
     with quiet():
         master = DefaultMaster(parts, connections, [[part.name for part in job.parts]], "jacobi")
         master.init_simulation()

@@ -58,11 +58,15 @@ def table(all_found: Mapping[str, Found]) -> list[str]:
 
 
 def rows_of(text: str, client: str) -> dict[str, str] | None:
-    """What a document's table says of a client, by group; None if it shows another version of it."""
+    """What a document's table says of a client, by group; None if it does not show this version of it."""
     begin, end = text.index(BEGIN), text.index(END)
-    rows = [[one.strip() for one in line.strip("|").split("|")] for line in text[begin:end].splitlines() if line[:1] == "|"]
+    rows = [
+        [one.strip() for one in line.strip("|").split("|")]
+        for line in text[begin:end].splitlines()
+        if line[:1] == "|"
+    ]
     head = f"{CLIENTS[client].name} {CLIENTS[client].version()}"
-    if head not in rows[0]:
+    if not rows or head not in rows[0]:
         return None
     column = rows[0].index(head)
     return {row[0]: row[column] for row in rows[2:]}

@@ -13,7 +13,9 @@ from tests.clients.limits import limit_of
 from tests.clients.masters import CLIENTS
 from tests.clients.subjects import GROUPS
 
-pytestmark = pytest.mark.skipif(find_spec("ziglang") is None, reason="building the source of signals needs ziglang")
+pytestmark = pytest.mark.skipif(
+    find_spec("ziglang") is None, reason="building the source of signals needs ziglang"
+)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,7 @@ def test_the_document_says_what_came_out(found):
     client, outcomes = found
     rows = matrix.rows_of(matrix.DOCUMENT.read_text(encoding="utf-8"), client)
     if rows is None:
-        pytest.skip("the document shows another version of the client")
+        pytest.skip("the document does not show this version of the client")
     assert rows == {group: matrix.cell(outcomes[group]) for group in GROUPS}
 
 
