@@ -1,6 +1,7 @@
 """Run jobs in one client: `python -m tests.clients.child CLIENT JOBS.json RESULTS.json`.
 
-Each job is run by a process forked off after the client is imported: a crash in one is told and harms no other.
+Each job is run by a process forked off after the client is imported: a crash in one is told and harms no
+other.
 """
 
 from __future__ import annotations

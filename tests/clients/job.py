@@ -39,7 +39,8 @@ class Job:
         watched: outputs to compare, as "instance.variable".
         package: the same system as an SSP, for tools that read one.
         bench: an FMU with inputs u[1] to u[64] that do nothing.
-        initial: what connected inputs get in the first step where a master does not carry outputs to inputs before it.
+        initial: what connected inputs get in the first step, for masters that do not carry outputs to them
+            before it.
         driven: values of the outputs that feed the inputs, shape (steps + 1,) each.
     """
 
@@ -80,7 +81,8 @@ def job_of(
 
     Args:
         watched: the instance whose outputs are compared; empty: all.
-        package: the same config as an SSP; bench: see `Job`.
+        package: the same config as an SSP, of which only outputs that feed something are compared.
+        bench: see `Job`.
     """
     prepared = prepare(config, [*overrides, f"run.master={master}", "run.loop=python"])
     results = run(prepared, halving=False, figures=False).results
@@ -92,6 +94,8 @@ def job_of(
         for variable in one.fmu.description.outputs
         if variable.kind is Kind.REAL
     ]
+    if package:
+        ports = [port for port in ports if any(port == source for source, _ in links)]
     return Job(
         name=name,
         parts=tuple(
@@ -114,7 +118,10 @@ def job_of(
 
 
 def deviation(job: Job, values: dict[str, list[float]], results: Results) -> tuple[float, str]:
-    """The largest deviation, relative to the largest value of the signal, and of which; infinite where one is missing."""
+    """The largest deviation, relative to the largest value of the signal, and of which.
+
+    Infinite where one is missing.
+    """
     worst = (0.0, "")
     for name in job.watched:
         ours = np.asarray(results[name][1:], float)

@@ -233,15 +233,16 @@ def load_tbb() -> None:
 def ecos(job: Job) -> Values:
     """Its fixed-step algorithm.
 
-    Outputs are shown after inputs are exchanged, those with direct feedthrough evaluated anew; the inputs that they
-    feed get what they were before. Hence inputs are read, of a sink where an output feeds nothing else.
+    Outputs are shown after inputs are exchanged, those with direct feedthrough evaluated anew; the inputs
+    that they feed get what they were before. Hence inputs are read; an output that feeds nothing
+    feeds a sink.
     """
     import ecospy
 
+    fed = dict(job.links)
     if job.package:
         with ecospy.EcosSimulation(ssp_path=job.package, step_size=job.step_size) as simulation:
-            return _ecos_values(simulation, job, {port: port for port in job.watched}, "start")
-    fed = {source: target for source, target in job.links}
+            return _ecos_values(simulation, job, fed, "start")
     loose = [port for port in job.watched if port not in fed]
     sunk = {port: f"sink.u[{number}]" for number, port in enumerate(loose, 1)}
     with ecospy.EcosSimulationStructure() as structure:
@@ -361,7 +362,7 @@ def pathsim(job: Job) -> Values:
         for source, target in job.links
     ]
     simulation = Simulation(list(blocks.values()), wires, dt=job.step_size, log=False)
-    # An event at the start of every step takes it: after the event at time 0 the outputs are those of one step.
+    # An event at its start takes a step: after that at time 0, outputs are those of the first step's end.
     found: Values = {port: [] for port in job.watched}
     for _ in range(job.steps):
         simulation.timestep(job.step_size)

@@ -2,7 +2,7 @@
 
     python -m tests.clients.matrix [--show]
 
-Nothing in the table is typed by hand. Clients that are absent stop the command, since the table would lose them.
+Nothing in the table is typed by hand. Clients that are absent stop the command: the table would lose them.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def collect(client: str, folder: Path) -> Found:
 def cell(found: Mapping[str, Outcome]) -> str:
     """How many of a group agree."""
     if not found:
-        return "reads none"
+        return "not tried"
     good = sum(outcome.agrees for outcome in found.values())
     return f"all {good}" if good == len(found) else f"{good} of {len(found)}"
 

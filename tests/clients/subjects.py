@@ -17,7 +17,7 @@ from orchestrator.translate.build import build
 
 from .job import Job, job_of
 
-__all__ = ["GROUPS", "groups", "SYSTEMS", "bench", "packages", "shipped", "systems"]
+__all__ = ["GROUPS", "SYSTEMS", "bench", "groups", "packages", "shipped", "systems"]
 
 HERE = Path(__file__).parent
 STEPS = 60
