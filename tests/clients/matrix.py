@@ -81,7 +81,7 @@ def remarks(all_found: Mapping[str, Found]) -> list[str]:
                 name: None
                 for group in found.values()
                 for name, outcome in group.items()
-                if limit_of(client, outcome) is limit
+                if limit_of(client, name, outcome) is limit
             }
             if names:
                 lines.append(f"- {CLIENTS[client].name} {limit.meaning}: {_listed(names)}.")
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for client, found in all_found.items()
         for group in found.values()
         for name, outcome in group.items()
-        if not outcome.agrees and limit_of(client, outcome) is None
+        if not outcome.agrees and limit_of(client, name, outcome) is None
     ]
     if options.show:
         print(text)

@@ -69,10 +69,15 @@ def _driven(path: Path, source: Path) -> dict[str, Any]:
 
 
 def _system(name: str) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Config and overrides; FMUs that need no Python, no measures, which want a satellite that flies in."""
+    """Config and overrides; FMUs that need no Python.
+
+    No measures, which want a satellite that flies in, and no enumeration, which few tools can set.
+    """
     system, overrides = SYSTEMS[name]
     config = yaml.safe_load(bundled.find_system(system).read_text(encoding="utf-8"))
     del config["measures"]
+    if "controller" in config["instances"]:
+        assert config["instances"]["controller"]["start"].pop("mode") == "active"  # the default
     forms = [f"{one}.form=native" for one in ("satellite", "controller") if one in config["instances"]]
     return config, (*overrides, *forms, "run.step_size=0.5 ms")
 
@@ -89,7 +94,7 @@ def packages(folder: Path) -> Iterator[tuple[Job, Results]]:
         path = folder / f"system{number}.ssp"
         config, overrides = _system(name)
         write_ssp(config, path, (*overrides, "run.master=jacobi"))
-        yield job_of(name, config, overrides, package=path)
+        yield job_of(f"{name} (SSP)", config, overrides, package=path)
 
 
 GROUPS = (
