@@ -18,7 +18,7 @@ from .job import Job, deviation
 __all__ = ["TOLERANCE", "Outcome", "outcomes"]
 
 ROOT = Path(__file__).parents[2]
-TOLERANCE = 1e-8  # of a signal's largest value, or of 1e-6 where that is less
+TOLERANCE = 1e-8  # of a signal's largest value, or of 1e-5 where that is less
 
 
 @dataclass(frozen=True)
