@@ -71,8 +71,8 @@ def read_journal(path: Path) -> Iterator[tuple[bytes, bytes]]:
             if len(head) < _HEAD.size:
                 return
             mark, text_size, data_size, check = _HEAD.unpack(head)
-            if mark != _MARK:
-                return
+            if mark != _MARK or text_size + data_size > os.fstat(file.fileno()).st_size:
+                return  # sizes that are no sizes are not read
             text, data = file.read(text_size), file.read(data_size)
             if len(text) < text_size or len(data) < data_size or zlib.crc32(data, zlib.crc32(text)) != check:
                 return

@@ -77,9 +77,15 @@ def sources_of(texts: Mapping[str, bytes], packages: Sequence[str]) -> dict[str,
             in the FMU, and a new version of it that adds the same makes the same FMU.
     """
     return {
-        "sources": {name: f"sha256:{sha256(texts[name]).hexdigest()}" for name in sorted(texts)},
+        "sources": {name: _digest(texts[name]) for name in sorted(texts)},
         "madeWith": versions(packages),
     }
+
+
+def _digest(text: bytes) -> str:
+    """What identifies a source, whatever ends its lines."""
+    lines = text.replace(b"\r\n", b"\n")
+    return f"sha256:{sha256(lines).hexdigest()}"
 
 
 def text_section(heading: str, *texts: str | None) -> list[Section]:

@@ -129,5 +129,6 @@ def deviation(job: Job, values: dict[str, list[float]], results: Results) -> tup
         if theirs.shape != ours.shape or not np.isfinite(theirs).all():
             return math.inf, name
         size = float(np.abs(results[name]).max())
-        worst = max(worst, (float(np.abs(theirs - ours).max()) / max(size, 1e-5), name))
+        found = float(np.abs(theirs - ours).max()) / max(size, 1e-5)
+        worst = (found, name) if found > worst[0] else worst
     return worst
