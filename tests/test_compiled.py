@@ -368,3 +368,29 @@ def test_after_a_fatal_error_no_instance_of_the_fmu_is_called_again(python_fmu):
     assert again.do_step(Point(0, 0.0, 0.1)) is StepStatus.OK
     again.terminate()
     again.free()
+
+
+def test_a_logger_that_fmpy_was_given_does_not_get_our_messages(python_fmu):
+    # fmpy's proxy serves one logger in a process; in a process of its own, since a fault would end it.
+    code = (
+        "import gc, sys\nfrom pathlib import Path\n"
+        "from fmpy import simulate_fmu\n"
+        "from orchestrator.errors import StepError\n"
+        "from orchestrator.fmi import load_fmu\n"
+        "from orchestrator.fmi.instance import Point\n"
+        "theirs = []\n"
+        "bad = load_fmu(Path(sys.argv[1])).instantiate('bad')\n"
+        "bad.enter_initialisation(0.0, {'way': 'error', 'at': 0.0})\n"
+        "bad.exit_initialisation()\n"
+        "simulate_fmu(sys.argv[1], stop_time=0.1, logger=lambda *message: theirs.append(message))\n"
+        "gc.collect()\n"
+        "try:\n"
+        "    bad.do_step(Point(0, 0.0, 0.1))\n"
+        "except StepError as error:\n"
+        "    print(error)\n"
+        "print(len(theirs))\n"
+    )
+    path = str(python_fmu("misbehaving"))
+    told = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True)
+    assert "[error] the tank is empty" in told.stdout, told
+    assert told.stdout.splitlines()[-1] == "0"

@@ -5,9 +5,24 @@ from __future__ import annotations
 import inspect
 import itertools
 import re
+import shutil
+import tempfile
 import typing
 from collections import deque
-from ctypes import CDLL, POINTER, byref, c_char_p, c_int, c_uint8, cast, memmove, sizeof
+from contextlib import suppress
+from ctypes import (
+    CDLL,
+    POINTER,
+    addressof,
+    byref,
+    c_char_p,
+    c_int,
+    c_uint8,
+    c_void_p,
+    cast,
+    memmove,
+    sizeof,
+)
 from pathlib import Path
 from types import UnionType
 from typing import Any
@@ -73,14 +88,25 @@ def _callbacks() -> fmi2.fmi2CallbackFunctions:
     callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(_log_fmi2)
     callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
     callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-    try:
-        # FMI 2 log messages are printf formats with arguments; ctypes cannot receive those, fmpy's proxy can.
-        from fmpy.logging import addLoggerProxy
-
-        addLoggerProxy(byref(callbacks))
-    except (ImportError, OSError, AttributeError):
-        pass  # messages then arrive as bare formats
+    # FMI 2 log messages are printf formats with arguments; ctypes cannot receive those, fmpy's proxy can.
+    with suppress(ImportError, OSError, AttributeError):  # messages then arrive as bare formats
+        _proxy_of_our_own().addLoggerProxy(c_void_p(addressof(callbacks)))
     return callbacks
+
+
+def _proxy_of_our_own() -> CDLL:
+    """A copy of fmpy's logging library that nobody else loads.
+
+    The library keeps one logger for the whole process, that of its last caller: whoever simulates through
+    fmpy beside us would have it call his logger with our messages, even one that is gone.
+    """
+    from fmpy.logging import logging
+
+    original = Path(logging._name)
+    with tempfile.TemporaryDirectory(prefix="fmu-logging-", ignore_cleanup_errors=True) as folder:
+        copy = Path(folder) / f"orchestrator-{original.name}"
+        shutil.copyfile(original, copy)
+        return CDLL(str(copy))
 
 
 _CALLBACKS = _callbacks()
