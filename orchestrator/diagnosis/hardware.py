@@ -29,10 +29,10 @@ _KEPT, _WEAK = 12, 40.0
 _LINK_CLEAR = 5.0
 # Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
 _CLEAR = 20.0
-# Tolerances are doubtful where a factor on all of them has some log evidence, at most so much less than the
-# best effect, while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a
-# delay, strays in all numbers of its kind.
-_STRAYED, _DOUBTED, _LESS = 2.0, 2.0, 6.0
+# Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effect,
+# while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a delay, strays in
+# all numbers of its kind.
+_STRAYED, _DOUBTED = 2.0, 2.0
 # Not even wider tolerances make more strays than these ordinary.
 _ORDINARY = 3.0
 _KINDS = (
@@ -117,8 +117,8 @@ def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, flo
         left = behind.left(again.best.residuals) if again.best.effects else left
     answers = tied(fitter, simplest(answers))
     best = max((one.gain for one in answers), default=0.0)
-    doubtful = doubt > max(_DOUBTED, best - _LESS)
-    doubt = max(doubt, best) if doubtful else 0.0
+    doubtful = doubt > max(_DOUBTED, best)
+    doubt = doubt if doubtful else 0.0
     nothing = Answer((), doubt, unexplained(fitter.left(found.none.residuals)), found.none)
     every = [one.id for one in catalogue().values() if one.place not in software and one.id not in without]
     misfit = {
