@@ -12,7 +12,7 @@ PACKAGE = ROOT / "orchestrator"
 
 # From the bottom up: a module imports only from layers that stand before its own.
 LAYERS = [
-    "errors", "bundled", "provenance", "units", "quantities", "effects", "config", "fmi", "graph",
+    "errors", "digests", "bundled", "provenance", "units", "quantities", "effects", "config", "fmi", "graph",
     "fixed_point", "system", "bonds", "checks", "connecting", "histogram", "external", "assembly",
     "signals", "wires", "initialisation", "culprits", "instances", "ledger", "master", "native",
     "pacing", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",

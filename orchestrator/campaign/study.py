@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -15,6 +14,7 @@ from pydantic import ValidationError
 
 from .. import bundled
 from ..config import Config, Places, dump, load_config, move_effects, parse, put_value, validation_problems
+from ..digests import digest_of
 from ..errors import ConfigError, Problem, listed, nearest
 from ..run import Prepared, prepare
 from ..workers import Retry
@@ -329,7 +329,7 @@ class Study:
                 starts.append((str(axis.target[1]), str(axis.target[3]), level.canonical))
             else:
                 others.append((path, level.text))
-        key = hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+        key = digest_of(json.dumps(data, sort_keys=True).encode())
         return Task(key, tuple(starts), tuple(others)), point
 
     def tasks(self) -> Iterator[Task]:
@@ -360,7 +360,7 @@ class Study:
         """Of the study: its content, the system and the product included."""
         data = self.model.model_dump_json(by_alias=True) + self._identity
         files = sorted(place for place, _ in self._file_levels.values())
-        return hashlib.sha256((data + "".join(files)).encode()).hexdigest()[:12]
+        return digest_of((data + "".join(files)).encode())[:12]
 
     def about(self) -> dict[str, Any]:
         """What is kept of the study besides its points."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import tempfile
@@ -14,6 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from ..digests import file_digest
 from ..errors import ConfigError, OrchestratorError, Problem
 from ..formats import strict
 from ..provenance import origin, versions
@@ -232,8 +232,7 @@ def _provenance(study: Study, source: Path | None) -> dict[str, Any]:
                 for file in (
                     [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file())
                 ):
-                    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-                    files[file.relative_to(folder).as_posix()] = digest
+                    files[file.relative_to(folder).as_posix()] = file_digest(file)
     return {
         **origin(),
         "packages": versions(_PACKAGES),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..digests import file_digest
 from ..errors import FmuError
 from .archive import Unpacked
 from .description import ModelDescription, read_description
@@ -83,7 +83,7 @@ class CompiledFmu:
 
     @cached_property
     def _checksum(self) -> str:
-        return "sha256:" + hashlib.sha256(self.path.read_bytes()).hexdigest()
+        return f"sha256:{file_digest(self.path)}"
 
 
 _KINDS = {

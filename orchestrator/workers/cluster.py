@@ -9,9 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..digests import digest_of
 from ..errors import ConfigError, OrchestratorError, Problem
 from .child import Child, attempt
-from .files import cache_folder, digest_of, put_file
+from .files import cache_folder, put_file
 from .tasks import Failure, Outcome, Work
 
 __all__ = ["ClusterPool"]

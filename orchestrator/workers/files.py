@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import tempfile
 from pathlib import Path
 
+from ..digests import digest_of, file_digest
 from ..errors import OrchestratorError
 
-__all__ = ["cache_folder", "digest_of", "place_of", "put_file"]
-
-
-def digest_of(data: bytes) -> str:
-    """SHA-256, as hexadecimal digits."""
-    return hashlib.sha256(data).hexdigest()
+__all__ = ["cache_folder", "place_of", "put_file"]
 
 
 def place_of(data: bytes, name: str) -> str:
@@ -38,7 +33,7 @@ def put_file(folder: Path, place: str, data: bytes) -> Path:
         raise OrchestratorError(f"{place}: arrived damaged, its SHA-256 is {digest_of(data)}")
     path = folder / place
     try:
-        if digest_of(path.read_bytes()) == digest:
+        if file_digest(path) == digest:
             return path
     except OSError:
         pass

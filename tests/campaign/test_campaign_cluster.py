@@ -11,9 +11,10 @@ import workers_tasks
 from campaign_bench import quick
 
 from orchestrator.campaign import Store
+from orchestrator.digests import digest_of
 from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.workers import LocalPool, Retry, Work, pool_of
-from orchestrator.workers.files import digest_of, place_of, put_file
+from orchestrator.workers.files import place_of, put_file
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
 

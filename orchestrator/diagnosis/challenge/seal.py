@@ -17,18 +17,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ...digests import digest_of
 from ...errors import ConfigError, Problem
 
-__all__ = ["LEDGER", "SEALED", "digest_of", "note_opening", "open_truth", "seal_truth", "truth_digest"]
+__all__ = ["LEDGER", "SEALED", "note_opening", "open_truth", "seal_truth", "truth_digest"]
 
 SEALED = "truth.sealed"
 LEDGER = "openings.json"
 _FORMAT = b"gap-truth/1"
-
-
-def digest_of(data: bytes) -> str:
-    """SHA-256 in hexadecimal digits."""
-    return hashlib.sha256(data).hexdigest()
 
 
 def seal_truth(folder: Path, truth: Mapping[str, Any], key: bytes) -> str:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...digests import digest_of
 from ...errors import ConfigError, Problem
-from .seal import digest_of
 
 __all__ = ["Answer", "Verdict", "names", "read_verdict"]
 

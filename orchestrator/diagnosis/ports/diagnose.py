@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from ...digests import file_digest
 from ...formats import strict
 from ...provenance import origin, versions
 from ..finding import Finding
@@ -139,9 +139,7 @@ def _provenance(path: Path, study: PortStudy, weighed: Weighed, begin: float) ->
     file = path / "study.yaml" if path.is_dir() else path
     files = [file, *dict.fromkeys(run.file for run in study.runs if run.file and run.file.is_file())]
     digests = {
-        (one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): hashlib.sha256(
-            one.read_bytes()
-        ).hexdigest()
+        (one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): file_digest(one)
         for one in files
     }
     return {

@@ -11,7 +11,6 @@ arrow: `at`, their position, `entry`, as written, and `plain`, what the file say
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping
 from fractions import Fraction
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import bundled
+from ...digests import file_digest
 from ...fmi import ModelDescription
 from ...units import UnitError, parse_quantity, parse_unit
 from .model import Document
@@ -48,7 +48,7 @@ _TIMES = ("start_time", "stop_time")
 @cache
 def checksum(path: Path) -> str:
     """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return file_digest(path)
 
 
 def collect(
