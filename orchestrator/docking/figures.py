@@ -51,7 +51,7 @@ def rebounds(measures: Mapping[str, Any]) -> Figure:
     left.plot(number, _absolute(measures, "ideal_velocity_ratio"), "--", color=GREY, label="ideal contact")
     left.set_ylabel("rebound velocity / approach speed [1]")
     left.legend()
-    right.plot(number, [contact["cor"] for contact in measures["contacts"]], "o-", color=BLUE)
+    right.plot(number, _absolute(measures, "cor"), "o-", color=BLUE)
     right.axhline(measures["ideal"]["cor"], linestyle="--", color=GREY)
     right.set_ylabel("coefficient of restitution [1]")
     for axes in (left, right):
@@ -94,7 +94,8 @@ def comparison(runs: Mapping[str, tuple[Results, DockingOptions]]) -> Figure:
         number = np.arange(1, len(found) + 1)
         shown = max(shown, len(found))
         style = {"color": SERIES[index % len(SERIES)], "marker": "o", "label": name}
-        left.plot(number, [abs(contact.velocity_after) / speed for contact in found], **style)
+        ratios = [abs(contact.velocity_after) / speed if speed else np.nan for contact in found]
+        left.plot(number, ratios, **style)
         right.plot(number, [contact.peak_force for contact in found], **style)
     left.axhline(1.0, color=GREY, linewidth=0.8)
     left.set_ylabel("rebound velocity / approach speed [1]")
@@ -160,7 +161,8 @@ def contact_time(results: Results, found: list[Contact]) -> Iterator[tuple[Array
 
 
 def _absolute(measures: Mapping[str, Any], key: str) -> list[float]:
-    return [abs(contact[key]) for contact in measures["contacts"]]
+    """NaN, which is not drawn, where there is none."""
+    return [np.nan if contact[key] is None else abs(contact[key]) for contact in measures["contacts"]]
 
 
 def _spread(axes: Any) -> None:

@@ -46,8 +46,13 @@ def _kept_speed(contacts: Sequence[Mapping[str, Any]], ideal: float) -> str:
     """
     if not contacts:
         return "No contact was completed."
-    ratio = abs(contacts[-1]["rebound_velocity_ratio"] or 0.0)
+    ratio = contacts[-1]["rebound_velocity_ratio"]
     count = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
+    if ratio is None:
+        return (
+            f"{count}; the satellite was at rest at the start, so that there is no first speed to compare to."
+        )
+    ratio = abs(ratio)
     told = f"After {count} the rod has {ratio:.4f} times its first speed (without delay {ideal:.4g})"
     if abs(ratio - ideal) <= KEPT * ideal:
         return f"{told}: the loop keeps the energy of the contact."
@@ -86,7 +91,8 @@ class DockingMeasure:
             contacts: list, one entry per contact: `side`, `start_time` [s], `end_time` [s],
                 `rebound_velocity_ratio` (free velocity after the contact over the approach speed, signed),
                 `ideal_velocity_ratio` (the same of the contact without delay), `peak_force` [N],
-                `peak_force_ratio` (over the ideal first peak), `cor` (Eq. 32, as a ratio);
+                `peak_force_ratio` (over the ideal first peak), `cor` (Eq. 32, as a ratio); the ratios to
+                the approach are None where the satellite was at rest at the start;
             ideal: without delay: `cor`, `first_peak_force` [N], `contact_frequency` [Hz] (Eq. 31);
             stiffness_estimate [N/m], damping_estimate [N.s/m]: the controller's at the end, None without one.
         """
@@ -106,10 +112,12 @@ class DockingMeasure:
                     "side": contact.side,
                     "start_time": contact.start_time,
                     "end_time": contact.end_time,
-                    "rebound_velocity_ratio": contact.velocity_after / approach_speed,
-                    "ideal_velocity_ratio": direction * (-restitution) ** index,
+                    "rebound_velocity_ratio": contact.velocity_after / approach_speed
+                    if approach_speed
+                    else None,
+                    "ideal_velocity_ratio": direction * (-restitution) ** index if approach_speed else None,
                     "peak_force": contact.peak_force,
-                    "peak_force_ratio": contact.peak_force / first_peak,
+                    "peak_force_ratio": contact.peak_force / first_peak if first_peak else None,
                     "cor": contact.restitution,
                 }
             )
@@ -129,7 +137,7 @@ class DockingMeasure:
     def headline(self, measured: dict[str, Any]) -> str:
         """What the contacts did to the speed."""
         contacts = measured["contacts"]
-        return _kept_speed(contacts, abs(contacts[-1]["ideal_velocity_ratio"]) if contacts else 1.0)
+        return _kept_speed(contacts, abs(contacts[-1]["ideal_velocity_ratio"] or 0.0) if contacts else 1.0)
 
     def scene(self, results: Results, options: DockingOptions) -> dict[str, Any]:
         """The rod's tip between the surfaces."""

@@ -7,6 +7,7 @@ import fmpy
 import pytest
 
 from orchestrator.bundled import find_fmu
+from orchestrator.docking.measures import DockingMeasure, DockingOptions
 from orchestrator.run import run
 
 MASS = 279.06976744186045
@@ -138,3 +139,19 @@ def test_active_control_with_jacobi_has_the_same_limit():
     assert abs(ratios(result)[2]) > 1.01, "a finite step must show as delay"
     for index in (1, 2):
         assert abs(limit_of(result, index)) == pytest.approx(1.0, abs=2e-3)
+
+
+def test_a_satellite_that_is_pushed_off_from_rest_has_no_first_speed():
+    pushed = ["satellite.velocity=0 m/s", "contact.front=-1 mm", "contact.rear=-11 mm", "run.stop_time=1.5 s"]
+    result = run("docking-1d-uncompensated", overrides=pushed, halving=False)
+    first, second, *_ = result.summary["contacts"]
+    for key in ("rebound_velocity_ratio", "ideal_velocity_ratio", "peak_force_ratio"):
+        assert [contact[key] for contact in (first, second)] == [None, None]
+    assert first["cor"] is None and first["peak_force"] > 100.0
+    assert second["cor"] == pytest.approx(growth_per_contact(2 * math.pi * 75.0, 0.8, 2e-3), rel=1e-3)
+    measure = DockingMeasure()
+    options = DockingOptions(satellite="satellite", robot="robot", contact="contact")
+    assert "the satellite was at rest at the start" in measure.headline(result.summary)
+    drawn = measure.figures(result.results, options) | measure.comparison({"x": (result.results, options)})
+    for figure in drawn.values():
+        figure.canvas.draw()
