@@ -162,7 +162,7 @@ def libcosim(job: Job) -> Values:
     if job.package:
         with zipfile.ZipFile(job.package) as archive:
             archive.extractall("package")
-        execution = CosimExecution.from_ssp_file("package", job.step_size * 1e9)
+        execution = CosimExecution.from_ssp_file("package")  # with the step size of its annotation
         numbers = {part.name: execution.slave_index_from_instance_name(part.name) for part in job.parts}
     else:
         execution = CosimExecution.from_step_size(job.step_size * 1e9)
@@ -242,7 +242,7 @@ def ecos(job: Job) -> Values:
     fed = dict(job.links)
     if job.package:
         with ecospy.EcosSimulation(ssp_path=job.package, step_size=job.step_size) as simulation:
-            return _ecos_values(simulation, job, fed, "start")
+            return _ecos_values(simulation, job, {port: fed.get(port, port) for port in job.watched}, "start")
     loose = [port for port in job.watched if port not in fed]
     sunk = {port: f"sink.u[{number}]" for number, port in enumerate(loose, 1)}
     with ecospy.EcosSimulationStructure() as structure:

@@ -112,3 +112,7 @@ def package(path: Path, root: str, files: Mapping[str, str | bytes] = {}) -> Pat
         for name, content in files.items():
             archive.writestr(f"resources/{name}", content)
     return path
+
+
+# What most packages of the tests hold.
+FMUS = {"robot.fmu": fmu("RobotResponse"), "contact.fmu": fmu("DockingContact")}

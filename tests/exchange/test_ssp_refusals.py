@@ -10,11 +10,11 @@ import pytest
 from archives import repack
 from ssp_files import (
     CONTACT,
+    FMUS,
     ROBOT,
     binding,
     bindings,
     component,
-    fmu,
     mapping,
     package,
     real,
@@ -28,7 +28,6 @@ from orchestrator.__main__ import main
 from orchestrator.errors import ConfigError
 from orchestrator.exchange.ssp.load import import_ssp
 
-FMUS = {"robot.fmu": fmu("RobotResponse"), "contact.fmu": fmu("DockingContact")}
 ONE = system("rig", component("robot", "robot.fmu", ROBOT))
 LAUGHS = '<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]>'
 OUTSIDE = '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'

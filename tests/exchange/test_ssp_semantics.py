@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from ssp_files import (
     CONTACT,
+    FMUS,
     ROBOT,
     UNITS,
     binding,
     bindings,
     component,
-    fmu,
     mapping,
     package,
     real,
@@ -29,7 +29,6 @@ from orchestrator.errors import ConfigError
 from orchestrator.exchange.ssp.read import read_ssp
 from orchestrator.run import prepare, run
 
-FMUS = {"robot.fmu": fmu("RobotResponse"), "contact.fmu": fmu("DockingContact")}
 RUN = ("run.master=jacobi", "run.step_size=1 ms")
 INNER_PORTS = """<ssd:Connectors>
   <ssd:Connector name="target" kind="input"><ssc:Real unit="{0}"/></ssd:Connector>
