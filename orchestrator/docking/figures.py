@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from ..plotting import COLORS
 from .contacts import Contact, find_contacts
 from .theory import ideal_restitution
 
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 
 # Okabe and Ito's palette: told apart with any colour vision.
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
-SERIES = (VERMILION, BLUE, GREEN, "#CC79A7", "#E69F00", "#56B4E9")
 
 
 def contacts(results: Results, options: DockingOptions) -> Figure:
@@ -93,7 +93,7 @@ def comparison(runs: Mapping[str, tuple[Results, DockingOptions]]) -> Figure:
         speed = abs(results[f"{options.satellite}.velocity"][0])
         number = np.arange(1, len(found) + 1)
         shown = max(shown, len(found))
-        style = {"color": SERIES[index % len(SERIES)], "marker": "o", "label": name}
+        style = {"color": COLORS[index % len(COLORS)], "marker": "o", "label": name}
         ratios = [abs(contact.velocity_after) / speed if speed else np.nan for contact in found]
         left.plot(number, ratios, **style)
         right.plot(number, [contact.peak_force for contact in found], **style)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from .figures import BLUE, GREEN, GREY, SERIES, VERMILION
+from ..plotting import COLORS
+from .figures import BLUE, GREEN, GREY, VERMILION
 from .space import SpaceContacts, pose, stacked
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def comparison(measured: Mapping[str, Mapping[str, Any]]) -> Figure:
     for axes, (key, text) in zip(panels, wanted, strict=True):
         for index, (name, one) in enumerate(measured.items()):
             values = [contact[key] for contact in one["contacts"]]
-            axes.plot(range(1, len(values) + 1), values, "o-", color=SERIES[index % len(SERIES)], label=name)
+            axes.plot(range(1, len(values) + 1), values, "o-", color=COLORS[index % len(COLORS)], label=name)
         axes.set_xlabel("contact")
         axes.set_ylabel(text)
         axes.xaxis.get_major_locator().set_params(integer=True)
