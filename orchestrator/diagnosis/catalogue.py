@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from functools import lru_cache
 from importlib import import_module
@@ -12,7 +13,7 @@ from typing import TypeVar
 from ..errors import ConfigError, Problem
 from .effect import Effect
 
-__all__ = ["ENTRY_POINTS", "catalogue", "installed"]
+__all__ = ["ENTRY_POINTS", "catalogue", "in_words", "installed"]
 
 _Kind = TypeVar("_Kind")
 
@@ -39,6 +40,14 @@ def catalogue() -> dict[str, Effect]:
     if problems:
         raise ConfigError(problems)
     return dict(sorted(found.items()))
+
+
+def in_words(effect: Effect) -> str:
+    """What an effect is, without a full stop: one of ours as its file begins, others by their equation."""
+    name = effect.id.replace(".", "_").replace("-", "_")
+    module = sys.modules.get(f"{__package__}.effects.{name}")
+    told = module.__doc__ if module is not None and module.EFFECT is effect else None
+    return (told or effect.equation).splitlines()[0].removesuffix(".")
 
 
 def installed(group: str, kind: type[_Kind], problems: list[Problem]) -> Iterator[tuple[str, _Kind]]:

@@ -8,7 +8,7 @@ from html import escape
 from ..page import bar as _bar
 from ..page import card as _card
 from ..page import document, figure
-from .catalogue import catalogue
+from .catalogue import catalogue, in_words
 from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
@@ -20,6 +20,8 @@ __all__ = ["compose", "page"]
 
 # A share of probability below which an answer is not worth a line, and so many lines.
 _WORTH, _LINES = 0.005, 8
+# Ties are told of answers that are likelier than this.
+_TIED = 0.05
 # So many answers of the 95 % set are named.
 _NAMED = 6
 # Energy shares are shown with a colour that is full from here on.
@@ -84,8 +86,8 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect]) -> str:
     shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
     for one in shown:
         label = " + ".join(one.effects) or "no effect"
-        notes = [", ".join(_parameter(name, value, known) for name, value in one.parameters.items())]
-        if one.ties:
+        notes = [_in_words(effect, one.parameters, known) for effect in one.effects if effect in known]
+        if one.ties and (one is answer or one.probability >= _TIED):
             notes.append(f"tied with {', '.join(one.ties)}")
         note = "; ".join(part for part in notes if part)
         rows.append(_bar(label, one.probability, percent(one.probability), note, one is answer))
@@ -99,14 +101,16 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect]) -> str:
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
 
-def _parameter(name: str, value: float, known: Mapping[str, Effect]) -> str:
-    """A fitted parameter with the unit that its effect gives it."""
-    effect, _, parameter = name.rpartition(".")
-    units = {one.name: one.unit for one in known[effect].parameters} if effect in known else {}
-    unit = units.get(parameter, "")
-    own = effect.partition(".")[2]
-    label = own if own == parameter else f"{own} {parameter.replace('_', ' ')}"
-    return f"{label} {value:.4g}{'' if unit in ('', '1') else ' ' + unit}"
+def _in_words(name: str, parameters: Mapping[str, float], known: Mapping[str, Effect]) -> str:
+    """What an effect is, and its fitted parameters with their units."""
+    fitted = []
+    for one in known[name].parameters:
+        value = parameters.get(f"{name}.{one.name}")
+        if value is not None:
+            unit = "" if one.unit in ("", "1") else f" {one.unit}"
+            fitted.append(f"{one.name.replace('_', ' ')} {value:.4g}{unit}")
+    told = in_words(known[name])
+    return f"{told} ({', '.join(fitted)})" if fitted else told
 
 
 def _where(diagnosis: Diagnosis) -> str:
@@ -131,7 +135,10 @@ def _how_far(diagnosis: Diagnosis, over: str) -> str:
     head = "".join(
         f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
     )
-    note = "Error of the model on held-out runs. High closure alone does not prove the cause."
+    note = (
+        "Error of the model on held-out runs, relative to the size of the signals; noise: what two runs of "
+        "the same rig differ by. High closure alone does not prove the cause."
+    )
     return f"<table><tr>{head}</tr>{body}</table><p class=note>{note}</p>"
 
 

@@ -14,7 +14,7 @@ from logged import logged_study, with_column
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis import diagnose as module
-from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.catalogue import catalogue, in_words
 from orchestrator.diagnosis.diagnose import STAGES, diagnose
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.headline import headline, percent
@@ -139,7 +139,7 @@ def test_the_page_stands_alone_and_tells_all(study, tmp_path):
         "contact.hertz causes the gap (probability 90 %); adding it closes 98 % of the gap on runs that no "
         "fit saw. These logs cannot tell it from contact.cubic.",
         "slow approach", "31 nats of evidence expected", "Residual energy", "125.0", "-25.0",
-        "What was assumed",
+        "What was assumed", "Power-law stiffness (exponent",
     ):  # fmt: skip
         assert part in text
     assert report([tmp_path]) == text
@@ -158,6 +158,12 @@ def test_the_same_study_gives_the_same_page(study, tmp_path):
         text = (tmp_path / name / "report.html").read_text()
         pages.append(text[: text.index("<summary>Provenance")])
     assert pages[0] == pages[1]
+
+
+def test_every_effect_is_told_in_words():
+    told = {in_words(one) for one in catalogue().values()}
+    assert len(told) == len(catalogue()) and not told & {one.equation for one in catalogue().values()}
+    assert in_words(replace(HERTZ, equation="F = k x^p, another's law.")) == "F = k x^p, another's law"
 
 
 def test_headlines():
