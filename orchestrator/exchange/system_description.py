@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 from ..fmi import Causality, Kind, Value, Variable
 from ..system import Port, System
-from ..translate.description import LOG_CATEGORIES
+from ..translate.package import LOG_CATEGORIES
 from ..units import BASE_NAMES, Unit
 from .inside import Inside, Outer
 from .system_text import TIME

@@ -9,15 +9,9 @@ from dataclasses import dataclass
 from .declared_units import UnitTable, derivative_unit, used_units
 from .flat import Role, Type
 from .generate import TableEntry
+from .package import LOG_CATEGORIES
 from .program import Program
 from .structure import Structure, Unknown, model_structure
-
-LOG_CATEGORIES = {
-    "logStatusWarning": "Warnings, such as a failed assertion of level warning",
-    "logStatusDiscard": "Steps that could not be completed",
-    "logStatusError": "Errors",
-    "logEvents": "Times of events and the relations that caused them",
-}
 
 
 @dataclass(frozen=True)

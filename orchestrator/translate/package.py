@@ -22,6 +22,14 @@ from orchestrator.errors import BuildError
 
 FmiVersion = Literal["2.0", "3.0"]
 
+# Of the runtime, in every model description.
+LOG_CATEGORIES = {
+    "logStatusWarning": "Warnings, such as a failed assertion of level warning",
+    "logStatusDiscard": "Steps that could not be completed",
+    "logStatusError": "Errors",
+    "logEvents": "Times of events and the relations that caused them",
+}
+
 
 @dataclass(frozen=True)
 class Platform:

@@ -12,7 +12,7 @@ from typing import Any
 from lxml import etree
 
 from .component import ComponentProgram
-from .description import LOG_CATEGORIES
+from .package import LOG_CATEGORIES
 
 __all__ = ["describe_native"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -448,3 +449,17 @@ def test_the_command(tmp_path, capsys):
     )
     assert main(["export", "docking-1d", "-o", str(tmp_path / "x.doc")]) == 2
     assert subprocess.run(["unzip", "-tq", str(path)], capture_output=True).returncode == 0
+
+
+def test_an_export_needs_nothing_of_the_build_extra(tmp_path):
+    """Whoever installs the package alone has neither compiler nor translator."""
+    target = tmp_path / "X.fmu"
+    code = (
+        "import sys\n"
+        "for one in ('casadi', 'pythonfmu', 'rumoca', 'ziglang'): sys.modules[one] = None\n"
+        "from orchestrator.__main__ import main\n"
+        f"sys.exit(main(['export', 'docking-1d-uncompensated', '-o', {str(target)!r}]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert zipfile.is_zipfile(target)
