@@ -8,8 +8,7 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping, Sequence
-    from typing import Any
+    from collections.abc import Sequence
 
 __all__ = ["entry_point", "main"]
 
@@ -45,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command. Returns: the exit code."""
     import traceback
 
+    from . import commands
     from .errors import ConfigError, Interrupted, OrchestratorError, error_data
 
     parser = _parser(sys.argv[1:] if arguments is None else list(arguments))
@@ -54,11 +54,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return 0  # the reader of a pipe has seen enough
     except KeyboardInterrupt:
-        _tell(args, {"exit_code": 130, "error": {"kind": "Interrupted", "message": "interrupted"}})
+        commands.tell(args, {"exit_code": 130, "error": {"kind": "Interrupted", "message": "interrupted"}})
         return _interrupted()
     except OSError as error:
         print(f"orchestrator: {error}", file=sys.stderr)
-        _tell(args, {"exit_code": 1, "error": error_data(error)})
+        commands.tell(args, {"exit_code": 1, "error": error_data(error)})
         return 1
     except OrchestratorError as error:
         if getattr(args, "debug", False):
@@ -66,18 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             print(f"orchestrator: {error}", file=sys.stderr)
         status = 130 if isinstance(error, Interrupted) else 2 if isinstance(error, ConfigError) else 1
-        _tell(args, {"exit_code": status, "error": error_data(error)})
+        commands.tell(args, {"exit_code": status, "error": error_data(error)})
         return status
-
-
-def _tell(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
-    """Print a JSON object in one line, if that is asked for. Returns: whether it is."""
-    if not getattr(args, "json", False):
-        return False
-    import json
-
-    print(json.dumps(data, allow_nan=False, ensure_ascii=False, default=str))
-    return True
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
@@ -234,91 +224,39 @@ def _add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from .compare import run_each
-    from .table import summary_text
+    from . import commands
 
-    options = {
-        "halving": not args.no_halving,
-        "formats": [one.strip() for one in args.format.split(",") if one.strip()],
-        "figures": not args.no_figures,
-        "progress": not args.quiet and not args.json,
-    }
-    overrides = list(args.overrides)
-    if args.realtime or args.speed is not None:
-        overrides.append(f"run.realtime.speed={1.0 if args.speed is None else args.speed!r}")
-    for result in run_each(args.config, out=args.out, overrides=overrides, **options):
-        failed = (result.summary.get("numerics") or {}).get("error")
-        folder = None if result.folder is None else str(result.folder)
-        if _tell(args, {"exit_code": 0, "folder": folder, "files": result.files, "summary": result.summary}):
-            continue
-        if not args.quiet:
-            print(summary_text(result.summary))
-            if result.folder is not None:
-                print(f"Written to {result.folder}: {', '.join(result.files)}")
-        elif failed:
-            print(
-                f"orchestrator: the run with half the step size failed: {failed['message']}", file=sys.stderr
-            )
-    return 0
+    return commands.run(args)
 
 
 def _check(args: argparse.Namespace) -> int:
-    from .run import prepare
+    from . import commands
 
-    prepared = prepare(args.config, args.overrides)
-    system, run = prepared.system, prepared.config.model.run
-    told = {
-        "exit_code": 0,
-        "name": prepared.config.name,
-        "instances": {one.name: one.fmu.description.name for one in system.instances},
-        "connections": [str(one) for one in system.connections],
-        "order": [system.instances[index].name for index in system.order],
-        "steps": prepared.grid.steps,
-        "step_size": float(prepared.grid.step_size),
-        "master": run.master_name,
-        "bonds": [str(bond) for bond in system.bonds],
-        "notes": list(system.notes),
-    }
-    if _tell(args, told):
-        return 0
-    print(f"{prepared.config.name}: {len(system.instances)} instances, {len(system.connections)} connections")
-    for index in system.order:
-        instance = system.instances[index]
-        description = instance.fmu.description
-        version = f", FMI {description.fmi_version}" if description.fmi_version else ""
-        print(f"  {instance.name}: {description.name}{version}")
-    print(f"order of direct feedthrough: {', '.join(system.instances[index].name for index in system.order)}")
-    print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master_name}")
-    for bond in system.bonds:
-        print(f"power bond {bond}")
-    for note in (*prepared.config.notes, *system.notes):
-        print(f"note: {note}")
-    return 0
+    return commands.check(args)
+
+
+def _export(args: argparse.Namespace) -> int:
+    from . import commands
+
+    return commands.export_results(args)
+
+
+def _schema(args: argparse.Namespace) -> int:
+    from . import commands
+
+    return commands.schema(args)
+
+
+def _list(args: argparse.Namespace) -> int:
+    from . import commands
+
+    return commands.list_known(args)
 
 
 def _stability(args: argparse.Namespace) -> int:
     from .frequency import report
 
     return report.main(args)
-
-
-def _export(args: argparse.Namespace) -> int:
-    from pathlib import Path
-
-    from .formats import check_formats
-    from .results import read_results
-
-    suffixes = check_formats(args.format.split(","))
-    path = Path(args.folder)
-    results = read_results(path)
-    base = path / "results" if path.is_dir() else path
-    for suffix in suffixes:
-        results.write(base.with_suffix(f".{suffix}"))
-    files = [f"{base.stem}.{one}" for one in suffixes]
-    if _tell(args, {"exit_code": 0, "folder": str(base.parent), "files": files, "rows": len(results)}):
-        return 0
-    print(f"{len(results)} rows written to {base.parent}: {', '.join(files)}")
-    return 0
 
 
 def _exchange(args: argparse.Namespace) -> int:
@@ -337,37 +275,6 @@ def _reproduce(args: argparse.Namespace) -> int:
     from .docking.reproduction import command
 
     return command.main(args)
-
-
-def _schema(args: argparse.Namespace) -> int:
-    import json
-
-    from .config import json_schema
-
-    print(json.dumps(json_schema(), indent=2))
-    return 0
-
-
-def _list(args: argparse.Namespace) -> int:
-    from . import bundled
-    from .effects import effect_names
-    from .master import master_names
-    from .measures import measure_names
-
-    known = {
-        "systems": bundled.system_names(),
-        "FMUs": bundled.fmu_names(),
-        "masters": master_names(),
-        "effects": effect_names(),
-        "measures": measure_names(),
-    }
-    if _tell(args, known):
-        return 0
-    for title, names in known.items():
-        print(f"{title}:")
-        for name in names:
-            print(f"  {name}")
-    return 0
 
 
 def _build(args: argparse.Namespace) -> int:

@@ -17,7 +17,8 @@ LAYERS = [
     "signals", "wires", "initialisation", "culprits", "instances", "ledger", "master", "native",
     "pacing", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",
     "plotting", "page", "folder_lock", "workers", "run_folder", "run", "compare", "table", "fmu_tools",
-    "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report", "__main__",
+    "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report",
+    "commands", "__main__",
 ]  # fmt: skip
 
 

@@ -13,8 +13,9 @@ __all__ = ["product"]
 _PACKAGE = Path(__file__).resolve().parents[1]
 # What no number of a run depends on.
 _BESIDE = (
-    "campaign", "compare.py", "diagnosis", "fmu_tools", "folder_lock.py", "frequency", "plotting.py",
-    "progress.py", "run_folder.py", "table.py", "translate", "workers", "__main__.py", "_bundled",
+    "campaign", "commands.py", "compare.py", "diagnosis", "fmu_tools", "folder_lock.py", "frequency",
+    "plotting.py", "progress.py", "run_folder.py", "table.py", "translate", "workers", "__main__.py",
+    "_bundled",
 )  # fmt: skip
 
 

@@ -1,0 +1,137 @@
+"""What the commands that belong to no package of their own do: run, check, export-results, schema, list."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping
+
+__all__ = ["check", "export_results", "list_known", "run", "schema", "tell"]
+
+
+def tell(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
+    """Print a JSON object in one line, if that is asked for. Returns: whether it is."""
+    if not getattr(args, "json", False):
+        return False
+    print(json.dumps(data, allow_nan=False, ensure_ascii=False, default=str))
+    return True
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run systems, and compare them where there are several. Returns: the exit code, as all below."""
+    from .compare import run_each
+    from .table import summary_text
+
+    options = {
+        "halving": not args.no_halving,
+        "formats": [one.strip() for one in args.format.split(",") if one.strip()],
+        "figures": not args.no_figures,
+        "progress": not args.quiet and not args.json,
+    }
+    overrides = list(args.overrides)
+    if args.realtime or args.speed is not None:
+        overrides.append(f"run.realtime.speed={1.0 if args.speed is None else args.speed!r}")
+    for result in run_each(args.config, out=args.out, overrides=overrides, **options):
+        failed = (result.summary.get("numerics") or {}).get("error")
+        folder = None if result.folder is None else str(result.folder)
+        if tell(args, {"exit_code": 0, "folder": folder, "files": result.files, "summary": result.summary}):
+            continue
+        if not args.quiet:
+            print(summary_text(result.summary))
+            if result.folder is not None:
+                print(f"Written to {result.folder}: {', '.join(result.files)}")
+        elif failed:
+            print(
+                f"orchestrator: the run with half the step size failed: {failed['message']}", file=sys.stderr
+            )
+    return 0
+
+
+def check(args: argparse.Namespace) -> int:
+    """Tell what a config connects, without running it."""
+    from .run import prepare
+
+    prepared = prepare(args.config, args.overrides)
+    system, run = prepared.system, prepared.config.model.run
+    told = {
+        "exit_code": 0,
+        "name": prepared.config.name,
+        "instances": {one.name: one.fmu.description.name for one in system.instances},
+        "connections": [str(one) for one in system.connections],
+        "order": [system.instances[index].name for index in system.order],
+        "steps": prepared.grid.steps,
+        "step_size": float(prepared.grid.step_size),
+        "master": run.master_name,
+        "bonds": [str(bond) for bond in system.bonds],
+        "notes": list(system.notes),
+    }
+    if tell(args, told):
+        return 0
+    print(f"{prepared.config.name}: {len(system.instances)} instances, {len(system.connections)} connections")
+    for index in system.order:
+        instance = system.instances[index]
+        description = instance.fmu.description
+        version = f", FMI {description.fmi_version}" if description.fmi_version else ""
+        print(f"  {instance.name}: {description.name}{version}")
+    print(f"order of direct feedthrough: {', '.join(system.instances[index].name for index in system.order)}")
+    print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master_name}")
+    for bond in system.bonds:
+        print(f"power bond {bond}")
+    for note in (*prepared.config.notes, *system.notes):
+        print(f"note: {note}")
+    return 0
+
+
+def export_results(args: argparse.Namespace) -> int:
+    """Write recorded results in other formats."""
+    from pathlib import Path
+
+    from .formats import check_formats
+    from .results import read_results
+
+    suffixes = check_formats(args.format.split(","))
+    path = Path(args.folder)
+    results = read_results(path)
+    base = path / "results" if path.is_dir() else path
+    for suffix in suffixes:
+        results.write(base.with_suffix(f".{suffix}"))
+    files = [f"{base.stem}.{one}" for one in suffixes]
+    if tell(args, {"exit_code": 0, "folder": str(base.parent), "files": files, "rows": len(results)}):
+        return 0
+    print(f"{len(results)} rows written to {base.parent}: {', '.join(files)}")
+    return 0
+
+
+def schema(args: argparse.Namespace) -> int:
+    """Print the JSON Schema of configs."""
+    from .config import json_schema
+
+    print(json.dumps(json_schema(), indent=2))
+    return 0
+
+
+def list_known(args: argparse.Namespace) -> int:
+    """Print names of what is bundled or registered."""
+    from . import bundled
+    from .effects import effect_names
+    from .master import master_names
+    from .measures import measure_names
+
+    known = {
+        "systems": bundled.system_names(),
+        "FMUs": bundled.fmu_names(),
+        "masters": master_names(),
+        "effects": effect_names(),
+        "measures": measure_names(),
+    }
+    if tell(args, known):
+        return 0
+    for title, names in known.items():
+        print(f"{title}:")
+        for name in names:
+            print(f"  {name}")
+    return 0
