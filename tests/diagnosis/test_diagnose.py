@@ -130,6 +130,12 @@ def test_what_is_written(study, tmp_path):
     assert read_diagnosis(tmp_path / "out") == made.diagnosis
 
 
+def test_every_effect_is_told_in_words():
+    told = {in_words(one) for one in catalogue().values()}
+    assert len(told) == len(catalogue()) and not told & {one.equation for one in catalogue().values()}
+    assert in_words(replace(HERTZ, equation="F = k x^p, another's law.")) == "F = k x^p, another's law"
+
+
 def test_the_page_stands_alone_and_tells_all(study, tmp_path):
     diagnose(study, tmp_path, parts=parts()[0])
     text = (tmp_path / "report.html").read_text()
@@ -158,12 +164,6 @@ def test_the_same_study_gives_the_same_page(study, tmp_path):
         text = (tmp_path / name / "report.html").read_text()
         pages.append(text[: text.index("<summary>Provenance")])
     assert pages[0] == pages[1]
-
-
-def test_every_effect_is_told_in_words():
-    told = {in_words(one) for one in catalogue().values()}
-    assert len(told) == len(catalogue()) and not told & {one.equation for one in catalogue().values()}
-    assert in_words(replace(HERTZ, equation="F = k x^p, another's law.")) == "F = k x^p, another's law"
 
 
 def test_headlines():

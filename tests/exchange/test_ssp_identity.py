@@ -66,6 +66,23 @@ def line(connection):
     return found
 
 
+@pytest.mark.skipif(find_spec("pyssp_standard") is None, reason="pyssp-standard is not installed")
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+def test_what_is_written_keeps_to_the_schemas(version, tmp_path):
+    from lxml import etree
+
+    origin = find_spec("pyssp_standard").origin
+    folder = Path(origin).parent / "resources" / ("ssp2" if version == "2.0" else "")
+    kinds = {".ssd": "SystemStructureDescription", ".ssv": "SystemStructureParameterValues"}
+    for name in ("docking-1d", "docking-6d"):
+        write_ssp(name, tmp_path / "X.ssp", version=version)
+        with zipfile.ZipFile(tmp_path / "X.ssp") as archive:
+            for entry in archive.namelist():
+                if Path(entry).suffix in kinds:
+                    schema = etree.XMLSchema(file=str(folder / f"{kinds[Path(entry).suffix]}.xsd"))
+                    schema.assertValid(etree.fromstring(archive.read(entry)))
+
+
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_bundled_systems_come_back(name, tmp_path):
     path = tmp_path / "X.ssp"
@@ -313,20 +330,3 @@ def test_the_augmented_model_of_a_diagnosis_is_exported(tmp_path):
     path = tmp_path / "X.ssp"
     assert write_ssp(config, path).lost == ()
     assert load_config(path).text() == load_config(config).text()
-
-
-@pytest.mark.skipif(find_spec("pyssp_standard") is None, reason="pyssp-standard is not installed")
-@pytest.mark.parametrize("version", ["1.0", "2.0"])
-def test_what_is_written_keeps_to_the_schemas(version, tmp_path):
-    from lxml import etree
-
-    origin = find_spec("pyssp_standard").origin
-    folder = Path(origin).parent / "resources" / ("ssp2" if version == "2.0" else "")
-    kinds = {".ssd": "SystemStructureDescription", ".ssv": "SystemStructureParameterValues"}
-    for name in ("docking-1d", "docking-6d"):
-        write_ssp(name, tmp_path / "X.ssp", version=version)
-        with zipfile.ZipFile(tmp_path / "X.ssp") as archive:
-            for entry in archive.namelist():
-                if Path(entry).suffix in kinds:
-                    schema = etree.XMLSchema(file=str(folder / f"{kinds[Path(entry).suffix]}.xsd"))
-                    schema.assertValid(etree.fromstring(archive.read(entry)))
