@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import re
 import shutil
@@ -9,9 +10,12 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
@@ -84,6 +88,7 @@ _HEADERS = {
 }
 _INTERFACE = {"2.0": ("fmi2.c", "fmi2_absent.c"), "3.0": ("fmi3.c", "fmi3_absent.c")}
 # What a component that advances in steps has no use for; runtime/stepped/ stands in for it.
+_ONE_AT_A_TIME = threading.Lock()
 _CONTINUOUS = ("delay.c", "evaluate.c", "integrate.c", "step.c")
 
 
@@ -207,12 +212,9 @@ def compile_library(
     linked = [f"-l{name}" for name in libraries]
     for platform in platforms:
         known = _platform(platform)
-        with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
-            # Compiled from a copy under relative names, so that no path can reach the library.
-            for path in Path(sources_dir).iterdir():
-                if path.suffix in (".c", ".h"):
-                    shutil.copyfile(path, Path(scratch) / path.name)
-            library = Path(scratch) / f"{model_identifier}{known.suffix}"
+        # Compiled from a copy under relative names, so that no path can reach the library.
+        with _workshop(Path(sources_dir)) as scratch:
+            library = scratch / f"{model_identifier}{known.suffix}"
             flags = [*_FLAGS, *(flag.format(name=model_identifier) for flag in known.flags)]
             flags += linked if known.suffix == ".so" else []
             _run_compiler(
@@ -285,7 +287,32 @@ def _universal(libraries: Mapping[str, bytes]) -> bytes:
     return header.ljust(1 << alignment, b"\0") + content
 
 
-def _run_compiler(arguments: Sequence[str], folder: str, platform: str) -> None:
+@contextmanager
+def _workshop(sources: Path) -> Iterator[Path]:
+    """A folder with a copy of the sources and nothing else, the same one for all builds of this process.
+
+    The compiler keeps the object of a file that stands where it stood and was not written again: the C
+    runtime is compiled once per platform and process, not once per FMU.
+    """
+    with _ONE_AT_A_TIME:
+        folder = _folder_of(os.getpid())
+        wanted = {path.name: path.read_bytes() for path in sources.iterdir() if path.suffix in (".c", ".h")}
+        for path in folder.iterdir():
+            if path.name not in wanted or path.read_bytes() != wanted[path.name]:
+                path.unlink()
+        for name in wanted.keys() - {path.name for path in folder.iterdir()}:
+            (folder / name).write_bytes(wanted[name])
+        yield folder
+
+
+@cache
+def _folder_of(process: int) -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="fmu-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _run_compiler(arguments: Sequence[str], folder: Path, platform: str) -> None:
     environment = {key: value for key, value in os.environ.items() if key != "SOURCE_DATE_EPOCH"}
     result = subprocess.run(
         [sys.executable, "-m", "ziglang", "cc", *arguments],
