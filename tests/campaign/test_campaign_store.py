@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from campaign_bench import quick
+from extent import all_or
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -29,6 +30,7 @@ _SWEEP = """
 import sys
 sys.path[:0] = [{here!r}, {root!r}]
 from campaign_bench import quick
+from extent import all_or
 study = quick(design={{"grid": {{"robot.tau_m": {{"from": "4 ms", "to": "12 ms", "count": 40}}}}}})
 study.run({store!r}, jobs=1, progress=lambda done, of, failed: print(done, flush=True))
 """
@@ -120,14 +122,14 @@ def test_a_folder_with_other_things_is_no_store(tmp_path):
 
 
 @posix
-def test_twenty_kills_at_random_moments_cost_nothing_but_time(tmp_path):
+def test_kills_at_random_moments_cost_nothing_but_time(tmp_path):
     study = quick(design={"grid": {"robot.tau_m": {"from": "4 ms", "to": "12 ms", "count": 40}}})
     expected = study.run(tmp_path / "undisturbed", jobs=1).table
     store = tmp_path / "store"
     draw = random.Random(20)
     code = _SWEEP.format(here=str(HERE), root=str(HERE.parents[1]), store=str(store))
-    kills = 0
-    for _ in range(20):
+    wanted, kills = all_or(5, 20), 0
+    for _ in range(wanted):
         process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
         if draw.random() < 0.75:
             # After some of the two dozen lines that it prints: among the runs, whatever the machine's speed.
@@ -140,14 +142,15 @@ def test_twenty_kills_at_random_moments_cost_nothing_but_time(tmp_path):
             process.send_signal(signal.SIGKILL)
             kills += 1
         process.communicate()
-    assert kills >= 15
+    assert kills >= 0.75 * wanted - 1
     swept = study.run(store, jobs=1)
     assert swept.made + swept.reused == 40
     assert swept.table.equals(expected)
     with Store(store) as reader, Store(tmp_path / "undisturbed") as other:
         assert reader.query("select count(*) as n from _runs").to_pylist() == [{"n": 40}]
         # Several of the sweeps that were killed had made some of the runs.
-        assert reader.query("select count(distinct session) as n from runs").to_pylist()[0]["n"] >= 4
+        sessions = reader.query("select count(distinct session) as n from runs").to_pylist()[0]["n"]
+        assert sessions >= all_or(2, 4)
         numbers = "select run, name, value from numbers order by run, name"
         assert reader.query(numbers).equals(other.query(numbers))
     assert not journals(store)
@@ -162,6 +165,7 @@ def test_a_full_disk_is_told_and_the_store_stays_readable(tmp_path):
 import sys
 sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
 from campaign_bench import quick
+from extent import all_or
 from orchestrator.errors import OrchestratorError
 try:
     quick(design={grid!r}, record="all").run({str(store)!r}, jobs=1)

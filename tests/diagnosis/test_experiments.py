@@ -18,6 +18,7 @@ from orchestrator.diagnosis.study import Role, _experiments
 from orchestrator.diagnosis.trial import Chain, Trial
 from orchestrator.errors import ConfigError
 from tests.diagnosis.labs import found, lab, model
+from tests.extent import all_or
 
 TIES = [
     (("sensor.delay",), (0.0004,), ("sensor.low-pass", "contact.damping")),
@@ -36,7 +37,11 @@ def _named(name):
     return next(one for one in MENU if one.name == name)
 
 
-@pytest.mark.parametrize(("ids", "theta", "ties"), TIES, ids=str)
+# One of each place.
+FEW = [TIES[0], TIES[3], TIES[6], TIES[8]]
+
+
+@pytest.mark.parametrize(("ids", "theta", "ties"), all_or(FEW, TIES), ids=str)
 def test_the_proposed_experiment_breaks_the_tie(ids, theta, ties):
     study = lab(ids, theta)
     told = next_experiment(study, found(ids, theta, ties))

@@ -5,21 +5,40 @@ from __future__ import annotations
 import math
 import random
 import zipfile
+from functools import cache
 
 import fmpy
 import golden
 import pytest
 from conftest import FMUS, load_model
+from extent import all_or
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
 from orchestrator.errors import ConfigError
+from orchestrator.translate import component, step_check
 from orchestrator.translate.native_form import build_native_fmu
 
 NAMES = tuple(golden.INPUTS)
 PLATFORM = "x86_64-linux"
 # Largest difference between the forms, relative to the largest size that the number has had.
 TOLERANCE = 1e-12
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _each_model_is_traced_once():
+    """Both versions of FMI are built from one trace, which is made and checked before the version matters."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(component, "trace_component", cache(component.trace_component))
+        checked = {}
+
+        def check(script, kind, program, original=step_check.check_component):
+            if id(program) not in checked:
+                checked[id(program)] = original(script, kind, program)
+            return checked[id(program)]
+
+        patch.setattr(step_check, "check_component", check)
+        yield
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -172,7 +191,7 @@ def wrench_inputs(seed: int, steps: int):
         ("ComplianceController", {"hold_compensation": False, "switching_compensation": False, "mode": 3}),
     ],
 )
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", all_or([1], [1, 2]))
 def test_forms_agree_over_long_random_input(name, start, seed, instantiate):
     module = load_model(name)
     on_a_line = golden.INPUTS[name] == golden.LINE
