@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
+import time
 from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -131,6 +136,35 @@ def test_a_run_that_fails_does_not_keep_the_others_from_running():
     pair = found[good]
     assert isinstance(pair, Pair)
     assert len(pair.halved.results) == 2 * len(pair.whole.results) - 1
+
+
+_ENDLESS = """
+from orchestrator.docking.reproduction.experiment import Case
+from orchestrator.docking.reproduction.runs import record
+record([Case("endless", "docking-1d", ("run.stop_time=100000 s",))], jobs=1)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="looks into /proc")
+def test_processes_that_run_cases_end_with_the_program(tmp_path):
+    root = str(Path(__file__).parents[2])
+    command = [sys.executable, "-c", _ENDLESS]
+    program = subprocess.Popen(command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": root})
+    try:
+        begun: set[Path] = set()
+        while not begun:
+            assert program.poll() is None, "it ended before it began"
+            threads = Path(f"/proc/{program.pid}/task").glob("*/children")
+            begun = {Path("/proc") / one / "stat" for file in threads for one in file.read_text().split()}
+            time.sleep(0.1)
+    finally:
+        program.kill()
+        program.wait()
+    for _ in range(600):  # they look every second, as soon as they have imported what they need
+        if not any(one.exists() and one.read_text().rpartition(")")[2].split()[0] != "Z" for one in begun):
+            return
+        time.sleep(0.1)
+    raise AssertionError("processes outlive the program that was killed")
 
 
 @pytest.mark.parametrize(

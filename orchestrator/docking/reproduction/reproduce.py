@@ -45,8 +45,7 @@ class Reproduction:
 def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bool = False) -> Reproduction:
     """Make the source's figures and numbers again, by co-simulation.
 
-    Runs are made in processes of their own, which import the calling script: it has to call this under
-    `if __name__ == "__main__"`.
+    Runs are made in processes of their own.
 
     Args:
         only: figures, groups of them or experiments, for example ("fig6", "fig3"); everything if empty.

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from typing import Any
 
 from ...errors import OrchestratorError
 from ...results import Results
 from ...run import prepare, run
+from ...workers import LocalPool, Work, cores
 from .experiment import Case, Recorded
 
 __all__ = ["Failed", "Pair", "record", "run_once"]
@@ -53,8 +49,7 @@ def record(
         cases: equal ones run once.
         jobs: number of processes; as many as there are cores by default.
         progress: whether to show a bar on a terminal.
-    Returns: what each case gave. A failed run does not keep the others from running.
-    Raises: OrchestratorError if a process dies.
+    Returns: what each case gave. A failed run, or a process that dies, does not keep the others from running.
     """
     from tqdm import tqdm
 
@@ -65,28 +60,13 @@ def record(
     bar = tqdm(
         total=len(tasks), desc="reproduce", unit="run", leave=False, disable=None if progress else True
     )
-    # A fresh interpreter per process: libraries of FMUs and numba's threads do not survive a fork.
-    pool = ProcessPoolExecutor(
-        min(jobs or os.cpu_count() or 1, max(len(tasks), 1)),
-        mp_context=get_context("spawn"),
-        initializer=_leave_interrupts_to_the_parent,
-    )
-    try:
-        waiting = {pool.submit(run_once, *task): task for task in tasks}
-        for done in as_completed(waiting):
-            found[waiting[done]] = done.result()
+    pool = LocalPool(min(jobs or cores(), max(len(tasks), 1)))
+    with bar:
+        for one in pool.outcomes(Work(_run_task), tasks):
+            case, _ = one.task
+            lost = one.failure
+            found[one.task] = one.value if lost is None else Failed(f"{case.name}: {lost.message}")
             bar.update()
-    except BrokenProcessPool as error:
-        raise OrchestratorError(
-            "a process that ran cases died; was it killed, or is there too little memory? Take fewer "
-            "(--jobs 1)"
-        ) from error
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    finally:
-        bar.close()
-    pool.shutdown()
     made: dict[Case, Pair | Failed] = {}
     for case in wanted:
         whole, halved = found[case, False], found[case, True]
@@ -99,9 +79,8 @@ def record(
     return made
 
 
-def _leave_interrupts_to_the_parent() -> None:
-    """A terminal interrupts all processes; one of them is enough to tell of it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _run_task(_: None, task: tuple[Case, bool]) -> Recorded | Failed:
+    return run_once(*task)
 
 
 def run_once(case: Case, halved: bool = False) -> Recorded | Failed:
