@@ -18,7 +18,7 @@ from .fit import Fit, Fitter, inflation
 from .misfit import unexplained
 from .model import RigModel
 from .search import Search, roughness, search
-from .stochastic import Force, Noise, arrival_innovations, link_noise, random_arrival, sensor_noise
+from .stochastic import Force, Noise, arrival_innovations, link_noise, random_arrival, sensor_noise, whitened
 from .study import Array, Role, Study
 
 __all__ = ["weigh_rig"]
@@ -94,11 +94,12 @@ def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, flo
     if waved is not None:
         fitter = weighted(model, weights, plain, rough, np.hstack([further, waved]))
         left = fitter.left(found.best.residuals)
-    line = force.line
-    if line > 0.0:  # what an effect leaves where it is not fitted may look like one
-        line = min(line, _force(model, fitter, found.best).line)
+    # What an effect leaves where it is not fitted may look like a line, or hide a noise.
+    last = _force(model, fitter, found.best)
+    line = min(force.line, last.line)
+    colour = last.colour if coloured == 1.0 else (0.0, 0.0)
     doubt = _doubt(model, weights, plain, rough, found.none)
-    answers = _answers(fitter, found, noises)
+    answers = _answers(fitter, found, noises, colour)
     arrival, deviation = random_arrival(model, found.best, left[0::2])
     links = []
     if arrival > _LINK_CLEAR:
@@ -108,7 +109,7 @@ def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, flo
         level = arrival + max((one.gain for one in answers), default=0.0)
         always = (catalogue()[links[0].id],)
         behind, again = _behind_link(model, weights, plain, rough, always, found.none)
-        beside = _answers(behind, again, [*noises, links[0]], always)
+        beside = _answers(behind, again, [*noises, links[0]], colour, always)
         top = max(one.gain for one in beside)
         # Random arrivals take up what the encoder strays, whatever it is; but then it is not white.
         odd = unexplained(arrival_innovations(model, found.best, left[0::2], deviation))
@@ -119,7 +120,7 @@ def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, flo
     best = max((one.gain for one in answers), default=0.0)
     doubtful = doubt > max(_DOUBTED, best)
     doubt = doubt if doubtful else 0.0
-    nothing = Answer((), doubt, unexplained(fitter.left(found.none.residuals)), found.none)
+    nothing = Answer((), doubt, _remains(fitter, found.none, colour), found.none)
     every = [one.id for one in catalogue().values() if one.place not in software and one.id not in without]
     misfit = {
         "robot": float(np.mean(np.concatenate(left[0::2]) ** 2)),
@@ -128,7 +129,7 @@ def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, flo
     return Group(
         tuple(complete([nothing, *answers], every)),
         line + force.held,
-        _place(left, line + force.held),
+        _place(left, line + force.held, colour),
         found.none,
         misfit,
         doubtful,
@@ -217,13 +218,24 @@ def _behind_link(
     return fitter, search(fitter, effects, always)
 
 
+def _remains(fitter: Fitter, fit: Fit, colour: tuple[float, float]) -> float:
+    """What a fit leaves unexplained [nats]."""
+    left = fitter.left(fit.residuals)
+    return unexplained([*left[0::2], *whitened(left[1::2], colour)])
+
+
 def _answers(
-    fitter: Fitter, found: Search, noises: Sequence[Noise], always: tuple[Effect, ...] = ()
+    fitter: Fitter,
+    found: Search,
+    noises: Sequence[Noise],
+    colour: tuple[float, float],
+    always: tuple[Effect, ...] = (),
 ) -> list[Answer]:
     """What a search found as answers, largest log evidence first; without none, if nothing is known of noise.
 
     Args:
         noises: effects known by statistics; weak ones may be there or not.
+        colour: small coloured noise of the force, see `Force`.
         always: effects of every model, which are among the noises.
     """
     left = fitter.left(found.best.residuals)
@@ -233,7 +245,7 @@ def _answers(
     answers = []
     for fit in (found.none, *found.fits[:_KEPT]):
         names = [one.id for one in fit.effects if one.id not in hidden]
-        over, remains = fitter.log_evidence(fit, by) - least, unexplained(fitter.left(fit.residuals))
+        over, remains = fitter.log_evidence(fit, by) - least, _remains(fitter, fit, colour)
         for some in _subsets(noises, always):
             gain = over + sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
@@ -249,9 +261,9 @@ def _subsets(noises: Sequence[Noise], always: tuple[Effect, ...]) -> list[tuple[
     return [tuple(noises), *(tuple(one for one in noises if one is not gone) for gone in weak)]
 
 
-def _place(left: Sequence[Array], odd: float) -> str:
+def _place(left: Sequence[Array], odd: float, colour: tuple[float, float]) -> str:
     """Where something outside the catalogue acts."""
-    encoder, sensor = unexplained(left[0::2]), unexplained(left[1::2])
+    encoder, sensor = unexplained(left[0::2]), unexplained(whitened(left[1::2], colour))
     if odd > _CLEAR and sensor > encoder:
         return "sensor"
     return "robot" if encoder > sensor else "contact"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from orchestrator.diagnosis.answers import Answer, weigh_software
 from orchestrator.diagnosis.calibrate import Practice, learn, loss
@@ -16,6 +17,7 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import hum, unexplained
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.stochastic import small_colour, whitened
 from orchestrator.diagnosis.study import Study, load_study
 from orchestrator.diagnosis.weigh import conclude, weigh
 from tests.diagnosis.rigs import study
@@ -186,6 +188,20 @@ def test_misfit_ignores_white_noise_and_sees_structure():
     )
     assert line > 500.0 and frequency == pytest.approx(0.05, abs=1e-3)
     assert hum(white, [slice(0, 6000)])[0] < 5.0
+
+
+def test_a_little_coloured_noise_is_no_misfit_and_hides_none():
+    rng = np.random.default_rng(2)
+    white = rng.standard_normal(9000)
+    assert small_colour([white]) == (0.0, 0.0)
+    fresh = np.sqrt(1.0 - 0.92**2) * 0.25 * rng.standard_normal(9000)
+    noise = white + lfilter([1.0], [1.0, -0.92], fresh)
+    colour = small_colour([noise[:5000], noise[5000:]])
+    assert colour[0] == pytest.approx(0.25, abs=0.06) and 0.86 < colour[1] < 0.96
+    assert unexplained([noise]) > 20.0
+    assert unexplained(whitened([noise], colour)) < 5.0
+    bump = np.where((np.arange(9000) // 150) % 3 == 0, 0.6, 0.0)
+    assert unexplained(whitened([noise + bump], colour)) > 50.0
 
 
 def test_probabilities_add_up_and_grow_with_evidence():

@@ -125,6 +125,8 @@ KNOBS = {
     "encoder_pitch": "m",
     "force_curve": "1/N",
     "noise_scale": "1",
+    "colour": "N",
+    "colour_keep": "1",
 }
 
 _RECORD = np.dtype([(name, np.float64) for name in KNOBS])

@@ -50,14 +50,15 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(9)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(10)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
     force = scale * noise[1] * streams[1].standard_normal(ticks)
-    keep = get("coloured_keep", 0.0)
-    coloured = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], streams[2].standard_normal(ticks))
-    force += get("coloured", 0.0) * coloured
+    for name, stream in (("coloured", streams[2]), ("colour", streams[9])):
+        keep = get(f"{name}_keep", 0.0)
+        process = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], stream.standard_normal(ticks))
+        force += get(name, 0.0) * process
     phase = 2.0 * np.pi * streams[3].random(2)
     force += get("hum", 0.0) * np.sin(get("hum_omega", 0.0) * t + phase[0])
     spikes = streams[3].random(ticks) < get("spike_rate", 0.0) * TICK
