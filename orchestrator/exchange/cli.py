@@ -21,6 +21,8 @@ def _export_ssp(args: argparse.Namespace) -> int:
         print(f"  SSP has no word for, carried as annotation: {listed(written.carried)}")
     for one in written.lost:
         print(f"  {one}")
+    if written.code:
+        print(f"  holds Python code of effects, taken by import --with-code alone: {listed(written.code)}")
     return 0
 
 
@@ -28,7 +30,7 @@ def _import_ssp(args: argparse.Namespace) -> int:
     from .ssp.load import import_ssp
     from .ssp.read import MAIN
 
-    read = import_ssp(args.file, args.output, args.variant or MAIN)
+    read = import_ssp(args.file, args.output, args.variant or MAIN, with_code=args.with_code)
     counts = (len(read.data.get(key, ())) for key in ("instances", "connections"))
     print("{}: {} instances, {} connections".format(args.output, *counts))
     for note in read.notes:
@@ -97,6 +99,9 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help=f"ends in {listed(IMPORTS)}")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="CONFIG", help="the YAML file")
     parser.add_argument("--variant", metavar="NAME.ssd", help="of the descriptions in a package (.ssp)")
+    parser.add_argument(
+        "--with-code", action="store_true", help="take Python code of effects, which runs with your rights"
+    )
 
 
 def export_main(args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from orchestrator import bundled
-from orchestrator.config import load_config
+from orchestrator.config import dump, load_config
 from orchestrator.errors import ConfigError
 from orchestrator.exchange.ssp.load import import_ssp
 from orchestrator.exchange.ssp.write import write_ssp
@@ -330,3 +330,86 @@ def test_the_augmented_model_of_a_diagnosis_is_exported(tmp_path):
     path = tmp_path / "X.ssp"
     assert write_ssp(config, path).lost == ()
     assert load_config(path).text() == load_config(config).text()
+
+
+OWN = """
+from orchestrator.effects import Effect
+from pydantic import Field
+
+
+class Half(Effect):
+    factor: float = Field(0.5)
+
+    @staticmethod
+    def kernel(time, x, options, memory, commit):
+        return options[0] * x[0]
+"""
+
+
+def with_own_effect(folder):
+    """A package of a config with an effect in a file of its own."""
+    (folder / "mine").mkdir()
+    (folder / "mine" / "own.py").write_text(OWN, encoding="utf-8")
+    config = load_config("docking-1d-uncompensated").model.to_data()
+    config["connections"][3] = {
+        "from": "contact.force",
+        "to": "satellite.force",
+        "through": [{"effect": "mine/own.py:Half", "factor": 0.25}],
+    }
+    path = folder / "X.ssp"
+    (folder / "config.yaml").write_text(dump(config), encoding="utf-8")
+    return config, path, write_ssp(folder / "config.yaml", path)
+
+
+def test_code_of_effects_goes_along_and_comes_back_where_asked_for(tmp_path):
+    config, path, written = with_own_effect(tmp_path)
+    assert written.code == ("resources/own.py",)
+    (tmp_path / "there").mkdir()
+    import_ssp(path, tmp_path / "there" / "new.yaml", with_code=True)
+    assert (tmp_path / "there" / "new-fmus" / "own.py").read_text(encoding="utf-8") == OWN
+    back = load_config(tmp_path / "there" / "new.yaml")
+    (effect,) = back.model.to_data()["connections"][3]["through"]
+    assert effect == {"effect": "new-fmus/own.py:Half", "factor": 0.25}
+    effect["effect"] = "mine/own.py:Half"
+    assert back.model.to_data() | {"connections": config["connections"]} == config
+    (tmp_path / "mine" / "own.py").unlink()  # it needs nothing of where it came from
+    short = ["run.stop_time=10 ms"]
+    assert run(tmp_path / "there" / "new.yaml", overrides=short, halving=False).results["contact.force"].size
+
+
+def test_code_of_effects_is_not_run_unasked(tmp_path):
+    _, path, _ = with_own_effect(tmp_path)
+    changed = tmp_path / "Y.ssp"
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(changed, "w") as new:
+        for entry in old.infolist():
+            data = old.read(entry)
+            if entry.filename == "resources/own.py":
+                data += f"\nopen({str(tmp_path / 'ran')!r}, 'w').close()\n".encode()
+            new.writestr(entry, data)
+    with pytest.raises(ConfigError) as caught:
+        load_config(changed)
+    assert str(caught.value) == (
+        "Y.ssp: SystemStructure.ssd: resources/own.py is Python code, of an effect: it would run with your "
+        "rights\n"
+        "  Read it; if you trust it, `orchestrator import Y.ssp -o CONFIG --with-code`."
+    )
+    with pytest.raises(ConfigError, match="would run with your rights"):
+        import_ssp(changed, tmp_path / "new.yaml")
+    assert not (tmp_path / "ran").exists() and not (tmp_path / "new.yaml").exists()
+
+
+@pytest.mark.parametrize("file", ["../own.py", "/tmp/own.py", "resources/../../own.py", "resources/none.py"])
+def test_code_from_outside_of_the_package_is_never_taken(file, tmp_path):
+    _, path, _ = with_own_effect(tmp_path)
+    changed = tmp_path / "Y.ssp"
+    (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(changed, "w") as new:
+        for entry in old.infolist():
+            data = old.read(entry)
+            if entry.filename == "SystemStructure.ssd":
+                data = data.replace(b"resources/own.py", file.encode())
+            new.writestr(entry, data)
+    for asked in (False, True):
+        with pytest.raises(ConfigError, match="which is not in the package"):
+            import_ssp(changed, tmp_path / "new.yaml", with_code=asked)
+    assert not (tmp_path / "new.yaml").exists()

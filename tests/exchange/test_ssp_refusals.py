@@ -319,7 +319,7 @@ def test_what_exists_is_not_overwritten_by_an_fmu(tmp_path):
     folder = tmp_path / "new-fmus"
     folder.mkdir()
     (folder / "robot.fmu").write_bytes(b"mine")
-    with pytest.raises(ConfigError, match="exists, and is not the FMU of this package"):
+    with pytest.raises(ConfigError, match="exists, and is not the file of this package"):
         import_ssp(path, tmp_path / "new.yaml")
     assert (folder / "robot.fmu").read_bytes() == b"mine"
     assert not (tmp_path / "new.yaml").exists()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...config import dump
+from ...config.load import move_effects
 from ...errors import ConfigError, Problem
 from .annotations import checksum
 from .read import MAIN, Read, read_ssp
@@ -39,18 +40,19 @@ def load_ssp(path: Path) -> Loaded:
     return Loaded(read.data, folder, read.notes, read.remedies)
 
 
-def import_ssp(path: Path, output: Path, variant: str = MAIN) -> Read:
+def import_ssp(path: Path, output: Path, variant: str = MAIN, *, with_code: bool = False) -> Read:
     """Write a package as a config, and its FMUs to the folder `<name of the config>-fmus` beside it.
 
     Args:
         path: a .ssp or .ssd file.
         output: the YAML file.
         variant: the description in a package.
+        with_code: whether to take Python code of effects along, into that folder.
     Returns: what was read; its FMUs as they are written in the config.
     Raises: ConfigError with all problems; then nothing is written.
     """
     with tempfile.TemporaryDirectory(prefix="ssp-") as text:
-        read = read_ssp(path, Path(text), variant)
+        read = read_ssp(path, Path(text), variant, with_code=with_code)
         folder = output.parent / f"{output.stem}-fmus"
         moves: dict[Path, Path] = {}
         for name, file in read.files.items():
@@ -58,7 +60,10 @@ def import_ssp(path: Path, output: Path, variant: str = MAIN) -> Read:
             if one["fmu"] != str(file):
                 continue  # a bundled FMU, which goes by its name
             moves.setdefault(file, _free(folder, file, moves))
-            one["fmu"] = Path(os.path.relpath(moves[file], output.parent)).as_posix()
+            one["fmu"] = _relative(moves[file], output)
+        for file in read.code:
+            moves[file] = _free(folder, file, moves)
+        move_effects(read.data, lambda file: _relative(moves[Path(file)], output))
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
             for file, target in moves.items():
@@ -70,8 +75,12 @@ def import_ssp(path: Path, output: Path, variant: str = MAIN) -> Read:
     return read
 
 
+def _relative(target: Path, output: Path) -> str:
+    return Path(os.path.relpath(target, output.parent)).as_posix()
+
+
 def _free(folder: Path, file: Path, moves: dict[Path, Path]) -> Path:
-    """Where an FMU goes: under its own name, unless another FMU of this package has it.
+    """Where a file goes: under its own name, unless another file of this package has it.
 
     Raises: ConfigError if a file of that name is there and is another one.
     """
@@ -79,6 +88,6 @@ def _free(folder: Path, file: Path, moves: dict[Path, Path]) -> Path:
     while target in moves.values():
         target, number = folder / f"{file.stem}-{number}{file.suffix}", number + 1
     if target.is_symlink() or (target.exists() and checksum(target) != checksum(file)):
-        what = f"{target} exists, and is not the FMU of this package"
+        what = f"{target} exists, and is not the file of this package"
         raise ConfigError([Problem("", what, remedy="Remove it, or choose another name for the config.")])
     return target

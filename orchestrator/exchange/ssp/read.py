@@ -21,6 +21,7 @@ from ...fmi import Kind
 from ...units import Unit, convert
 from . import annotations
 from .archive import open_package
+from .code import take_code
 from .model import Document
 from .network import Edge, Given, Key, Leaf, Network, Node, Path_, family
 from .values import Course, CourseError, scalars, written
@@ -39,21 +40,24 @@ class Read:
         files: FMU of each instance.
         notes: what was accepted without being clear.
         remedies: what to do about keys that are missing, by key.
+        code: files of Python code, of effects.
     """
 
     data: dict[str, Any]
     files: dict[str, Path]
     notes: list[str]
     remedies: dict[str, str] = field(default_factory=dict)
+    code: list[Path] = field(default_factory=list)
 
 
-def read_ssp(path: Path, folder: Path, variant: str = MAIN) -> Read:
+def read_ssp(path: Path, folder: Path, variant: str = MAIN, *, with_code: bool = False) -> Read:
     """Read a system structure package or description.
 
     Args:
         path: a .ssp or .ssd file.
         folder: where FMUs of packages are unpacked to; nothing is written elsewhere.
         variant: the description in a package.
+        with_code: whether to take Python code of effects, which runs when the config is loaded.
     Raises: ConfigError with all problems.
     """
     problems: list[Problem] = []
@@ -90,6 +94,7 @@ def read_ssp(path: Path, folder: Path, variant: str = MAIN) -> Read:
     read = Read(data, {names[at]: leaf.file for at, leaf in network.leaves.items()}, notes)
     descriptions = {names[at]: leaf.description for at, leaf in network.leaves.items()}
     annotations.apply(read.data, document, read.files, descriptions, notes, package.label)
+    read.code = take_code(read.data, package, f"{package.label}: {file}", with_code=with_code)
     _fill(read.data, descriptions, notes, package.label)
     _remedies(read, document)
     return read

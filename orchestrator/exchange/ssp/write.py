@@ -11,12 +11,14 @@ import json
 import re
 import zipfile
 from collections.abc import Iterable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from ...config import Config
+from ...config.load import move_effects
 from ...errors import ConfigError, Problem
 from ...fmi import Kind, ModelDescription, Variable
 from ...run import Prepared, prepare
@@ -43,12 +45,14 @@ class Written:
         version: of SSP.
         carried: what SSP has no word for, carried in an annotation, which other tools ignore.
         lost: of that, what makes other tools run another system.
+        code: files of Python code in it, of effects.
     """
 
     path: Path
     version: str
     carried: tuple[str, ...]
     lost: tuple[str, ...]
+    code: tuple[str, ...]
 
 
 def write_ssp(
@@ -82,13 +86,13 @@ def write_ssp(
         draft, final = Path(folder, "draft.ssp"), Path(folder, "final.ssp")
         writer.pack(draft, None)
         plain = read_ssp(draft, Path(folder, "fmus"))
-        carried = annotations.collect(
-            prepared.config.model.to_data(), plain.data, writer.counts, writer.files
-        )
+        data = deepcopy(prepared.config.model.to_data())
+        move_effects(data, writer.take_code)
+        carried = annotations.collect(data, plain.data, writer.counts, writer.files)
         writer.pack(final, carried)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(final.read_bytes())
-    return Written(path, version, _named(carried), tuple(writer.lost))
+    return Written(path, version, _named(carried), tuple(writer.lost), tuple(writer.code))
 
 
 def _named(carried: Mapping[str, Any]) -> tuple[str, ...]:
@@ -113,6 +117,7 @@ class _Writer:
         counts: how many connections of the file stand for each of the config's.
         files: FMU of each instance.
         lost: what makes other tools run another system.
+        code: content of the Python files of effects, by place in the package.
     """
 
     def __init__(self, prepared: Prepared, version: str) -> None:
@@ -120,6 +125,7 @@ class _Writer:
 
         self._etree, self._prepared, self._version = etree, prepared, version
         self.files: dict[str, Path] = {}
+        self.code: dict[str, bytes] = {}
         self._descriptions: dict[str, ModelDescription] = {}
         self._places: dict[str, str] = {}
         for instance in prepared.system.instances:
@@ -144,12 +150,22 @@ class _Writer:
             taken[place] = total
             self._places[name] = place
 
+    def take_code(self, file: str) -> str:
+        """Take a Python file into the package. Returns: its place there."""
+        path = self._prepared.config.folder / file
+        content, place, number = path.read_bytes(), f"resources/{path.name}", 2
+        while self.code.get(place, content) != content:
+            place, number = f"resources/{path.stem}-{number}.py", number + 1
+        self.code[place] = content
+        return place
+
     def pack(self, path: Path, carried: Mapping[str, Any] | None) -> None:
         """Write the archive. `carried`: for our annotation."""
         content = {MAIN: self._document(carried)}
         for instance in self._prepared.system.instances:
             if instance.start:
                 content[f"resources/{instance.name}.ssv"] = self._parameters(instance)
+        content |= self.code
         with zipfile.ZipFile(path, "w") as archive:
             for name, data in content.items():
                 _add(archive, name, data, zipfile.ZIP_DEFLATED)
