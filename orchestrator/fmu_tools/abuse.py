@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -129,12 +130,18 @@ def wrong_token(trial: Trial) -> Finding:
         other.instantiate("one").free()
     except FmuError as error:
         return passed(check, f"It is refused ({str(error).splitlines()[-1].strip()}).")
-    return failed(
-        check,
-        Level.WARNING,
-        "An instance is made although the token is not the FMU's.",
-        "Compare it: value references of another build of the model mean other variables.",
-    )
+    remedy = "Compare it: value references of another build of the model mean other variables."
+    if _by_pythonfmu(trial):
+        remedy = (
+            "pythonfmu's binary neither compares it nor hands it on to the model's Python code, so that this "
+            "FMU cannot; a native form can (orchestrator build model.py --form native)."
+        )
+    return failed(check, Level.WARNING, "An instance is made although the token is not the FMU's.", remedy)
+
+
+def _by_pythonfmu(trial: Trial) -> bool:
+    with zipfile.ZipFile(trial.fmu.path) as archive:
+        return "resources/slavemodule.txt" in archive.namelist()
 
 
 def _fed(check: str, trial: Trial, value: float) -> Finding:

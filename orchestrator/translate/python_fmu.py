@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from orchestrator.errors import BuildError, listed
+from orchestrator.translate.inserted import appended, requirements_check
 from orchestrator.translate.package import write_fmu
 from orchestrator.translate.presentation import Section, dress, sources_of, text_section
 from orchestrator.translate.shared_source import assembled, pieces
@@ -56,109 +57,6 @@ _CLASS = re.compile(r"^class (\w+)\(\s*Fmi2Slave\s*\)\s*:", re.MULTILINE)
 _REQUIREMENT = re.compile(r"[\w.-]+(>=[\d.]+)?")
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
 _INDENT = "  "
-
-# Put before the model's own imports, where it has requirements: what is missing is told by name and remedy,
-# on the error stream as well, since pythonfmu passes on what is raised only where logging is asked for.
-_CHECK = r"""
-
-# --- inserted when the FMU was built: tells which packages are missing
-
-
-def _check_requirements(name, wanted):
-    import re
-    import sys
-    from importlib import metadata
-
-    missing = []
-    for item in wanted:
-        package, least = re.fullmatch(r"([\w.-]+)(?:>=([\d.]+))?", item).groups()
-        try:
-            found = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            missing.append((item, f"{item} is not installed"))
-            continue
-        older = [tuple(map(int, re.findall(r"\d+", text)[:3])) for text in (found, least or "0")]
-        if least and older[0] < older[1]:
-            missing.append((item, f"{item} is needed, {found} is installed"))
-    if missing:
-        place = f"the Python {sys.version_info[0]}.{sys.version_info[1]} in {sys.prefix}"
-        packages = " ".join(f'"{item}"' for item, _ in missing)
-        what = f"FMU {name}: in {place} {'; '.join(text for _, text in missing)}"
-        message = f"{what}. Remedy: pip install {packages} there, or take the FMU's native form."
-        print(message, file=sys.stderr, flush=True)
-        raise ImportError(message)
-
-
-_check_requirements({name!r}, {requirements!r})
-
-"""
-
-# Appended to the model's source, against two faults of pythonfmu 0.7.0's loader. When a method raises, it
-# gives up its references to the class, the instance and the instance's log at once, and again when the
-# instance is freed: without one more reference each, freeing an instance that has refused something ends the
-# process. And at the end of the process it releases its state once more after that has been destroyed, which
-# now and then corrupts the heap; releasing it while Python still runs leaves nothing to destroy.
-_GUARD = """
-
-# --- appended when the FMU was built: keeps pythonfmu's loader from releasing things twice
-
-
-def _guard(method):
-    import ctypes
-    import functools
-
-    @functools.wraps(method)
-    def guarded(self, *arguments):
-        try:
-            return method(self, *arguments)
-        except BaseException:
-            for item in (type(self), self, self._get_log_queue()):
-                ctypes.pythonapi.Py_IncRef(ctypes.py_object(item))
-            raise
-
-    return guarded
-
-
-for _name in {methods}:
-    setattr({name}, _name, _guard(getattr({name}, _name)))
-
-
-def _releasing(initialise, seen=set()):
-    import atexit
-    import ctypes
-    import functools
-    import os
-    import pathlib
-
-    @functools.wraps(initialise)
-    def initialise_and_register(self, **kwargs):
-        initialise(self, **kwargs)
-        folder = kwargs.get("resources")
-        # Every unpacked copy of the FMU is a library of its own.
-        for binary in pathlib.Path(folder or "").absolute().parent.glob("binaries/linux*/*.so"):
-            if folder and binary not in seen:
-                seen.add(binary)
-                try:
-                    loader = ctypes.CDLL(str(binary), mode=os.RTLD_NOLOAD | os.RTLD_NOW)
-                except OSError:
-                    continue  # loaded from somewhere else, or not at all
-                atexit.register(loader.finalizePythonInterpreter)
-
-    return initialise_and_register
-
-
-{name}.__init__ = _releasing({name}.__init__)
-"""
-_GUARDED = (
-    "setup_experiment",
-    "enter_initialization_mode",
-    "exit_initialization_mode",
-    "do_step",
-    "terminate",
-    *(f"{way}_{kind}" for way in ("get", "set") for kind in ("integer", "real", "boolean", "string")),
-    "_get_fmu_state",
-    "_set_fmu_state",
-)
 
 
 def build_python_fmu(script: Path, output: Path) -> Path:
@@ -231,13 +129,13 @@ def _checking(source: bytes, name: str) -> bytes:
             break
         line = node.end_lineno or node.lineno
     lines = source.split(b"\n")
-    check = _CHECK.replace("{name!r}", repr(name)).replace("{requirements!r}", repr(requirements))
+    check = requirements_check(name, requirements)
     return b"\n".join([*lines[:line], check.encode(), *lines[line:]])
 
 
 def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str, bytes], Any]:
     """Let pythonfmu build; return the members of its FMU and an instance of the model."""
-    source += _GUARD.format(name=class_name, methods=_GUARDED).encode()
+    source += appended(class_name).encode()
     # The module's name holds the content's hash: Python keeps one module of a name per process, so two
     # FMUs, or two versions of one, would otherwise run the code of whichever was loaded first.
     module = f"{class_name}_{hashlib.sha256(source).hexdigest()[:12]}"
