@@ -11,13 +11,15 @@ import yaml
 
 from orchestrator import bundled
 from orchestrator.exchange.ssp.write import write_ssp
+from orchestrator.exchange.system_fmu import export_system_fmu
 from orchestrator.fmi import load_fmu
 from orchestrator.results import Results
+from orchestrator.run import prepare, run
 from orchestrator.translate.build import build
 
-from .job import Job, job_of
+from .job import Job, Part, job_of
 
-__all__ = ["GROUPS", "SYSTEMS", "bench", "groups", "packages", "shipped", "systems"]
+__all__ = ["GROUPS", "SYSTEMS", "WHOLE", "bench", "groups", "packages", "shipped", "systems", "whole"]
 
 HERE = Path(__file__).parent
 STEPS = 60
@@ -31,6 +33,19 @@ SYSTEMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "docking-1d": ("docking-1d", ("run.stop_time=0.7 s",)),
     "docking-1d-uncompensated, released": ("docking-1d-uncompensated", _RELEASED),
     "docking-1d, released": ("docking-1d", _RELEASED),
+}
+# What is exported as one FMU: system, FMI version, stop time, outputs.
+_SPACE = tuple(f"{name}[{axis}]" for name in ("contact.force", "satellites.position") for axis in (1, 2, 3))
+_LINE = ("robot.position", "contact.force", "satellite.position", "satellite.velocity")
+WHOLE: dict[str, tuple[str, str, str, tuple[str, ...]]] = {
+    "docking-1d-uncompensated.fmu": ("docking-1d-uncompensated", "2.0", "0.7 s", _LINE),
+    "docking-1d.fmu": ("docking-1d", "2.0", "0.7 s", _LINE),
+    "docking-1d-fmi3.fmu": ("docking-1d", "3.0", "0.7 s", _LINE),
+    "docking-6d.fmu": ("docking-6d", "2.0", "0.7 s", _SPACE),
+    "docking-6d-fmi3.fmu": ("docking-6d", "3.0", "0.7 s", _SPACE),
+    "docking-6d-arm.fmu": ("docking-6d-arm", "2.0", "0.7 s", _SPACE),
+    "docking-lab.fmu": ("docking-lab", "2.0", "0.5 s", ("contact.force", "robot.position")),
+    "emps.fmu": ("emps", "2.0", "2 s", ("drive.position", "drive.velocity")),
 }
 
 
@@ -97,6 +112,21 @@ def packages(folder: Path) -> Iterator[tuple[Job, Results]]:
         yield job_of(f"{name} (SSP)", config, overrides, package=path)
 
 
+def whole(folder: Path, source: Path) -> Iterator[tuple[Job, Results]]:
+    """Systems as one FMU each, and what `run` makes of the same config, with its own master."""
+    for name, (system, version, stop, ports) in WHOLE.items():
+        path, overrides = folder / name, (f"run.stop_time={stop}",)
+        if not path.exists():
+            export_system_fmu(system, path, overrides=overrides, fmi_version=version, ports=ports, inputs=())
+        prepared = prepare(system, (*overrides, "run.loop=python"))
+        results = run(prepared, halving=False, figures=False).results
+        steps, size = len(results) - 1, float(prepared.grid.step_size)
+        watched = {f"one.{port}": port for port in ports}
+        parts = (Part("one", str(path), {}),)
+        job = Job(name, parts, (), size, steps, tuple(watched), bench=str(source))
+        yield job, {there: results[here] for there, here in watched.items()}
+
+
 GROUPS = (
     "FMUs made from Modelica, FMI 2.0",
     "FMUs made from Modelica, FMI 3.0",
@@ -104,6 +134,7 @@ GROUPS = (
     "FMUs made from Python, Python form",
     "systems, FMU by FMU",
     "systems as SSP",
+    "systems as one FMU",
 )
 
 
@@ -130,4 +161,5 @@ def groups(folder: Path, master: str) -> dict[str, list[tuple[Job, Results]]]:
         found[group(one[0])].append(one)
     found[GROUPS[4]] = list(systems(source, master))
     found[GROUPS[5]] = list(packages(folder))
+    found[GROUPS[6]] = list(whole(folder, source))
     return found
