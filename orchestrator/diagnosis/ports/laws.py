@@ -182,19 +182,28 @@ class LuGre(_Added, _OfPath):
         return x[0] + options[0] * force
 
 
-class MaxwellSlip(_Added, _OfPath):
+class _Slip(_OfPath):
     """Four springs in parallel that slip at a quarter of the level each, after 1/8, 1/4, 1/2 and 1 times the
-    distance. Zero size: level 0. Iwan (1966); Lampaert, Al-Bender, Swevers (2003)."""
-
-    level: Annotated[float, OfSignal()] = Field(ge=0, description="Force of sliding.")
-    distance: Annotated[float, Pure("m")] = Field(gt=0, description="After which all slide.")
+    distance. Iwan (1966)."""
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
-        path = 0.0
+        """See Effect.kernel.
+
+        Args:
+            options: whether x itself is the level, or else x is passed on and the springs add to it; their
+                level then; the distance [m].
+            memory: further the level as it was on the last part of the path, and the four bendings [m].
+        """
+        if options[2] == 0.0:
+            return x[0]
+        level, path = options[1], 0.0
+        if options[0] != 0.0:
+            level = memory[2]
         if memory[0] != 0.0:
             path = x[1] * (time - memory[1])
+            if options[0] != 0.0:
+                level = abs(x[0]) + (level - abs(x[0])) * math.exp(-abs(path) / (0.1 * options[2]))
         total, reach = 0.0, options[2] / 8.0
         for element in range(4):
             bent = min(max(memory[3 + element] + path, -reach), reach)
@@ -205,7 +214,22 @@ class MaxwellSlip(_Added, _OfPath):
         if commit:
             memory[0] = 1.0
             memory[1] = time
-        return x[0] + options[0] * options[1] * total
+            memory[2] = level
+        if options[0] != 0.0:
+            return level * total
+        return x[0] + level * total
+
+
+class MaxwellSlip(_Added, _Slip):
+    """Four springs in parallel that slip at a quarter of the level each, after 1/8, 1/4, 1/2 and 1 times the
+    distance. Zero size: level 0. Iwan (1966); Lampaert, Al-Bender, Swevers (2003)."""
+
+    level: Annotated[float, OfSignal()] = Field(ge=0, description="Force of sliding.")
+    distance: Annotated[float, Pure("m")] = Field(gt=0, description="After which all slide.")
+
+    def numbers(self) -> list[float]:
+        """See Effect.numbers."""
+        return [0.0, self.sign * self.level, self.distance]
 
 
 class StribeckShare(_Law):
@@ -275,30 +299,12 @@ class ElasticSlip(_OfPath):
         return math.copysign(level * share, bent)
 
 
-class SofteningMaxwellSlip(_OfPath):
+class SofteningMaxwellSlip(_Slip):
     """Four springs in parallel that slip at a quarter of x each, after 1/8, 1/4, 1/2 and 1 times the
     distance. Zero size: 0. The level is |x|, as it was on the last part of the path. Iwan (1966)."""
 
     distance: Annotated[float, Pure("m")] = Field(ge=0, description="After which all slide.")
 
-    @staticmethod
-    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
-        """See Effect.kernel."""
-        if options[0] == 0.0:
-            return x[0]
-        path, level = 0.0, memory[2]
-        if memory[0] != 0.0:
-            path = x[1] * (time - memory[1])
-            level = abs(x[0]) + (level - abs(x[0])) * math.exp(-abs(path) / (0.1 * options[0]))
-        total, reach = 0.0, options[0] / 8.0
-        for element in range(4):
-            bent = min(max(memory[3 + element] + path, -reach), reach)
-            total += 0.25 * bent / reach
-            if commit:
-                memory[3 + element] = bent
-            reach *= 2.0
-        if commit:
-            memory[0] = 1.0
-            memory[1] = time
-            memory[2] = level
-        return level * total
+    def numbers(self) -> list[float]:
+        """See Effect.numbers."""
+        return [1.0, 0.0, self.distance]
