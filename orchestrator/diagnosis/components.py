@@ -27,8 +27,6 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
 NOMINAL = Augmented({}, (), np.zeros(0))
 # Power over that of the noise from which a residual counts as more than noise.
 _SIGNIFICANT = 1.5
-# Tolerances from which a calibration is no longer believed.
-_BENT = 5.0
 # Frequencies whose power is averaged.
 _AVERAGED = 9
 
@@ -64,17 +62,8 @@ def component_of(place: str) -> str:
 
 
 def faultless(study: Study, finding: Finding) -> Augmented:
-    """The answer's calibration without its effects: what remains of the gap is what the effects cause.
-
-    The nominal one where the answer's lies far beyond its tolerances: it was bent to fit what it cannot
-    explain, and residuals of such a model tell little.
-    """
-    calibrated = finding.answer.calibrated
-    for name, value in calibrated.items():
-        nominal = study.nominal[name]
-        if abs(value - nominal.value) > _BENT * nominal.tolerance:
-            return NOMINAL
-    return Augmented(calibrated, (), np.zeros(0))
+    """The answer's calibration without its effects; see `Finding.faultless`."""
+    return finding.faultless(study.nominal)
 
 
 def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:

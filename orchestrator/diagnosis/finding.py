@@ -5,10 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from .effect import Effect
-from .study import Array
+from .study import Array, Nominal
 
 __all__ = ["Augmented", "Candidate", "Finding"]
+
+# Tolerances from which a calibration is no longer believed.
+_BENT = 5.0
 
 
 @dataclass(frozen=True)
@@ -76,3 +81,15 @@ class Finding:
             if set(one.effects) == set(self.effects) and one.model is not None:
                 return one.model
         return self.recalibrated
+
+    def faultless(self, nominal: Mapping[str, Nominal]) -> Augmented:
+        """The answer's calibration without its effects: what remains of the gap is what the effects cause.
+
+        The nominal one where the answer's lies far beyond its tolerances: it was bent to fit what it cannot
+        explain, and residuals of such a model tell little.
+        """
+        calibrated = self.answer.calibrated
+        for name, value in calibrated.items():
+            if abs(value - nominal[name].value) > _BENT * nominal[name].tolerance:
+                return Augmented({}, (), np.zeros(0))
+        return Augmented(calibrated, (), np.zeros(0))

@@ -9,6 +9,7 @@ import numpy as np
 from .components import COMPONENTS, faultless, residuals_of
 from .finding import Augmented, Finding
 from .motion import Phase, phases
+from .sharing import cells, white_cells
 from .study import Array, Role, Run, Study
 
 __all__ = ["BANDS", "energies", "ledger"]
@@ -18,30 +19,15 @@ BANDS = (0.0, 5.0, 20.0, 80.0, np.inf)
 
 
 def energies(study: Study, run: Run, model: Augmented) -> tuple[Array, Array]:
-    """Residual energy of a run, and what of it noise accounts for.
-
-    Each phase is cut out before its spectrum is taken: phases do not overlap, and Parseval's theorem holds in
-    each, so that the cells of a component add up to its residual's energy.
+    """Residual energy of a run, and what of it noise accounts for; see `sharing.cells`.
 
     Returns: both by component, phase and band, shape (4, 4, len(BANDS) - 1) [N2.s].
     """
     residuals = residuals_of(study, run, model)
-    labels, n, tick = phases(study, run), len(run), study.tick
-    frequency = np.fft.rfftfreq(n, tick)
-    weight = np.full(len(frequency), 2.0)
-    weight[0] = 1.0
-    if n % 2 == 0:
-        weight[-1] = 1.0
-    band = np.searchsorted(BANDS, frequency, side="right") - 1
-    widths = np.bincount(band, weight, len(BANDS) - 1) / weight.sum()
-    found, noise = (np.zeros((len(COMPONENTS), len(Phase), len(BANDS) - 1)) for _ in range(2))
-    for component, (signal, sigma) in enumerate(zip(residuals.force, residuals.force_noise, strict=True)):
-        for phase in Phase:
-            inside = labels == phase
-            power = weight * np.abs(np.fft.rfft(np.where(inside, signal, 0.0))) ** 2 / n
-            found[component, phase] = tick * np.bincount(band, power, len(BANDS) - 1)
-            noise[component, phase] = tick * sigma**2 * np.count_nonzero(inside) * widths
-    return found, noise
+    labels, tick, count = phases(study, run), study.tick, len(Phase)
+    found = [cells(signal, labels, count, BANDS, tick) for signal in residuals.force]
+    noise = [white_cells(float(sigma), labels, count, BANDS, tick) for sigma in residuals.force_noise]
+    return np.array(found), np.array(noise)
 
 
 def ledger(study: Study, finding: Finding) -> list[dict[str, Any]]:

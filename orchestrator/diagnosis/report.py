@@ -233,11 +233,18 @@ def _energy(diagnosis: Diagnosis) -> str:
         for one in energy["interfaces"]
     ]
     total = "".join(f"<td><b>{energy['change'][name]:+.4f}</b></td>" for name in columns)
+    title, words, whole = (
+        "Energy of a contact",
+        "CoR^2 - 1, the share of kinetic energy that a contact adds, by the interface at which it enters; "
+        "mean over held-out contacts.",
+        "CoR^2 - 1",
+    )
+    if "unit" in energy:
+        title, whole = "Energy at interfaces", f"all [{energy['unit']}]"
+        words = f"Force times velocity over the runs [{energy['unit']}], by interface and phase of motion."
     return (
-        "<h2>Energy of a contact</h2><p class=note>CoR^2 - 1, the share of kinetic energy that a contact "
-        "adds, by the interface at which it enters; mean over held-out contacts. Excess is measured less "
-        "nominal.</p>"
-        f"<table><tr><th></th>{head}</tr>{''.join(rows)}<tr><th>CoR^2 - 1</th>{total}</tr></table>"
+        f"<h2>{title}</h2><p class=note>{words} Excess is measured less nominal.</p>"
+        f"<table><tr><th></th>{head}</tr>{''.join(rows)}<tr><th>{whole}</th>{total}</tr></table>"
     )
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from math import factorial
 
 import numpy as np
 
@@ -13,12 +11,13 @@ from .components import COMPONENTS, component_of, faultless, residuals_of
 from .finding import Augmented, Finding
 from .motion import contacts
 from .restart import Restart
+from .sharing import by_place, coalitions, shapley_values
 from .study import Array, Role, Run, Study
 
 __all__ = ["Shares", "shapley_shares", "where"]
 
 _COUNT = len(COMPONENTS)
-_COALITIONS = [set(some) for size in range(_COUNT + 1) for some in combinations(range(_COUNT), size)]
+_COALITIONS = coalitions(_COUNT)
 
 
 @dataclass(frozen=True)
@@ -68,19 +67,7 @@ def shapley_shares(study: Study, runs: Sequence[Run], model: Augmented) -> Share
                 worth[number] += np.mean(((out[3] - force) / np.abs(force).max()) ** 2)
             windows += 1
     worth /= max(windows, 1)
-    return Shares(_values(worth), float(worth[0]), float(worth[-1]), windows)
-
-
-def _values(gaps: Array) -> Array:
-    """Shapley values of what coalitions lessen the gap by."""
-    values = np.zeros(_COUNT)
-    for number, coalition in enumerate(_COALITIONS):
-        for component in range(_COUNT):
-            if component not in coalition:
-                with_it = _COALITIONS.index(coalition | {component})
-                weight = factorial(len(coalition)) * factorial(_COUNT - len(coalition) - 1)
-                values[component] += weight / factorial(_COUNT) * (gaps[number] - gaps[with_it])
-    return values
+    return Shares(shapley_values(worth.tolist(), _COUNT), float(worth[0]), float(worth[-1]), windows)
 
 
 def where(study: Study, finding: Finding) -> Mapping[str, float]:
@@ -92,17 +79,10 @@ def where(study: Study, finding: Finding) -> Mapping[str, float]:
     Returns: share by place; negative where a component hides another's part.
     """
     shares = shapley_shares(study, study.of(Role.HELDOUT), faultless(study, finding)).shares
-    told = dict.fromkeys(sum(COMPONENTS.values(), ()), 0.0)
-    for candidate in finding.candidates:
-        places = [one.partition(".")[0] for one in candidate.effects if one != "outside"]
-        if candidate.effects == ("outside",):
-            places = [finding.outside_place] if finding.outside_place else []
-        for place in places:
-            component_of(place)  # refuses places that the rig does not have
-            told[place] += candidate.probability / len(places)
-    shared = {}
-    for share, places in zip(shares.tolist(), COMPONENTS.values(), strict=True):
-        mass = sum(told[place] for place in places)
-        for place in places:
-            shared[place] = share * (told[place] / mass if mass > 0.0 else 1.0 / len(places))
-    return shared
+
+    def place_of(effect: str) -> str:
+        place = effect.partition(".")[0]
+        component_of(place)  # refuses places that the rig does not have
+        return place
+
+    return by_place(shares.tolist(), COMPONENTS, finding, place_of)

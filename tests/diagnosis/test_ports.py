@@ -15,8 +15,9 @@ from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.closure import NOMINAL
+from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
-from orchestrator.diagnosis.ports.study import Role, load_port_study
+from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.weigh import carries, weigh_ports
 from orchestrator.diagnosis.verdict import read_diagnosis
 from orchestrator.errors import ConfigError

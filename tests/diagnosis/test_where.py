@@ -18,7 +18,8 @@ from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.ledgers import energies, ledger
 from orchestrator.diagnosis.motion import Phase, contacts, phases
 from orchestrator.diagnosis.restart import Restart
-from orchestrator.diagnosis.shapley import _values, shapley_shares, where
+from orchestrator.diagnosis.shapley import shapley_shares, where
+from orchestrator.diagnosis.sharing import shapley_values
 from orchestrator.diagnosis.study import Role, load_study
 from tests.diagnosis.labs import NONE, found, lab, model
 
@@ -123,14 +124,14 @@ def test_with_all_residuals_injected_the_loop_follows_the_log():
 @given(gaps=st.lists(st.floats(0.0, 1e3), min_size=16, max_size=16))
 @settings(max_examples=50, deadline=None)
 def test_shapley_values_add_up(gaps):
-    values = _values(np.array(gaps))
+    values = shapley_values(gaps, 4)
     assert values.sum() == pytest.approx(gaps[0] - gaps[-1], abs=1e-9)
 
 
 def test_a_component_that_changes_nothing_has_no_share():
     # Only the second player lessens the gap; coalitions in the order of `combinations`.
     gaps = [1.0, 1.0, 0.2, 1.0, 1.0, 0.2, 1.0, 1.0, 0.2, 0.2, 1.0, 0.2, 0.2, 1.0, 0.2, 0.2]
-    assert _values(np.array(gaps)) == pytest.approx([0.0, 0.8, 0.0, 0.0], abs=1e-12)
+    assert shapley_values(gaps, 4) == pytest.approx([0.0, 0.8, 0.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize(("ids", "theta"), FAULTS, ids=str)

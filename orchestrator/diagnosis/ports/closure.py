@@ -1,8 +1,7 @@
-"""How far the gap of a system shrinks on held-out runs, and where the rest of it lies."""
+"""How far the gap of a system shrinks on held-out runs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,11 @@ from ..study import Array
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
 
-__all__ = ["NOMINAL", "how_far", "ledger"]
+__all__ = ["NOMINAL", "how_far"]
 
 NOMINAL = Augmented({}, (), np.zeros(0))
 # Held-out runs are resampled in blocks of this share of a run.
 _BLOCKS = 50
-# Upper ends of the bands of the ledger, as shares of the sampling frequency.
-_BANDS = (0.002, 0.01, 0.05, 0.5)
 
 
 def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
@@ -71,47 +68,3 @@ def _floor(study: PortStudy, run: PortRun, port: Any, scale: float) -> float:
             apart = (run.logs[port][:n] - other.logs[port][:n])[study.settled :] / noise * scale
             return float(np.mean(apart**2)) / 2.0
     return scale**2
-
-
-def ledger(study: PortStudy, model: Augmented = NOMINAL) -> list[Mapping[str, Any]]:
-    """Energy of the residuals of held-out runs beyond the noise, by port and band; shares add up to 1.
-
-    Each port's residual counts relative to the spread of its log. Without any excess there are none.
-    """
-    runs = study.of(Role.HELDOUT)
-    replay = PortReplay(study, runs)
-    sampling = 1.0 / float(study.prepared.grid.step_size)
-    excess: dict[tuple[str, str], float] = {}
-    residuals = iter(replay.of(model))
-    for run in runs:
-        for port in replay.compared(run):
-            r, noise = next(residuals), study.columns[port].noise
-            assert noise is not None
-            scale = noise / (float(np.std(run.logs[port][study.settled :])) or noise)
-            power = np.abs(np.fft.rfft(r)) ** 2 / len(r)
-            power[1 : (len(r) + 1) // 2] *= 2.0
-            frequency = np.fft.rfftfreq(len(r))
-            low = -1.0
-            for high in _BANDS:
-                inside = (frequency > low) & (frequency <= high)
-                # White noise of variance one has a mean power of one in each sample's share of the band.
-                share = float(power[inside].sum()) - _white(len(r), inside)
-                name = f"{max(low, 0.0) * sampling:.3g}-{high * sampling:.3g} Hz"
-                excess[str(port), name] = excess.get((str(port), name), 0.0) + share * scale**2
-                low = high
-    total = sum(excess.values())
-    if not np.isfinite(total) or total <= 0.0:
-        return []
-    return [
-        {"component": port, "phase": "run", "band": band, "share": value / total}
-        for (port, band), value in excess.items()
-    ]
-
-
-def _white(n: int, inside: Array) -> float:
-    """Expected power of white noise of variance one in some frequencies of a transform of n samples."""
-    weight = np.full(n // 2 + 1, 2.0)
-    weight[0] = 1.0
-    if n % 2 == 0:
-        weight[-1] = 1.0
-    return float(weight[inside].sum())

@@ -12,18 +12,21 @@ from ...digests import file_digest
 from ...formats import strict
 from ...provenance import origin, versions
 from ..finding import Finding
-from ..verdict import Diagnosis, Runnable, Verdict, Warned, Which
+from ..verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which
 from .augmented import NAME as AUGMENTED
 from .augmented import augmented_config
-from .closure import how_far, ledger
-from .study import PortStudy, Role, load_port_study
+from .closure import NOMINAL, how_far
+from .energy import energy
+from .numerics import doubts, numerics
+from .reader import load_port_study
+from .study import PortStudy, Role
 from .weigh import Weighed, weigh_ports
+from .where import ledger, no_shares, where
 
 __all__ = ["PortDiagnosed", "diagnose_ports"]
 
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 _SHOWN = 1e-6
-_ONLY_DOCKING = "made for the docking rig alone so far"
 
 
 @dataclass(frozen=True)
@@ -50,22 +53,39 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
     study = load_port_study(path)
     progress("check")
     warned = _warnings(study)
+    # A gap that the step makes is none of the system's: told before anything is blamed.
+    own = numerics(study, {"nominal": NOMINAL})
     progress("weigh")
     weighed = weigh_ports(study)
     finding = weighed.finding
-    heldout = bool(study.of(Role.HELDOUT))
-    left_out = {
-        name: _ONLY_DOCKING for name in ("where", "energy", "next_experiment", "numerics")
-    }  # fmt: skip
-    if not heldout:
-        left_out |= dict.fromkeys(("ledger", "how_far"), "no run has the role held-out")
+    progress("where")
+    left_out: dict[str, str] = {}
+    shares: dict[str, float] = {}
+    if reason := no_shares(study):
+        left_out["where"] = reason
+    else:
+        shares = where(study, finding)
+    worked = energy(study, finding)
+    if not worked:
+        left_out["energy"] = "at no interface were a force and the velocity along it both logged"
+    rows = ledger(study, finding)
     progress("how far")
+    heldout = bool(study.of(Role.HELDOUT))
+    if not heldout:
+        left_out["how_far"] = "no run has the role held-out"
     config, missing = augmented_config(study, finding)
+    progress("what next")
+    left_out["next_experiment"] = "the study names no experiments"
+    progress("numerics")
+    both = numerics(study, {"nominal": NOMINAL, "answer": finding.answer})
     diagnosis = Diagnosis.model_validate(
         {
             "case": study.name,
             "verdict": Verdict(effects=list(finding.effects), places=list(finding.places)),
-            "where": [],
+            "where": [
+                Share(place=place, share=share)
+                for place, share in sorted(shares.items(), key=lambda item: -item[1])
+            ],
             "which": _which(finding),
             "outside_place": finding.outside_place,
             "answer_set": list(finding.answer_set),
@@ -73,12 +93,12 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
             "how_far": strict(how_far(study, finding)) if heldout else None,
             "augmented": Runnable(file=AUGMENTED, run="", left_out=missing),
             "next_experiment": None,
-            "numerics": None,
-            "ledger": strict(ledger(study)) if heldout else [],
-            "energy": {},
+            "numerics": strict(both),
+            "ledger": strict(rows),
+            "energy": strict(worked),
             "misfit": strict(dict(finding.misfit)),
             "calibration": strict(_calibration(study, finding)),
-            "data": warned,
+            "data": [*warned, *doubts(own)],
             "left_out": left_out,
             "provenance": _provenance(path, study, weighed, begin),
         }

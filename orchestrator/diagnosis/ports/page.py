@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from ...plotting import COLORS, svg
 from ...system import Port
+from ..headline import percent
 from ..report import compose
 from ..study import Array
 from ..verdict import Diagnosis
@@ -97,5 +98,10 @@ def _assumed(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> list[s
         "Residuals count less where they are larger than the noise, or correlated. Probabilities are not "
         "calibrated on cases.",
     ]
+    if diagnosis.numerics is not None and diagnosis.numerics.fraction is not None:
+        told.append(
+            "The co-simulation's own error, by step halving, is "
+            f"{percent(diagnosis.numerics.fraction)} of the gap."
+        )
     told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
     return told

@@ -10,7 +10,7 @@ from ...effects import Effect
 from ...effects.base import Array, Numbers
 from ..study import Array as Samples
 
-__all__ = ["Playback"]
+__all__ = ["Playback", "Release"]
 
 
 class Playback(Effect):
@@ -41,3 +41,32 @@ class Playback(Effect):
         if place >= len(options):
             place = len(options) - 1
         return options[place]
+
+
+class Release(Effect):
+    """y(t) is the sample at t of a table until some instant; from then on x plus that of another."""
+
+    jittable: ClassVar[bool] = True
+
+    table: Any = None
+
+    @staticmethod
+    def of(step: float, first: int, held: Samples, added: Samples) -> Release:
+        """Tables whose samples are `step` apart [s] from 0 s on; x is let through from sample `first` on."""
+        return Release.model_construct(
+            table=np.concatenate([[step, float(first), float(len(held))], held, added])
+        )
+
+    def numbers(self) -> Any:
+        """See Effect.numbers: step [s], first sample, how many; then both tables."""
+        return self.table
+
+    @staticmethod
+    def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
+        """See Effect.kernel."""
+        sample, count = int(time / options[0] + 0.5), int(options[2])
+        if sample >= count:
+            sample = count - 1
+        if sample < options[1]:
+            return options[3 + sample]
+        return x[0] + options[3 + count + sample]

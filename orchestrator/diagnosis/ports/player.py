@@ -76,6 +76,7 @@ class Player:
         samples: int,
         start: Mapping[Port, Value] | None = None,
         inserted: Sequence[Inserted] = (),
+        parts: int = 1,
     ) -> dict[Port, Array]:
         """Run from 0 s over so many samples.
 
@@ -83,13 +84,19 @@ class Player:
             logs: of the fed ports; those without keep the system's own signal. In the units of the ports.
             start: start values in place of the config's, in the units of the variables.
             inserted: in the order in which they act.
+            parts: communication steps from one sample to the next. What is fed in between lies on the line
+                between the samples.
         Returns: what the compared ports give, each of shape (samples,); NaN where the run failed.
         """
-        system = self._system(logs, start or {}, inserted)
-        layout, places = self._layout(system, logs, inserted)
-        taken = np.full((len(places), samples), np.nan)
+        step = self.step_size / parts
+        if parts > 1:
+            between = np.arange((samples - 1) * parts + 1) / parts
+            logs = {port: np.interp(between, np.arange(len(log)), log) for port, log in logs.items()}
+        system = self._system(logs, start or {}, inserted, float(step))
+        layout, places = self._layout(system, logs, inserted, float(step))
+        taken = np.full((len(places), (samples - 1) * parts + 1), np.nan)
         seen = _Seen(np.array(places, np.intp), taken)
-        grid = Grid(Fraction(0), self.step_size, samples - 1)
+        grid = Grid(Fraction(0), step, (samples - 1) * parts)
         with self._lock:
             try:
                 simulate(system, self._master, grid, (seen,), loop="native", layout=layout)
@@ -98,7 +105,7 @@ class Player:
             except ConfigError:
                 taken[:] = np.nan
                 simulate(system, self._master, grid, (seen,), loop="python", layout=layout)
-        return dict(zip(self.compared, taken, strict=True))
+        return dict(zip(self.compared, taken[:, ::parts], strict=True))
 
     def feeding(self, port: Port) -> Connection | None:
         """The connection that feeds an input."""
@@ -108,11 +115,12 @@ class Player:
         """Whether a port is an input."""
         return self.system.variable(port).causality is Causality.INPUT
 
-    def _playback(self, samples: Array) -> Link:
-        return Link(Playback.of(0.0, float(self.step_size), samples), "log", (), True)
-
     def _system(
-        self, logs: Mapping[Port, Array], start: Mapping[Port, Value], inserted: Sequence[Inserted]
+        self,
+        logs: Mapping[Port, Array],
+        start: Mapping[Port, Value],
+        inserted: Sequence[Inserted],
+        step: float,
     ) -> System:
         at: dict[Port, list[Inserted]] = {}
         for one in inserted:
@@ -121,7 +129,7 @@ class Player:
         for connection in self.system.connections:
             links = [self._link(one) for one in at.get(connection.source, ())]
             if connection.source in self.fed and connection.source in logs:
-                links.append(self._playback(logs[connection.source]))
+                links.append(_playback(logs[connection.source], step))
             legs: tuple[Leg, ...] = (Leg(connection.source),)
             if connection.wire is not None:
                 legs = connection.wire.legs
@@ -142,7 +150,10 @@ class Player:
             own = next(one for one in self.system.recorded if one.instance == port.instance)
             held = begin[port.instance].pop(port.variable, 0.0)
             samples = logs[port] if port in logs else np.array([float(held)])
-            links = [replace_at_once(self._playback(samples)), *(self._link(one) for one in at.get(port, ()))]
+            links = [
+                replace_at_once(_playback(samples, step)),
+                *(self._link(one) for one in at.get(port, ())),
+            ]
             connections.append(Connection(own, port, wire=Wire((Leg(own),), tuple(links))))
         return replace(
             self.system,
@@ -158,7 +169,7 @@ class Player:
         return Link(one.effect, "candidate", (), True)
 
     def _layout(
-        self, system: System, logs: Mapping[Port, Array], inserted: Sequence[Inserted]
+        self, system: System, logs: Mapping[Port, Array], inserted: Sequence[Inserted], step: float
     ) -> tuple[Layout, list[int]]:
         """The layout, with signals that logs replace in place, and the places of the compared signals."""
         plain = Layout.of(system)
@@ -180,7 +191,7 @@ class Player:
         for port in self.fed:
             if port in logs and port not in self.compared and not self.is_input(port):
                 # Who reads the port sees the log, not only who is connected to it.
-                link = self._playback(logs[port])
+                link = _playback(logs[port], step)
                 wired.append(_extra(port, plain.index[port], plain.index[port], ((link.effect, _NONE),)))
         size = plain.size
         places = []
@@ -202,6 +213,10 @@ class Player:
 
 
 _NONE = np.zeros(0, np.intp)
+
+
+def _playback(samples: Array, step: float) -> Link:
+    return Link(Playback.of(0.0, step, samples), "log", (), True)
 
 
 def replace_at_once(link: Link) -> Link:

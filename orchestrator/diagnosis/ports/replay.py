@@ -32,10 +32,17 @@ class PortReplay:
     Attributes:
         study, runs: what is replayed.
         player: runs the system.
+
+    Args:
+        parts: communication steps from one sample of the logs to the next.
+        seen: ports whose signals are given, in place of the compared ones.
     """
 
-    def __init__(self, study: PortStudy, runs: Sequence[PortRun]) -> None:
+    def __init__(
+        self, study: PortStudy, runs: Sequence[PortRun], parts: int = 1, seen: Sequence[Port] | None = None
+    ) -> None:
         self.study, self.runs = study, tuple(runs)
+        self._parts = parts
         # Searches come back to the same models with other weights.
         self._kept: OrderedDict[Any, list[Array]] = OrderedDict()
         self.player = Player(
@@ -43,7 +50,7 @@ class PortReplay:
             study.prepared.master,
             study.prepared.grid.step_size,
             study.fed,
-            study.compared,
+            study.compared if seen is None else seen,
         )
 
     @property
@@ -54,7 +61,17 @@ class PortReplay:
     def signals(
         self, run: PortRun, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
     ) -> dict[Port, Array]:
-        """What a model gives at the compared ports, in their units, each of shape (samples,)."""
+        """What a model gives at the ports that are seen, in their units, each of shape (samples,)."""
+        start, inserted = self.made(calibrated, effects, theta)
+        for port, column in self.study.columns.items():
+            if column.start and port in run.logs:
+                start[port] = float(run.logs[port][0])
+        return self.player.run(run.logs, len(run), start, inserted, self._parts)
+
+    def made(
+        self, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
+    ) -> tuple[dict[Port, Value], list[Inserted]]:
+        """Start values and inserted effects of a model."""
         start: dict[Port, Value] = {
             _port(name): calibrated.get(name, one.value) for name, one in self.study.nominal.items()
         }
@@ -70,10 +87,7 @@ class PortReplay:
             for name in effect.changes:
                 port = _port(name)
                 start[port] = self._value(port, start) + float(own[0])
-        for port, column in self.study.columns.items():
-            if column.start and port in run.logs:
-                start[port] = float(run.logs[port][0])
-        return self.player.run(run.logs, len(run), start, inserted)
+        return start, inserted
 
     def residuals(
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array

@@ -1,0 +1,143 @@
+"""Energy ledger of a system's interfaces: where force and velocity were both logged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ...fmi import Causality, Kind
+from ...system import Port
+from ..finding import Augmented, Finding
+from ..study import Array
+from .candidates import FORCES
+from .closure import NOMINAL
+from .motion import phases
+from .replay import PortReplay
+from .study import PortRun, PortStudy, Role
+
+__all__ = ["Pair", "energy", "pairs"]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A force and a velocity of one instance, one of them fed to it and the other given by it."""
+
+    force: Port
+    velocity: Port
+
+    @property
+    def name(self) -> str:
+        """Of the pair."""
+        return f"{self.force} x {self.velocity.variable}"
+
+
+def pairs(study: PortStudy, run: PortRun) -> tuple[Pair, ...]:
+    """Those of which a run has logged both, at the port itself or at the output that feeds it."""
+    found = []
+    for instance in study.prepared.system.instances:
+        real = [
+            one
+            for one in instance.fmu.description.variables.values()
+            if one.kind is Kind.REAL and not one.shape and one.unit_name
+        ]
+        ends = (Causality.INPUT, Causality.OUTPUT)
+        for velocity in (one for one in real if one.causality in ends and one.unit_name in FORCES):
+            other = ends[1 - ends.index(velocity.causality)]
+            for force in real:
+                if force.causality is other and force.unit_name == FORCES[velocity.unit_name]:
+                    pair = Pair(Port(instance.name, force.name), Port(instance.name, velocity.name))
+                    both = (_signal(study, one, run.logs, {}) for one in (pair.force, pair.velocity))
+                    if all(signal is not None for signal in both):
+                        found.append(pair)
+    return tuple(found)
+
+
+def _signal(
+    study: PortStudy, port: Port, logs: Mapping[Port, Array], given: Mapping[Port, Array]
+) -> Array | None:
+    """A port's signal from logs, else as given: its own, or that of the output that feeds it."""
+    for signals in (logs, given):
+        if port in signals:
+            return signals[port]
+    for one in study.prepared.system.connections:
+        if one.target == port and one.wire is None:
+            source = logs.get(one.source, given.get(one.source))
+            return None if source is None else one.gain * source + one.offset
+    return None
+
+
+def energy(study: PortStudy, finding: Finding) -> dict[str, Any]:
+    """Energy that goes into components at their measured interfaces, by phase of motion.
+
+    The force as its port has it times the velocity, summed over the samples of the held-out runs (train runs
+    where there are none).
+
+    Returns: `interfaces`, pair and phase; by each of them `measured`, `nominal` (the model as handed over),
+        `excess` (measured less nominal), `answer` (of the model with the effects) [J]; `change`, what each
+        adds up to; `parts`, the excess of each split into what the force and what the velocity does of it,
+        which add up to it. Empty where no interface was measured.
+    """
+    told: dict[str, dict[str, float]] = {name: {} for name in ("measured", "nominal", "excess", "answer")}
+    parts: dict[str, dict[str, float]] = {}
+    step = float(study.prepared.grid.step_size)
+    for run in study.of(Role.HELDOUT) or study.of(Role.TRAIN):
+        among = pairs(study, run)
+        if not among:
+            continue
+        names, labels = phases(study, run, {})
+        models = {
+            name: _modelled(study, run, model, among)
+            for name, model in (("nominal", NOMINAL), ("answer", finding.answer))
+        }
+        for pair in among:
+            signals = {"measured": _both(study, pair, run.logs, {})}
+            kept = {port: log for port, log in run.logs.items() if port not in study.compared}
+            signals |= {name: _both(study, pair, kept, given) for name, given in models.items()}
+            for number, phase in enumerate(names):
+                inside = labels == number
+                inside[: study.settled] = False
+                key = f"{pair.name}, {phase}"
+                works = {
+                    name: step * float(force[inside] @ velocity[inside])
+                    for name, (force, velocity) in signals.items()
+                }
+                works["excess"] = works["measured"] - works["nominal"]
+                for name, value in works.items():
+                    told[name][key] = told[name].get(key, 0.0) + value
+                (force, velocity), (force_0, velocity_0) = signals["measured"], signals["nominal"]
+                mean = 0.5 * (velocity + velocity_0), 0.5 * (force + force_0)
+                split = parts.setdefault(key, {"force": 0.0, "velocity": 0.0})
+                split["force"] += step * float((force - force_0)[inside] @ mean[0][inside])
+                split["velocity"] += step * float((velocity - velocity_0)[inside] @ mean[1][inside])
+    if not parts:
+        return {}
+    return {
+        "unit": "J",
+        "interfaces": list(parts),
+        **told,
+        "change": {name: float(sum(values.values())) for name, values in told.items()},
+        "parts": parts,
+    }
+
+
+def _both(
+    study: PortStudy, pair: Pair, logs: Mapping[Port, Array], given: Mapping[Port, Array]
+) -> tuple[Array, Array]:
+    force, velocity = (_signal(study, port, logs, given) for port in (pair.force, pair.velocity))
+    assert force is not None and velocity is not None
+    return force, velocity
+
+
+def _modelled(study: PortStudy, run: PortRun, model: Augmented, among: tuple[Pair, ...]) -> dict[Port, Array]:
+    """What a model gives at the outputs that the pairs are made of, and that nothing replaces."""
+    ports: dict[Port, None] = {}
+    for port in (port for pair in among for port in (pair.force, pair.velocity)):
+        for one in study.prepared.system.connections:
+            if one.target == port:
+                port = one.source
+        given = port in study.fed and port not in study.compared and port in run.logs
+        if not given and study.prepared.system.variable(port).causality is Causality.OUTPUT:
+            ports[port] = None
+    replay = PortReplay(study, [run], seen=list(ports))
+    return replay.signals(run, model.calibrated, model.effects, model.theta)

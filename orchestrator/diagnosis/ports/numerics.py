@@ -1,0 +1,75 @@
+"""The co-simulation's own error, by halving its step, before anything is blamed on the system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..finding import Augmented
+from ..verdict import Warned
+from .replay import PortReplay
+from .study import PortStudy, Role
+
+__all__ = ["doubts", "numerics"]
+
+# A step whose halving changes more than this share of the gap is no step to diagnose with.
+_DOUBTFUL = 0.1
+
+
+def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any]:
+    """What halving the communication step changes, as a fraction of the gap.
+
+    Logs are fed on the line between their samples, so that the hold of their values over a step, which acts
+    as half a step's delay, counts as an error of the step, too. Held-out runs; train runs where there are
+    none.
+
+    Args:
+        models: by name; the gap is that of the first.
+    Returns: `error`, the root mean square change at the compared ports over the spread of their logs, of the
+        model that changes most; `gap`, between model and log; `fraction`, of the two; `step_size` [s];
+        `models`, the error of each. None where a model runs away.
+    """
+    runs = study.of(Role.HELDOUT) or study.of(Role.TRAIN)
+    step, fine = PortReplay(study, runs), PortReplay(study, runs, parts=2)
+    gaps: list[float] = []
+    errors: dict[str, float] = {}
+    for name, model in models.items():
+        changes = []
+        for run in runs:
+            coarse, halved = (
+                one.signals(run, model.calibrated, model.effects, model.theta) for one in (step, fine)
+            )
+            for port in step.compared(run):
+                log = run.logs[port][study.settled :]
+                spread = float(np.std(log)) or float(study.columns[port].noise or 1.0)
+                apart = (halved[port] - coarse[port])[study.settled :] / spread
+                changes.append(float(np.mean(apart**2)))
+                if name == next(iter(models)):
+                    gaps.append(float(np.mean(((log - coarse[port][study.settled :]) / spread) ** 2)))
+        errors[name] = float(np.sqrt(np.mean(changes)))
+    gap, error = float(np.sqrt(np.mean(gaps))), max(errors.values())
+    known = np.isfinite(gap) and np.isfinite(error)
+    return {
+        "error": error if known else None,
+        "gap": gap if known else None,
+        "fraction": error / gap if known and gap > 0.0 else None,
+        "step_size": float(study.prepared.grid.step_size),
+        "models": {name: value if np.isfinite(value) else None for name, value in errors.items()},
+    }
+
+
+def doubts(found: Mapping[str, Any]) -> list[Warned]:
+    """What to tell of a step that is too long."""
+    fraction = found["fraction"]
+    if fraction is not None and fraction <= _DOUBTFUL:
+        return []
+    step = f"{1e3 * found['step_size']:g} ms"
+    what = (
+        "a model runs away, so that the co-simulation's own error is not known"
+        if fraction is None
+        else f"halving the step of {step} changes the signals by {100 * fraction:.3g} % of the gap"
+    )
+    remedy = "Take a shorter step and resample the logs, unless the step is a controller's sample time."
+    return [Warned(place="numerics", what=what, remedy=remedy)]

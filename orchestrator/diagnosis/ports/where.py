@@ -1,0 +1,187 @@
+"""Where the gap of a system lies: by component, phase of motion and band, and by shares of the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...system import Port
+from ..finding import Finding
+from ..sharing import by_place, cells, coalitions, shapley_values, white_cells
+from ..study import Array
+from .apart import Apart, Window, closed, components, estimates, modelled
+from .motion import phases
+from .study import PortRun, PortStudy, Role
+
+__all__ = ["Shares", "ledger", "no_shares", "shapley_shares", "where"]
+
+# Edges of the bands, as shares of the sampling frequency.
+_BANDS = (0.0, 0.002, 0.01, 0.05)
+# Runs of noise alone, from which the energy that noise leaves is told.
+_DRAWS, _SEED = 2, 20190611
+# Windows that the loop is closed in at most, and runs for that over all coalitions.
+_WINDOWS, _RUNS = 24, 400
+_MOST = 6
+
+
+def _among(study: PortStudy) -> tuple[PortRun, ...]:
+    return study.of(Role.HELDOUT) or study.of(Role.TRAIN)
+
+
+def ledger(study: PortStudy, finding: Finding) -> list[dict[str, Any]]:
+    """Excess residual energy by component, phase of motion and band, as shares of all of it.
+
+    Each component is driven by measured signals and taken up anew in each window (see `Apart`), by the
+    answer's calibration without its effects; signals that were not logged are those of the answer. A port's
+    residual counts relative to the spread of its log. The energy that noise leaves is that of runs of the
+    same model with noise as specified.
+
+    Returns: rows with component, phase, band, share, which add up to 1; negative where there is less than
+        noise leaves. Empty if no energy is in excess.
+    """
+    base = finding.faultless(study.nominal)
+    step = float(study.prepared.grid.step_size)
+    edges = (*(share / step for share in _BANDS), np.inf)
+    draw = np.random.default_rng(_SEED)
+    total: dict[tuple[str, str, int], float] = {}
+    for run in _among(study):
+        signals = estimates(study, run, finding.answer)
+        names, labels = phases(study, run, signals)
+        bare = modelled(closed(study), run, base)
+        sources: tuple[tuple[float, list[np.random.Generator | None]], ...] = (
+            (1.0, [None]),
+            (-1.0, [draw] * _DRAWS),
+        )
+        for sign, draws in sources:
+            for one in draws:
+                logged = run if one is None else _noisy(study, run, bare, one)
+                told = signals if one is None else {p: logged.logs.get(p, bare[p]) for p in bare}
+                apart = Apart(closed(study), logged, told, base)
+                for name, port, r in _residuals(study, run, apart):
+                    spread = float(np.std(run.logs[port][study.settled :])) or 1.0
+                    inside = labels[len(labels) - len(r) :]
+                    if np.isfinite(r).all():
+                        energy = cells(r / spread, inside, len(names), edges, step)
+                    elif one is None:
+                        return []
+                    else:
+                        noise = float(study.columns[port].noise or 0.0) / spread
+                        energy = white_cells(noise, inside, len(names), edges, step)
+                    for (phase, band), value in np.ndenumerate(energy):
+                        key = name, names[phase], band
+                        total[key] = total.get(key, 0.0) + sign * float(value) / len(draws)
+    whole = sum(total.values())
+    if not np.isfinite(whole) or whole <= 0.0:
+        return []
+    return [
+        {"component": name, "phase": phase, "band": _band(edges, band), "share": value / whole}
+        for (name, phase, band), value in total.items()
+    ]
+
+
+def _band(edges: tuple[float, ...], band: int) -> str:
+    low, high = edges[band : band + 2]
+    return f"{low:.3g}-{high:.3g} Hz" if np.isfinite(high) else f"over {low:.3g} Hz"
+
+
+def _residuals(study: PortStudy, run: PortRun, apart: Apart) -> list[tuple[str, Port, Array]]:
+    """Component, compared port and residual over all windows, one after the other."""
+    found: dict[Port, list[Array]] = {}
+    for window in apart.windows:
+        residuals = apart.residuals(window)
+        for port in apart.ports:
+            if port in study.compared and port in run.logs:
+                found.setdefault(port, []).append(residuals[port][window.begin - window.lead :])
+    names = {port: one.name for one in apart.components for port in one.ports}
+    return [(names[port], port, np.concatenate(parts)) for port, parts in found.items()]
+
+
+def _noisy(study: PortStudy, run: PortRun, bare: Mapping[Port, Array], draw: np.random.Generator) -> PortRun:
+    """A run as the model makes it, with noise as specified; what is given to it as logged."""
+    logs = dict(run.logs)
+    for port in study.compared:
+        if port in logs:
+            logs[port] = bare[port] + float(study.columns[port].noise or 0.0) * draw.standard_normal(len(run))
+    return replace(run, logs=logs)
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shapley values of a system's components.
+
+    Attributes:
+        values: by how much the measured residual of each, injected, lessens the gap, shape (components,).
+            They add up to `gap - left`.
+        gap, left: mean square of model minus log over the spread of the log, over the windows, without
+            residuals and with all injected.
+        windows: how many.
+    """
+
+    values: Array
+    gap: float
+    left: float
+    windows: int
+
+
+def no_shares(study: PortStudy) -> str:
+    """Why the loop's gap cannot be shared out; "" if it can."""
+    found = components(study)
+    if len(found) < 2:
+        return "one component alone has measured outputs; the gap is its own"
+    if len(found) > _MOST:
+        return f"{len(found)} components make {2 ** len(found)} coalitions; at most {_MOST} components"
+    ports = {port for one in found for port in one.ports}
+    for connection in study.prepared.system.connections:
+        if connection.wire is not None and len(connection.wire.legs) > 1 and ports & set(connection.sources):
+            return f"{connection} adds up several outputs"
+    return ""
+
+
+def shapley_shares(study: PortStudy, finding: Finding) -> Shares:
+    """Share out the gap between the closed loop of the answer's calibration, without its effects, and runs.
+
+    Each window is run from the measured state, once per coalition of components whose measured residuals are
+    injected: over whole runs model and log would fall out of step, and residuals act at wrong times.
+    """
+    base = finding.faultless(study.nominal)
+    count = len(components(study))
+    every = coalitions(count)
+    worth = dict.fromkeys(every, 0.0)
+    runs = _among(study)
+    each = max(min(_WINDOWS, _RUNS // len(every)) // len(runs), 1)
+    windows = 0
+    for run in runs:
+        apart = Apart(closed(study), run, estimates(study, run, finding.answer), base)
+        chosen = np.unique(np.linspace(0, len(apart.windows) - 1, each).round().astype(int))
+        for window in (apart.windows[place] for place in chosen):
+            residuals = apart.residuals(window)
+            gaps = {one: _gap(study, run, apart.ahead(window, residuals, one), window) for one in every}
+            if np.isfinite(list(gaps.values())).all():
+                worth = {one: worth[one] + gaps[one] for one in every}
+                windows += 1
+    worth = {one: value / max(windows, 1) for one, value in worth.items()}
+    return Shares(shapley_values(worth, count), worth[every[0]], worth[every[-1]], windows)
+
+
+def _gap(study: PortStudy, run: PortRun, given: Mapping[Port, Array], window: Window) -> float:
+    squares = []
+    for port in study.compared:
+        if port in run.logs:
+            spread = float(np.std(run.logs[port][study.settled :])) or 1.0
+            left = (given[port] - run.logs[port][window.begin : window.end]) / spread
+            squares.append(float(np.mean(left**2)))
+    return float(np.mean(squares))
+
+
+def where(study: PortStudy, finding: Finding) -> dict[str, float]:
+    """Shares of the closed-loop gap by place, adding up to 1; see `sharing.by_place`.
+
+    Negative where a component hides another's part. Equal ones where there is no gap.
+    """
+    values = shapley_shares(study, finding).values
+    total = float(values.sum())
+    shares = (values / total if total > 0.0 else np.full(len(values), 1.0 / len(values))).tolist()
+    return by_place(shares, {one.name: one.places for one in components(study)}, finding)
