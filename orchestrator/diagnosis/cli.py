@@ -32,6 +32,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", help="print the content of diagnosis.json, one line a case"
     )
+    parser.add_argument(
+        "--practice",
+        type=int,
+        default=0,
+        metavar="N",
+        help="for studies of ports: simulate N cases of the study's own system first, and calibrate "
+        "probabilities on them; written to practice.json, which the study's key `practice` takes",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the simulated cases")
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
 
@@ -55,7 +64,14 @@ def main(args: argparse.Namespace) -> int:
     for case, folder in zip(args.cases, folders, strict=True):
         bar.begin(case.name or str(case))
         try:
-            made = diagnose(case, folder, report=not args.no_report, progress=bar.stage)
+            made = diagnose(
+                case,
+                folder,
+                report=not args.no_report,
+                progress=bar.stage,
+                practice=args.practice,
+                seed=args.seed,
+            )
         except Interrupted:
             bar.close()
             raise

@@ -60,6 +60,8 @@ def diagnose(
     parts: Parts | None = None,
     report: bool = True,
     progress: Report = lambda stage: None,
+    practice: int = 0,
+    seed: int = 1,
 ) -> Diagnosed:
     """Diagnose a sim-to-real gap.
 
@@ -69,11 +71,15 @@ def diagnose(
         parts: the analyses; all of this package by default.
         report: whether to write the page, too.
         progress: is told each of `STAGES` as it begins.
+        practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
     """
     begin = perf_counter()
     if not isinstance(study, Study) and is_port_study(Path(study)):
-        return _any_system(Path(study), out, report, progress)
+        return _any_system(Path(study), out, report, progress, practice, seed)
+    if practice:
+        remedy = "The docking rig's calibration comes with the product."
+        raise ConfigError([Problem("practice", "is for studies of ports (port-study/1)", remedy=remedy)])
     progress("read")
     parts = parts or Parts.standard()
     source = None if isinstance(study, Study) else Path(study)
@@ -114,11 +120,14 @@ def diagnose(
     return Diagnosed(study, finding, diagnosis, folder, files)
 
 
-def _any_system(path: Path, out: Path | str | None, report: bool, progress: Report) -> Diagnosed:
+def _any_system(
+    path: Path, out: Path | str | None, report: bool, progress: Report, practice: int, seed: int
+) -> Diagnosed:
     """The diagnosis of a system of FMUs with logged ports."""
-    from .ports.diagnose import diagnose_ports
+    from .ports.diagnose import Practise, diagnose_ports
 
-    made = diagnose_ports(path, progress, report and out is not None)
+    cases = Practise(practice, seed) if practice else None
+    made = diagnose_ports(path, progress, report and out is not None, cases)
     diagnosed = Diagnosed(made.study, made.finding, made.diagnosis)
     if out is None:
         return diagnosed

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from math import sqrt
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,8 @@ from .finding import Augmented, Candidate, Finding
 from .fit import Fitter
 from .menu import Experiment, menu_of
 from .model import RigModel
-from .study import Array, Role, Study
+from .outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace, named
+from .study import Role, Study
 from .trial import Chain, Trial
 
 __all__ = ["Posterior", "expected_evidence", "next_experiment", "posterior"]
@@ -24,75 +24,11 @@ __all__ = ["Posterior", "expected_evidence", "next_experiment", "posterior"]
 _SOFTWARE = ("dynamics", "controller")
 # The shortest run that tells anything [ticks].
 _SHORTEST = 20
-# Candidates at least this probable are rivals of the first; evidence that tells two apart [nats].
-_RIVAL, _TOLD_APART = 0.01, 10.0
-# Of experiments within so much of the best, the first of the menu is taken: it costs least.
-_AS_GOOD = 0.95
-# How many rivals an experiment is chosen for.
-_RIVALS = 4
-_ITERATIONS = 6
-# A fit ends when a step lowers the sum of squares by no more than this part of it.
-_SETTLED = 1e-4
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """What the runs at hand tell of a candidate's parameters.
-
-    Attributes:
-        z: all parameters, normalised by their priors; precision: their inverse covariance.
-    """
-
-    effects: tuple[Effect, ...]
-    z: Array
-    precision: Array
 
 
 def posterior(study: Study, model: Augmented, inflation: float = 1.0) -> Posterior:
-    """Laplace's approximation at a fitted model, from the training runs; the fit is taken to its end."""
-    fitter = Fitter(Chain.of(study, study.of(Role.TRAIN), model.effects), inflation)
-    z = fitter.normalised(model.calibrated, model.effects, model.theta)
-    prior = Posterior(model.effects, np.zeros(len(z)), np.eye(len(z)))
-    z, _, hessian = _least(fitter, prior, z, range(len(z)))
-    return Posterior(model.effects, z, hessian)
-
-
-def _least(fitter: Fitter, about: Posterior, z: Array, places: Sequence[int]) -> tuple[Array, float, Array]:
-    """Least sum of squared residuals and departures from a posterior, by damped Gauss-Newton steps.
-
-    Args:
-        z: where to begin; places: parameters that may move.
-    Returns: normalised parameters, the sum there, and its Hessian's half at the last linearisation.
-    """
-
-    def tried(at: Array) -> tuple[float, Array]:
-        r = np.concatenate(fitter.residuals(about.effects, at)) / sqrt(fitter.inflation)
-        step = at - about.z
-        with np.errstate(over="ignore", invalid="ignore"):
-            cost = float(r @ r + step @ about.precision @ step)
-        return (cost if np.isfinite(cost) else np.inf), r
-
-    cost, r = tried(z)
-    hessian = about.precision
-    free = np.array(places, np.intp)
-    for _ in range(_ITERATIONS):
-        if not np.isfinite(cost):
-            break
-        # Also divides by the inflation: its residuals are those that it is given.
-        jacobian = fitter.jacobian(about.effects, z, r, places)
-        hessian = jacobian.T @ jacobian + about.precision
-        slope = jacobian.T @ r + about.precision @ (z - about.z)
-        step = np.zeros(len(z))
-        step[free] = np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
-        before = cost
-        for share in (1.0, 0.3, 0.1):
-            cost_ahead, r_ahead = tried(z - share * step)
-            if cost_ahead < cost:
-                z, r, cost = z - share * step, r_ahead, cost_ahead
-                break
-        if before - cost < _SETTLED * cost + 0.1:
-            break
-    return z, cost, hessian
+    """What the training runs tell of a fitted model's parameters; see `outlook.laplace`."""
+    return laplace(Fitter(Chain.of(study, study.of(Role.TRAIN), model.effects), inflation), model)
 
 
 def expected_evidence(
@@ -121,9 +57,7 @@ def expected_evidence(
         count = len(trial.tolerances)
         places = range(count, len(rival.z))
         rival = replace(rival, z=np.concatenate([cause.z[:count], rival.z[count:]]))
-    cost = _least(fitter, rival, rival.z, places)[1]
-    # Where a rival's replay has no end, nothing was simulated that could tell.
-    return 0.5 * cost if np.isfinite(cost) else 0.0
+    return evidence_over(fitter, rival, places)
 
 
 def _in_software(one: Posterior) -> bool:
@@ -155,30 +89,11 @@ def next_experiment(
     places = {effect.place for model in tied.values() for effect in model.effects}
     inflation = max([1.0, *(finding.misfit.get(place, 1.0) for place in places)])
     cause, *rivals = (posterior(study, model, inflation) for model in tied.values())
-    names = list(tied)[1:]
     expected = {
         one.name: np.array([expected_evidence(study, one, cause, rival, inflation) for rival in rivals])
         for one in among
     }
-    best = _cheapest(among, {name: float(values.min()) for name, values in expected.items()})
-    left = np.flatnonzero(expected[best.name] < _TOLD_APART)
-    further = {name: float(values[left].min()) for name, values in expected.items()} if left.size else {}
-    then = _cheapest(among, further) if further else None
-    return {
-        "name": best.name,
-        "description": best.description,
-        "expected_evidence": float(expected[best.name].min()),
-        "between": [next(iter(tied)), *names],
-        "evidence": dict(zip(names, expected[best.name].tolist(), strict=True)),
-        "menu": {name: float(values.min()) for name, values in expected.items()},
-        "then": then.name if then is not None and then is not best else "",
-    }
-
-
-def _cheapest(among: Sequence[Experiment], evidence: Mapping[str, float]) -> Experiment:
-    """The first of those that are as good as the best."""
-    enough = _AS_GOOD * max(evidence.values())
-    return next(one for one in among if evidence[one.name] >= enough)
+    return chosen({one.name: one.description for one in among}, expected, list(tied))
 
 
 def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
@@ -187,7 +102,7 @@ def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
         return {}
     modelled = [one for one in finding.candidates if _replayable(one)]
     first = modelled[0]
-    found = {_named(first.effects): first.model or finding.recalibrated}
+    found = {named(first.effects): first.model or finding.recalibrated}
     alone = {one.effects[0]: one for one in modelled if len(one.effects) == 1}
     for tie in first.ties:
         if tie in alone:
@@ -195,13 +110,9 @@ def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
         elif tie in catalogue() and not catalogue()[tie].statistic:
             found[tie] = _fitted(study, catalogue()[tie])
     for one in modelled[1:]:
-        if one.probability >= _RIVAL and one.model is not None:
-            found.setdefault(_named(one.effects), one.model)
-    return dict(list(found.items())[: _RIVALS + 1])
-
-
-def _named(effects: tuple[str, ...]) -> str:
-    return " + ".join(effects) or "none"
+        if one.probability >= RIVAL and one.model is not None:
+            found.setdefault(named(one.effects), one.model)
+    return dict(list(found.items())[: RIVALS + 1])
 
 
 def _replayable(candidate: Candidate) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -15,18 +16,38 @@ from ..finding import Finding
 from ..verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which
 from .augmented import NAME as AUGMENTED
 from .augmented import augmented_config
+from .candidates import candidates
 from .closure import NOMINAL, how_far
 from .energy import energy
+from .experiments import next_experiment, no_experiment
 from .numerics import doubts, numerics
+from .practice import practise
 from .reader import load_port_study
+from .replay import measure
 from .study import PortStudy, Role
+from .tempering import Tempering, read_practice
 from .weigh import Weighed, weigh_ports
 from .where import ledger, no_shares, where
 
-__all__ = ["PortDiagnosed", "diagnose_ports"]
+__all__ = ["PRACTICE", "PortDiagnosed", "Practise", "diagnose_ports"]
+
+PRACTICE = "practice.json"
 
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 _SHOWN = 1e-6
+
+
+@dataclass(frozen=True)
+class Practise:
+    """How to practise before a diagnosis.
+
+    Attributes:
+        cases: to simulate; seed: of their draws; progress: is told how many were weighed.
+    """
+
+    cases: int
+    seed: int = 1
+    progress: Callable[[int], None] = lambda done: None
 
 
 @dataclass(frozen=True)
@@ -39,13 +60,16 @@ class PortDiagnosed:
     files: dict[str, str] = field(default_factory=dict)
 
 
-def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) -> PortDiagnosed:
+def diagnose_ports(
+    path: Path, progress: Callable[[str], None], report: bool, practice: Practise | None = None
+) -> PortDiagnosed:
     """Diagnose a system of FMUs.
 
     Args:
         path: the study's file or folder.
         progress: is told each stage as it begins.
         report: whether to make the page.
+        practice: cases to practise on first, if any.
     Raises: ConfigError with all problems of study and logs; OrchestratorError if an analysis fails.
     """
     begin = perf_counter()
@@ -56,7 +80,8 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
     # A gap that the step makes is none of the system's: told before anything is blamed.
     own = numerics(study, {"nominal": NOMINAL})
     progress("weigh")
-    weighed = weigh_ports(study)
+    taught, tempering = _taught(study, practice)
+    weighed = weigh_ports(study, tempering)
     finding = weighed.finding
     progress("where")
     left_out: dict[str, str] = {}
@@ -75,7 +100,11 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
         left_out["how_far"] = "no run has the role held-out"
     config, missing = augmented_config(study, finding)
     progress("what next")
-    left_out["next_experiment"] = "the study names no experiments"
+    proposed = None
+    if reason := no_experiment(study, finding):
+        left_out["next_experiment"] = reason
+    else:
+        proposed = next_experiment(study, finding, weighed.weights, weighed.effects)
     progress("numerics")
     both = numerics(study, {"nominal": NOMINAL, "answer": finding.answer})
     diagnosis = Diagnosis.model_validate(
@@ -92,7 +121,7 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
             "doubtful_tolerances": finding.doubtful_tolerances,
             "how_far": strict(how_far(study, finding)) if heldout else None,
             "augmented": Runnable(file=AUGMENTED, run="", left_out=missing),
-            "next_experiment": None,
+            "next_experiment": strict(proposed) if proposed else None,
             "numerics": strict(both),
             "ledger": strict(rows),
             "energy": strict(worked),
@@ -104,12 +133,26 @@ def diagnose_ports(path: Path, progress: Callable[[str], None], report: bool) ->
         }
     )
     files = {AUGMENTED: config}
+    if practice is not None:
+        files[PRACTICE] = json.dumps(strict(dict(taught)), indent=1, allow_nan=False) + "\n"
     if report:
         # matplotlib takes a third of a second to import.
         from .page import page
 
-        files["report.html"] = page(study, diagnosis, weighed)
+        files["report.html"] = page(study, diagnosis, weighed, taught)
     return PortDiagnosed(study, finding, diagnosis, files)
+
+
+def _taught(study: PortStudy, practice: Practise | None) -> tuple[Mapping[str, Any], Tempering]:
+    """What practice taught, now or before, and the map that it gave; the one that comes along without any."""
+    if practice is not None:
+        taught = practise(study, practice.cases, practice.seed, practice.progress)
+        return taught, Tempering(**taught["tempering"])
+    if study.practice is not None:
+        effects = candidates(study, measure(study, study.of(Role.TRAIN)[0]))
+        tempering, data = read_practice(study.practice, [one.id for one in effects])
+        return data, tempering
+    return {}, Tempering()
 
 
 def _which(finding: Finding) -> list[Which]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -23,8 +26,14 @@ _MOST_POINTS, _MOST_PORTS = 4000, 3
 _ENLARGED = 0.08
 
 
-def page(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> str:
-    """The page as HTML."""
+def page(
+    study: PortStudy, diagnosis: Diagnosis, weighed: Weighed, taught: Mapping[str, Any] | None = None
+) -> str:
+    """The page as HTML.
+
+    Args:
+        taught: content of practice.json, if there was practice.
+    """
     run = (study.of(Role.HELDOUT) or study.of(Role.VALIDATION) or study.of(Role.TRAIN))[0]
     replay = PortReplay(study, [run])
     answer = weighed.finding.answer
@@ -35,7 +44,9 @@ def page(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> str:
         figure, words = _figure(study, run, port, before[port], after[port])
         figures[words] = svg(figure, f"{port}-{run.name}")
     known = {one.id: one for one in weighed.effects}
-    return compose(diagnosis, figures, _assumed(study, diagnosis, weighed), known, "held-out runs")
+    return compose(
+        diagnosis, figures, _assumed(study, diagnosis, weighed, taught or {}), known, "held-out runs"
+    )
 
 
 def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Array) -> tuple[Figure, str]:
@@ -84,7 +95,9 @@ def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Ar
     return figure, words
 
 
-def _assumed(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> list[str]:
+def _assumed(
+    study: PortStudy, diagnosis: Diagnosis, weighed: Weighed, taught: Mapping[str, Any]
+) -> list[str]:
     names = {role: ", ".join(run.name for run in study.of(role)) for role in Role}
     fed, compared = (", ".join(map(str, ports)) for ports in (study.fed, study.compared))
     told = [
@@ -95,8 +108,8 @@ def _assumed(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> list[s
         "A calibrated number deviates from its value by its tolerance, one standard deviation.",
         f"Causes are {len(weighed.effects)} candidates, alone or up to four together: parameters with a "
         "prior, effects at ports, laws of friction; none of them; or something else.",
-        "Residuals count less where they are larger than the noise, or correlated. Probabilities are not "
-        "calibrated on cases.",
+        "Residuals count less where they are larger than the noise, or correlated.",
+        _trusted(taught),
     ]
     if diagnosis.numerics is not None and diagnosis.numerics.fraction is not None:
         told.append(
@@ -105,3 +118,15 @@ def _assumed(study: PortStudy, diagnosis: Diagnosis, weighed: Weighed) -> list[s
         )
     told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
     return told
+
+
+def _trusted(taught: Mapping[str, Any]) -> str:
+    """How far probabilities can be trusted."""
+    if not taught:
+        return "Probabilities are tempered, not calibrated on cases: this system was not practised on."
+    told = taught["coverage"]["as learned, on unseen cases"]
+    return (
+        f"Probabilities were calibrated on {told['cases']:.0f} simulated cases of this system. Of cases that the "
+        f"calibration did not see, 95 % answer sets held the truth in {percent(told['covered'])}; first answers "
+        f"were right in {percent(told['right'])}, at a mean probability of {percent(told['claimed'])}."
+    )

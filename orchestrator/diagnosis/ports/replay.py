@@ -18,7 +18,7 @@ from .candidates import FORCES, PortEffect, Sizes
 from .player import Inserted, Player
 from .study import PortRun, PortStudy
 
-__all__ = ["PortReplay", "measure"]
+__all__ = ["PortReplay", "Weighted", "measure"]
 
 # A model that gives this many times as much as was logged has run away.
 _RUNAWAY = 100.0
@@ -140,6 +140,37 @@ class PortReplay:
             return float(start[port])
         part = next(one for one in self.study.prepared.system.instances if one.name == port.instance)
         return float(part.start.get(port.variable, part.variable(port.variable).start))
+
+
+class Weighted:
+    """A replay whose channels count as much as they carry: a `Replay`.
+
+    Args:
+        weights: of the channels, in the order of the replay's residuals.
+    """
+
+    def __init__(self, replay: PortReplay, weights: Sequence[float]) -> None:
+        self.replay, self.weights = replay, tuple(weights)
+        self.tolerances = replay.tolerances
+
+    @staticmethod
+    def of(replay: PortReplay, by_port: Mapping[Port, float]) -> Weighted:
+        """With the weights of ports; others do not count."""
+        ports = [port for run in replay.runs for port in replay.compared(run)]
+        return Weighted(replay, [by_port.get(port, 0.0) for port in ports])
+
+    @property
+    def by_port(self) -> dict[Port, float]:
+        """Weight of each port."""
+        ports = [port for run in self.replay.runs for port in self.replay.compared(run)]
+        return dict(zip(ports, self.weights, strict=True))
+
+    def residuals(
+        self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
+    ) -> list[Array]:
+        """See `Replay`."""
+        found = self.replay.residuals(calibrated, effects, theta)
+        return [r * weight for r, weight in zip(found, self.weights, strict=True)]
 
 
 def measure(study: PortStudy, run: PortRun) -> Sizes:

@@ -3,47 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ...system import Port
 from ..answers import Answer, simplest, tied
-from ..calibration import Calibration
 from ..effect import Effect
 from ..finding import Augmented, Candidate, Finding
 from ..fit import Fit, Fitter
 from ..search import Search, search
 from ..study import Array
 from .candidates import candidates
-from .replay import PortReplay, measure
+from .replay import PortReplay, Weighted, measure
 from .study import PortStudy, Role
+from .tempering import Tempering
+from .ties import alike
 
 __all__ = ["Weighed", "carries", "weigh_ports"]
 
 # Answers that are told.
 _KEPT = 12
-# A share of the excess that is left by the best answer from which on something else is likelier, and how
-# sharply; excess counts where it is this part of the noise at least.
-_LEFT, _SHARPNESS, _EXCESS = 0.3, 40.0, 0.5
+# Excess counts where it is this part of the noise at least.
+_EXCESS = 0.5
 # How many effects an answer may hold.
 _LONGEST = 4
 # Tolerances by which a calibrated number may stray.
 _STRAYED = 3.0
-
-
-class _Weighted:
-    """A replay whose channels count as much as they carry."""
-
-    def __init__(self, replay: PortReplay, weights: Sequence[float]) -> None:
-        self.replay, self.weights = replay, tuple(weights)
-        self.tolerances = replay.tolerances
-
-    def residuals(self, calibrated, effects, theta):  # type: ignore[no-untyped-def]
-        """See `Replay`."""
-        found = self.replay.residuals(calibrated, effects, theta)
-        return [r * weight for r, weight in zip(found, self.weights, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -54,11 +42,21 @@ class Weighed:
         finding: the answers.
         effects: all candidates that were weighed.
         left: share of the excess over noise that the answer leaves, by port; on train and validation.
+        weights: of the compared ports' residuals in the fits.
+        answers: none first; what they were made probabilities with.
     """
 
     finding: Finding
     effects: tuple[Effect, ...]
     left: dict[str, float]
+    weights: Mapping[Port, float]
+    answers: tuple[Answer, ...]
+    tempering: Tempering
+
+    @property
+    def share(self) -> float:
+        """Mean of `left` over the ports; 0 where there is no excess."""
+        return float(np.mean(list(self.left.values()))) if self.left else 0.0
 
 
 def carries(r: Array) -> float:
@@ -84,11 +82,14 @@ def carries(r: Array) -> float:
     return max(square * time, 1.0) if time > 1.5 or square > 1.5 else 1.0
 
 
-def weigh_ports(study: PortStudy) -> Weighed:
+def weigh_ports(study: PortStudy, tempering: Tempering | None = None) -> Weighed:
     """Find which candidates make a system differ from its logs.
 
     Effects are fitted on the train runs. An answer's evidence is that of its fit, with each channel weighed
     by what its residuals carry (see `carries`), and what it gains on the validation runs as fitted.
+
+    Args:
+        tempering: how evidence becomes probabilities.
     """
     train, validation = study.of(Role.TRAIN), study.of(Role.VALIDATION)
     effects = candidates(study, measure(study, train[0]))
@@ -99,18 +100,20 @@ def weigh_ports(study: PortStudy) -> Weighed:
         # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
         # first sought as if residuals were white, only to see what remains.
         explored = search(
-            Fitter(_Weighted(replay, _weights(replay, plain.residuals, _square))), effects, workers=1
+            Fitter(Weighted(replay, _weights(replay, plain.residuals, _square))), effects, workers=1
         )
         best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
         left = replay.residuals(best.calibrated, best.effects, best.theta)
         weights = _weights(replay, left, carries)
-        fitter = Fitter(_Weighted(replay, weights))
+        fitter = Fitter(Weighted(replay, weights))
         # What never came near the best then will not now.
         near = {one.id for fit in explored.fits for one in fit.effects}
         found = search(fitter, [one for one in effects if one.id in near], longest=_LONGEST, workers=1)
         checked = PortReplay(study, validation)
-        answers = _answers(fitter, found, _Check(checked, fitter))
-    return _conclude(study, replay, checked, effects, found, answers)
+        answers = _answers(fitter, found, _Check(checked, fitter), effects)
+    assert isinstance(fitter.replay, Weighted)
+    made = _Made(study, replay, checked, effects, fitter.replay.by_port)
+    return _conclude(made, found, answers, tempering or Tempering())
 
 
 def _square(r: Array) -> float:
@@ -133,13 +136,8 @@ class _Check:
 
     def __init__(self, replay: PortReplay, fitter: Fitter) -> None:
         self.replay = replay
-        assert isinstance(fitter.replay, _Weighted)
-        trained = fitter.replay.replay
-        by_port = dict(
-            zip(
-                [p for run in trained.runs for p in trained.compared(run)], fitter.replay.weights, strict=True
-            )
-        )
+        assert isinstance(fitter.replay, Weighted)
+        by_port = fitter.replay.by_port
         self.weights = [by_port.get(p, 0.0) for run in replay.runs for p in replay.compared(run)]
 
     def square(self, fit: Fit) -> float:
@@ -149,17 +147,27 @@ class _Check:
         return total if math.isfinite(total) else math.inf
 
 
-def _answers(fitter: Fitter, found: Search, check: _Check) -> list[Answer]:
+def _answers(fitter: Fitter, found: Search, check: _Check, effects: Sequence[Effect]) -> list[Answer]:
     """None first, then by falling evidence."""
     before = check.square(found.none)
-    made = []
-    for fit in found.fits[:_KEPT]:
+
+    def answer(fit: Fit) -> Answer:
         gain = found.gain(fit) + 0.5 * (before - check.square(fit))
-        if math.isfinite(gain):
-            # In the order in which they were found: what explains most stands first.
-            made.append(Answer(tuple(one.id for one in fit.effects), gain, 0.0, fit))
+        # In the order in which they were found: what explains most stands first.
+        return Answer(tuple(one.id for one in fit.effects), gain, 0.0, fit)
+
+    made = [one for one in map(answer, found.fits[:_KEPT]) if math.isfinite(one.gain)]
     nothing = Answer((), 0.0, 0.0, found.none)
-    return [nothing, *tied(fitter, simplest(made))]
+    kept = tied(fitter, simplest(made))
+    if kept and kept[0].gain > 0.0:
+        more = alike(fitter, kept[0], effects)
+        names = [name for one in more for name in one.alien]
+        kept[0] = replace(kept[0], ties=tuple(dict.fromkeys([*kept[0].ties, *names])))
+        known = {frozenset(one.effects) for one in kept}
+        others = [answer(one.fit) for one in more]
+        kept += [one for one in others if frozenset(one.effects) not in known and math.isfinite(one.gain)]
+        kept[1:] = sorted(kept[1:], key=lambda one: -one.gain)
+    return [nothing, *kept]
 
 
 def _left(study: PortStudy, replays: Sequence[PortReplay], fit: Fit, none: Fit) -> dict[str, float]:
@@ -180,27 +188,24 @@ def _left(study: PortStudy, replays: Sequence[PortReplay], fit: Fit, none: Fit) 
     return found
 
 
-def _conclude(
-    study: PortStudy,
-    replay: PortReplay,
-    checked: PortReplay,
-    effects: tuple[Effect, ...],
-    found: Search,
-    answers: list[Answer],
-) -> Weighed:
-    price = math.log(max(len(effects), 2))
-    learned = Calibration(first=price, second=price, further=price)
-    scores = [answers[0].gain] + [
-        one.gain - price * len(one.effects) for one in answers[1:]
-    ]  # fmt: skip
-    top = answers[int(np.argmax(scores))]
+@dataclass(frozen=True)
+class _Made:
+    """What answers were found with; `checked` are the validation runs."""
+
+    study: PortStudy
+    replay: PortReplay
+    checked: PortReplay
+    effects: tuple[Effect, ...]
+    weights: Mapping[Port, float]
+
+
+def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Tempering) -> Weighed:
+    replay, effects = by.replay, by.effects
+    top = answers[int(np.argmax(tempering.scores(answers, len(effects))))]
     assert top.fit is not None
-    left = _left(study, (replay, checked), top.fit, found.none)
+    left = _left(by.study, (replay, by.checked), top.fit, found.none)
     share = float(np.mean(list(left.values()))) if left else 0.0
-    weighed = learned.scores(answers, 0.0)
-    weighed[:-1] -= [learned.price(len(one.effects)) for one in answers]
-    weighed[-1] = weighed[:-1].max() + _SHARPNESS * (share - _LEFT)
-    probabilities = learned.spread(weighed)
+    probabilities = tempering.probabilities(answers, len(effects), share)
     recalibrated = Augmented(found.none.calibrated, (), np.zeros(0))
     made = [_candidate(one, float(p)) for one, p in zip(answers, probabilities[:-1], strict=True)]
     made.append(Candidate(("outside",), float(probabilities[-1]), {}, (), 0.0))
@@ -236,7 +241,7 @@ def _conclude(
         strayed and first.effects in ((), ("outside",)),
         misfit,
     )
-    return Weighed(finding, effects, left)
+    return Weighed(finding, effects, left, by.weights, tuple(answers), tempering)
 
 
 def _folded(made: list[Candidate]) -> list[Candidate]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,9 +35,9 @@ def ledger(study: PortStudy, finding: Finding) -> list[dict[str, Any]]:
     """Excess residual energy by component, phase of motion and band, as shares of all of it.
 
     Each component is driven by measured signals and taken up anew in each window (see `Apart`), by the
-    answer's calibration without its effects; signals that were not logged are those of the answer. A port's
-    residual counts relative to the spread of its log. The energy that noise leaves is that of runs of the
-    same model with noise as specified.
+    answer's calibration without its effects; signals that were not logged are those of the answer. What noise
+    leaves is told by runs of the same model with noise as specified, and a port's residual counts relative to
+    that.
 
     Returns: rows with component, phase, band, share, which add up to 1; negative where there is less than
         noise leaves. Empty if no energy is in excess.
@@ -45,34 +45,25 @@ def ledger(study: PortStudy, finding: Finding) -> list[dict[str, Any]]:
     base = finding.faultless(study.nominal)
     step = float(study.prepared.grid.step_size)
     edges = (*(share / step for share in _BANDS), np.inf)
-    draw = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(_SEED)
     total: dict[tuple[str, str, int], float] = {}
     for run in _among(study):
         signals = estimates(study, run, finding.answer)
         names, labels = phases(study, run, signals)
+        grid = _Grid(labels[max(study.settled, 1) :], len(names), edges, step)
+        measured = _energies(Apart(closed(study), run, signals, base), grid)
         bare = modelled(closed(study), run, base)
-        sources: tuple[tuple[float, list[np.random.Generator | None]], ...] = (
-            (1.0, [None]),
-            (-1.0, [draw] * _DRAWS),
-        )
-        for sign, draws in sources:
-            for one in draws:
-                logged = run if one is None else _noisy(study, run, bare, one)
-                told = signals if one is None else {p: logged.logs.get(p, bare[p]) for p in bare}
-                apart = Apart(closed(study), logged, told, base)
-                for name, port, r in _residuals(study, run, apart):
-                    spread = float(np.std(run.logs[port][study.settled :])) or 1.0
-                    inside = labels[len(labels) - len(r) :]
-                    if np.isfinite(r).all():
-                        energy = cells(r / spread, inside, len(names), edges, step)
-                    elif one is None:
-                        return []
-                    else:
-                        noise = float(study.columns[port].noise or 0.0) / spread
-                        energy = white_cells(noise, inside, len(names), edges, step)
-                    for (phase, band), value in np.ndenumerate(energy):
-                        key = name, names[phase], band
-                        total[key] = total.get(key, 0.0) + sign * float(value) / len(draws)
+        drawn = []
+        for one in (_noisy(study, run, bare, rng) for _ in range(_DRAWS)):
+            told = {port: one.logs.get(port, bare[port]) for port in bare}
+            drawn.append(_energies(Apart(closed(study), one, told, base), grid))
+        for (name, port), energy in measured.items():
+            noise = np.mean([one[name, port] for one in drawn], axis=0)
+            if not np.isfinite(noise).all():
+                noise = white_cells(float(study.columns[port].noise or 0.0), *grid)
+            for (phase, band), value in np.ndenumerate((energy - noise) / noise.sum()):
+                cell = name, names[phase], band
+                total[cell] = total.get(cell, 0.0) + float(value)
     whole = sum(total.values())
     if not np.isfinite(whole) or whole <= 0.0:
         return []
@@ -87,16 +78,25 @@ def _band(edges: tuple[float, ...], band: int) -> str:
     return f"{low:.3g}-{high:.3g} Hz" if np.isfinite(high) else f"over {low:.3g} Hz"
 
 
-def _residuals(study: PortStudy, run: PortRun, apart: Apart) -> list[tuple[str, Port, Array]]:
-    """Component, compared port and residual over all windows, one after the other."""
+class _Grid(NamedTuple):
+    """Samples' phases, how many phases there are, edges of the bands [Hz], and the step [s]; see `cells`."""
+
+    labels: np.ndarray
+    phases: int
+    edges: tuple[float, ...]
+    step: float
+
+
+def _energies(apart: Apart, grid: _Grid) -> dict[tuple[str, Port], Array]:
+    """Energy of the residuals over all windows, one after the other, by component and compared port."""
     found: dict[Port, list[Array]] = {}
     for window in apart.windows:
         residuals = apart.residuals(window)
         for port in apart.ports:
-            if port in study.compared and port in run.logs:
+            if port in apart.study.compared and port in apart.run.logs:
                 found.setdefault(port, []).append(residuals[port][window.begin - window.lead :])
     names = {port: one.name for one in apart.components for port in one.ports}
-    return [(names[port], port, np.concatenate(parts)) for port, parts in found.items()]
+    return {(names[port], port): cells(np.concatenate(parts), *grid) for port, parts in found.items()}
 
 
 def _noisy(study: PortStudy, run: PortRun, bare: Mapping[Port, Array], draw: np.random.Generator) -> PortRun:

@@ -1,0 +1,112 @@
+"""Effects that cannot be told from those of an answer: fitted in their place, they predict the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..answers import Answer
+from ..effect import Effect
+from ..fit import Fit, Fitter
+from ..search import separation
+from ..study import Array
+
+__all__ = ["Alike", "alike"]
+
+# Fitted replays that data like these separate by less are the same [nats]; and how many are fitted.
+_APART, _FITTED = 8.0, 6
+# What is fitted must promise to come so near: as a share of what the effect explains, and in nats.
+_NEAR, _NEAR_NATS = 0.02, 40.0
+
+
+@dataclass(frozen=True)
+class Alike:
+    """A model that predicts what an answer's does.
+
+    Attributes:
+        alien: effects of the fit that the answer does not hold.
+    """
+
+    fit: Fit
+    alien: tuple[str, ...]
+
+
+def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect]) -> list[Alike]:
+    """Models with one effect of an answer replaced whose fitted replays data like these would not separate.
+
+    Evidence does not count here: a gain of a port and the parameter that it equals predict the same to the
+    last digit, and differ in evidence by how wide their priors are.
+    """
+    top = answer.fit
+    if top is None:
+        return []
+    whole = fitter.stacked(top.effects, top.z)
+    found: list[Alike] = []
+    for place in range(len(top.effects)):
+        others = top.effects[:place] + top.effects[place + 1 :]
+        z = _without(fitter, top, place)
+        r = fitter.stacked(others, z)
+        trace = whole - r
+        if not np.isfinite(trace).all() or not trace.any():
+            continue
+        calibration = fitter.jacobian(others, z, r, range(len(fitter.nominal)))
+        basis = np.linalg.qr(calibration[:, : len(fitter.nominal)])[0]
+        promising = []
+        for effect in effects:
+            if any(effect.id == one.id for one in top.effects):
+                continue
+            best = _nearest(fitter, effect, (others, z, r), trace, basis)
+            if best is not None:
+                promising.append((best[0], effect, best[1]))
+        promising.sort(key=lambda one: one[0])
+        for _, effect, start in promising[:_FITTED]:
+            fit = fitter.fit((*others, effect), z[: len(fitter.nominal)], start)
+            if np.isfinite(fit.cost) and separation(fitter, top, fit) < _APART:
+                found.append(Alike(fit, (effect.id,)))
+    return found
+
+
+def _without(fitter: Fitter, fit: Fit, place: int) -> Array:
+    """Normalised parameters of a fit less those of one of its effects."""
+    first = len(fitter.nominal) + sum(len(one.parameters) for one in fit.effects[:place])
+    return np.delete(fit.z, np.arange(first, first + len(fit.effects[place].parameters)))
+
+
+def _nearest(
+    fitter: Fitter,
+    effect: Effect,
+    at: tuple[tuple[Effect, ...], Array, Array],
+    trace: Array,
+    basis: Array,
+) -> tuple[float, Array] | None:
+    """How far an effect of the right size, with other calibrated numbers, stays from a trace [nats].
+
+    Args:
+        at: the other effects, their normalised parameters, and the residuals there.
+        trace: what the effect to be replaced does to the stacked residuals; basis: of the calibration's.
+    Returns: the distance, and where a fit begins; None if it stays too far.
+    """
+    others, z, r = at
+    across = trace - basis @ (basis.T @ trace)
+    square = float(across @ across)
+    best: tuple[float, Array] | None = None
+    for start in fitter.starts(effect):
+        own = fitter.stacked((*others, effect), np.concatenate([z, start])) - r
+        if not np.isfinite(own).all():
+            continue
+        own = own - basis @ (basis.T @ own)
+        size = float(own @ own)
+        if size == 0.0:
+            continue
+        amplitude = float(own @ across) / size
+        apart = 0.5 * (square - amplitude**2 * size)
+        if apart < max(_NEAR * 0.5 * square, _NEAR_NATS) and (best is None or apart < best[0]):
+            begin = start.copy()
+            one = effect.parameters[0]
+            if not one.shape and not one.whole:
+                low, high = one.low / one.scale, one.high / one.scale
+                begin[0] = min(max(begin[0] * amplitude, low), high)
+            best = apart, begin
+    return best

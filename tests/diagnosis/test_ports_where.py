@@ -1,0 +1,268 @@
+"""Where the gap of any system lies, what its step adds, which effects tie, and what to run next."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from ports_bench import friction, study
+
+from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.ports.apart import Apart, closed, components, estimates
+from orchestrator.diagnosis.ports.candidates import candidates
+from orchestrator.diagnosis.ports.closure import NOMINAL
+from orchestrator.diagnosis.ports.energy import energy
+from orchestrator.diagnosis.ports.experiments import next_experiment
+from orchestrator.diagnosis.ports.motion import PHASES, phases
+from orchestrator.diagnosis.ports.numerics import doubts, numerics
+from orchestrator.diagnosis.ports.practice import Case, _Answer, coverage, learn, simulated
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.ports.replay import PortReplay, Weighted, measure
+from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.ports.tempering import Tempering, read_practice
+from orchestrator.diagnosis.ports.ties import alike
+from orchestrator.diagnosis.ports.where import ledger, no_shares, shapley_shares, where
+from orchestrator.errors import ConfigError
+from orchestrator.system import Port
+
+POSITION, VELOCITY = Port("drive", "position"), Port("drive", "velocity")
+VOLTAGE = Port("controller", "voltage")
+# Each law is compiled when it is first used, so that fewer of them are quicker.
+FEW = {"only": ["drive.coulomb", "drive.viscous", "drive.voltage.gain", "drive.force_per_voltage"],
+       "parameters": {"drive.force_per_voltage": "5 N/V"}}  # fmt: skip
+COULOMB = friction("Coulomb", level="12 N", width="1 mm/s")
+EXPERIMENTS = [
+    {"name": "the same again", "set": ["run.stop_time=2 s", "path.stroke=0.2 m", "path.frequency=0.5 Hz"]},
+    {"name": "slow", "description": "a slow motion",
+     "set": ["run.stop_time=2 s", "path.stroke=10 mm", "path.frequency=0.5 Hz"]},
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory):
+    """A study with hidden friction."""
+    path = study(tmp_path_factory.mktemp("rubbing"), [COULOMB], candidates=FEW, experiments=EXPERIMENTS)
+    return load_port_study(path)
+
+
+@pytest.fixture(scope="module")
+def effects(rubbing):
+    """Its candidates, by id."""
+    return {one.id: one for one in candidates(rubbing, measure(rubbing, rubbing.runs[0]))}
+
+
+def answer(effects, name, *theta, ties=()):
+    """A finding that names one effect."""
+    model = Augmented({}, (effects[name],), np.array(theta))
+    one = Candidate((name,), 1.0, {}, ties, 100.0, model)
+    return Finding((one,), (name,), (name.partition(".")[0],), "", (name,), NOMINAL)
+
+
+def weighted(found):
+    """A fitter of the train runs of a study, as if residuals were white."""
+    from orchestrator.diagnosis.fit import Fitter
+
+    replay = PortReplay(found, found.of(Role.TRAIN))
+    return Fitter(Weighted(replay, [1.0] * len(replay.compared(replay.runs[0]))))
+
+
+def test_halving_tells_the_error_of_the_step(rubbing):
+    found = numerics(rubbing, {"nominal": NOMINAL})
+    assert 0.0 < found["error"] < found["gap"] and found["fraction"] == found["error"] / found["gap"]
+    assert found["fraction"] < 0.1 and doubts(found) == []
+    assert "25 % of the gap" in doubts({**found, "fraction": 0.25})[0].what
+    # The error of this loop is of first order in the step: with half of it, half as large.
+    replays = [PortReplay(rubbing, rubbing.of(Role.HELDOUT), parts=parts) for parts in (1, 2, 4)]
+    coarse, half, quarter = (
+        one.signals(one.runs[0], {}, (), np.zeros(0))[POSITION] for one in replays
+    )  # fmt: skip
+    ratio = np.std(coarse - half) / np.std(half - quarter)
+    assert ratio == pytest.approx(2.0, rel=0.3)
+
+
+def test_the_components_and_their_ports(rubbing):
+    drive, controller = components(rubbing)
+    assert drive.places == ("drive",) and set(drive.ports) == {POSITION, VELOCITY}
+    assert controller.name == "controller" and controller.ports == (VOLTAGE,)
+    assert no_shares(rubbing) == ""
+    assert "alone" in no_shares(replace(rubbing, compared=(VOLTAGE,), fed=(*rubbing.fed, POSITION)))
+
+
+def test_with_all_residuals_injected_the_loop_follows_the_log(rubbing, effects):
+    (run,) = rubbing.of(Role.HELDOUT)
+    found = answer(effects, "drive.coulomb", 12.0)
+    apart = Apart(closed(rubbing), run, estimates(rubbing, run, found.answer), NOMINAL)
+    window = apart.windows[7]
+    residuals = apart.residuals(window)
+    for injected, near in (({0, 1}, True), ({1}, False)):
+        given = apart.ahead(window, residuals, injected)
+        for port in (POSITION, VOLTAGE):
+            log = run.logs[port][window.begin : window.end]
+            assert (np.abs(given[port] - log).max() <= 1e-9 * np.abs(log).max()) is near
+
+
+def test_the_faulty_component_has_the_gap(rubbing, effects):
+    found = answer(effects, "drive.coulomb", 12.0)
+    shares = shapley_shares(rubbing, found)
+    assert shares.values.sum() == pytest.approx(shares.gap - shares.left, abs=1e-9)
+    assert shares.left < 1e-12 * shares.gap and shares.windows >= 10
+    told = where(rubbing, found)
+    assert sum(told.values()) == pytest.approx(1.0, abs=1e-9)
+    assert told["drive"] > 0.95
+    rows = ledger(rubbing, found)
+    assert sum(one["share"] for one in rows) == pytest.approx(1.0, abs=1e-9)
+    assert sum(one["share"] for one in rows if one["component"] == "drive") > 0.95
+    # Friction acts all the way, both ways.
+    by_phase = {name: sum(one["share"] for one in rows if one["phase"] == name) for name in PHASES}
+    assert by_phase["forth"] > 0.2 and by_phase["back"] > 0.2
+
+
+def test_phases_of_motion(rubbing):
+    (run,) = rubbing.of(Role.HELDOUT)
+    names, labels = phases(rubbing, run, {})
+    assert names == PHASES
+    # One motion to and fro in 2 s, from rest to rest.
+    share = np.bincount(labels, minlength=4) / len(labels)
+    assert share[0] == pytest.approx(share[1], abs=0.03) and share[0] > 0.4
+    turning = np.flatnonzero(labels == PHASES.index("reversal"))
+    assert np.abs(turning * 2e-3 - 1.0).max() < 0.1
+    assert (labels[:5] == PHASES.index("rest")).all()
+    held = replace(rubbing, motion=Port("path", "position"), rest=10.0)
+    assert set(phases(held, run, {})[1]) == {PHASES.index("rest")}
+
+
+def test_energy_at_a_measured_interface_adds_up(tmp_path):
+    """The damper of a testing machine: what its friction takes, against what it is believed to."""
+    time = np.arange(400) * 1e-3
+    velocity = 0.05 * np.sin(2.0 * np.pi * 5.0 * time)
+    force = 900.0 * np.tanh(velocity / 1e-3)
+    rows = np.column_stack([time, velocity, force])
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="time [s],v [m/s],f [N]", comments="")
+    data = {
+        "format": "port-study/1",
+        "system": "friction-damper",
+        "set": ["damper.level=1 kN", "run.stop_time=0.4 s"],
+        "columns": {"time": "time", "machine.velocity": "v", "damper.force": {"column": "f", "noise": "1 N"}},
+        "runs": [{"file": "a.csv", "role": "train"}],
+    }
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(tmp_path)
+    model = Augmented({}, (), np.zeros(0))
+    told = energy(found, Finding((Candidate((), 1.0, {}, (), 0.0, model),), (), (), "", (), model))
+    keys = [f"damper.force x velocity, {name}" for name in PHASES]
+    assert told["interfaces"] == keys and told["unit"] == "J"
+    assert told["change"]["measured"] == pytest.approx(1e-3 * float(force @ velocity), rel=1e-12)
+    assert told["change"]["measured"] == pytest.approx(0.9 * told["change"]["nominal"], rel=0.03)
+    for key in keys:
+        assert told["excess"][key] == told["measured"][key] - told["nominal"][key]
+        parts = told["parts"][key]
+        assert parts["force"] + parts["velocity"] == pytest.approx(told["excess"][key], abs=1e-9)
+        assert parts["velocity"] == 0.0  # it was fed
+    assert sum(told["excess"].values()) == pytest.approx(told["change"]["excess"], abs=1e-9)
+    # One component alone: the gap is its own.
+    assert "alone" in no_shares(found)
+
+
+def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):
+    path = study(tmp_path, candidates={"only": FEW["only"], "parameters": FEW["parameters"]})
+    text = (path / "study.yaml").read_text().replace(
+        "- run.step_size=2 ms", "- run.step_size=2 ms\n- drive.force_per_voltage=32.5 N/V"
+    )  # fmt: skip
+    (path / "study.yaml").write_text(text)
+    found = load_port_study(path)
+    known = {one.id: one for one in candidates(found, measure(found, found.runs[0]))}
+    fitter = weighted(found)
+    fit = fitter.fit((known["drive.voltage.gain"],), None, np.array([0.2]))
+    from orchestrator.diagnosis.answers import Answer
+
+    ties = alike(fitter, Answer(("drive.voltage.gain",), 100.0, 0.0, fit), list(known.values()))
+    assert [one.alien for one in ties] == [("drive.force_per_voltage",)]
+    # Friction is no gain, however large.
+    assert fit.theta[0] == pytest.approx(35.15 / 32.5 - 1.0, rel=0.1)
+
+
+def test_the_next_experiment_is_told_with_its_evidence(rubbing, effects):
+    """Coulomb against viscous friction: at another speed they differ, as before they do not."""
+    one = answer(effects, "drive.coulomb", 12.0, ties=("drive.viscous",))
+    weights = {POSITION: 0.02, VOLTAGE: 0.02}
+    told = next_experiment(rubbing, one, weights, tuple(effects.values()))
+    assert told["between"] == ["drive.coulomb", "drive.viscous"]
+    assert set(told["menu"]) == {"the same again", "slow"}
+    assert told["name"] == max(told["menu"], key=told["menu"].get)
+    assert told["expected_evidence"] == told["menu"][told["name"]] > 0.0
+    # No rival, no experiment.
+    assert next_experiment(rubbing, answer(effects, "drive.coulomb", 12.0), weights, ()) is None
+
+
+def test_wrong_settings_are_told_at_once(rubbing, tmp_path):
+    path = study(
+        tmp_path,
+        motion={"port": "controller.voltage"},
+        experiments=[{"name": "a", "set": ["path.strok=1 m"]}, {"name": "b", "set": ["run.step_size=1 ms"]}],
+        practice="none.json",
+    )
+    with pytest.raises(ConfigError) as caught:
+        load_port_study(path)
+    told = str(caught.value)
+    for words in ("motion.port: controller.voltage is no position", "experiments[0]", "strok",
+                  "experiments[1].set: changes the communication step", "practice: no file none.json"):  # fmt: skip
+        assert words in told
+
+
+def test_simulated_cases_hide_what_they_say(rubbing, effects):
+    seen = set()
+    for number in range(8):
+        made, truth, trace = simulated(rubbing, list(effects.values()), np.random.default_rng(number))
+        assert {run.role for run in made.runs} == {Role.TRAIN, Role.VALIDATION}
+        seen.add(len(truth) if truth != ("outside",) else "outside")
+        assert (trace >= 3.0) is bool(truth)
+        if truth == ("outside",):
+            assert len(made.without) > len(rubbing.without)
+        log = made.runs[0].logs[POSITION]
+        # Noise is there, of the size that was specified.
+        rough = np.diff(log, 3) / np.sqrt(20.0)
+        assert np.std(rough) == pytest.approx(2e-6, rel=0.5)
+    assert len(seen) > 1
+
+
+def case(truth, gains, share=0.0):
+    """A case with an answer per gain, named a, b, ..."""
+    names = [(), *[(chr(97 + place),) for place in range(len(gains) - 1)]]
+    made = tuple(_Answer(name, gain, ()) for name, gain in zip(names, gains, strict=True))
+    return Case(truth, 10.0, made, 20, share)
+
+
+def test_what_practice_teaches_covers_what_it_did_not_see():
+    """Evidence that overstates itself ten times: as shipped it is trusted too much, as learned it is not."""
+    draw = np.random.default_rng(5)
+
+    def drawn():
+        # Truth is a; b is likelier by chance as often as ten-fold overstated evidence of unit spread says.
+        evidence = 10.0 * draw.standard_normal()
+        return case(("a",), [0.0, 60.0 + evidence, 60.0 - evidence])
+
+    cases = [drawn() for _ in range(60)]
+    learned = learn(cases, Tempering())
+    unseen = [drawn() for _ in range(200)]
+    before, after = (coverage([(one, by) for one in unseen]) for by in (Tempering(), learned))
+    assert learned.temperature > Tempering().temperature
+    assert before["covered"] < 0.7 < after["covered"]
+    assert abs(after["claimed"] - after["right"]) < abs(before["claimed"] - before["right"])
+
+
+def test_practice_of_other_candidates_is_refused(tmp_path):
+    data = {
+        "format": "port-practice/1",
+        "tempering": Tempering(temperature=3.0).data(),
+        "effects": ["a", "b"],
+    }
+    (tmp_path / "practice.json").write_text(json.dumps(data))
+    assert read_practice(tmp_path / "practice.json", ["b", "a"])[0].temperature == 3.0
+    with pytest.raises(ConfigError, match=r"other candidates: b, c"):
+        read_practice(tmp_path / "practice.json", ["a", "c"])
+    (tmp_path / "practice.json").write_text("{}")
+    with pytest.raises(ConfigError, match="is no result of practice"):
+        read_practice(tmp_path / "practice.json", ["a"])
