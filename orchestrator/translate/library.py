@@ -45,6 +45,7 @@ LIBRARY: tuple[LibraryFmu, ...] = tuple(
         ("CascadeControl", "Drives/CascadeControl.mo"),
         ("LinearDrive", "Drives/LinearDrive.mo"),
         ("CoulombDamper", "Drives/CoulombDamper.mo"),
+        ("FrictionForce", "Drives/FrictionForce.mo"),
     )
     for version in ("2.0", "3.0")
 )

@@ -101,7 +101,7 @@ def test_with_all_residuals_injected_the_loop_follows_the_log(rubbing, effects):
         given = apart.ahead(window, residuals, injected)
         for port in (POSITION, VOLTAGE):
             log = run.logs[port][window.begin : window.end]
-            assert (np.abs(given[port] - log).max() <= 1e-9 * np.abs(log).max()) is near
+            assert bool(np.abs(given[port] - log).max() <= 1e-9 * np.abs(log).max()) is near
 
 
 def test_the_faulty_component_has_the_gap(rubbing, effects):
@@ -179,8 +179,9 @@ def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):
     from orchestrator.diagnosis.answers import Answer
 
     ties = alike(fitter, Answer(("drive.voltage.gain",), 100.0, 0.0, fit), list(known.values()))
-    assert [one.alien for one in ties] == [("drive.force_per_voltage",)]
-    # Friction is no gain, however large.
+    # Another mass and damping can stand for it, too; dry friction is no gain, however large.
+    aliens = [name for one in ties for name in one.alien]
+    assert "drive.force_per_voltage" in aliens and "drive.coulomb" not in aliens
     assert fit.theta[0] == pytest.approx(35.15 / 32.5 - 1.0, rel=0.1)
 
 
@@ -207,8 +208,13 @@ def test_wrong_settings_are_told_at_once(rubbing, tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_port_study(path)
     told = str(caught.value)
-    for words in ("motion.port: controller.voltage is no position", "experiments[0]", "strok",
-                  "experiments[1].set: changes the communication step", "practice: no file none.json"):  # fmt: skip
+    for words in (
+        "motion.port: controller.voltage is no position",
+        "experiments[0]",
+        "strok",
+        "experiments[1].set: changes the communication step",
+        "practice: no file none.json",
+    ):
         assert words in told
 
 

@@ -163,6 +163,7 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "CascadeControl": ("reference", "position", "velocity"),
     "LinearDrive": ("voltage", "load"),
     "CoulombDamper": ("velocity",),
+    "FrictionForce": ("velocity",),
 }
 OUTPUTS: dict[str, tuple[str, ...]] = {
     "RobotResponse": ("position", "velocity"),
@@ -189,6 +190,7 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "CascadeControl": ("voltage",),
     "LinearDrive": ("position", "velocity"),
     "CoulombDamper": ("force",),
+    "FrictionForce": ("force",),
 }
 START: dict[str, dict[str, float]] = {
     "RobotResponse": {"tau_m": 2.3e-3},
@@ -258,6 +260,20 @@ START: dict[str, dict[str, float]] = {
     "CascadeControl": {"position_gain": 160.0, "velocity_gain": 240.0},
     "LinearDrive": {"mass": 95.0, "viscous_friction": 200.0, "force_per_voltage": 35.0, "velocity": 0.02},
     "CoulombDamper": {"level": 9000.0, "width": 2e-3},
+    "FrictionForce": {
+        "viscous": 30.0,
+        "one_sided": 5.0,
+        "drag": 40.0,
+        "stiffness": 200.0,
+        "level": 20.0,
+        "excess": 0.4,
+        "distance": 2e-3,
+        "slip_level": 10.0,
+        "slip_distance": 4e-3,
+        "bearing_level": 15.0,
+        "bearing_distance": 1e-3,
+        "play": 2e-3,
+    },
 }
 STEPS = {
     "RobotResponse": 5e-4,
@@ -275,6 +291,7 @@ STEPS = {
     "CascadeControl": 1e-3,
     "LinearDrive": 1e-3,
     "CoulombDamper": 1e-3,
+    "FrictionForce": 1e-3,
 }
 # Where the joints of JointServos stand at the start.
 JOINTS = (0.0, 0.0, -1.7453292519943295, 2.2689280275926285, 0.0, -0.5235987755982988, 0.0)
@@ -358,7 +375,7 @@ def inputs(name: str) -> list[dict[str, float]]:
     if name == "LinearDrive":
         # 2 V until 0.1 s, then none; a load from 50 ms on.
         return [{"voltage": 2.0 if i <= 100 else 0.0, "load": -12.0 if i > 50 else 0.0} for i in range(301)]
-    if name == "CoulombDamper":
+    if name in ("CoulombDamper", "FrictionForce"):
         return [{"velocity": float(0.05 * np.sin(2 * np.pi * i / 200))} for i in range(401)]
     return [{} for _ in range(1001)]
 

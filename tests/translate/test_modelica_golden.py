@@ -275,6 +275,9 @@ def test_linear_drive_is_the_closed_form():
     assert expected[:, 1].max() > 0.07
 
 
+FRICTION = bench.FMUS / "FrictionForce" / "FrictionForce.fmu"
+
+
 def test_coulomb_damper_is_its_law():
     reference, start = bench.read("CoulombDamper"), bench.START["CoulombDamper"]
     v = reference["velocity"]
@@ -282,3 +285,43 @@ def test_coulomb_damper_is_its_law():
         reference["force"], start["level"] * v / np.hypot(v, start["width"]), rtol=1e-13, atol=1e-9
     )
     assert np.ptp(reference["force"]) > 17e3
+
+
+def test_friction_force_is_its_laws():
+    """Each law by itself, along a path whose friction is known in closed form."""
+    v, h = 0.01, 1e-3
+    ways = np.arange(201) * h * v  # one way, at one speed
+    laws = {
+        "viscous": (30.0, {}, 30.0 * v),
+        "one_sided": (5.0, {}, 5.0 * v),
+        "drag": (40.0, {}, 40.0 * v * v),
+        "stiffness": (200.0, {}, 200.0 * ways),
+        "level": (20.0, {"distance": 5e-4}, 20.0 * (1.0 - np.exp(-ways / 5e-4))),
+        "slip_level": (
+            10.0,
+            {"slip_distance": 1e-3},
+            2.5 * sum(np.minimum(ways / (1e-3 * share), 1.0) for share in (0.125, 0.25, 0.5, 1.0)),
+        ),
+        "bearing_level": (
+            15.0,
+            {"bearing_distance": 5e-4, "play": 1e-3},
+            15.0 * np.clip((ways - 5e-4) / 5e-4, 0.0, 1.0),
+        ),
+    }
+    for name, (size, shape, expected) in laws.items():
+        for sign in (1.0, -1.0):
+            found = []
+            with bench.instance(FRICTION, **{name: size}, **shape, velocity=sign * v) as fmu:
+                for index in range(len(ways)):
+                    if index:
+                        fmu.fmu.doStep(currentCommunicationPoint=(index - 1) * h, communicationStepSize=h)
+                    found += fmu.get("force")
+            mirrored = expected if name == "one_sided" else sign * expected
+            np.testing.assert_allclose(
+                found, np.broadcast_to(mirrored, len(ways)), atol=2e-4 * size, err_msg=name
+            )
+    # At once, where no distance is given, with more for breaking away.
+    with bench.instance(FRICTION, level=20.0, excess=0.5, stribeck_velocity=v, width=v, velocity=v) as fmu:
+        assert fmu.get("force")[0] == pytest.approx(
+            20.0 * (1.0 + 0.5 * np.exp(-1.0)) / np.sqrt(2.0), rel=1e-12
+        )

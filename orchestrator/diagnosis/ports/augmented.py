@@ -12,18 +12,23 @@ from ...fmi import Causality
 from ...system import Port
 from ..finding import Augmented, Finding
 from .candidates import PortEffect
+from .friction_fmu import add_instance, form_of
 from .study import PortStudy
 
-__all__ = ["NAME", "augmented_config"]
+__all__ = ["FMUS", "NAME", "augmented_config"]
 
-NAME = "augmented.yaml"
+NAME, FMUS = "augmented.yaml", "augmented-fmus.yaml"
 
 
-def augmented_config(study: PortStudy, finding: Finding) -> tuple[str, dict[str, str]]:
+def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> tuple[str, dict[str, str]]:
     """The config with the answer's effects and calibration, as YAML; and what it does not hold, and why.
 
     Effects stand under `through` of the connections that they act on. An effect at an output acts on all
     connections from it; one at a free input is fed by a connection of its own.
+
+    Args:
+        fmus: whether laws of friction that are added to a force stand as instances of FrictionForce, so that
+            the system can be exported; what they give is added from one communication point to the next.
     """
     config = study.prepared.config
     data = config.model.to_data()
@@ -40,7 +45,10 @@ def augmented_config(study: PortStudy, finding: Finding) -> tuple[str, dict[str,
         theta = finding.answer.theta[place : place + len(effect.parameters)]
         place += len(effect.parameters)
         if isinstance(effect, PortEffect) and effect.port is not None and effect.make is not None:
-            if not _insert(study, data, connections, effect, effect.make(theta)):
+            made = effect.make(theta)
+            if fmus and form_of(made) is not None and study.unit(effect.port) == "N":
+                add_instance(data, connections, effect, made)
+            elif not _insert(study, data, connections, effect, made):
                 left_out[effect.id] = f"{effect.port} feeds nothing in this system"
     data["connections"] = [
         one if one["through"] or isinstance(one["from"], list) else f"{one['from']} -> {one['to']}"

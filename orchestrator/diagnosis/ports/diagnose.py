@@ -14,8 +14,8 @@ from ...formats import strict
 from ...provenance import origin, versions
 from ..finding import Finding
 from ..verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which
+from .augmented import FMUS, augmented_config
 from .augmented import NAME as AUGMENTED
-from .augmented import augmented_config
 from .candidates import candidates
 from .closure import NOMINAL, how_far
 from .energy import energy
@@ -133,6 +133,9 @@ def diagnose_ports(
         }
     )
     files = {AUGMENTED: config}
+    exportable, _ = augmented_config(study, finding, fmus=True)
+    if exportable != config:
+        files[FMUS] = exportable
     if practice is not None:
         files[PRACTICE] = json.dumps(strict(dict(taught)), indent=1, allow_nan=False) + "\n"
     if report:

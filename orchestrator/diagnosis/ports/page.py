@@ -126,7 +126,7 @@ def _trusted(taught: Mapping[str, Any]) -> str:
         return "Probabilities are tempered, not calibrated on cases: this system was not practised on."
     told = taught["coverage"]["as learned, on unseen cases"]
     return (
-        f"Probabilities were calibrated on {told['cases']:.0f} simulated cases of this system. Of cases that the "
-        f"calibration did not see, 95 % answer sets held the truth in {percent(told['covered'])}; first answers "
-        f"were right in {percent(told['right'])}, at a mean probability of {percent(told['claimed'])}."
+        f"Probabilities were calibrated on {told['cases']:.0f} simulated cases of this system. Of cases that "
+        f"it did not see, 95 % answer sets held the truth in {percent(told['covered'])}; first answers were "
+        f"right in {percent(told['right'])}, at a mean probability of {percent(told['claimed'])}."
     )

@@ -37,7 +37,7 @@ def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect]) -> list[Ali
     """Models with one effect of an answer replaced whose fitted replays data like these would not separate.
 
     Evidence does not count here: a gain of a port and the parameter that it equals predict the same to the
-    last digit, and differ in evidence by how wide their priors are.
+    last digit, and differ in evidence by how wide their priors are. How far calibrated numbers stray does.
     """
     top = answer.fit
     if top is None:
@@ -63,9 +63,15 @@ def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect]) -> list[Ali
         promising.sort(key=lambda one: one[0])
         for _, effect, start in promising[:_FITTED]:
             fit = fitter.fit((*others, effect), z[: len(fitter.nominal)], start)
-            if np.isfinite(fit.cost) and separation(fitter, top, fit) < _APART:
+            if np.isfinite(fit.cost) and separation(fitter, top, fit) + _bent(fitter, top, fit) < _APART:
                 found.append(Alike(fit, (effect.id,)))
     return found
+
+
+def _bent(fitter: Fitter, one: Fit, other: Fit) -> float:
+    """What the calibration of the other fit strays more, in log probability [nats]."""
+    count = len(fitter.nominal)
+    return max(0.5 * float(other.z[:count] @ other.z[:count] - one.z[:count] @ one.z[:count]), 0.0)
 
 
 def _without(fitter: Fitter, fit: Fit, place: int) -> Array:
