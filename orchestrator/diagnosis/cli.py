@@ -132,7 +132,11 @@ class _Bar:
             self._bar.set_description(case)
 
     def stage(self, name: str) -> None:
-        """A stage begins; the one before it is over."""
+        """A stage begins; the one before it is over. How far practice is, is no stage."""
+        if name.startswith("practice"):
+            if self._bar is not None:
+                self._bar.set_postfix_str(name)
+            return
         if self._bar is not None:
             self._bar.update(1 if self._stages else 0)
             self._bar.set_postfix_str(name)

@@ -70,7 +70,7 @@ def diagnose(
         out: folder to write to; nothing is written without it.
         parts: the analyses; all of this package by default.
         report: whether to write the page, too.
-        progress: is told each of `STAGES` as it begins.
+        progress: is told each of `STAGES` as it begins, and how far practice is, as in "practice 3/60".
         practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
     """
@@ -126,7 +126,9 @@ def _any_system(
     """The diagnosis of a system of FMUs with logged ports."""
     from .ports.diagnose import Practise, diagnose_ports
 
-    cases = Practise(practice, seed) if practice else None
+    cases = None
+    if practice:
+        cases = Practise(practice, seed, lambda done: progress(f"practice {done}/{practice}"))
     made = diagnose_ports(path, progress, report and out is not None, cases)
     diagnosed = Diagnosed(made.study, made.finding, made.diagnosis)
     if out is None:

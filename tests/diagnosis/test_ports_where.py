@@ -10,6 +10,7 @@ import pytest
 import yaml
 from ports_bench import friction, study
 
+from orchestrator.__main__ import main
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.ports.apart import Apart, closed, components, estimates
 from orchestrator.diagnosis.ports.candidates import candidates
@@ -272,3 +273,25 @@ def test_practice_of_other_candidates_is_refused(tmp_path):
     (tmp_path / "practice.json").write_text("{}")
     with pytest.raises(ConfigError, match="is no result of practice"):
         read_practice(tmp_path / "practice.json", ["a"])
+
+
+def test_practice_on_the_command_line(tmp_path, capsys):
+    """Ten cases teach little, but are told with how often they were covered, and can be used again."""
+    few = {"only": ["drive.viscous", "drive.voltage.gain", "drive.voltage.offset"]}
+    path = study(tmp_path / "case", candidates=few)
+    out = tmp_path / "out"
+    told = ["diagnose", str(path), "--out", str(out), "--no-report", "--quiet"]
+    assert main([*told, "--practice", "4"]) == 2
+    assert "got 4 cases" in capsys.readouterr().err
+    assert main([*told, "--practice", "10"]) == 0
+    practice = json.loads((out / "practice.json").read_text())
+    assert practice["format"] == "port-practice/1" and len(practice["cases"]) == 10
+    assert practice["coverage"]["as learned, on unseen cases"]["cases"] == 10
+    assert set(practice["effects"]) == set(few["only"])
+    first = json.loads((out / "diagnosis.json").read_text())
+    data = yaml.safe_load((path / "study.yaml").read_text()) | {"practice": "../out/practice.json"}
+    (path / "study.yaml").write_text(yaml.safe_dump(data))
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "again"), "--quiet"]) == 0
+    again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
+    assert again["which"] == first["which"]
+    assert "were calibrated on 10 simulated cases" in (tmp_path / "again" / "report.html").read_text()

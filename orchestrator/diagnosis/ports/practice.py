@@ -88,9 +88,10 @@ def simulated(
     kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
     pool = [one for one in effects if isinstance(one, PortEffect)]
     hidden: list[PortEffect] = []
-    while len(hidden) < {"none": 0, "two": 2}.get(kind, 1):
-        one = pool[int(rng.integers(len(pool)))]
-        if all(one.id != other.id and (not one.family or one.family != other.family) for other in hidden):
+    for one in (pool[place] for place in rng.permutation(len(pool))):
+        if len(hidden) == {"none": 0, "two": 2}.get(kind, 1):
+            break
+        if all(not one.family or one.family != other.family for other in hidden):
             hidden.append(one)
     theta = np.concatenate([_drawn(one, rng) for one in hidden]) if hidden else np.zeros(0)
     calibrated = {
@@ -120,8 +121,6 @@ def simulated(
         # Its whole family is struck: another form of the same cause would be right.
         family = hidden[0].family
         gone = [one.id for one in pool if one.id == hidden[0].id or (family and one.family == family)]
-        if len(gone) == len(pool):
-            return simulated(study, effects, rng)
         without, truth = (*without, *gone), ("outside",)
     if trace < _SEEN:
         truth = ()
@@ -173,6 +172,8 @@ def practise(study: PortStudy, count: int, seed: int, progress: Callable[[int], 
     if count < _FEWEST:
         raise ConfigError([Problem("practice", f"got {count} cases", f"at least {_FEWEST}")])
     effects = candidates(study, measure(study, study.of(Role.TRAIN)[0]))
+    if len(effects) < 2:
+        raise ConfigError([Problem("practice", f"got {len(effects)} candidates", "at least 2 to tell apart")])
     cases = []
     for number in range(count):
         rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
