@@ -90,6 +90,8 @@ def diagnose_ports(
         left_out["where"] = reason
     else:
         shares = where(study, finding)
+        if not shares:
+            left_out["where"] = "the model runs away in every window"
     worked = energy(study, finding)
     if not worked:
         left_out["energy"] = "at no interface were a force and the velocity along it both logged"

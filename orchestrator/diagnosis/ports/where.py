@@ -179,9 +179,13 @@ def _gap(study: PortStudy, run: PortRun, given: Mapping[Port, Array], window: Wi
 def where(study: PortStudy, finding: Finding) -> dict[str, float]:
     """Shares of the closed-loop gap by place, adding up to 1; see `sharing.by_place`.
 
-    Negative where a component hides another's part. Equal ones where there is no gap.
+    Negative where a component hides another's part. Equal ones where there is no gap; none where the model
+    runs away in every window.
     """
-    values = shapley_shares(study, finding).values
+    found = shapley_shares(study, finding)
+    if not found.windows:
+        return {}
+    values = found.values
     total = float(values.sum())
     shares = (values / total if total > 0.0 else np.full(len(values), 1.0 / len(values))).tolist()
     return by_place(shares, {one.name: one.places for one in components(study)}, finding)
