@@ -183,7 +183,9 @@ def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):
     # Another mass and damping can stand for it, too; dry friction is no gain, however large.
     aliens = [name for one in ties for name in one.alien]
     assert "drive.force_per_voltage" in aliens and "drive.coulomb" not in aliens
-    assert fit.theta[0] == pytest.approx(35.15 / 32.5 - 1.0, rel=0.1)
+    # Mass and damping take their part of it, by how far their priors let them.
+    (same,) = (one.fit for one in ties if one.alien == ("drive.force_per_voltage",))
+    assert same.theta[0] / 32.5 == pytest.approx(fit.theta[0], rel=0.3) and 0.03 < fit.theta[0] < 0.09
 
 
 def test_the_next_experiment_is_told_with_its_evidence(rubbing, effects):
