@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from .catalogue import catalogue
 from .verdict import Diagnosis, Which
 
-__all__ = ["TELLS", "given", "headline", "listed_or", "percent"]
+__all__ = ["TELLS", "given", "headline", "listed_or", "nats", "percent"]
 
 # An answer that is likelier than this is named alone, its ties after it.
 _SURE = 0.8
 # Evidence below which an experiment tells nothing apart [nats].
 TELLS = 1.0
+# Beyond this an experiment decides; how far beyond only tells how many digits exact software has [nats].
+_DECIDES = 1000.0
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -69,3 +71,8 @@ def percent(value: float) -> str:
     digits = 1 if 0.0005 <= abs(value) < 0.0995 or 0.99 < value < 1.0 else 0
     text = f"{100 * value:.{digits}f} %"
     return text.removeprefix("-") if abs(value) < 0.0005 else text
+
+
+def nats(evidence: float) -> str:
+    """Log evidence that is expected, without sizes that mean nothing."""
+    return f"over {_DECIDES:.0f} nats" if evidence > _DECIDES else f"{float(f'{evidence:.3g}'):g} nats"

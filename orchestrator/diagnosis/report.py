@@ -12,7 +12,7 @@ from .catalogue import catalogue, in_words
 from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
-from .headline import TELLS, given, headline, listed_or, percent
+from .headline import TELLS, given, headline, listed_or, nats, percent
 from .study import Role, Study
 from .verdict import Diagnosis, Gap
 
@@ -163,7 +163,7 @@ def _next(diagnosis: Diagnosis) -> str:
     if one.between:
         text += f"<p class=note>Between {escape(listed_or(one.between))}"
         if one.expected_evidence is not None:
-            text += f": {one.expected_evidence:.3g} nats of evidence expected"
+            text += f": {nats(one.expected_evidence)} of evidence expected"
         text += ".</p>"
     return text
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .diagnose import Diagnosed
-from .headline import TELLS, headline, percent
+from .headline import TELLS, headline, nats, percent
 
 __all__ = ["text"]
 
@@ -24,11 +24,11 @@ def text(made: Diagnosed) -> str:
         lines.append(f"  where: {told}")
     if found.next_experiment is not None:
         evidence = found.next_experiment.expected_evidence
-        nats = "" if evidence is None else f" ({evidence:.3g} nats expected)"
+        expected = "" if evidence is None else f" ({nats(evidence)} expected)"
         if evidence is not None and evidence < TELLS:
             lines.append("  next: no experiment of the menu tells these answers apart")
         else:
-            lines.append(f"  next: {found.next_experiment.name}{nats}")
+            lines.append(f"  next: {found.next_experiment.name}{expected}")
     lines += [f"  data: {one.place}: {one.what}" for one in found.data]
     lines += [f"  left out: {name.replace('_', ' ')}: {why}" for name, why in found.left_out.items()]
     if made.folder is not None:

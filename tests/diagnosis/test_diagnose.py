@@ -17,7 +17,7 @@ from orchestrator.diagnosis import diagnose as module
 from orchestrator.diagnosis.catalogue import catalogue, in_words
 from orchestrator.diagnosis.diagnose import STAGES, diagnose
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
-from orchestrator.diagnosis.headline import headline, percent
+from orchestrator.diagnosis.headline import headline, nats, percent
 from orchestrator.diagnosis.parts import Parts
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.verdict import read_diagnosis
@@ -164,6 +164,10 @@ def test_the_same_study_gives_the_same_page(study, tmp_path):
         text = (tmp_path / name / "report.html").read_text()
         pages.append(text[: text.index("<summary>Provenance")])
     assert pages[0] == pages[1]
+
+
+def test_evidence_that_only_tells_of_digits_is_not_told_as_a_number():
+    assert nats(31.04) == "31 nats" and nats(1000.0) == "1000 nats" and nats(5e12) == "over 1000 nats"
 
 
 def test_headlines():
