@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 from .catalogue import catalogue
 from .fit import Fit, Fitter
@@ -106,11 +107,11 @@ def simplest(answers: Sequence[Answer]) -> list[Answer]:
 
 
 def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
-    """Answers with those that hold one effect more, which is too small to be seen.
+    """Answers with those that hold further effects, which are too small to be seen.
 
     An effect may be as small as it likes: no answer has less evidence than it has without some of its
-    effects, and one that was not worth a fit has the same. Only to no effect, and to near answers of one, is
-    one added.
+    effects, and one that was not worth a fit has the same. To no effect one or two are added, to near
+    answers of one effect one.
 
     Args:
         answers: none first, then by falling evidence.
@@ -136,6 +137,10 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
             key = frozenset((*base.effects, name))
             if key not in found:
                 found[key] = replace(base, effects=tuple(sorted(key)), unseen=(name,))
+    if best - found[frozenset()].gain < _NEAR:
+        for pair in combinations(sorted(ids), 2):
+            if frozenset(pair) not in found:
+                found[frozenset(pair)] = replace(found[frozenset()], effects=pair, unseen=pair)
     none, *others = found.values()
     return [none, *sorted(others, key=lambda one: -one.gain)]
 

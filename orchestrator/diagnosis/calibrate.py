@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +19,23 @@ import numpy as np
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
+from ..errors import OrchestratorError
 from ..provenance import origin
-from .calibration import Calibration
+from ..workers import Pool, Work, pool_of
+from .answers import Answer, complete
+from .calibration import FILE, Calibration, Table
 from .hardware import weigh_rig
 from .practice import simulated_study
 from .rough import learn_roughness, strayed_by_number
 from .study import Array
 
-__all__ = ["Practice", "learn", "loss", "main", "practise", "simulated_study"]
+__all__ = ["Practice", "learn", "learn_unseen", "loss", "main", "practise", "simulated_study"]
 
 # How far the logarithm of each learned number may stray from where it begins: cases are few, and simulated.
 _STRAY = 0.7
-_NUMBERS = tuple(name for name in Calibration.__dataclass_fields__ if name != "roughness")
+_NUMBERS = tuple(name for name in Calibration.__dataclass_fields__ if name not in ("unseen", "roughness"))
+# See `learn_unseen`.
+_USUAL = 3.0
 
 # A real rig leaves more than a simulated one: the map is learned of each case as it is, and with so much more
 # left unexplained [nats].
@@ -45,27 +48,19 @@ class Practice:
 
     Attributes:
         truth: ids, ("outside",), or none; magnitude: of the effects.
-        answers: effects, log evidence, what is left, ties; none first.
+        answers: none first; without their fits.
         beside: see `Group.outside`.
     """
 
     truth: tuple[str, ...]
     magnitude: float
-    answers: tuple[_Answer, ...]
+    answers: tuple[Answer, ...]
     beside: float
 
-    def right(self, answer: _Answer) -> bool:
+    def right(self, answer: Answer) -> bool:
         """Whether an answer names what is hidden, ties as declared."""
         missing = set(self.truth) - set(answer.effects)
         return len(answer.effects) == len(self.truth) and missing <= set(answer.ties)
-
-
-@dataclass(frozen=True)
-class _Answer:
-    effects: tuple[str, ...]
-    gain: float
-    left: float
-    ties: tuple[str, ...] = ()
 
 
 def practise(seed: int, roughness: Mapping[str, float], number: int) -> Practice:
@@ -73,47 +68,138 @@ def practise(seed: int, roughness: Mapping[str, float], number: int) -> Practice
     study, plan = simulated_study(seed, number)
     with threadpool_limits(limits=1, user_api="blas"):
         group = weigh_rig(study, rough=roughness)
-    answers = tuple(_Answer(one.effects, float(one.gain), float(one.left), one.ties) for one in group.answers)
+    answers = tuple(
+        Answer(one.effects, float(one.gain), float(one.left), ties=one.ties, unseen=one.unseen)
+        for one in group.answers
+    )
     truth = ("outside",) if plan.kind == "outside" else tuple(sorted(one.id for one in plan.effects))
     return Practice(truth, plan.magnitude, answers, float(group.outside))
 
 
-def _rougher(one: Practice, more: float) -> Practice:
-    """The same case on a rig that is rough in ways that nothing here simulates: each answer leaves more."""
-    return replace(one, answers=tuple(replace(answer, left=answer.left + more) for answer in one.answers))
+@dataclass(frozen=True)
+class _Lesson:
+    """Practised cases in arrays, each of shape (cases, answers): answers that differ by names only are one.
 
+    Attributes:
+        of: rarity is that of all answers that are one; outside is not among them.
+        beside: see `Practice`, shape (cases,).
+        alike: how many answers are one, outside the last.
+        right: the right ones' share of the rarity's exponential; rights: how many they are, outside the last.
+    """
 
-def _learned(x: Array, start: Calibration) -> Calibration:
-    return replace(
-        start, **{name: getattr(start, name) * float(np.exp(v)) for name, v in zip(_NUMBERS, x, strict=True)}
-    )
+    of: Table
+    beside: Array
+    alike: Array
+    right: Array
+    rights: Array
+
+    @staticmethod
+    def of_cases(cases: Sequence[Practice], learned: Calibration) -> _Lesson:
+        alike: list[dict[tuple[float, float, int, int], list[float]]] = []
+        for case in cases:
+            outside, own = case.truth == ("outside",), {}
+            of = learned.table(case.answers)
+            columns = (of.gain.tolist(), of.left.tolist(), of.seen.tolist(), of.unseen.tolist())
+            usual = np.exp(-of.rarity)
+            for *key, weight, answer in zip(*columns, usual.tolist(), case.answers, strict=True):
+                found = own.setdefault(tuple(key), [0.0, 0.0, 0.0, 0.0])
+                right = not outside and case.right(answer)
+                found[0] += weight
+                found[1] += 1.0
+                found[2] += weight * right
+                found[3] += right
+            alike.append(own)
+        shape = len(cases), max(map(len, alike))
+        # What there is no answer for is not probable, and not to be divided by.
+        gain, left, seen, unseen = (np.full(shape, value) for value in (-1e290, 0.0, 1.0, 0.0))
+        weight, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
+        count, rights = np.zeros_like(right), np.zeros_like(right)
+        for place, own in enumerate(alike):
+            size = len(own)
+            for target, values in zip((gain, left, seen, unseen), zip(*own, strict=True), strict=True):
+                target[place, :size] = values
+            weights, counts, right_weights, right_counts = (
+                np.array(one) for one in zip(*own.values(), strict=True)
+            )
+            weight[place, :size], count[place, :size] = weights, counts
+            right[place, :size], rights[place, :size] = right_weights / weights, right_counts
+            count[place, -1] = 1.0
+            right[place, -1] = rights[place, -1] = cases[place].truth == ("outside",)
+        table = Table(gain, left, seen, unseen, -np.log(weight))
+        return _Lesson(table, np.array([one.beside for one in cases]), count, right, rights)
+
+    def rougher(self, more: float) -> _Lesson:
+        """The same on rigs that are rough in ways that nothing here simulates: each answer leaves more."""
+        return replace(self, of=replace(self.of, left=self.of.left + more))
+
+    def loss(self, learned: Calibration) -> float:
+        """Negative log probability of the truths."""
+        scores = np.subtract(*learned.scores(self.of, self.beside))
+        even = replace(learned, floor=1.0).spread(scores, self.alike)
+        p = replace(learned, floor=0.0).spread(scores)
+        # Of answers that are one, right ones have their share; evenly spread, as many as they are.
+        found = (1.0 - learned.floor) * p * self.right + learned.floor * even * self.rights / np.maximum(
+            self.alike, 1.0
+        )
+        return -float(np.log(np.maximum(found.sum(-1), 1e-6)).sum())
 
 
 def loss(learned: Calibration, cases: Sequence[Practice]) -> float:
     """Mean negative log probability of the truth; ties of an answer count as it."""
-    total = 0.0
+    return _Lesson.of_cases(cases, learned).loss(learned) / len(cases)
+
+
+def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, float]:
+    """Of the effects that stay unseen, how many are which: one whose likes calibration explains are many.
+
+    Each effect's share of unseen ones is drawn to that of all by `_USUAL` cases: of each, there are few.
+    """
+    hidden: dict[str, int] = {}
+    missed: dict[str, int] = {}
     for case in cases:
-        p = learned.probabilities(case.answers, case.beside)
         if case.truth == ("outside",):
-            right = p[-1]
-        else:
-            right = sum(q for q, one in zip(p, case.answers, strict=False) if case.right(one))
-        total -= np.log(max(right, 1e-6))
-    return total / len(cases)
+            continue
+        seen = case.answers[int(np.argmax(np.subtract(*start.scores(case.answers, 0.0))[:-1]))].seen
+        for name in case.truth:
+            hidden[name] = hidden.get(name, 0) + 1
+            missed[name] = missed.get(name, 0) + (name not in seen)
+    names = {name for case in cases for one in case.answers for name in one.effects}
+    usual = (sum(missed.values()) + 1.0) / (sum(hidden.values()) + 2.0)
+    chance = {
+        name: (missed.get(name, 0) + _USUAL * usual) / (hidden.get(name, 0) + _USUAL)
+        for name in sorted(names)
+    }
+    whole = sum(chance.values())
+    return {name: round(value / whole, 5) for name, value in chance.items()}
 
 
-def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibration:
-    """The numbers under which the truth of simulated cases is most probable."""
+def learn(
+    cases: Sequence[Practice], start: Calibration | None = None, rougher: Sequence[float] = (0.0,)
+) -> Calibration:
+    """The numbers under which the truth of simulated cases is most probable.
+
+    Args:
+        rougher: each case counts as often as there are numbers, with so much more left unexplained [nats].
+    """
     start = start or Calibration()
+    start = replace(start, unseen=learn_unseen(cases, start))
+    lesson = _Lesson.of_cases(cases, start)
+    lessons = [lesson.rougher(more) for more in rougher]
+
+    def learned(x: Array) -> Calibration:
+        return replace(
+            start, **{name: getattr(start, name) * math.exp(v) for name, v in zip(_NUMBERS, x, strict=True)}
+        )
 
     def cost(x: Array) -> float:
-        return loss(_learned(x, start), cases) * len(cases) + 0.5 * float(np.sum((x / _STRAY) ** 2))
+        now = learned(x)
+        return sum(one.loss(now) for one in lessons) + 0.5 * float(np.sum((x / _STRAY) ** 2))
 
     size = len(_NUMBERS)
     found = minimize(
-        cost, np.zeros(size), method="Powell", bounds=[(-2.5, 2.5)] * size, options={"maxiter": 20}
+        cost, np.zeros(size), method="L-BFGS-B", bounds=[(-2.5, 2.5)] * size, options={"maxiter": 40}
     )
-    return _learned(found.x, start)
+    return learned(found.x)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -124,29 +210,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=20261)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seen", type=Path, help="keep weighed cases here, and go on from those there")
+    parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that weighs")
+    parser.add_argument("--out", type=Path, default=FILE, help="by default, what comes with the product")
     options = parser.parse_args(arguments)
     seen = json.loads(options.seen.read_text("utf-8")) if options.seen and options.seen.is_file() else {}
     done = {int(number): _read(data) for number, data in seen.get("cases", {}).items()}
-    # Forked workers inherit threads' locks in whatever state they are.
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        if "roughness" not in seen:
-            bare = pool.map(partial(strayed_by_number, options.seed + 1), range(1, options.bare + 1))
-            seen["roughness"] = dict(learn_roughness(list(bare)))
-            print(seen["roughness"], flush=True)
-        weigh_one = partial(practise, options.seed, seen["roughness"])
-        todo = [number for number in range(1, options.cases + 1) if number not in done]
-        waiting = {pool.submit(weigh_one, number): number for number in todo}
-        for future in as_completed(waiting):
-            number = waiting[future]
-            done[number] = future.result()
-            if options.seen:
-                seen.setdefault("cases", {})[str(number)] = _written(done[number])
-                options.seen.write_text(json.dumps(seen), encoding="utf-8")
-            print(f"{len(done)}/{options.cases}", flush=True)
+    pool = pool_of(options.scheduler, options.jobs)
+    if "roughness" not in seen:
+        bare = _outcomes(pool, Work(strayed_by_number, payload=options.seed + 1), range(1, options.bare + 1))
+        seen["roughness"] = dict(learn_roughness([one for _, one in sorted(bare, key=lambda one: one[0])]))
+        print(seen["roughness"], flush=True)
+    todo = [number for number in range(1, options.cases + 1) if number not in done]
+    for number, one in _outcomes(pool, Work(_practised, payload=(options.seed, seen["roughness"])), todo):
+        done[number] = one
+        if options.seen:
+            seen.setdefault("cases", {})[str(number)] = _written(one)
+            options.seen.write_text(json.dumps(seen), encoding="utf-8")
+        print(f"{len(done)}/{options.cases}", flush=True)
     cases = [done[number] for number in sorted(done)]
-    rougher = [_rougher(one, more) for more in _ROUGHER for one in cases]
-    learned = learn(rougher, Calibration(roughness=seen["roughness"]))
+    learned = learn(cases, Calibration(roughness=seen["roughness"]), _ROUGHER)
     learned.save(
+        options.out,
         cases=len(cases),
         bare=options.bare,
         seed=options.seed,
@@ -156,15 +240,32 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(learned)
 
 
+def _practised(context: tuple[int, Mapping[str, float]], number: int) -> Practice:
+    return practise(*context, number)
+
+
+def _outcomes(pool: Pool, work: Work, numbers: Sequence[int]) -> Iterator[tuple[int, Any]]:
+    """Numbers and what became of them. Raises: OrchestratorError if one failed."""
+    for outcome in pool.outcomes(work, numbers):
+        if outcome.failure is not None:
+            raise OrchestratorError(f"simulated case {outcome.task}: {outcome.failure.message}")
+        yield outcome.task, outcome.value
+
+
 def _written(one: Practice) -> list[Any]:
-    answers = [[a.effects, a.gain, a.left, a.ties] for a in one.answers]
+    """Without answers of two unseen effects, which `_read` adds again."""
+    answers = [[a.effects, a.gain, a.left, a.ties, a.unseen] for a in one.answers if len(a.unseen) < 2]
     return [one.truth, one.magnitude, answers, one.beside]
 
 
 def _read(data: list[Any]) -> Practice:
     truth, magnitude, answers, beside = data
-    made = tuple(_Answer(tuple(a[0]), a[1], a[2], tuple(a[3])) for a in answers)
-    return Practice(tuple(truth), magnitude, made, beside)
+    made = [
+        Answer(tuple(effects), gain, left, ties=tuple(ties), unseen=tuple(unseen))
+        for effects, gain, left, ties, unseen in answers
+    ]
+    ids = [one.effects[0] for one in made if len(one.effects) == 1]
+    return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)
 
 
 if __name__ == "__main__":

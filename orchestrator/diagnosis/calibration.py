@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -14,9 +14,10 @@ import numpy as np
 
 from .study import Array
 
-__all__ = ["Calibration", "Weighable", "calibration"]
+__all__ = ["FILE", "Calibration", "Table", "Weighable", "calibration"]
 
-_FILE = Path(__file__).parent / "calibration.json"
+# What comes with the product.
+FILE = Path(__file__).parent / "calibration.json"
 
 
 class Weighable(Protocol):
@@ -25,6 +26,23 @@ class Weighable(Protocol):
     effects: tuple[str, ...]
     gain: float
     left: float
+    unseen: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Answers of a group in arrays: see `Calibration.table`.
+
+    Attributes:
+        gain, left: see `answers.Answer`; seen, unseen: how many effects the logs speak for, and how many not.
+        rarity: see `Calibration.rarity`; each of shape (answers,), or (groups, answers).
+    """
+
+    gain: Array
+    left: Array
+    seen: Array
+    unseen: Array
+    rarity: Array
 
 
 @dataclass(frozen=True)
@@ -32,13 +50,15 @@ class Calibration:
     """How log evidences become probabilities.
 
     The score of an answer is its log evidence over T = temperature + growth (best log evidence)^`power`: a
-    real effect's form is not quite the catalogue's, and what that costs grows with the effect. Effects have a
-    price: the first of them `first`, the second `second`, each further one `further`. Something outside the
-    catalogue scores what the best answer of its group has, less `outside`, plus `slope` times ln(1 + u), u
-    the unexplained log likelihood over (1 + best log evidence)^`share`. A share `floor` of the probability
-    is spread evenly.
+    real effect's form is not quite the catalogue's, and what that costs grows with the effect. Effects that
+    the logs speak for have a price: the first of them `first`, the second `second`, each further one
+    `further`. One that is too small to be seen costs `hidden`, beside another one `beside`, and more the
+    seldomer it stays unseen. Something outside the catalogue scores what the best answer of its group has,
+    less `outside`, plus `slope` times ln(1 + u), u the unexplained log likelihood over
+    (1 + best log evidence)^`share`. A share `floor` of the probability is spread evenly.
 
     Attributes:
+        unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
         roughness: of rigs that hide nothing, one standard deviation as a share of an effect's prior, by id.
     """
 
@@ -48,58 +68,89 @@ class Calibration:
     first: float = 4.0
     second: float = 5.0
     further: float = 8.0
+    hidden: float = 1.5
+    beside: float = 2.0
     outside: float = 8.0
     slope: float = 1.5
     share: float = 0.3
     floor: float = 0.002
+    unseen: Mapping[str, float] = field(default_factory=dict)
     roughness: Mapping[str, float] = field(default_factory=dict)
 
-    def price(self, effects: int) -> float:
-        """What so many effects cost, in all groups of logs together."""
-        if effects == 0:
-            return 0.0
-        second = self.second if effects > 1 else 0.0
-        return self.first + second + max(effects - 2, 0) * self.further
+    def price(self, seen: int | Array, unseen: int | Array = 0, rarity: float | Array = 0.0) -> float | Array:
+        """What effects cost, in all groups of logs together.
 
-    def scores(self, answers: Sequence[Weighable], beside: float) -> Array:
+        Args:
+            seen, unseen: how many effects the logs speak for, and how many are too small for that.
+            rarity: of the latter, see `rarity`; all three of one shape.
+        """
+        cost = self.first * np.minimum(seen, 1) + self.second * np.clip(np.subtract(seen, 1), 0, 1)
+        cost = cost + self.further * np.maximum(np.subtract(seen, 2), 0)
+        alone = np.where(np.equal(seen, 0), self.hidden, self.beside) * np.minimum(unseen, 1)
+        return cost + alone + self.beside * np.maximum(np.subtract(unseen, 1), 0) + rarity
+
+    def rarity(self, unseen: Collection[str]) -> float:
+        """How seldom just these effects are what stays unseen [nats]."""
+        usual = 1.0 / max(len(self.unseen), 1)
+        return -sum(math.log(self.unseen.get(name, usual)) for name in unseen)
+
+    def table(self, answers: Sequence[Weighable]) -> Table:
+        """What scores are made of."""
+        unseen = np.array([len(one.unseen) for one in answers])
+        return Table(
+            np.array([one.gain for one in answers]),
+            np.array([one.left for one in answers]),
+            np.array([len(one.effects) for one in answers]) - unseen,
+            unseen,
+            np.array([self.rarity(one.unseen) for one in answers]),
+        )
+
+    def scores(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> tuple[Array, Array]:
         """Scores of a group's answers and, last, of something outside the catalogue.
 
         Args:
             answers: none first.
             beside: log evidence of something outside that no answer could explain [nats].
-        Returns: the price of effects is taken off that of outside only, whose price is that of the answer
-            that it stands beside, shape (answers + 1,).
+        Returns: scores, and the prices that they are still to be lessened by where the group stands alone.
+            That of outside is zero: it has paid for the answer that it stands beside; each of shape
+            (answers + 1,), and where a table is of several groups, so many of them.
         """
-        gains = np.array([one.gain for one in answers])
-        best = max(float(gains.max()), 0.0)
-        scores = gains / (self.temperature + self.growth * best**self.power)
-        priced = scores - [self.price(len(one.effects)) for one in answers]
-        top = int(np.argmax(priced))
+        of = answers if isinstance(answers, Table) else self.table(answers)
+        best = np.maximum(of.gain.max(-1, keepdims=True), 0.0)
+        scores = of.gain / (self.temperature + self.growth * best**self.power)
+        prices = self.price(of.seen, of.unseen, of.rarity)
+        priced = np.where(of.unseen > 0, -np.inf, scores - prices)
+        top = np.argmax(priced, -1, keepdims=True)
+        left = np.take_along_axis(of.left, top, -1)
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
-        u = (answers[top].left + beside) / (1.0 + best) ** self.share
-        outside = priced[top] - self.outside + self.slope * math.log1p(u)
-        return np.array([*scores, outside])
+        u = (left + np.expand_dims(beside, -1)) / (1.0 + best) ** self.share
+        outside = np.take_along_axis(priced, top, -1) - self.outside + self.slope * np.log1p(u)
+        return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 
-    def probabilities(self, answers: Sequence[Weighable], beside: float) -> Array:
+    def probabilities(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> Array:
         """Probabilities of the answers of a group that stands alone and, last, of something outside."""
-        scores = self.scores(answers, beside)
-        scores[:-1] -= [self.price(len(one.effects)) for one in answers]
-        return self.spread(scores)
+        scores, prices = self.scores(answers, beside)
+        return self.spread(scores - prices)
 
-    def spread(self, scores: Array) -> Array:
-        """Probabilities from scores, prices taken off."""
-        p = np.exp(scores - scores.max())
-        p /= p.sum()
-        return (1.0 - self.floor) * p + self.floor / len(p)
+    def spread(self, scores: Array, alike: float | Array = 1.0) -> Array:
+        """Probabilities from scores, prices taken off.
 
-    def save(self, path: Path = _FILE, **provenance: object) -> None:
+        Args:
+            alike: of how many answers each score is.
+        """
+        p = np.exp(scores - scores.max(-1, keepdims=True))
+        p /= p.sum(-1, keepdims=True)
+        even = np.broadcast_to(alike, p.shape)
+        return (1.0 - self.floor) * p + self.floor * even / even.sum(-1, keepdims=True)
+
+    def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/2", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/3", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 
 @lru_cache(maxsize=1)
 def calibration() -> Calibration:
     """What comes with the product; `python -m orchestrator.diagnosis.calibrate` learns it anew."""
-    data = json.loads(_FILE.read_text(encoding="utf-8"))
+    data = json.loads(FILE.read_text(encoding="utf-8"))
     return Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})

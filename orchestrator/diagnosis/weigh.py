@@ -21,8 +21,9 @@ __all__ = ["conclude", "weigh"]
 
 Choice = tuple[tuple[Group, Answer], ...]
 _OUTSIDE = Answer(("outside",), 0.0, 0.0)
-# Answers of a group that are told, and combined with those of other groups.
-_TOLD, _TOLD_OF_SOFTWARE = 120, 8
+# Answers of a group whose scores lie farther below its best are not worth a word, and not combined with
+# those of other groups; of software, so many are.
+_LEAST, _TOLD_OF_SOFTWARE = 16.0, 8
 
 
 def weigh(study: Study) -> Finding:
@@ -48,16 +49,21 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
             ranked.append([(0.0, group, group.answers[0])])  # software that replays to the last digit
             continue
         options = [*group.answers, _OUTSIDE]
-        scores = learned.scores(group.answers, group.outside)
-        own = scores - [*(learned.price(len(one.effects)) for one in group.answers), 0.0]
-        order = np.argsort(-own, kind="stable")[: _TOLD if group is groups[-1] else _TOLD_OF_SOFTWARE]
+        scores, prices = learned.scores(group.answers, group.outside)
+        own = scores - prices
+        order = np.argsort(-own, kind="stable")
+        order = order[own[order] > own[order[0]] - _LEAST]
+        if group is not groups[-1]:
+            order = order[:_TOLD_OF_SOFTWARE]
         ranked.append([(float(scores[place]), group, options[place]) for place in order])
     scored: dict[tuple[str, ...], list[tuple[float, Choice]]] = {}
     for choice in product(*ranked):
         named = {name for _, _, answer in choice for name in answer.effects}
         known = len(named - {"outside"})
         standing = [one for one in choice if one[2] is not _OUTSIDE]
-        price = learned.price(len({name for _, _, answer in standing for name in answer.effects}))
+        seen = {name for _, _, answer in standing for name in answer.seen}
+        unseen = [name for _, _, answer in standing for name in answer.unseen]
+        price = float(learned.price(len(seen), len(unseen), learned.rarity(unseen)))
         beside = sum(one[2] is _OUTSIDE for one in choice) - 1 + (known > 0)
         price += max(beside, 0) * learned.second if "outside" in named else 0.0
         score = sum(one[0] for one in choice) - price

@@ -24,7 +24,9 @@ from orchestrator.diagnosis.weigh import conclude
 from tests.diagnosis.rigs import study
 from tests.diagnosis.test_weigh import named, noisy, own_study, with_columns
 
-_SIMPLE = Calibration(1.0, 0.0, 0.5, 4.0, 5.0, 8.0, 12.0, 1.0, 0.3, 0.001)
+_SIMPLE = Calibration(
+    temperature=1.0, growth=0.0, first=4.0, second=5.0, further=8.0, outside=12.0, slope=1.0, floor=0.001
+)
 
 
 def test_how_a_run_begins_is_no_effect(monkeypatch):
@@ -101,11 +103,26 @@ def test_effects_too_small_to_be_seen_are_answers():
     none, seen = Answer((), 0.0, 3.0), Answer(("a.x",), 20.0, 1.0, ties=("a.y",))
     worse = Answer(("a.x", "b.y"), 18.0, 1.0)
     found = {one.effects: one for one in complete([none, seen, worse], ["a.x", "a.y", "b.y"])}
-    assert set(found) == {(), ("a.x",), ("a.y",), ("b.y",), ("a.x", "a.y"), ("a.x", "b.y")}
+    assert set(found) == {(), ("a.x",), ("a.y",), ("b.y",), ("a.x", "a.y"), ("a.x", "b.y"), ("a.y", "b.y")}
+    assert found["a.y", "b.y"].unseen == ("a.y", "b.y") and found["a.y", "b.y"].gain == 0.0
     assert found["a.x",] is seen and found["b.y",].gain == 0.0 and found["b.y",].unseen == ("b.y",)
     # An effect that may be as small as it likes cannot make an answer worse.
     assert found["a.x", "b.y"].gain == 20.0 and found["a.x", "b.y"].unseen == ("b.y",)
     assert found["a.x", "a.y"].ties == ("a.y",)
+
+
+def test_two_unseen_effects_are_no_answer_where_one_is_clear():
+    none, seen = Answer((), 0.0, 3.0), Answer(("a.x",), 200.0, 1.0)
+    found = {one.effects for one in complete([none, seen], ["a.x", "a.y", "b.y"])}
+    assert ("a.y", "b.y") not in found and ("a.x", "b.y") in found
+
+
+def test_effects_that_often_stay_unseen_are_the_more_probable_ones_to_be_there_unseen():
+    learned = replace(_SIMPLE, unseen={"a.x": 0.75, "a.y": 0.25})
+    answers = complete([Answer((), 0.0, 0.0)], ["a.x", "a.y"])
+    p = dict(zip([one.effects for one in answers], learned.probabilities(answers, 0.0), strict=False))
+    assert p["a.x",] / p["a.y",] == pytest.approx(3.0, rel=0.03)
+    assert p["a.x", "a.y"] / p["a.y",] == pytest.approx(0.75 * np.exp(-learned.beside), rel=0.1)
 
 
 def test_effects_of_software_and_rig_share_one_price():

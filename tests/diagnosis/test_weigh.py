@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis.answers import Answer, weigh_software
-from orchestrator.diagnosis.calibrate import Practice, learn, loss
+from orchestrator.diagnosis.answers import Answer, complete, weigh_software
+from orchestrator.diagnosis.calibrate import Practice, _outcomes, _written, learn, learn_unseen, loss, main
 from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.hardware import weigh_rig
@@ -20,6 +20,8 @@ from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.stochastic import small_colour, whitened
 from orchestrator.diagnosis.study import Study, load_study
 from orchestrator.diagnosis.weigh import conclude, weigh
+from orchestrator.errors import OrchestratorError
+from orchestrator.workers import Work, pool_of
 from tests.diagnosis.rigs import study
 
 GAP = Path(__file__).parents[3] / "shared" / "gap"
@@ -229,6 +231,52 @@ def test_learning_makes_the_truth_more_probable():
         answers = (Answer((), 0.0, 0.0), Answer(("a.b",), 3.0 * strong + 9.0 * rng.standard_normal(), 0.0))
         cases.append(Practice(("a.b",) if number % 2 else (), strong, answers, 0.0))
     assert loss(learn(cases), cases) < loss(Calibration(), cases) - 0.05
+
+
+def practised(number: int) -> Practice:
+    """A case of three effects, of which one is always seen, one never, and one in every other case."""
+    truth = ((), ("a.seen",), ("a.unseen",), ("b.both",), ("a.seen", "b.both"), ("outside",))[number % 6]
+    rng = np.random.default_rng(number)
+    gains = {"a.seen": 40.0, "b.both": 25.0 * (number // 6 % 2)}
+    shown = [one for one in truth if gains.get(one, 0.0) > 0.0]
+    answers = [Answer((), 0.0, 50.0 * (truth == ("outside",)) + 3.0 * rng.random())]
+    if shown:
+        answers.append(Answer(tuple(shown), sum(gains[one] for one in shown), 2.0 * rng.random()))
+    return Practice(truth, 0.1, tuple(complete(answers, ("a.seen", "a.unseen", "b.both"))), 0.0)
+
+
+def test_what_stays_unseen_is_learned():
+    cases = [practised(number) for number in range(60)]
+    found = learn_unseen(cases, Calibration())
+    assert sum(found.values()) == pytest.approx(1.0, abs=1e-4)
+    assert found["a.seen"] < found["b.both"] < found["a.unseen"]
+
+
+def test_cases_kept_are_learned_from_again(tmp_path):
+    """The loss of what is learned is that of the probabilities that diagnoses give."""
+    cases = {str(number): _written(practised(number)) for number in range(1, 31)}
+    kept, out = tmp_path / "seen.json", tmp_path / "calibration.json"
+    kept.write_text(json.dumps({"roughness": {"a.seen": 0.01}, "cases": cases}))
+    main(["--cases", "30", "--seen", str(kept), "--out", str(out)])
+    data = json.loads(out.read_text())
+    learned = Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})
+    assert learned.roughness == {"a.seen": 0.01} and data["provenance"]["cases"] == 30
+    total = 0.0
+    for number in range(1, 31):
+        case = practised(number)
+        p = learned.probabilities(case.answers, case.beside)
+        right = [case.truth != ("outside",) and case.right(one) for one in case.answers]
+        total -= np.log(p[[*right, case.truth == ("outside",)]].sum())
+    assert data["provenance"]["loss"] == pytest.approx(total / 30, abs=1e-4)
+
+
+def test_a_simulated_case_that_fails_is_told():
+    with pytest.raises(OrchestratorError, match=r"simulated case 0: .*no case"):
+        list(_outcomes(pool_of(None, 1), Work(failing), [0]))
+
+
+def failing(payload: object, number: int) -> None:
+    raise ValueError("no case")
 
 
 @needs_gap
