@@ -232,6 +232,19 @@ class Fitter:
         r = r - directions @ ((1.0 - (1.0 + shrink) ** 2) * (directions.T @ r))
         return np.split(r, np.cumsum([len(one) for one in residuals])[:-1])
 
+    def strayed(self, residuals: Iterable[Array]) -> float:
+        """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].
+
+        Along each of its directions residuals have the variance that noise and roughness make together; see
+        `misfit.unexplained` for what a larger mean square tells.
+        """
+        if self._shrink is None:
+            return 0.0
+        directions, shrink = self._shrink
+        sizes = (1.0 + shrink) * (directions.T @ np.concatenate(list(residuals))) / math.sqrt(self.inflation)
+        q = float(np.mean(sizes**2))
+        return 0.5 * len(sizes) * (q - 1.0 - math.log(q)) if q > 1.0 else 0.0
+
     def starts(self, effect: Effect) -> list[Array]:
         """Where fits of an effect begin, in normalised parameters."""
         choices = []

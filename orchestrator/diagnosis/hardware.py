@@ -29,6 +29,8 @@ _KEPT, _WEAK = 12, 40.0
 _LINK_CLEAR = 5.0
 # Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
 _CLEAR = 20.0
+# Roughness that strays by more, against what is usual, is none where no effect explains it [nats].
+_ROUGHER = 20.0
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effect,
 # while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a delay, strays in
 # all numbers of its kind.
@@ -120,7 +122,10 @@ def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, flo
     best = max((one.gain for one in answers), default=0.0)
     doubtful = doubt > max(_DOUBTED, best)
     doubt = doubt if doubtful else 0.0
-    nothing = Answer((), doubt, _remains(fitter, found.none, colour), found.none)
+    remains = _remains(fitter, found.none, colour)
+    if not doubtful:  # what roughness takes up of a gap is not seen in what is left
+        remains += max(fitter.strayed(found.none.residuals) - _ROUGHER, 0.0)
+    nothing = Answer((), doubt, remains, found.none)
     every = [one.id for one in catalogue().values() if one.place not in software and one.id not in without]
     misfit = {
         "robot": float(np.mean(np.concatenate(left[0::2]) ** 2)),

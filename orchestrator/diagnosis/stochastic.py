@@ -13,6 +13,7 @@ from numba import njit
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
+from .dropout import held_longer, lost_in_contact, lost_in_flight
 from .fit import Fit
 from .misfit import hum
 from .model import RigModel
@@ -34,6 +35,9 @@ __all__ = [
 # Ticks about a contact that count with it.
 _MARGIN = 40
 _PARTICLES = 96
+# Kinds of random arrival are weighed at these times the deviation found: few particles starve where a kind is
+# weaker than what the encoder strays.
+_STRENGTHS = (1.0, 1.4)
 # Of one sample to the next, from which on what is coloured is no noise but wanders.
 _WANDER = 0.99
 # Coloured noise of a smaller deviation than this share of the white one is roughness of every rig, from some
@@ -180,12 +184,17 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         found.append(Noise("sensor.quantisation", (step,), float(len(samples)) * math.log(step / resolution)))
     repeats = tuple(np.concatenate([[False], np.diff(force) == 0.0]) for force in forces)
     raw = [force[window] for force, some in zip(forces, windows, strict=True) for window in some]
+    held = 0.0 if step >= noise else held_longer(repeats, contact, windows)
     lost = 0.0
     if raw and step < noise:
-        lost, evidence = _lost(raw, step)
+        lost, evidence = lost_in_flight(raw, step)
+        # In flight, samples repeat by chance, too. What stays put in contact alone is nothing lost.
+        certain, sure = (0.0, 0.0) if held > 0.0 else lost_in_contact(forces, contact, step, noise)
+        if sure > max(evidence, 0.0):
+            lost = certain
+        evidence = max(evidence, 0.0) + sure
         if evidence > 0.0:
             found.append(Noise("sensor.dropout", (lost,), evidence))
-    held = 0.0 if step >= noise else _held(repeats, contact, windows)
     # Repeated samples are no samples of their own; where none are lost they are chance.
     parts = [
         r[window][~again[window]] if lost > 0.02 else r[window]
@@ -209,26 +218,6 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     return Force(tuple(found), 0.0, held, repeats, small_colour([part / noise for part in parts]))
 
 
-def _held(repeats: Sequence[Array], contact: Sequence[Array], windows: Sequence[Sequence[slice]]) -> float:
-    """Log evidence that samples repeat in contact more often than out of it [nats]."""
-    inside = np.concatenate([again[touching] for again, touching in zip(repeats, contact, strict=True)])
-    free = [again[window] for again, some in zip(repeats, windows, strict=True) for window in some]
-    if not free or not inside.size:
-        return 0.0
-    outside = np.concatenate(free)
-    a, n, b, m = inside.sum(), inside.size, outside.sum(), outside.size
-    if a / n <= b / m:
-        return 0.0
-
-    def likelihood(k: float, of: float, p: float) -> float:
-        p = min(max(p, 0.5 / of), 1.0 - 0.5 / of)
-        return float(k * math.log(p) + (of - k) * math.log(1.0 - p))
-
-    both = (a + b) / (n + m)
-    apart = likelihood(a, n, a / n) + likelihood(b, m, b / m)
-    return max(0.0, apart - likelihood(a, n, both) - likelihood(b, m, both) - 0.5 * math.log(n))
-
-
 def _consecutive(parts: Sequence[Array]) -> list[slice]:
     ends = np.cumsum([0, *map(len, parts)])
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]
@@ -248,31 +237,6 @@ def _lattice(samples: Array, resolution: float) -> float:
             if step >= 2.0 * resolution and expected < 0.9:
                 best = float(step)
     return best
-
-
-def _lost(parts: Sequence[Array], step: float) -> tuple[float, float]:
-    """Probability of a lost sample and its log evidence, from how often a sample repeats the last one.
-
-    Steps of one and two resolutions tell how often it would by chance: they are normally distributed.
-    """
-    counts = np.zeros(3)
-    total = 0
-    for part in parts:
-        change = np.abs(np.round(np.diff(part) / step))
-        counts += [np.sum(change == 0), 0.5 * np.sum(change == 1), 0.5 * np.sum(change == 2)]
-        total += len(change)
-    if counts[1] < 20 or counts[2] < 20:
-        return 0.0, 0.0
-    chance = counts[1] ** (4.0 / 3.0) / counts[2] ** (1.0 / 3.0)
-    rest = total - counts[0]
-    # Lost samples are not among the steps that tell of chance.
-    share = counts[0] / total
-    expected = chance / (chance + rest)
-    lost = (share - expected) / (1.0 - expected)
-    error = math.sqrt(expected * (1.0 - expected) / total) + 0.1 * expected
-    if lost <= 0.0:
-        return 0.0, 0.0
-    return float(lost), float(0.5 * (lost / error) ** 2 - math.log(total) / 2.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -468,7 +432,8 @@ def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
             strays in it.
         deviation: of the arrival of commands, as `random_arrival` finds it [s]: of so strong a kind of each,
             it is weighed which the samples are like.
-    Returns: both, each with its log likelihood, which is -chi2/2 where nothing is random.
+    Returns: both, each at the likelier of two strengths, with its log likelihood, which is -chi2/2 where
+        nothing is random.
     """
     nominal = model.study.nominal
     noise = math.hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / math.sqrt(12.0))
@@ -484,14 +449,17 @@ def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
             total += _filter(kind, amount, p, commands, run["encoder_position"], noise, _PARTICLES, 7)
         return total
 
-    ticks = deviation / tick
-    # sqrt(p)/(1 - p) ticks; the width of what is uniform is sqrt(12) deviations.
-    loss = ((math.sqrt(1.0 + 4.0 * ticks**2) - 1.0) / (2.0 * ticks)) ** 2
     found = []
-    for name, kind, amount in (
-        ("link.packet-loss", 0, loss),
-        ("link.jitter", 1, math.sqrt(12.0) * deviation),
-    ):
-        mean = amount / (1.0 - amount) * tick if kind == 0 else 0.5 * amount
-        found.append(Noise(name, (amount,), likelihood(kind, amount, mean)))
+    for name, kind in (("link.packet-loss", 0), ("link.jitter", 1)):
+        weighed = []
+        for strength in _STRENGTHS:
+            late = strength * deviation
+            ticks = late / tick
+            # sqrt(p)/(1 - p) ticks; the width of what is uniform is sqrt(12) deviations.
+            loss = ((math.sqrt(1.0 + 4.0 * ticks**2) - 1.0) / (2.0 * ticks)) ** 2
+            amount = math.sqrt(12.0) * late if kind else loss
+            mean = 0.5 * amount if kind else amount / (1.0 - amount) * tick
+            weighed.append((likelihood(kind, amount, mean), amount))
+        best, amount = max(weighed)
+        found.append(Noise(name, (amount,), best))
     return found

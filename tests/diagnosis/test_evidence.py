@@ -12,13 +12,15 @@ from orchestrator.diagnosis.answers import Answer, Group, complete
 from orchestrator.diagnosis.calibration import Calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.dropout import lost_in_contact
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.misfit import wave
+from orchestrator.diagnosis.misfit import unexplained, wave
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import ODDITIES, bare_study, simulated_study
 from orchestrator.diagnosis.rough import Strayed, learn_roughness
 from orchestrator.diagnosis.search import roughness
+from orchestrator.diagnosis.stochastic import sensor_noise
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.weigh import conclude
 from tests.diagnosis.rigs import study
@@ -99,12 +101,70 @@ def test_evidence_of_autocorrelated_residuals_is_deflated():
         assert 0.2 * plain < deflated < 0.5 * plain
 
 
+def contacts(lost: float, clip: float = 1e9, runs: int = 3) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Forces of runs that hit a frame five times each, and when they do."""
+    rng = np.random.default_rng(5)
+    forces, touching = [], []
+    for _ in range(runs):
+        phase = np.arange(3000) % 600
+        touch = phase < 60
+        force = np.where(touch, 120.0 * np.sin(np.pi * phase / 60.0), 0.0) + 0.5 * rng.standard_normal(3000)
+        force = np.round(np.minimum(force, clip), 1)
+        for n in range(1, 3000):
+            if rng.random() < lost:
+                force[n] = force[n - 1]
+        forces.append(force)
+        touching.append(touch)
+    return forces, touching
+
+
+def test_lost_samples_show_where_the_force_moves():
+    none = lost_in_contact(*contacts(0.0), 0.1, 0.5)
+    probability, evidence = lost_in_contact(*contacts(0.03), 0.1, 0.5)
+    assert none[1] == 0.0
+    assert evidence > 15.0 and probability == pytest.approx(0.03, rel=0.5)
+
+
+def test_a_force_that_stays_put_in_contact_only_has_lost_nothing(monkeypatch):
+    model = RigModel(study(), study().of(Role.TRAIN))
+    found = {}
+    for name, lost, clip in (("lost", 0.05, 1e9), ("clipped", 0.0, 60.0)):
+        forces, touching = contacts(lost, clip, len(model.runs))
+        runs = [
+            replace(run, columns={**run.columns, "sensor_force": force})
+            for run, force in zip(model.runs, forces, strict=True)
+        ]
+        monkeypatch.setattr(model, "runs", runs)
+        left = [np.random.default_rng(1).standard_normal(3000) for _ in forces]
+        found[name] = sensor_noise(model, left, touching)
+    assert "sensor.dropout" in {one.id for one in found["lost"].noises} and found["lost"].held == 0.0
+    assert (
+        "sensor.dropout" not in {one.id for one in found["clipped"].noises} and found["clipped"].held > 50.0
+    )
+
+
+def test_roughness_that_takes_up_too_much_is_told():
+    model = RigModel(study(), study().of(Role.TRAIN))
+    plain = Fitter(model)
+    r = plain.residuals((), plain.nominal)
+    rng = np.random.default_rng(4)
+    size = sum(map(len, r))
+    columns = rng.standard_normal((size, 6)) / 4.0
+    fitter = Fitter(model, 1.0, columns)
+    ends = np.cumsum([len(one) for one in r])[:-1]
+    white = rng.standard_normal(size)
+    usual, large = (np.split(white + columns @ (by * rng.standard_normal(6)), ends) for by in (1.0, 30.0))
+    assert fitter.strayed(usual) < 5.0 and fitter.strayed(large) > 500.0
+    # Nothing of it shows in what is left.
+    assert unexplained(fitter.left(large)) < 10.0
+    assert plain.strayed(large) == 0.0
+
+
 def test_effects_too_small_to_be_seen_are_answers():
     none, seen = Answer((), 0.0, 3.0), Answer(("a.x",), 20.0, 1.0, ties=("a.y",))
     worse = Answer(("a.x", "b.y"), 18.0, 1.0)
     found = {one.effects: one for one in complete([none, seen, worse], ["a.x", "a.y", "b.y"])}
-    assert set(found) == {(), ("a.x",), ("a.y",), ("b.y",), ("a.x", "a.y"), ("a.x", "b.y"), ("a.y", "b.y")}
-    assert found["a.y", "b.y"].unseen == ("a.y", "b.y") and found["a.y", "b.y"].gain == 0.0
+    assert set(found) == {(), ("a.x",), ("a.y",), ("b.y",), ("a.x", "a.y"), ("a.x", "b.y")}
     assert found["a.x",] is seen and found["b.y",].gain == 0.0 and found["b.y",].unseen == ("b.y",)
     # An effect that may be as small as it likes cannot make an answer worse.
     assert found["a.x", "b.y"].gain == 20.0 and found["a.x", "b.y"].unseen == ("b.y",)

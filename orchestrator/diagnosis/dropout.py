@@ -1,0 +1,99 @@
+"""Samples of the force that stay put: lost ones, and such as only stay put in contact."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from .study import Array
+
+__all__ = ["held_longer", "lost_in_contact", "lost_in_flight"]
+
+# Samples at the ends of a contact, where the force is not smooth.
+_ENDS = 3
+# Samples do not repeat by chance more seldom than that: the force is not quite as smooth as a line.
+_SELDOM = 2e-3
+
+
+def held_longer(
+    repeats: Sequence[Array], contact: Sequence[Array], windows: Sequence[Sequence[slice]]
+) -> float:
+    """Log evidence that samples repeat in contact more often than out of it [nats]."""
+    inside = np.concatenate([again[touching] for again, touching in zip(repeats, contact, strict=True)])
+    free = [again[window] for again, some in zip(repeats, windows, strict=True) for window in some]
+    if not free or not inside.size:
+        return 0.0
+    outside = np.concatenate(free)
+    a, n, b, m = inside.sum(), inside.size, outside.sum(), outside.size
+    if a / n <= b / m:
+        return 0.0
+
+    def likelihood(k: float, of: float, p: float) -> float:
+        p = min(max(p, 0.5 / of), 1.0 - 0.5 / of)
+        return float(k * math.log(p) + (of - k) * math.log(1.0 - p))
+
+    both = (a + b) / (n + m)
+    apart = likelihood(a, n, a / n) + likelihood(b, m, b / m)
+    return max(0.0, apart - likelihood(a, n, both) - likelihood(b, m, both) - 0.5 * math.log(n))
+
+
+def lost_in_flight(parts: Sequence[Array], step: float) -> tuple[float, float]:
+    """Probability of a lost sample and its log evidence, from how often a sample repeats the last one.
+
+    Steps of one and two resolutions tell how often it would by chance: they are normally distributed.
+    """
+    counts = np.zeros(3)
+    total = 0
+    for part in parts:
+        change = np.abs(np.round(np.diff(part) / step))
+        counts += [np.sum(change == 0), 0.5 * np.sum(change == 1), 0.5 * np.sum(change == 2)]
+        total += len(change)
+    if counts[1] < 20 or counts[2] < 20:
+        return 0.0, 0.0
+    chance = counts[1] ** (4.0 / 3.0) / counts[2] ** (1.0 / 3.0)
+    rest = total - counts[0]
+    # Lost samples are not among the steps that tell of chance.
+    share = counts[0] / total
+    expected = chance / (chance + rest)
+    lost = (share - expected) / (1.0 - expected)
+    error = math.sqrt(expected * (1.0 - expected) / total) + 0.1 * expected
+    if lost <= 0.0:
+        return 0.0, 0.0
+    return float(lost), float(0.5 * (lost / error) ** 2 - math.log(total) / 2.0)
+
+
+def lost_in_contact(
+    forces: Sequence[Array], contact: Sequence[Array], step: float, noise: float
+) -> tuple[float, float]:
+    """Probability of a lost sample and its log evidence, from samples that repeat while the force moves.
+
+    How often a sample repeats the last one by chance follows from how steep the force is about it, as the
+    two samples tell that would not be changed by a loss there: its neighbours but the last one.
+
+    Args:
+        forces: by run [N]; contact: whether a replay touches, per tick, by run.
+        step, noise: resolution and standard deviation of the force [N].
+    """
+    again, chances = [], []
+    for force, touching in zip(forces, contact, strict=True):
+        inside = np.convolve(~touching, np.ones(2 * _ENDS + 1), "same") < 0.5
+        at = np.flatnonzero(inside[2:-1]) + 2
+        slope = (force[at + 1] - force[at - 2]) / 3.0
+        # Of a difference of two samples, and of a third of that of two others.
+        spread = noise * math.sqrt(2.0 + 2.0 / 9.0)
+        density = np.exp(-0.5 * (slope / spread) ** 2) / (spread * math.sqrt(2.0 * math.pi))
+        again.append(force[at] == force[at - 1])
+        chances.append(np.clip(step * density, _SELDOM, 0.5))
+    repeated, chance = np.concatenate(again), np.concatenate(chances)
+    if len(repeated) < 100:
+        return 0.0, 0.0
+
+    def gain(lost: float) -> float:
+        over = np.log(lost / chance[repeated] + 1.0 - lost)
+        return float(over.sum() + np.sum(~repeated) * math.log1p(-lost))
+
+    best = minimize_scalar(lambda lost: -gain(lost), bounds=(1e-6, 0.9), method="bounded")
+    return float(best.x), max(-float(best.fun) - 0.5 * math.log(len(repeated)), 0.0)
