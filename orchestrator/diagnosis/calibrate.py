@@ -34,6 +34,8 @@ __all__ = ["Practice", "learn", "learn_unseen", "loss", "main", "practise", "sim
 # How far the logarithm of each learned number may stray from where it begins: cases are few, and simulated.
 _STRAY = 0.7
 _NUMBERS = tuple(name for name in Calibration.__dataclass_fields__ if name not in ("unseen", "roughness"))
+# Where the learning of `Calibration.form` begins.
+_FORM = 1e-3
 # See `learn_unseen`.
 _USUAL = 3.0
 
@@ -228,7 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.seen.write_text(json.dumps(seen), encoding="utf-8")
         print(f"{len(done)}/{options.cases}", flush=True)
     cases = [done[number] for number in sorted(done)]
-    learned = learn(cases, Calibration(roughness=seen["roughness"]), _ROUGHER)
+    learned = learn(cases, Calibration(form=_FORM, roughness=seen["roughness"]), _ROUGHER)
     learned.save(
         options.out,
         cases=len(cases),

@@ -16,6 +16,8 @@ from .study import Array
 
 __all__ = ["FILE", "Calibration", "Table", "Weighable", "calibration"]
 
+# Log evidence of more is none of an effect's form: the model without it ran away [nats].
+_RUNAWAY = 1e6
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
 
@@ -49,13 +51,14 @@ class Table:
 class Calibration:
     """How log evidences become probabilities.
 
-    The score of an answer is its log evidence over T = temperature + growth (best log evidence)^`power`: a
-    real effect's form is not quite the catalogue's, and what that costs grows with the effect. Effects that
-    the logs speak for have a price: the first of them `first`, the second `second`, each further one
-    `further`. One that is too small to be seen costs `hidden`, beside another one `beside`, and more the
-    seldomer it stays unseen. Something outside the catalogue scores what the best answer of its group has,
-    less `outside`, plus `slope` times ln(1 + u), u the unexplained log likelihood over
-    (1 + best log evidence)^`share`. A share `floor` of the probability is spread evenly.
+    The score of an answer is its log evidence over T = temperature + growth b^`power` + form b, b the best
+    log evidence, in the last term no more than a million: a real effect's form is not quite the catalogue's,
+    and what another effect mends of that grows with the first one. Effects that the logs speak for have a
+    price: the first of them `first`, the second `second`, each further one `further`. One that is too small
+    to be seen costs `hidden`, beside another one `beside`, and more the seldomer it stays unseen. Something
+    outside the catalogue scores what the best answer of its group has, less `outside`, plus `slope` times
+    ln(1 + u), u the unexplained log likelihood over (1 + best log evidence)^`share`. A share `floor` of the
+    probability is spread evenly.
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
@@ -65,6 +68,7 @@ class Calibration:
     temperature: float = 1.5
     growth: float = 0.05
     power: float = 0.5
+    form: float = 0.0
     first: float = 4.0
     second: float = 5.0
     further: float = 8.0
@@ -117,7 +121,8 @@ class Calibration:
         """
         of = answers if isinstance(answers, Table) else self.table(answers)
         best = np.maximum(of.gain.max(-1, keepdims=True), 0.0)
-        scores = of.gain / (self.temperature + self.growth * best**self.power)
+        form = self.form * np.minimum(best, _RUNAWAY)
+        scores = of.gain / (self.temperature + self.growth * best**self.power + form)
         prices = self.price(of.seen, of.unseen, of.rarity)
         priced = np.where(of.unseen > 0, -np.inf, scores - prices)
         top = np.argmax(priced, -1, keepdims=True)
