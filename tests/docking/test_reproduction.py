@@ -14,10 +14,12 @@ import pytest
 
 from orchestrator.__main__ import main
 from orchestrator.docking.reproduction import delay, paper, rig
+from orchestrator.docking.reproduction import runs as making
 from orchestrator.docking.reproduction.catalogue import chosen_figures, experiments
 from orchestrator.docking.reproduction.experiment import Case, Quantity, above, below, between, near
 from orchestrator.docking.reproduction.runs import Failed, Pair, record, run_once
 from orchestrator.errors import ConfigError, OrchestratorError
+from orchestrator.workers import Failure, Outcome
 
 # What the page says cannot be matched; each has its reason there.
 DIFFER = {
@@ -165,6 +167,22 @@ def test_processes_that_run_cases_end_with_the_program(tmp_path):
             return
         time.sleep(0.1)
     raise AssertionError("processes outlive the program that was killed")
+
+
+def test_a_run_whose_process_dies_does_not_keep_the_others_from_running(monkeypatch):
+    dies, lives = Case("dies", "docking-1d"), Case("lives", "docking-1d")
+
+    class OneDies:
+        def outcomes(self, work, tasks):
+            for case, halved in tasks:
+                failure = Failure("crash", "its process died of SIGSEGV", ("last line",))
+                died = case is dies and halved
+                yield Outcome((case, halved), None if died else halved, failure if died else None, 1, 0.0)
+
+    monkeypatch.setattr(making, "pool_of", lambda jobs: OneDies())
+    found = record([dies, lives], jobs=1)
+    assert found[dies] == Failed("with half the step: dies: its process died of SIGSEGV\n    last line")
+    assert found[lives] == Pair(False, True)
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ...errors import OrchestratorError
+from ...progress import counting
 from ...results import Results
 from ...run import prepare, run
-from ...workers import LocalPool, Work, cores
+from ...workers import Outcome, Work, cores, pool_of
 from .experiment import Case, Recorded
 
 __all__ = ["Failed", "Pair", "record", "run_once"]
@@ -49,24 +51,21 @@ def record(
         cases: equal ones run once.
         jobs: number of processes; as many as there are cores by default.
         progress: whether to show a bar on a terminal.
-    Returns: what each case gave. A failed run, or a process that dies, does not keep the others from running.
+    Returns: what each case gave. A failed run does not keep the others from running, nor does one whose
+        process dies.
+    Raises: OrchestratorError if processes cannot begin.
     """
-    from tqdm import tqdm
-
     wanted = list(dict.fromkeys(cases))
     tasks = [(case, halved) for case in wanted for halved in (False, True)]
     found: dict[tuple[Case, bool], Recorded | Failed] = {}
-    # None: a bar where there is a terminal, none elsewhere.
-    bar = tqdm(
-        total=len(tasks), desc="reproduce", unit="run", leave=False, disable=None if progress else True
-    )
-    pool = LocalPool(min(jobs or cores(), max(len(tasks), 1)))
-    with bar:
-        for one in pool.outcomes(Work(_run_task), tasks):
-            case, _ = one.task
-            lost = one.failure
-            found[one.task] = one.value if lost is None else Failed(f"{case.name}: {lost.message}")
-            bar.update()
+    pool = pool_of(jobs=min(jobs or cores(), max(len(tasks), 1)))
+    with (
+        counting(len(tasks), "reproduce", "run", progress) as tell,
+        closing(pool.outcomes(Work(_run_task), tasks)) as outcomes,  # type: ignore[type-var]
+    ):
+        for outcome in outcomes:
+            found[outcome.task] = _made(outcome)
+            tell(len(found), len(tasks))
     made: dict[Case, Pair | Failed] = {}
     for case in wanted:
         whole, halved = found[case, False], found[case, True]
@@ -79,12 +78,20 @@ def record(
     return made
 
 
-def _run_task(_: None, task: tuple[Case, bool]) -> Recorded | Failed:
+def _run_task(context: None, task: tuple[Case, bool]) -> Recorded | Failed:
     return run_once(*task)
 
 
+def _made(outcome: Outcome) -> Recorded | Failed:
+    """What a run gave, or how its process ended."""
+    if outcome.failure is None:
+        return outcome.value
+    lines = "".join(f"\n    {line}" for line in outcome.failure.log)
+    return Failed(f"{outcome.task[0].name}: {outcome.failure.message}{lines}")
+
+
 def run_once(case: Case, halved: bool = False) -> Recorded | Failed:
-    """One run. Errors come back as text: not every exception can be sent from process to process."""
+    """One run; an error comes back as its text."""
     try:
         prepared = prepare(case.system, case.overrides)
         if halved:
