@@ -10,7 +10,7 @@ from ..page import SignalStore, note
 from ..plotting import draw_overlaid, draw_signals, svg
 from ..results import Results
 
-__all__ = ["HELP", "run_charts", "shared_charts"]
+__all__ = ["HELP", "coupling_charts", "run_charts", "shared_charts"]
 
 HELP = (
     "Drag to zoom, shift-drag to pan, wheel to zoom at the pointer, double click or 0 for everything; values "
@@ -22,19 +22,22 @@ _SHOWN, _POINTS = 6, 500
 _NAMED, _FLAT = 4, 0.04
 # A chart with more signals than this is split.
 _MOST = 24
+# Names the arrays of the coupling's energies, whose instants are their own.
+_COUPLING = "coupling"
 
 
-def run_charts(store: SignalStore, results: Results, first: Sequence[str]) -> str:
+def run_charts(store: SignalStore, results: Results, first: Sequence[str], share: float = 1.0) -> str:
     """All signals of a run, one chart per unit.
 
     Args:
         store: takes the signals.
         first: names of those that matter most: their charts come first, and show them.
+        share: the part of the page's budget that they may take.
     """
     names = list(results.signals)
     if not names or not len(results):
         return note("No signal was recorded.")
-    store.add(results, names)
+    store.add(results, names, share=share)
     groups: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda one: one not in first):
         groups.setdefault(results.units.get(name, ""), []).append(name)
@@ -78,6 +81,39 @@ def _comparable(results: Results, members: Sequence[str]) -> list[str]:
         if len(chosen) == _SHOWN:
             break
     return chosen or list(members[:1])
+
+
+def coupling_charts(store: SignalStore, coupling: Results, share: float) -> str:
+    """Energies of power bonds over time: what the coupling created, and what was exchanged.
+
+    Args:
+        store: takes the energies.
+        coupling: per bond `taken`, `given` and `created` [J].
+        share: the part of the page's budget that they may take.
+    """
+    bonds = list(dict.fromkeys(name.rpartition(".")[0] for name in coupling.signals))
+    # Of many bonds those that create most.
+    bonds.sort(key=lambda bond: -float(np.abs(coupling[f"{bond}.created"]).max(initial=0.0)))
+    created = [f"{bond}.created" for bond in bonds[:_MOST]]
+    exchanged = [f"{bond}.{what}" for bond in bonds[: _MOST // 2] for what in ("taken", "given")]
+    store.add(coupling, list(dict.fromkeys([*created, *exchanged])), _COUPLING, share)
+    parts = []
+    for title, names in (("Energy created by the coupling", created), ("Energy exchanged", exchanged)):
+        series = [
+            {
+                "label": name,
+                "x": store.key("time", _COUPLING),
+                "y": store.key(name, _COUPLING),
+                "shown": index < _SHOWN,
+            }
+            for index, name in enumerate(names)
+        ]
+        static = svg(draw_signals(coupling, "", names[:_SHOWN], points=_POINTS), f"coupling-{names[0]}")
+        parts.append(store.chart(f"{title}, in J", "J", series, static))
+    if len(bonds) > _MOST // 2:
+        left = "bonds that create less are left out"
+        parts.append(note(f"{left}; coupling.csv has all {len(bonds)}."))
+    return "\n".join(parts)
 
 
 def shared_charts(store: SignalStore, runs: Mapping[str, Results], first: Sequence[str]) -> str:

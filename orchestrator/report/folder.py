@@ -41,6 +41,7 @@ class RunFolder:
         results: what was recorded; None where nothing can be read.
         config: as run; None where it cannot be read any more.
         measures: those of the config.
+        coupling: energies of the power bonds over time [J]; None where the run kept none.
         missing: what could not be read, and why.
     """
 
@@ -51,6 +52,7 @@ class RunFolder:
     results: Results | None
     config: Config | None
     measures: tuple[ChosenMeasure, ...]
+    coupling: Results | None = None
     missing: tuple[str, ...] = ()
 
     @property
@@ -89,6 +91,12 @@ def read_run(folder: Path) -> RunFolder:
         missing.append(str(error))
     if not summary and results is None:
         raise OrchestratorError(f"{folder}: nothing of the run can be read\n  " + "\n  ".join(missing))
+    coupling = None
+    if (folder / "coupling.csv").is_file():
+        try:
+            coupling = read_results(folder / "coupling.csv")
+        except OrchestratorError as error:
+            missing.append(str(error))
     measures: tuple[ChosenMeasure, ...] = ()
     try:
         config = load_config(folder / "config.yaml")
@@ -103,6 +111,7 @@ def read_run(folder: Path) -> RunFolder:
         results,
         config,
         measures,
+        coupling if coupling is not None and len(coupling) and coupling.signals else None,
         tuple(missing),
     )
 

@@ -22,15 +22,17 @@ from ..page import (
 )
 from ..plotting import encoded
 from ..table import remarks
-from .charts import HELP, run_charts
+from .charts import HELP, coupling_charts, run_charts
 from .folder import RunFolder, State
 from .graph_svg import draw_graph, links_of
 from .numbers import KeyNumber, coupling_table, key_numbers, measure_tables, spelt
+from .punctuality import punctuality
 
 __all__ = ["BUDGET", "measured", "page", "sentence", "verdict"]
 
-# What the signals may take in a page by default [B].
+# What the signals may take in a page by default [B], and the part of it that the coupling's energies take.
 BUDGET = 8_000_000
+_COUPLING = 0.2
 
 
 def page(run: RunFolder, budget: int = BUDGET) -> str:
@@ -40,10 +42,12 @@ def page(run: RunFolder, budget: int = BUDGET) -> str:
         budget: what the signals may take in it [B].
     """
     store = SignalStore(budget)
-    charts = ""
+    charts = energies = ""
+    if run.coupling is not None:
+        energies = coupling_charts(store, run.coupling, _COUPLING)
     if run.results is not None:
         first = [name for one in run.measures for name in one.signals()]
-        charts = run_charts(store, run.results, first)
+        charts = run_charts(store, run.results, first, 1.0 - _COUPLING if energies else 1.0)
     summary = run.summary
     parts = [
         f"<p class=headline>{escape(sentence(run))}</p>",
@@ -63,14 +67,15 @@ def page(run: RunFolder, budget: int = BUDGET) -> str:
                 "What holding inputs over communication steps adds to the energy that a power bond exchanges."
             ),
             ledger,
+            energies,
         ]
-    parts += [_motion(run, store), *_graph(run)]
+    parts += [*punctuality(summary.get("run") or {}, run.title), _motion(run, store), *_graph(run)]
     if charts:
         parts += [heading("Signals", "signals"), f"<p class='note help needs-script'>{escape(HELP)}</p>"]
         parts += [note(one) for one in store.notes] or [note(_whole(run))]
         parts.append(charts)
     parts += [*_figures(run), *_folded(run)]
-    return document(run.title, parts, store.data() if charts else None)
+    return document(run.title, parts, store.data() if charts or energies else None)
 
 
 def sentence(run: RunFolder) -> str:

@@ -109,6 +109,20 @@ def test_zoom_moves_the_axis_of_all_plots_and_values_are_read(browser, line_page
         assert span(0) == pytest.approx((0.0, 2.0))
 
 
+def test_energies_are_plotted_and_a_paced_run_shows_its_histogram(browser, paced_run, tmp_path):
+    path = tmp_path / "paced.html"
+    path.write_text(report([paced_run]), encoding="utf-8")
+    with opened(browser, path) as page:
+        for title in ("Energy created by the coupling", "Energy exchanged"):
+            chart = page.locator(".chart", has_text=title)
+            chart.scroll_into_view_if_needed()
+            chart.locator(".u-over").wait_for()
+        missed = page.locator('tr[data-key="realtime.missed"] td[data-value]').get_attribute("data-value")
+        figure = page.locator("#figure-realtime svg")
+        assert f"{missed} of 1000 deadlines missed" in figure.text_content()
+        assert figure.bounding_box()["width"] > 400
+
+
 def test_traces_are_switched_off_and_on_by_keyboard(browser, line_page):
     with opened(browser, line_page) as page:
         page.locator(".chart").nth(0).scroll_into_view_if_needed()

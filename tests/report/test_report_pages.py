@@ -20,6 +20,7 @@ from orchestrator.page.signals import extremes
 from orchestrator.report.graph_layout import Node, Wire, lay_out
 from orchestrator.report.graph_svg import draw_graph
 from orchestrator.report.make import report
+from orchestrator.report.punctuality import punctuality
 from orchestrator.report.store_page import SweepTable, page_of_tables
 from orchestrator.results import Results, read_results
 
@@ -99,6 +100,63 @@ def test_the_page_loads_nothing(line_run):
     text = re.sub(r"<script.*?</script>", "", report([line_run]), flags=re.S)
     assert not re.search(r"(?:src|href)\s*=\s*[\"']?(?!#|data:|[\"'])", re.sub(r"xlink:href=\"#", "", text))
     assert "default-src 'none'" in text
+
+
+def row(text: str, key: str) -> list[float]:
+    """The numbers of a table's row, as they are."""
+    cells = re.search(rf'<tr data-key="{re.escape(key)}">(.*?)</tr>', text)[1]
+    return [float(one) for one in re.findall(r'data-value="([^"]*)"', cells)]
+
+
+def test_a_paced_run_tells_how_well_it_kept_to_the_clock(paced_run, line_run):
+    text = report([paced_run])
+    summary = json.loads((paced_run / "summary.json").read_text(encoding="utf-8"))
+    told = summary["run"]["realtime"]
+    assert row(text, "realtime.steps") == [told["steps"]] == [1000]
+    assert row(text, "realtime.missed") == [told["missed"]]
+    assert row(text, "realtime.time_per_step") == [0.05]
+    assert row(text, "realtime.worst_miss") == pytest.approx([1e3 * told["worst_miss"]], rel=1e-3)
+    for key, name in (("latency", "from deadline to begin of step"), ("busy", "from begin to end of step")):
+        expected = [1e3 * told[key][one] for one in ("median", "p99", "p999", "max")]
+        assert row(text, f"realtime.{name}") == pytest.approx(expected, rel=1e-3)
+        counts = re.search(rf"{name}, above \[ms\].*?</table>", text, re.S)[0]
+        steps = re.findall(r'data-value="(\d+)"', counts)
+        assert sum(map(int, steps)) == sum(told[key]["histogram"]["counts"]) == 1000
+    drawn = re.search(r'<figure id="figure-realtime">(.*?)</figure>', text, re.S)[1]
+    assert f"{told['missed']} of 1000 deadlines missed" in words(drawn)
+    assert "Real time" not in words(report([line_run]))
+
+
+def test_the_energy_at_the_couplings_is_drawn_as_recorded(line_run, tmp_path):
+    text = report([line_run])
+    recorded = read_results(line_run / "coupling.csv")
+    kept = held(text)
+    for name in recorded.signals:
+        assert decoded(kept["arrays"][f"coupling/{name}"]) == pytest.approx(recorded[name], rel=1e-6)
+    created, exchanged = (
+        one for one in kept["charts"] if one["unit"] == "J" and one["title"][:6] == "Energy"
+    )
+    assert [one["y"] for one in created["series"]] == ["coupling/contact-satellite.created"]
+    assert [one["label"].rpartition(".")[2] for one in exchanged["series"]] == ["taken", "given"]
+    summary = json.loads((line_run / "summary.json").read_text(encoding="utf-8"))
+    bond = summary["coupling"]["contact-satellite"]
+    last = decoded(kept["arrays"]["coupling/contact-satellite.created"])[-1]
+    assert last == pytest.approx(bond["created"], rel=1e-6)
+    without = tmp_path / "without"
+    shutil.copytree(line_run, without)
+    (without / "coupling.csv").unlink()
+    assert "Energy created by the coupling" not in words(report([without]))
+    (without / "coupling.csv").write_text("nonsense", encoding="utf-8")
+    assert "coupling.csv: no results can be read from it" in words(report([without]))
+
+
+def test_the_datagrams_of_another_program_are_told():
+    times = {"count": 3, "median": 0.001, "p99": 0.002, "p999": 0.002, "max": 0.0025}
+    link = {"sent": 5, "received": 4, "lost": 1, "age": times, "round_trip": times}
+    text = "".join(punctuality({"external": {"rig": link}}, "x"))
+    assert row(text, "external.rig.lost") == [1]
+    assert row(text, "external.rig.round trip") == [1.0, 2.0, 2.0, 2.5]
+    assert punctuality({"steps": 5}, "x") == []
 
 
 def test_the_graph_shows_ports_units_and_effects(line_run):
