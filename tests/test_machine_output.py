@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from pathlib import Path
 
 import pytest
 
 from orchestrator.__main__ import main
 
+ROOT = Path(__file__).parents[1]
 SHORT = ["--set", "run.stop_time=10 ms", "--no-halving"]
 
 
@@ -76,6 +79,53 @@ def test_check_list_stability_and_export_tell_what_they_print(capsys, tmp_path):
     assert main(["export-results", out, "--format", "csv", "--json"]) == 0
     (answer,) = told(capsys)
     assert answer == {"exit_code": 0, "folder": out, "files": ["results.csv"], "rows": 21}
+
+
+def test_challenge_tells_what_it_made_ran_and_scored(capsys, tmp_path):
+    cases, verdicts = tmp_path / "cases", tmp_path / "verdicts"
+    assert (
+        main(["challenge", "make", str(cases), "--cases", "2", "--seed", "5", "--jobs", "1", "--json"]) == 0
+    )
+    (answer,) = told(capsys)
+    sealed = (cases / answer["sealed"]).read_bytes()
+    assert answer == {
+        "exit_code": 0,
+        "folder": str(cases),
+        "cases": len(list(cases.glob("*/case.yaml"))),
+        "sealed": "truth.sealed",
+        "sha256": hashlib.sha256(sealed).hexdigest(),
+    }
+    run = ["challenge", "run", str(cases), "--verdicts", str(verdicts), "--jobs", "1", "--json"]
+    assert main([*run, "--by", "os.path:join"]) == 1
+    (answer,) = told(capsys)
+    assert (answer["exit_code"], answer["diagnosed"]) == (1, 0)
+    assert [one["case"] for one in answer["failed"]] == ["case-0001", "case-0002"]
+    assert answer["failed"][0]["message"] == "os.path:join wrote no diagnosis.json"
+    score = ["challenge", "score", str(cases), "--verdicts", str(verdicts), "--json"]
+    assert main(score) == 2
+    (answer,) = told(capsys)
+    assert answer["error"]["kind"] == "ConfigError"
+    assert "2 of 2 verdicts are missing" in answer["error"]["problems"][0]["what"]
+    assert main([*run, "--by", "orchestrator.nothing:at_all"]) == 2
+    (answer,) = told(capsys)
+    assert answer["error"]["problems"][0]["place"] == "--by"
+
+
+def test_build_tells_what_it_made(capsys, tmp_path):
+    pytest.importorskip("pythonfmu", reason="needs the extra build")
+    script, fmu = ROOT / "fmus" / "SatellitePair" / "model.py", tmp_path / "x.fmu"
+    assert main(["build", str(script), "-o", str(fmu), "--json"]) == 0
+    (answer,) = told(capsys)
+    told_of = {"path": str(fmu), "model": "SatellitePair", "fmi_version": "2.0"}
+    assert answer == {"exit_code": 0, "form": "python", **told_of}
+    native = [*("build", str(script), "-o", str(fmu), "--form", "native"), "--platforms", "none", "--json"]
+    assert main(native) == 0
+    (answer,) = told(capsys)
+    assert {**told_of, "form": "compiled", "platforms": []}.items() <= answer.items()
+    assert answer["counts"]["states"] > 0 and answer["notes"]
+    assert main(["build", str(tmp_path / "model.txt"), "--json"]) == 1
+    (answer,) = told(capsys)
+    assert answer["exit_code"] == 1 and answer["error"]["kind"] == "BuildError"
 
 
 def test_without_the_option_nothing_is_json(capsys):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import json
+from dataclasses import asdict
 from pathlib import Path
 
 from orchestrator.errors import BuildError
@@ -49,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="rumoca",
         help="rumoca: built in; omc: an installed OpenModelica (default: %(default)s)",
     )
+    parser.add_argument("--json", action="store_true", help="print JSON, and no text")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -67,7 +70,7 @@ def main(args: argparse.Namespace) -> int:
     if file.suffix == ".py" and args.form == "native":
         from .native_form import build_native_fmu
 
-        _print(build_native_fmu(file, output, fmi_version=args.fmi, platforms=platforms))
+        _print(build_native_fmu(file, output, fmi_version=args.fmi, platforms=platforms), args.json)
         return 0
     if file.suffix == ".py":
         from .python_fmu import build_python_fmu
@@ -77,7 +80,14 @@ def main(args: argparse.Namespace) -> int:
                 f"{file}: --fmi and --platforms are for compiled FMUs; the Python form is of FMI 2.0, for "
                 "Linux and Windows. Take --form native."
             )
-        print(f"{build_python_fmu(file, output)}: FMI 2.0 co-simulation, in Python")
+        path = build_python_fmu(file, output)
+        if args.json:
+            from ..fmi import read_description
+
+            told = {"path": str(path), "model": read_description(path).name, "fmi_version": "2.0"}
+            print(json.dumps({"exit_code": 0, "form": "python", **told}, ensure_ascii=False))
+        else:
+            print(f"{path}: FMI 2.0 co-simulation, in Python")
         return 0
     if file.suffix != ".mo":
         raise BuildError(f"{file}: cannot tell what kind of model this is; give a .mo or a .py file")
@@ -88,11 +98,15 @@ def main(args: argparse.Namespace) -> int:
     report = build(
         file, output, model=args.model, fmi_version=args.fmi, platforms=platforms, compiler=args.compiler
     )
-    _print(report)
+    _print(report, args.json)
     return 0
 
 
-def _print(report: BuildReport) -> None:
+def _print(report: BuildReport, as_json: bool) -> None:
+    if as_json:
+        told = {**asdict(report), "path": str(report.path)}
+        print(json.dumps({"exit_code": 0, "form": "compiled", **told}, ensure_ascii=False))
+        return
     print(f"{report.path}: {report.model}, FMI {report.fmi_version} co-simulation")
     if report.counts:
         print("  " + ", ".join(f"{number} {what}" for what, number in report.counts.items()))

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from ...errors import ConfigError, Problem
+from ...formats import strict
 from ...progress import counting
 
 __all__ = ["add_arguments", "main"]
@@ -65,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         part.add_argument(
             "--debug", action="store_true", default=argparse.SUPPRESS, help="show tracebacks of errors"
         )
+        part.add_argument("--json", action="store_true", help="print JSON, and no text")
 
 
 def _add_folders(parser: argparse.ArgumentParser) -> None:
@@ -79,10 +83,17 @@ def main(args: argparse.Namespace) -> int:
     return {"make": _make, "run": _run, "score": _score}[args.part](args)
 
 
+def _told(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
+    """Print JSON in one line, if that is asked for. Returns: whether it is."""
+    if args.json:
+        print(json.dumps(strict(data), allow_nan=False, ensure_ascii=False))
+    return args.json
+
+
 @contextmanager
-def _bar(total: int, label: str) -> Iterator[Callable[[str], None]]:
+def _bar(total: int, label: str, shown: bool) -> Iterator[Callable[[str], None]]:
     """Counts cases on a terminal."""
-    with counting(total, label, "case") as tell:
+    with counting(total, label, "case", shown) as tell:
         numbers = count(1)
         yield lambda name: tell(next(numbers), total)
 
@@ -101,8 +112,11 @@ def _make(args: argparse.Namespace) -> int:
     from .seal import SEALED
 
     order = Order(args.cases, _seed(args.seed), args.magnitude, args.pairs, args.outside, args.tight)
-    with _bar(order.cases, "make") as progress:
+    with _bar(order.cases, "make", not args.json) as progress:
         digest = make(Path(args.folder), order, _jobs(args), progress)
+    told = {"folder": args.folder, "cases": order.cases, "sealed": SEALED, "sha256": digest}
+    if _told(args, {"exit_code": 0, **told}):
+        return 0
     print(f"{order.cases} cases in {args.folder}; the truth is sealed in {SEALED}, SHA-256 {digest}")
     return 0
 
@@ -111,12 +125,16 @@ def _run(args: argparse.Namespace) -> int:
     from .run import OURS, diagnose_all
 
     folder, verdicts = Path(args.folder), Path(args.verdicts)
-    with _bar(len(list(folder.glob("*/case.yaml"))), "diagnose") as progress:
+    with _bar(len(list(folder.glob("*/case.yaml"))), "diagnose", not args.json) as progress:
         done, failed = diagnose_all(folder, verdicts, _jobs(args), args.by or OURS, progress, args.scheduler)
-    print(f"{done} cases diagnosed; verdicts in {verdicts}")
+    status = 1 if failed else 0
+    errors = [{"case": name, "message": error} for name, error in failed]
+    told = {"exit_code": status, "verdicts": str(verdicts), "diagnosed": done, "failed": errors}
+    if not _told(args, told):
+        print(f"{done} cases diagnosed; verdicts in {verdicts}")
     for name, error in failed:
         print(f"orchestrator: {name}: {error}", file=sys.stderr)
-    return 1 if failed else 0
+    return status
 
 
 def _score(args: argparse.Namespace) -> int:
@@ -125,6 +143,8 @@ def _score(args: argparse.Namespace) -> int:
     out = Path(args.verdicts)
     found = score(Path(args.folder), out)
     write_score(out / "score.json", found)
+    if _told(args, {"exit_code": 0, "file": str(out / "score.json"), "score": found}):
+        return 0
     print(score_text(found))
     print(f"Written to {out / 'score.json'}")
     return 0
