@@ -195,6 +195,94 @@ except OrchestratorError as error:
     assert swept.table.equals(expected)
 
 
+_COMPACT = """
+import resource, sys
+sys.path[:0] = [{root!r}]
+from orchestrator.campaign import store
+from orchestrator.errors import OrchestratorError
+store._MOST = 8
+try:
+    with store.StoreWriter(store.Path({folder!r})) as writer:
+        writer.begin("s1", {{"study": "a", "created": "", "about": "{{}}"}})
+        resource.setrlimit(resource.RLIMIT_FSIZE, ({most}, {most}))
+        for n in range(20):
+            derived = {{f"x{{k}}": float(n) for k in range(60)}}
+            writer.add(f"r{{n:02d}}", {{"kind": "", "derived": derived}}, 1, 0.1, b"")
+            print(n, flush=True)
+except OrchestratorError as error:
+    print(error)
+    sys.exit(1)
+"""
+
+
+def _compacting(folder, most):
+    """Adds runs on a disk that takes so many bytes in a file; every ninth record makes a part."""
+    code = _COMPACT.format(root=str(HERE.parents[1]), folder=str(folder), most=most)
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+
+
+def _values(folder):
+    with Store(folder) as reader:
+        return reader.query("select run, x0, x59 from runs order by run").to_pylist()
+
+
+@posix
+def test_a_disk_that_is_full_when_a_part_is_made_loses_nothing(tmp_path):
+    unlimited, store = tmp_path / "unlimited", tmp_path / "store"
+    assert _compacting(unlimited, -1).returncode == 0
+    expected = _values(unlimited)
+    assert [one["x59"] for one in expected] == [float(n) for n in range(20)]
+    # A part of a few runs with many quantities is larger than their journal: the disk takes the latter.
+    part = (parts(unlimited)[0] / "runs.parquet").stat().st_size
+    ended = _compacting(store, part // 2)
+    assert ended.returncode == 1, ended.stderr
+    *kept, first, second = ended.stdout.splitlines()
+    assert kept == [str(n) for n in range(7)], "the run that made the journal long enough is written, too"
+    assert first.startswith(f"{store}: no more runs can be kept: the disk is full (")
+    assert first.endswith("; what was kept until then can be read")
+    assert second == "  Make room and start again: it goes on where it stopped."
+    assert not list((store / "parts").iterdir()), "nothing half made is left"
+    assert [one.stat().st_size < part // 2 for one in journals(store)] == [True]
+    assert _values(store) == expected[:8]
+    # As long as there is no room it is told again, and nothing is lost by trying.
+    assert "the disk is full" in _told_when_opened(store, part // 2)
+    assert _values(store) == expected[:8]
+    with StoreWriter(store) as writer:
+        assert writer.seen() == dict.fromkeys((f"r{n:02d}" for n in range(8)), False)
+    assert not journals(store) and len(parts(store)) == 1
+    assert _values(store) == expected[:8]
+
+
+def _told_when_opened(store, most):
+    code = f"""
+import resource, sys
+sys.path[:0] = [{str(HERE.parents[1])!r}]
+from pathlib import Path
+from orchestrator.campaign.store import StoreWriter
+resource.setrlimit(resource.RLIMIT_FSIZE, ({most}, {most}))
+StoreWriter(Path({str(store)!r}))
+"""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stderr
+
+
+@posix
+def test_a_disk_that_is_full_at_the_end_leaves_the_journal(tmp_path):
+    store = tmp_path / "store"
+    with StoreWriter(store) as writer:
+        writer.begin("s1", {"study": "a", "created": "", "about": "{}"})
+        for n in range(3):
+            writer.add(f"r{n}", _row(n / 3), 1, 0.1, b"")
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+        try:
+            writer.close()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert len(journals(store)) == 1 and not parts(store)
+    with Store(store) as reader:
+        assert reader.query("select x from runs order by run").column("x").to_pylist() == [0.0, 1 / 3, 2 / 3]
+
+
 def test_a_store_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "store").write_text("a file")
     with pytest.raises(OrchestratorError, match="it cannot be opened"):
