@@ -4,21 +4,29 @@
 
 Measured with `docking-1d` in its native forms, delays and stiffness drawn by Latin hypercube:
 
-efficiency  wall time with one process over twice that with two, from the call to the closed store: checking
-            the study, starting processes, loading machine code and writing are included.
+efficiency  wall time of the command `orchestrator sweep` with one process over twice that with two, from its
+            start to its end: imports, checking the study, starting processes, loading machine code, writing
+            the store and making its parts are included. The one process shares its cores with nobody but the
+            process that keeps the store, which has the other one: the harder comparison.
+cluster     whether a Dask cluster of three workers on this machine gives the same table to the bit.
 cost        wall time of a process per run, over the loop time (`run.stepping_time`) of the same run alone;
             without step halving, so that both are one run. Start-up is left out: it is paid once per process.
-memory      of this process and of a worker, after a tenth and after all of many quick runs.
-cluster     whether a Dask cluster of two workers on this machine gives the same table to the bit.
+memory      of this process and of a worker, after a tenth, a half and nearly all of many quick runs.
+storage     what a run takes in the store: numbers alone, and with all signals.
 outlook     time and storage of a million runs, from these figures.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
+import platform
+import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
@@ -28,6 +36,7 @@ from orchestrator.campaign import Store, Study
 from orchestrator.campaign.sweep import Swept
 from orchestrator.run import prepare, run
 
+ROOT = Path(__file__).parents[2]
 NATIVE = {"controller.form": "native", "satellite.form": "native"}
 OVER = {
     "robot.tau_m": {"uniform": ["0.5 ms", "6 ms"]},
@@ -37,10 +46,11 @@ DERIVED = {"peak": "max(abs(contact.force))", "last": "final(satellite.velocity)
 DAY = 86_400.0
 
 
-def study(runs: int, **changes: Any) -> Study:
-    """Runs of `docking-1d`, drawn."""
+def values(runs: int, **changes: Any) -> dict[str, Any]:
+    """Runs of `docking-1d`, drawn: what a study file holds."""
     design = {"latin-hypercube": {"count": runs, "seed": 1, "over": OVER}}
-    return Study({"system": "docking-1d", "set": NATIVE, "design": design, "derived": DERIVED} | changes)
+    given = {"format": "sweep/1", "system": "docking-1d", "set": NATIVE, "design": design, "derived": DERIVED}
+    return given | changes
 
 
 def quick(runs: int) -> Study:
@@ -52,8 +62,8 @@ def quick(runs: int) -> Study:
         "satellite.form": "native",
     }
     design = {"random": {"count": runs, "seed": 1, "over": OVER}}
-    values = {"system": "docking-1d-uncompensated", "set": times, "design": design, "derived": DERIVED}
-    return Study(values | {"step_halving": False})
+    given = {"system": "docking-1d-uncompensated", "set": times, "design": design, "derived": DERIVED}
+    return Study(given | {"step_halving": False})
 
 
 def size(folder: Path) -> int:
@@ -73,39 +83,63 @@ def resident(process: Any) -> float:
     return process.memory_info().rss / 1e6
 
 
-def efficiency(folder: Path, runs: int, changes: dict[str, Any]) -> float:
+def commanded(file: Path, store: Path, jobs: int) -> float:
+    """Wall time of the command [s]."""
+    command = [sys.executable, "-m", "orchestrator", "sweep", str(file), "--store", str(store), "--quiet"]
+    begin = perf_counter()
+    subprocess.run([*command, "--jobs", str(jobs)], cwd=ROOT, check=True)
+    return perf_counter() - begin
+
+
+def each_run(folder: Path) -> float:
+    """Median wall time of a worker per run [s]."""
+    with Store(folder) as store:
+        return store.query("select median(seconds) as s from runs").column("s")[0].as_py()
+
+
+def efficiency(folder: Path, runs: int, changes: dict[str, Any]) -> tuple[float, list[str]]:
     """See the module's text; the number of cores is 2."""
-    made = study(runs, **changes)
-    _, one, _ = timed(made, folder / "one", jobs=1)
-    _, two, _ = timed(made, folder / "two", jobs=2)
+    file = folder / "study.yaml"
+    file.write_text(json.dumps(values(runs, **changes)), encoding="utf-8")
+    one = commanded(file, folder / "one", 1)
+    two = commanded(file, folder / "two", 2)
     with Store(folder / "one") as first, Store(folder / "two") as second:
         same = first.table().equals(second.table())
-    print(f"efficiency: {runs} runs, one process {one:.1f} s, two {two:.1f} s: {one / (2 * two):.3f}")
-    print(f"  the same table to the bit: {same}")
-    return one / (2 * two)
+    share = one / (2 * two)
+    alone, beside = each_run(folder / "one"), each_run(folder / "two")
+    return share, [
+        f"{runs} runs, each once more at half the step: one process {one:.1f} s, two {two:.1f} s, efficiency "
+        f"**{share:.3f}**; {_same(same)}",
+        f"a pair of runs takes a process {1e3 * alone:.1f} ms alone and {1e3 * beside:.1f} ms beside another "
+        f"one ({alone / beside:.3f}): what is lost within the runs, to what cores share; of the two "
+        f"processes' time {1 - runs * beside / (2 * two):.1%} is no run's",
+    ]
 
 
-def cost(folder: Path, runs: int, changes: dict[str, Any]) -> tuple[float, float]:
+def _same(same: bool) -> str:
+    return "the tables are the same to the bit" if same else "THE TABLES DIFFER"
+
+
+def cost(folder: Path, runs: int, changes: dict[str, Any]) -> list[str]:
     """Seconds of a process per run, and that over the loop time of the run alone."""
-    made = study(runs, step_halving=False, **changes)
+    made = Study(values(runs, step_halving=False, **changes))
     texts = [f"{path}={value}" for path, value in {**NATIVE, **changes.get("set", {})}.items()]
     prepared = prepare("docking-1d", [*texts, "run.loop=native"])
     run(prepared, halving=False)
     loops = [run(prepared, halving=False).summary["run"]["stepping_time"] for _ in range(5)]
     timed(made, folder / "cost", jobs=1)
+    seconds = each_run(folder / "cost")
     with Store(folder / "cost") as store:
-        seconds = store.query("select median(seconds) as s from runs").column("s")[0].as_py()
         loop = store.query("select median(stepping_time) as s from runs").column("s")[0].as_py()
-    print(
-        f"cost: {1e3 * seconds:.1f} ms a run, of which its loop {1e3 * loop:.1f} ms; "
-        f"alone {1e3 * median(loops):.1f} ms: "
-        f"ratio {seconds / median(loops):.2f} ({seconds / loop:.2f} over the loops of the sweep itself)"
-    )
-    return seconds, seconds / median(loops)
+    return [
+        f"a single run takes a process {1e3 * seconds:.1f} ms, of which its loop {1e3 * loop:.1f} ms; the "
+        f"same run alone has a loop of {1e3 * median(loops):.1f} ms: **{seconds / median(loops):.2f}** times "
+        f"({seconds / loop:.2f} times the loops of the sweep itself)"
+    ]
 
 
-def memory(folder: Path, runs: int) -> tuple[float, float, float]:
-    """Overhead: seconds of this process per run, wall time per run of two processes, bytes per run."""
+def memory(folder: Path, runs: int) -> tuple[float, list[str]]:
+    """Overhead: seconds of this process per run; and what became of memory."""
     import psutil
 
     own = psutil.Process()
@@ -116,49 +150,77 @@ def memory(folder: Path, runs: int) -> tuple[float, float, float]:
             noted[done] = resident(own), max(resident(one) for one in own.children())
 
     _, wall, used = timed(quick(runs), folder / "memory", jobs=2, progress=note)
-    for done, (here, worker) in noted.items():
-        print(f"memory: after {done} runs this process {here:.0f} MB, the largest worker {worker:.0f} MB")
-    stored = size(folder / "memory") / runs
-    print(
-        f"overhead: {1e3 * used / runs:.2f} ms of this process and {1e3 * wall / runs:.2f} ms of wall time "
-        f"a run, {stored:.0f} B on disk"
+    told = "; ".join(
+        f"after {done} runs {here:.0f} MB and {worker:.0f} MB" for done, (here, worker) in noted.items()
     )
-    return used / runs, wall / runs, stored
+    return used / runs, [
+        f"{runs} runs of 20 steps: memory of the process that keeps the store, and of its largest worker: "
+        f"{told}",
+        f"that process takes {1e3 * used / runs:.2f} ms of processor time a run ({1e3 * wall / runs:.2f} ms "
+        "of wall time with two workers)",
+    ]
 
 
-def cluster(folder: Path, runs: int, changes: dict[str, Any]) -> None:
-    """The same on Dask."""
+def cluster(folder: Path, runs: int, changes: dict[str, Any]) -> list[str]:
+    """The study of `efficiency` on Dask."""
     from distributed import LocalCluster
 
-    made = study(runs, **changes)
-    here = made.run(folder / "here", jobs=2).table
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as two:
-        begin = perf_counter()
-        there = made.run(folder / "there", scheduler=two).table
-        print(
-            f"cluster: {runs} runs in {perf_counter() - begin:.1f} s; "
-            f"the same table to the bit: {there.equals(here)}"
-        )
+    with (
+        LocalCluster(n_workers=3, threads_per_worker=1, dashboard_address=None) as three,
+        Store(folder / "two") as store,
+    ):
+        made, wall, _ = timed(Study(values(runs, **changes)), folder / "there", scheduler=three)
+        same = made.table.equals(store.table())
+    where = "on a Dask cluster of three workers on the two cores"
+    return [f"the same {runs} runs {where}: {wall:.1f} s; {_same(same)}"]
 
 
-def outlook(seconds: float, own: float, stored: float, share: float) -> str:
+def storage(folder: Path, runs: int, changes: dict[str, Any]) -> tuple[float, list[str]]:
+    """Bytes of a run in the store."""
+    few = 20
+    timed(Study(values(few, record="all", step_halving=False, **changes)), folder / "all", jobs=2)
+    plain, whole = size(folder / "two") / runs, size(folder / "all") / few
+    with Store(folder / "two") as store:
+        numbers = store.query("select count(*) as n from numbers").column("n")[0].as_py() / runs
+    return plain, [
+        f"a run takes {plain / 1e3:.1f} kB in the store ({numbers:.0f} numbers); with `record: all` "
+        f"{whole / 1e6:.2f} MB more"
+    ]
+
+
+def outlook(seconds: float, own: float, stored: float, share: float) -> list[str]:
     """A million runs on N workers."""
-    most = seconds / own
-    lines = [
-        f"A million runs of {seconds:.3g} s each (step halving included), {stored / 1e3:.2g} kB each:",
-        "",
-        "| workers | time | store |",
-        "|---|---|---|",
-    ]
-    for workers in (2, 16, 128, 1024):
-        took = max(1e6 * seconds / (workers * share), 1e6 * own)
-        text = f"{took / DAY:.1f} days" if took > DAY else f"{took / 3600:.1f} h"
+    lines = ["| workers | time | store |", "|---|---|---|"]
+    for workers in (1, 2, 16, 128, 1024):
+        took = max(1e6 * seconds / (workers * (share if workers > 1 else 1.0)), 1e6 * own)
+        hours = f"{took / 3600:.1f} h" if took > 7200 else f"{took / 60:.0f} min"
+        text = f"{took / DAY:.1f} days" if took > 2 * DAY else hours
         lines.append(f"| {workers} | {text} | {stored / 1e3:.2g} GB |")
-    lines += [
+    return [
+        f"A million runs of this kind, {seconds:.3g} s each with half the step, at an efficiency of "
+        f"{share:.2f}:",
         "",
-        f"The process that keeps the store takes {1e3 * own:.2f} ms a run: it can feed {most:.0f} workers.",
+        *lines,
+        "",
+        f"The process that keeps the store takes {1e3 * own:.2f} ms a run, and so can feed "
+        f"{seconds / own:.0f} workers; beyond that the time is its own, {1e6 * own / 60:.0f} min.",
+        "More than two cores were not at hand: the table is computed from what is measured above.",
     ]
-    return "\n".join(lines)
+
+
+def machine() -> str:
+    """What this runs on, and when."""
+    model = platform.processor() or platform.machine()
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        model = next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        pass
+    when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return (
+        f"{when}, {os.cpu_count()} virtual cores of {model}, {platform.system()}, Python "
+        f"{platform.python_version()}, load before it began {os.getloadavg()[0]:.1f}"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -167,23 +229,34 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--quick-runs", type=int, default=10_000)
     parser.add_argument("--stop", default="13 s", help="simulated time of a run")
-    parser.add_argument("--out", type=Path, help="write the outlook to this file")
+    parser.add_argument("--out", type=Path, help="write the page to this file, too")
     options = parser.parse_args(arguments)
     changes = {"set": NATIVE | {"run.stop_time": options.stop}}
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    lines = [
+        "# What many runs cost",
+        "",
+        f"Measured by `python -m tests.benchmarks.sweep_cost`: {machine()}.",
+    ]
+    lines += [f"Runs of `docking-1d`, native forms, {options.stop} of simulated time each.", ""]
+    print(*lines, sep="\n", flush=True)
+
+    def tell(more: Sequence[str], mark: str = "- ") -> None:
+        lines.extend(f"{mark}{one}" for one in more)
+        print(*(f"{mark}{one}" for one in more), sep="\n", flush=True)
+
     with tempfile.TemporaryDirectory(prefix="sweeps-") as name:
         folder = Path(name)
-        share = efficiency(folder, options.runs, changes)
-        with Store(folder / "one") as store:
-            pair = store.query("select median(seconds) as s from runs").column("s")[0].as_py()
-        stored = size(folder / "one") / options.runs
-        cost(folder, min(options.runs, 200), changes)
-        own, _, _ = memory(folder, options.quick_runs)
-        cluster(folder, min(options.runs, 200), changes)
-        text = outlook(pair, own, stored, min(share, 1.0))
-    print(text)
+        share, told = efficiency(folder, options.runs, changes)
+        tell(told)
+        tell(cluster(folder, options.runs, changes))
+        tell(cost(folder, min(options.runs, 200), changes))
+        stored, told = storage(folder, options.runs, changes)
+        tell(told)
+        own, told = memory(folder, options.quick_runs)
+        tell(told)
+        tell(["", *outlook(each_run(folder / "one"), own, stored, min(share, 1.0))], "")
     if options.out:
-        options.out.write_text(text + "\n", encoding="utf-8")
+        options.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
