@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    StringConstraints,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from ..config import Scalar
-from ..units import UnitError, parse_quantity, parse_unit
+from ..units import ONE, UnitError, parse_quantity, parse_unit
 
 __all__ = ["BlockModel", "DrawnModel", "RangeModel", "RepeatsModel", "SampleModel", "StudyModel"]
 
@@ -38,6 +48,17 @@ class RangeModel(_Model):
     high: Scalar = Field(alias="to")
     count: int = Field(ge=2, strict=True)
     spacing: Literal["linear", "log"] = "linear"
+
+
+def _form(value: Any) -> str:
+    return "[range]" if isinstance(value, RangeModel | Mapping) else "[list]"
+
+
+# What is wrong is told of the form that was meant, not of both.
+Values = Annotated[
+    Annotated[list[Scalar], Field(min_length=1), Tag("[list]")] | Annotated[RangeModel, Tag("[range]")],
+    Discriminator(_form),
+]
 
 
 class NormalModel(_Model):
@@ -74,7 +95,7 @@ class SampleModel(_Model):
 class BlockModel(_Model):
     """Points of the design: one kind of block, or several blocks that multiply or follow each other."""
 
-    grid: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeModel] | None = Field(
+    grid: dict[str, Values] | None = Field(
         None, min_length=1, description="All combinations of the values given by path."
     )
     list_: list[Annotated[dict[str, Scalar], Field(min_length=1)]] | None = Field(
@@ -149,7 +170,10 @@ class StudyModel(_Model):
         if value is None:
             return None
         try:
-            seconds = parse_quantity(str(value)).exactly(parse_unit("s"))
+            quantity = parse_quantity(str(value))
+            if quantity.unit == ONE:
+                raise ValueError(f"{value!r} has no unit; write it as in '60 s'")
+            seconds = quantity.exactly(parse_unit("s"))
         except UnitError as error:
             raise ValueError(f"{error}; write it as in '60 s'") from None
         if seconds <= 0 or not math.isfinite(float(seconds)):

@@ -12,6 +12,9 @@ from .text import Path, Places, path_text
 
 __all__ = ["validation_problems"]
 
+# Of pydantic's locations: key checks, and members of unions that are told apart by a tag.
+_MARKS = ("[key]", "[list]", "[range]")
+
 
 def validation_problems(
     error: ValidationError, places: Places, prefix: Path, model: type[BaseModel]
@@ -85,17 +88,26 @@ def _plain_path(location: tuple[str | int, ...]) -> Path:
         return tuple(part for part in location[:3] if isinstance(part, int) or part in ("run", "record"))
     if location[:1] == ("instances",) and len(location) > 3 and location[2] == "start":
         return location[:4]
-    return tuple(part for part in location if part != "[key]")
+    return tuple(part for part in location if part not in _MARKS)
 
 
 def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
     """Keys allowed at a location."""
     current: Any = model
     for part in location:
+        if part in _MARKS:
+            continue
         fields = getattr(current, "model_fields", None)
         if fields is not None:
             current = fields[part].annotation if part in fields else None
         else:
-            current = next((one for one in get_args(current) if hasattr(one, "model_fields")), None)
+            current = _model_in(current)
     fields = getattr(current, "model_fields", {})
     return [found.alias or name for name, found in fields.items()]
+
+
+def _model_in(annotation: Any) -> Any:
+    """The first model within an annotation; None without one."""
+    if hasattr(annotation, "model_fields"):
+        return annotation
+    return next((found for one in get_args(annotation) if (found := _model_in(one)) is not None), None)

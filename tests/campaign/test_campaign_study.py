@@ -153,7 +153,7 @@ def test_everything_that_is_wrong_is_told_at_once():
         ({"design": {"grid": {"satellite.form": ["compiled"]}}}, "no form 'compiled'"),
         ({"system": "docking-2d"}, "no config 'docking-2d'"),
         ({"time_limit": "0 s"}, "'0 s' is not positive"),
-        ({"time_limit": 60}, "cannot be converted to s"),
+        ({"time_limit": 60}, "60 has no unit; write it as in '60 s'"),
         ({"derived": {"x": "__import__('os').system('true')"}}, "no function"),
         ({"derived": {"x": "max(contact.force"}}, "cannot be read"),
         ({"record": {"signals": ["contact.forces"]}}, "no signal 'contact.forces'"),
@@ -169,6 +169,20 @@ def test_everything_that_is_wrong_is_told_at_once():
 )
 def test_bad_studies_are_refused(changes, told):
     assert told in refused(**changes)
+
+
+def test_only_the_form_of_values_that_was_meant_is_told():
+    grid = {"robot.tau_m": [], "robot.omega_n": {"from": "1 Hz", "to": "2 Hz", "cout": 3}}
+    with pytest.raises(ConfigError) as caught:
+        quick(design={"multiply": [{"grid": grid}]})
+    where = "design.multiply[0].grid.robot"
+    assert [(one.place, one.what) for one in caught.value.problems] == [
+        (f"study: {where}.tau_m", "list should have at least 1 item after validation, not 0, got []"),
+        (f"study: {where}.omega_n", "count is missing"),
+        (f"study: {where}.omega_n.cout", "unknown key 'cout'"),
+    ]
+    last = caught.value.problems[-1]
+    assert last.allowed == "allowed: from, to, count, spacing" and last.remedy == "Did you mean count?"
 
 
 def test_a_study_file_is_told_with_its_lines(tmp_path):
