@@ -83,12 +83,14 @@ def resident(process: Any) -> float:
     return process.memory_info().rss / 1e6
 
 
-def commanded(file: Path, store: Path, jobs: int) -> float:
-    """Wall time of the command [s]."""
+def commanded(file: Path, store: Path, jobs: int) -> tuple[float, float]:
+    """Wall time of the command, and processor time of all its processes [s]."""
     command = [sys.executable, "-m", "orchestrator", "sweep", str(file), "--store", str(store), "--quiet"]
-    begin = perf_counter()
+    begin, used = perf_counter(), os.times()
     subprocess.run([*command, "--jobs", str(jobs)], cwd=ROOT, check=True)
-    return perf_counter() - begin
+    now = os.times()
+    took = now.children_user - used.children_user + now.children_system - used.children_system
+    return perf_counter() - begin, took
 
 
 def each_run(folder: Path) -> float:
@@ -101,8 +103,8 @@ def efficiency(folder: Path, runs: int, changes: dict[str, Any]) -> tuple[float,
     """See the module's text; the number of cores is 2."""
     file = folder / "study.yaml"
     file.write_text(json.dumps(values(runs, **changes)), encoding="utf-8")
-    one = commanded(file, folder / "one", 1)
-    two = commanded(file, folder / "two", 2)
+    one, one_used = commanded(file, folder / "one", 1)
+    two, two_used = commanded(file, folder / "two", 2)
     with Store(folder / "one") as first, Store(folder / "two") as second:
         same = first.table().equals(second.table())
     share = one / (2 * two)
@@ -113,6 +115,8 @@ def efficiency(folder: Path, runs: int, changes: dict[str, Any]) -> tuple[float,
         f"a pair of runs takes a process {1e3 * alone:.1f} ms alone and {1e3 * beside:.1f} ms beside another "
         f"one ({alone / beside:.3f}): what is lost within the runs, to what cores share; of the two "
         f"processes' time {1 - runs * beside / (2 * two):.1%} is no run's",
+        f"processor time of all processes of the command: {one_used:.1f} s with one, {two_used:.1f} s with "
+        f"two, {two_used / (2 * two):.1%} of the two cores: the rest went to other programs, or idle",
     ]
 
 
