@@ -39,10 +39,6 @@ _FORM = 1e-3
 # See `learn_unseen`.
 _USUAL = 3.0
 
-# A real rig leaves more than a simulated one: the map is learned of each case as it is, and with so much more
-# left unexplained [nats].
-_ROUGHER = (0.0, 20.0)
-
 
 @dataclass(frozen=True)
 class Practice:
@@ -130,10 +126,6 @@ class _Lesson:
         table = Table(gain, left, seen, unseen, -np.log(weight))
         return _Lesson(table, np.array([one.beside for one in cases]), count, right, rights)
 
-    def rougher(self, more: float) -> _Lesson:
-        """The same on rigs that are rough in ways that nothing here simulates: each answer leaves more."""
-        return replace(self, of=replace(self.of, left=self.of.left + more))
-
     def loss(self, learned: Calibration) -> float:
         """Negative log probability of the truths."""
         scores = np.subtract(*learned.scores(self.of, self.beside))
@@ -175,18 +167,11 @@ def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, flo
     return {name: round(value / whole, 5) for name, value in chance.items()}
 
 
-def learn(
-    cases: Sequence[Practice], start: Calibration | None = None, rougher: Sequence[float] = (0.0,)
-) -> Calibration:
-    """The numbers under which the truth of simulated cases is most probable.
-
-    Args:
-        rougher: each case counts as often as there are numbers, with so much more left unexplained [nats].
-    """
+def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibration:
+    """The numbers under which the truth of simulated cases is most probable."""
     start = start or Calibration()
     start = replace(start, unseen=learn_unseen(cases, start))
     lesson = _Lesson.of_cases(cases, start)
-    lessons = [lesson.rougher(more) for more in rougher]
 
     def learned(x: Array) -> Calibration:
         return replace(
@@ -195,7 +180,7 @@ def learn(
 
     def cost(x: Array) -> float:
         now = learned(x)
-        return sum(one.loss(now) for one in lessons) + 0.5 * float(np.sum((x / _STRAY) ** 2))
+        return lesson.loss(now) + 0.5 * float(np.sum((x / _STRAY) ** 2))
 
     size = len(_NUMBERS)
     found = minimize(
@@ -230,7 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.seen.write_text(json.dumps(seen), encoding="utf-8")
         print(f"{len(done)}/{options.cases}", flush=True)
     cases = [done[number] for number in sorted(done)]
-    learned = learn(cases, Calibration(form=_FORM, roughness=seen["roughness"]), _ROUGHER)
+    learned = learn(cases, Calibration(form=_FORM, roughness=seen["roughness"]))
     learned.save(
         options.out,
         cases=len(cases),
@@ -271,4 +256,7 @@ def _read(data: list[Any]) -> Practice:
 
 
 if __name__ == "__main__":
-    main()
+    # Workers find functions by the name of their module, which for this one is not __main__.
+    from orchestrator.diagnosis import calibrate
+
+    calibrate.main()

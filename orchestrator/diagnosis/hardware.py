@@ -13,12 +13,13 @@ from .answers import SOFTWARE, Answer, Group, complete, simplest, tied
 from .benign import Weighted, Widened, scatter, settled, touching, waves, weighted
 from .calibration import calibration
 from .catalogue import catalogue
+from .colour import whitened
 from .effect import Effect
 from .fit import Fit, Fitter, inflation
 from .misfit import unexplained
 from .model import RigModel
 from .search import Search, roughness, search
-from .stochastic import Force, Noise, arrival_innovations, link_noise, random_arrival, sensor_noise, whitened
+from .stochastic import Force, Noise, arrival_innovations, link_noise, random_arrival, sensor_noise
 from .study import Array, Role, Study
 
 __all__ = ["weigh_rig"]

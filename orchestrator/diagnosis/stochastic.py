@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,9 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 from numba import njit
-from scipy.optimize import minimize
 from scipy.special import logsumexp
 
+from .colour import COLOUR, coloured, small_colour
 from .dropout import held_longer, lost_in_contact, lost_in_flight
 from .fit import Fit
 from .misfit import hum
@@ -28,8 +27,6 @@ __all__ = [
     "link_noise",
     "random_arrival",
     "sensor_noise",
-    "small_colour",
-    "whitened",
 ]
 
 # Ticks about a contact that count with it.
@@ -40,10 +37,6 @@ _PARTICLES = 96
 _STRENGTHS = (1.0, 1.4)
 # Of one sample to the next, from which on what is coloured is no noise but wanders.
 _WANDER = 0.99
-# Coloured noise of a smaller deviation than this share of the white one is roughness of every rig, from some
-# log likelihood on [nats].
-_COLOUR, _COLOURED = 0.3, 4.0
-_COLOURS = tuple(itertools.product((0.1, 0.15, 0.2, 0.25, 0.3), (0.7, 0.8, 0.87, 0.92, 0.95, 0.97)))
 # Of the arrival of commands, all about as likely beforehand [s].
 _DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
 # Deviations of slow errors of the encoder, in its noise, and how fast they change [rad/s].
@@ -73,78 +66,6 @@ def flights(touching: Array) -> list[slice]:
     touched[:20] = True
     edges = np.flatnonzero(np.diff(np.concatenate([[1], touched.astype(int), [1]])))
     return [slice(a, b) for a, b in edges.reshape(-1, 2) if b - a >= 40]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _ar_likelihood(r, deviation, keep, white, innovations):
-    """Log likelihood of a first-order autoregressive process in white noise (a Kalman filter).
-
-    Args:
-        innovations: normalised, of the shape of r, or empty; written.
-    """
-    total, mean, variance = 0.0, 0.0, deviation * deviation
-    for i in range(r.shape[0]):
-        s = variance + white * white
-        error = r[i] - mean
-        if i < innovations.shape[0]:
-            innovations[i] = error / math.sqrt(s)
-        total -= 0.5 * (error * error / s + math.log(s))
-        gain = variance / s
-        mean = keep * (mean + gain * error)
-        variance = keep * keep * variance * (1.0 - gain) + (1.0 - keep * keep) * deviation * deviation
-    return total
-
-
-def _coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float, float]:
-    """Log evidence of coloured noise, its deviation, its memory per sample, and that of white noise alone."""
-    size = sum(map(len, parts))
-    spread = math.sqrt(sum(float(part @ part) for part in parts) / size)
-    none = np.empty(0)
-    white = sum(_ar_likelihood(part, 0.0, 0.0, max(spread, 0.5 * noise), none) for part in parts)
-
-    def cost(x: Array) -> float:
-        keep = 1.0 / (1.0 + math.exp(-x[1]))
-        return -sum(_ar_likelihood(part, math.exp(x[0]), keep, math.exp(x[2]), none) for part in parts)
-
-    best = min(
-        (
-            minimize(cost, [math.log(max(spread, 0.1 * noise)), start, math.log(noise)], method="Nelder-Mead",
-                     options={"maxiter": 250, "xatol": 0.02, "fatol": 0.1})
-            for start in (1.0, 3.0)
-        ),
-        key=lambda one: one.fun,
-    )  # fmt: skip
-    keep = 1.0 / (1.0 + math.exp(-best.x[1]))
-    # Two parameters more than white noise, each worth half the logarithm of the number of samples.
-    return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep, white
-
-
-def small_colour(parts: Sequence[Array]) -> tuple[float, float]:
-    """The most likely of `_COLOURS`, or zeros; parts are residuals over their noise."""
-    size = sum(map(len, parts))
-    variance = sum(float(part @ part) for part in parts) / size
-
-    def likelihood(colour: tuple[float, float]) -> float:
-        white = math.sqrt(max(variance - colour[0] ** 2, 0.25))
-        return float(sum(_ar_likelihood(part, *colour, white, np.empty(0)) for part in parts))
-
-    best = max(_COLOURS, key=likelihood)
-    return best if likelihood(best) - likelihood((0.0, 0.0)) > _COLOURED else (0.0, 0.0)
-
-
-def whitened(left: Sequence[Array], colour: tuple[float, float]) -> list[Array]:
-    """Residuals without what small coloured noise of theirs predicts of them, over their noise.
-
-    Args:
-        left: residuals over their noise, by run.
-        colour: deviation of the coloured noise over that of the white one, and what a sample keeps of it.
-    """
-    if colour[0] <= 0.0:
-        return list(left)
-    found = [np.empty(len(r)) for r in left]
-    for r, out in zip(left, found, strict=True):
-        _ar_likelihood(r, colour[0], colour[1], 1.0, out)
-    return found
 
 
 @dataclass(frozen=True)
@@ -205,11 +126,11 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     # A coarse resolution adds a noise of its own that is not white out of contact; it hides small others.
     if not parts or step > noise:
         return Force(tuple(found), 0.0, held, repeats)
-    evidence, deviation, keep, _ = _coloured(parts, noise)
+    evidence, deviation, keep, _ = coloured(parts, noise)
     line, _ = hum(np.concatenate(parts), _consecutive(parts))
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held, repeats)
-    if deviation > _COLOUR * noise and 0.3 < keep < _WANDER and evidence > 0.0:
+    if deviation > COLOUR * noise and 0.3 < keep < _WANDER and evidence > 0.0:
         apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
         found.append(
             Noise("sensor.coloured-noise", (deviation,), evidence, math.hypot(1.0, apparent / noise))

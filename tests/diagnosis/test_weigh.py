@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +16,10 @@ from orchestrator.diagnosis.answers import Answer, complete, weigh_software
 from orchestrator.diagnosis.calibrate import Practice, _outcomes, _written, learn, learn_unseen, loss, main
 from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.colour import small_colour, whitened
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import hum, unexplained
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.stochastic import small_colour, whitened
 from orchestrator.diagnosis.study import Study, load_study
 from orchestrator.diagnosis.weigh import conclude, weigh
 from orchestrator.errors import OrchestratorError
@@ -287,3 +289,13 @@ def test_labelled_cases(case):
     right = tuple(truth["effects"]) or (("outside",) if truth["outside"] else ())
     assert found.effects == right or set(right) <= set(found.candidates[0].ties)
     assert set(found.places) == set(truth["places"])
+
+
+def test_the_calibration_is_learned_by_its_command(tmp_path):
+    seen, out = tmp_path / "seen.json", tmp_path / "calibration.json"
+    options = ["--cases", "2", "--bare", "2", "--seed", "5", "--seen", str(seen), "--out", str(out)]
+    command = [sys.executable, "-m", "orchestrator.diagnosis.calibrate", *options]
+    subprocess.run(command, check=True, capture_output=True)
+    made = json.loads(out.read_text())
+    assert made["format"] == "weigh/3" and made["provenance"]["seed"] == 5
+    assert sorted(json.loads(seen.read_text())["cases"]) == ["1", "2"]

@@ -1,0 +1,92 @@
+"""Noise of the force that is not white: a first-order process beside the white noise."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from scipy.optimize import minimize
+
+from .study import Array
+
+__all__ = ["COLOUR", "coloured", "small_colour", "whitened"]
+
+# Coloured noise of a smaller deviation than this share of the white one is roughness of every rig, from some
+# log likelihood on [nats].
+COLOUR, _COLOURED = 0.3, 4.0
+_COLOURS = tuple(itertools.product((0.1, 0.15, 0.2, 0.25, 0.3), (0.7, 0.8, 0.87, 0.92, 0.95, 0.97)))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _ar_likelihood(r, deviation, keep, white, innovations):
+    """Log likelihood of a first-order autoregressive process in white noise (a Kalman filter).
+
+    Args:
+        innovations: normalised, of the shape of r, or empty; written.
+    """
+    total, mean, variance = 0.0, 0.0, deviation * deviation
+    for i in range(r.shape[0]):
+        s = variance + white * white
+        error = r[i] - mean
+        if i < innovations.shape[0]:
+            innovations[i] = error / math.sqrt(s)
+        total -= 0.5 * (error * error / s + math.log(s))
+        gain = variance / s
+        mean = keep * (mean + gain * error)
+        variance = keep * keep * variance * (1.0 - gain) + (1.0 - keep * keep) * deviation * deviation
+    return total
+
+
+def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float, float]:
+    """Log evidence of coloured noise, its deviation, its memory per sample, and that of white noise alone."""
+    size = sum(map(len, parts))
+    spread = math.sqrt(sum(float(part @ part) for part in parts) / size)
+    none = np.empty(0)
+    white = sum(_ar_likelihood(part, 0.0, 0.0, max(spread, 0.5 * noise), none) for part in parts)
+
+    def cost(x: Array) -> float:
+        keep = 1.0 / (1.0 + math.exp(-x[1]))
+        return -sum(_ar_likelihood(part, math.exp(x[0]), keep, math.exp(x[2]), none) for part in parts)
+
+    best = min(
+        (
+            minimize(cost, [math.log(max(spread, 0.1 * noise)), start, math.log(noise)], method="Nelder-Mead",
+                     options={"maxiter": 250, "xatol": 0.02, "fatol": 0.1})
+            for start in (1.0, 3.0)
+        ),
+        key=lambda one: one.fun,
+    )  # fmt: skip
+    keep = 1.0 / (1.0 + math.exp(-best.x[1]))
+    # Two parameters more than white noise, each worth half the logarithm of the number of samples.
+    return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep, white
+
+
+def small_colour(parts: Sequence[Array]) -> tuple[float, float]:
+    """The most likely of `_COLOURS`, or zeros; parts are residuals over their noise."""
+    size = sum(map(len, parts))
+    variance = sum(float(part @ part) for part in parts) / size
+
+    def likelihood(colour: tuple[float, float]) -> float:
+        white = math.sqrt(max(variance - colour[0] ** 2, 0.25))
+        return float(sum(_ar_likelihood(part, *colour, white, np.empty(0)) for part in parts))
+
+    best = max(_COLOURS, key=likelihood)
+    return best if likelihood(best) - likelihood((0.0, 0.0)) > _COLOURED else (0.0, 0.0)
+
+
+def whitened(left: Sequence[Array], colour: tuple[float, float]) -> list[Array]:
+    """Residuals without what small coloured noise of theirs predicts of them, over their noise.
+
+    Args:
+        left: residuals over their noise, by run.
+        colour: deviation of the coloured noise over that of the white one, and what a sample keeps of it.
+    """
+    if colour[0] <= 0.0:
+        return list(left)
+    found = [np.empty(len(r)) for r in left]
+    for r, out in zip(left, found, strict=True):
+        _ar_likelihood(r, colour[0], colour[1], 1.0, out)
+    return found
