@@ -1,4 +1,4 @@
-"""What the README shows as configs and studies is taken as it stands there."""
+"""What the README and the pages under docs/ show as configs and studies is taken as it stands there."""
 
 from __future__ import annotations
 
@@ -6,18 +6,43 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from orchestrator.__main__ import main
 from orchestrator.campaign import Study
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+PAGES = sorted(ROOT.glob("docs/*.md"))
+TEXTS = {one.relative_to(ROOT).as_posix(): one.read_text(encoding="utf-8") for one in (README, *PAGES)}
+
+
+def blocks() -> list[str]:
+    """All blocks of YAML, of the README and of the pages."""
+    found = (re.findall(r"```yaml\n(.*?)```", one, flags=re.DOTALL) for one in TEXTS.values())
+    return [block for page in found for block in page]
 
 
 def block(begin: str) -> str:
-    """The one block of YAML that begins with a line."""
-    blocks = re.findall(r"```yaml\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
-    (found,) = [one for one in blocks if one.startswith(begin)]
+    """The one block of YAML that begins with a line, which is the same wherever it stands."""
+    (found,) = {one for one in blocks() if one.startswith(begin)}
     return found
+
+
+def prose(text: str) -> str:
+    """A page without its blocks of code and the code within its lines."""
+    return re.sub(r"`[^`\n]*`", "", re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+
+
+def links(text: str) -> list[str]:
+    """What a page's links point at, other sites aside."""
+    return [one for one in re.findall(r"\]\(([^)]+)\)", prose(text)) if "://" not in one]
+
+
+def anchors(text: str) -> set[str]:
+    """What a link can name of a page: its headings, as they are turned into anchors."""
+    heads = re.findall(r"^#+ (.*)$", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.M)
+    return {re.sub(r"[^a-z0-9 _-]", "", one.lower()).replace(" ", "-") for one in heads}
 
 
 def test_the_config_of_the_readme_is_one(tmp_path, capsys):
@@ -27,23 +52,41 @@ def test_the_config_of_the_readme_is_one(tmp_path, capsys):
     assert capsys.readouterr().out.startswith("my-system: 3 instances, 4 connections")
 
 
-def test_the_study_of_the_readme_is_one(tmp_path):
+def test_the_study_of_the_pages_is_one(tmp_path):
     path = tmp_path / "delays.yaml"
     path.write_text(block("# delays.yaml"), encoding="utf-8")
     assert len(Study.load(path)) == 600
 
 
+def test_blocks_of_yaml_are_yaml():
+    assert all(isinstance(yaml.safe_load(one), dict) for one in blocks())
+
+
 @pytest.mark.parametrize(
-    "name", sorted(set(re.findall(r"\]\(([^):#]+)\)", README.read_text(encoding="utf-8"))))
+    ("page", "link"), [(page, link) for page, text in TEXTS.items() for link in sorted(set(links(text)))]
 )
-def test_links_of_the_readme_lead_somewhere(name):
-    assert (README.parent / name).exists()
+def test_links_lead_somewhere(page, link):
+    name, _, anchor = link.partition("#")
+    target = (ROOT / page).parent / name if name else ROOT / page
+    assert target.exists()
+    if anchor:
+        assert anchor in anchors(target.read_text(encoding="utf-8"))
 
 
 def test_the_contents_of_the_readme_name_its_sections():
-    text = README.read_text(encoding="utf-8")
-    heads = [
-        re.sub(r"[^a-z0-9 -]", "", one.lower()).replace(" ", "-")
-        for one in re.findall(r"^## (.*)$", text, re.M)
-    ]
-    assert re.findall(r"\]\(#([^)]*)\)", text) == [one for one in heads if one != "licence"]
+    text = TEXTS["README.md"]
+    heads = [one.lower().replace(" ", "-") for one in re.findall(r"^## (.*)$", text, re.M)]
+    named = [one.removeprefix("#") for one in links(text) if one.startswith("#")]
+    assert named == [one for one in heads if one != "contents"]
+
+
+def test_the_contents_of_the_readme_list_every_page_in_the_order_that_leads_through_them():
+    listed = re.findall(r"^\| \[[^]]*\]\((docs/[^)]*)\) \|", TEXTS["README.md"], re.M)
+    assert sorted(listed) == sorted(one for one in TEXTS if one != "README.md")
+    for before, page, after in zip([None, *listed], listed, [*listed[1:], None], strict=False):
+        way = [Path(one).name for one in (before, after) if one]
+        assert links(TEXTS[page].split("\n")[2]) == ["../README.md#contents", *way]
+
+
+def test_the_readme_is_an_entry_page():
+    assert len(TEXTS["README.md"].split()) < 2200

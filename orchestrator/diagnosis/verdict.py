@@ -150,7 +150,7 @@ class Runnable(_Part):
 
 
 class Diagnosis(_Part):
-    """diagnosis.json. See CATALOGUE in the README of the diagnosis for the keys."""
+    """diagnosis.json: its keys are these."""
 
     format: Literal["gap-diagnosis/1"] = FORMAT
     case: str

@@ -239,6 +239,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     lines = [
         "# What many runs cost",
         "",
+        "[Entry page](../README.md#contents) · before: [Many runs](campaigns.md) · "
+        "next: [The native loop](speed.md)",
+        "",
         f"Measured by `python -m tests.benchmarks.sweep_cost`: {machine()}.",
     ]
     lines += [f"Runs of `docking-1d`, native forms, {options.stop} of simulated time each.", ""]

@@ -80,7 +80,7 @@ def test_active_controller_with_a_wrong_estimate(estimate):
     ],
 )
 def test_the_step_of_each_master_is_part_of_the_loop(master, step, growth):
-    """Growth as README.md has it from co-simulation."""
+    """Growth as docs/masters.md has it from co-simulation."""
     assert sample(Loop.of(PLAIN), master, step).growth() == pytest.approx(growth, rel=2e-4)
 
 

@@ -202,7 +202,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
         ),
     }
     return [
-        PortEffect(f"{port}.{name}", equation, "README, effects on connections", (one,), port=port, make=make)
+        PortEffect(f"{port}.{name}", equation, "docs/effects.md", (one,), port=port, make=make)
         for name, (one, make, equation) in made.items()
     ]
 
