@@ -214,7 +214,7 @@ def _roughness(rng: np.random.Generator, factor: float) -> dict[str, float]:
         "jitter": 8e-6 * sizes[7],
         "noise_scale": float(np.exp(0.01 * factor * rng.standard_normal())),
         # Every second sensor has a little noise that is not white.
-        "colour": factor * NOISE[1] * between(rng, 0.15, 0.3) * float(rng.random() < 0.5),
+        "colour": min(factor, 1.0) * NOISE[1] * between(rng, 0.15, 0.25) * float(rng.random() < 0.5),
         "colour_keep": between(rng, 0.8, 0.95),
     }
     return {name: float(value) for name, value in found.items()}
