@@ -30,7 +30,6 @@ _SWEEP = """
 import sys
 sys.path[:0] = [{here!r}, {root!r}]
 from campaign_bench import quick
-from extent import all_or
 study = quick(design={{"grid": {{"robot.tau_m": {{"from": "4 ms", "to": "12 ms", "count": 40}}}}}})
 study.run({store!r}, jobs=1, progress=lambda done, of, failed: print(done, flush=True))
 """
@@ -165,7 +164,6 @@ def test_a_full_disk_is_told_and_the_store_stays_readable(tmp_path):
 import sys
 sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
 from campaign_bench import quick
-from extent import all_or
 from orchestrator.errors import OrchestratorError
 try:
     quick(design={grid!r}, record="all").run({str(store)!r}, jobs=1)

@@ -32,8 +32,13 @@ SYSTEMS = {
     "system-fmi3": ("docking-6d", "3.0"),
 }
 NAMES = (*(path.stem for path in FMUS), *SYSTEMS)
-# Else it makes no noise.
-START = {"SensorNoise-native": {"force_sigma": 1.0, "torque_sigma": 0.1}}
+# Else they make no noise and no friction.
+RUBBING = {"viscous": 5.0, "stiffness": 1e5, "level": 10.0}
+START = {
+    "SensorNoise-native": {"force_sigma": 1.0, "torque_sigma": 0.1},
+    "FrictionForce": RUBBING,
+    "FrictionForce-fmi3": RUBBING,
+}
 STEPS, SIZE = 40, 5e-4
 COMMAND = shutil.which("wine64") or shutil.which("wine")
 # Wine makes its folders first, which takes 15 s here.

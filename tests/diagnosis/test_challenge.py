@@ -143,7 +143,7 @@ def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
             for module in users:
                 if module in named and (path.parent.name == "challenge" or "challenge" in named):
                     users[module].add(path.relative_to(DIAGNOSIS).as_posix())
-    own = {f"challenge/{name}.py" for name in ("cli", "make", "score", "verdict")}
+    own = {f"challenge/{name}.py" for name in ("cli", "make", "score")}
     assert users["seal"] == own
     assert users["outside"] == {"challenge/make.py"}
     for path in DIAGNOSIS.rglob("*.py"):
