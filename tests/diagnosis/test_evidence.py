@@ -64,7 +64,7 @@ def test_contacts_that_begin_a_little_early_or_late_are_roughness(monkeypatch):
     found = weigh_rig(own).answers[0]
     monkeypatch.setattr(benign, "_SCATTER", 1e-12)
     plain = weigh_rig(own).answers[0]
-    assert found.left < 5.0 and plain.left > 10.0
+    assert found.left < 3.0 and plain.left > 8.0
 
 
 def test_a_line_that_a_strong_effect_leaves_is_not_outside():
