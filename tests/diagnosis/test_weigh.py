@@ -147,7 +147,7 @@ def test_hum_is_outside_the_catalogue():
 
 
 def test_tolerances_too_tight_are_doubted_and_no_effect_is_named():
-    strays = {"front_wall": 3.2, "rear_wall": -3.0, "force_bias": 3.0}
+    strays = {"front_wall": 3.2, "natural_frequency": 3.0, "force_bias": 3.0}
     true = study()
     tight = {
         name: replace(one, value=one.value + strays.get(name, 0.0) * one.tolerance)
