@@ -25,7 +25,7 @@ _SCATTER = 1e-6
 SETTLED = 20
 # A wave of the encoder's scale that is no larger than this, in standard deviations of its noise, is roughness
 # of every rig; its own standard deviation, and the log evidence from which it is reckoned with [nats].
-_WAVY, _WAVE, _WAVING = 1.5, 0.5, 10.0
+_WAVY, _WAVE, _WAVING = 0.6, 0.3, 10.0
 # Factor on tolerances that are not trusted.
 WIDER = 2.5
 
@@ -88,7 +88,7 @@ def weighted(
     model: RigModel,
     weights: Sequence[Array],
     effects: Sequence[Effect],
-    rough: Mapping[str, float],
+    rough: Mapping[str, Sequence[float]],
     further: Array | None = None,
 ) -> Fitter:
     """A fitter in which roughness along effects, and in further directions, is marginalised.

@@ -23,19 +23,25 @@ from ..errors import OrchestratorError
 from ..provenance import origin
 from ..workers import Pool, Work, pool_of
 from .answers import Answer, complete
-from .calibration import FILE, Calibration, Table
+from .calibration import FILE, SET, Calibration, Table
 from .hardware import weigh_rig
 from .practice import simulated_study
 from .rough import learn_roughness, strayed_by_number
 from .study import Array
 
-__all__ = ["Practice", "learn", "learn_unseen", "loss", "main", "practise", "simulated_study"]
+__all__ = ["Practice", "learn", "learn_sure", "learn_unseen", "loss", "main", "practise", "simulated_study"]
 
 # How far the logarithm of each learned number may stray from where it begins: cases are few, and simulated.
 _STRAY = 0.7
-_NUMBERS = tuple(name for name in Calibration.__dataclass_fields__ if name not in ("unseen", "roughness"))
+_NUMBERS = tuple(
+    name for name in Calibration.__dataclass_fields__ if name not in ("sure", "unseen", "roughness")
+)
 # Where the learning of `Calibration.form` begins.
 _FORM = 1e-3
+# Sets of answers hold no more of the probability.
+_SUREST, _FOLDS = 0.995, 5
+# Magnitude below which hardly any effect is seen.
+_FAINT = 0.08
 # See `learn_unseen`.
 _USUAL = 3.0
 
@@ -61,7 +67,7 @@ class Practice:
         return len(answer.effects) == len(self.truth) and missing <= set(answer.ties)
 
 
-def practise(seed: int, roughness: Mapping[str, float], number: int) -> Practice:
+def practise(seed: int, roughness: Mapping[str, Sequence[float]], number: int) -> Practice:
     """Weigh one simulated case."""
     study, plan = simulated_study(seed, number)
     with threadpool_limits(limits=1, user_api="blas"):
@@ -170,6 +176,10 @@ def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, flo
 def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibration:
     """The numbers under which the truth of simulated cases is most probable."""
     start = start or Calibration()
+    return replace(_likeliest(cases, start), sure=learn_sure(cases, start))
+
+
+def _likeliest(cases: Sequence[Practice], start: Calibration) -> Calibration:
     start = replace(start, unseen=learn_unseen(cases, start))
     lesson = _Lesson.of_cases(cases, start)
 
@@ -187,6 +197,25 @@ def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibr
         cost, np.zeros(size), method="L-BFGS-B", bounds=[(-2.5, 2.5)] * size, options={"maxiter": 40}
     )
     return learned(found.x)
+
+
+def learn_sure(cases: Sequence[Practice], start: Calibration) -> float:
+    """See `Calibration.sure`; of each fifth of the cases by what the others teach."""
+    needed = []
+    for fold in range(_FOLDS):
+        learned = _likeliest([one for at, one in enumerate(cases) if at % _FOLDS != fold], start)
+        for case in cases[fold::_FOLDS]:
+            p = learned.probabilities(case.answers, case.beside)
+            faint = case.truth and case.magnitude < _FAINT
+            if not faint or case.answers[int(np.argmax(p[:-1]))].seen:
+                continue
+            outside = case.truth == ("outside",)
+            right = np.array([*(not outside and case.right(one) for one in case.answers), outside])
+            own = p[right].max(initial=0.0)
+            # Of those that are as probable as the truth, half come before it.
+            needed.append(float(p[p > own].sum() + 0.5 * p[p == own].sum()))
+    enough = float(np.quantile(needed, SET)) if needed else SET
+    return round(min(max(enough, SET), _SUREST), 4)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -14,10 +14,12 @@ import numpy as np
 
 from .study import Array
 
-__all__ = ["FILE", "Calibration", "Table", "Weighable", "calibration"]
+__all__ = ["FILE", "SET", "Calibration", "Table", "Weighable", "calibration"]
 
 # Log evidence of more is none of an effect's form: the model without it ran away [nats].
 _RUNAWAY = 1e6
+# Probability that a set of answers holds.
+SET = 0.95
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
 
@@ -57,12 +59,17 @@ class Calibration:
     price: the first of them `first`, the second `second`, each further one `further`. One that is too small
     to be seen costs `hidden`, beside another one `beside`, and more the seldomer it stays unseen. Something
     outside the catalogue scores what the best answer of its group has, less `outside`, plus `slope` times
-    ln(1 + u), u the unexplained log likelihood over (1 + best log evidence)^`share`. A share `floor` of the
-    probability is spread evenly.
+    ln(1 + u), u the unexplained log likelihood over (1 + best log evidence)^`share`, plus `several` for each
+    effect beyond the first that the best answer sees: combinations rarely are what they imitate. A share
+    `floor` of the probability is spread evenly.
+
+    A set of answers holds 95 % of the probability. Where the logs speak for no effect, it holds `sure`: so
+    much that 95 of 100 such sets hold what faint effects are there, and not only rigs without any.
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
-        roughness: of rigs that hide nothing, one standard deviation as a share of an effect's prior, by id.
+        roughness: of rigs that hide nothing, standard deviations as shares of an effect's prior, by id, one
+            per start of its shape.
     """
 
     temperature: float = 1.5
@@ -77,9 +84,11 @@ class Calibration:
     outside: float = 8.0
     slope: float = 1.5
     share: float = 0.3
+    several: float = 1.0
+    sure: float = 0.95
     floor: float = 0.002
     unseen: Mapping[str, float] = field(default_factory=dict)
-    roughness: Mapping[str, float] = field(default_factory=dict)
+    roughness: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def price(self, seen: int | Array, unseen: int | Array = 0, rarity: float | Array = 0.0) -> float | Array:
         """What effects cost, in all groups of logs together.
@@ -126,10 +135,12 @@ class Calibration:
         prices = self.price(of.seen, of.unseen, of.rarity)
         priced = np.where(of.unseen > 0, -np.inf, scores - prices)
         top = np.argmax(priced, -1, keepdims=True)
+        more = np.maximum(np.take_along_axis(of.seen, top, -1) - 1.0, 0.0)
         left = np.take_along_axis(of.left, top, -1)
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
         u = (left + np.expand_dims(beside, -1)) / (1.0 + best) ** self.share
         outside = np.take_along_axis(priced, top, -1) - self.outside + self.slope * np.log1p(u)
+        outside = outside + self.several * more
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 
     def probabilities(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> Array:
@@ -148,9 +159,13 @@ class Calibration:
         even = np.broadcast_to(alike, p.shape)
         return (1.0 - self.floor) * p + self.floor * even / even.sum(-1, keepdims=True)
 
+    def enough(self, seen: bool) -> float:
+        """Probability that a set of answers holds, where the logs speak for an effect, or for none."""
+        return SET if seen else max(self.sure, SET)
+
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/3", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/4", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

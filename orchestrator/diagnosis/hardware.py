@@ -47,7 +47,9 @@ _KINDS = (
 )
 
 
-def weigh_rig(study: Study, without: Sequence[str] = (), rough: Mapping[str, float] | None = None) -> Group:
+def weigh_rig(
+    study: Study, without: Sequence[str] = (), rough: Mapping[str, Sequence[float]] | None = None
+) -> Group:
     """Weigh the effects of link, robot, structure, contact and sensor.
 
     Args:
@@ -150,7 +152,7 @@ def _doubt(
     model: RigModel,
     weights: Sequence[Array],
     effects: Sequence[Effect],
-    rough: Mapping[str, float],
+    rough: Mapping[str, Sequence[float]],
     none: Fit,
 ) -> float:
     """Log evidence of wider tolerances over those given.
@@ -202,7 +204,7 @@ def _behind_link(
     model: RigModel,
     weights: list[Array],
     effects: Sequence[Effect],
-    rough: Mapping[str, float],
+    rough: Mapping[str, Sequence[float]],
     always: tuple[Effect, ...],
     none: Fit,
 ) -> tuple[Fitter, Search]:

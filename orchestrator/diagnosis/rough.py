@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .benign import Weighted, settled
+from .benign import Weighted, scatter, settled, waves
 from .catalogue import catalogue
 from .fit import Fitter
 from .model import RigModel
@@ -19,7 +19,8 @@ __all__ = ["Strayed", "learn_roughness", "strayed"]
 
 _SOFTWARE = ("dynamics", "controller")
 # Shares of the priors between which what is learned is kept: rigs may be rough in other ways than those
-# practised on, and directions that hardly move any residual tell nothing of themselves.
+# practised on, if hardly by more than shows; and directions that hardly move any residual tell nothing of
+# themselves.
 _LEAST, _MOST = 0.003, 0.015
 _ROUNDS = 3000
 
@@ -29,7 +30,7 @@ class Strayed:
     """How the residuals of a rig that hides nothing lie to the effects: a linear problem.
 
     Attributes:
-        ids: of the effects, one per direction.
+        ids: of the effects, one per direction, those of an effect in the order of its shape's starts.
         hessian, slope: of half the squared residuals by the calibration, in tolerances, and then by the
             effects' sizes, in priors.
         calibrated: where the calibration is taken, in tolerances.
@@ -44,12 +45,17 @@ class Strayed:
 def strayed(study: Study) -> Strayed:
     """The linear problem of a study's train runs."""
     model = RigModel(study, study.of(Role.TRAIN))
-    fitter = Fitter(Weighted(model, [settled(len(run)) for run in model.runs for _ in range(2)]))
+    weights = [settled(len(run)) for run in model.runs for _ in range(2)]
+    replay = Weighted(model, weights)
+    none = Fitter(replay).fit(())
+    # What is reckoned with besides is none of it: contacts that scatter, waves of the encoder.
+    further = [scatter(model, replay, none), waves(model, Fitter(replay).left(none.residuals), weights)]
+    fitter = Fitter(replay, 1.0, np.hstack([one for one in further if one is not None]))
     effects = [one for one in catalogue().values() if one.place not in _SOFTWARE and not one.statistic]
     base = fitter.base((), fitter.fit(()).z)
     found = directions(fitter, effects, base.z)
-    jacobian = np.column_stack([base.jacobian, *(column for _, _, column in found)])
-    ids = tuple(effect.id for effect, _, _ in found)
+    jacobian = np.column_stack([base.jacobian, *(one.column for one in found)])
+    ids = tuple(one.effect.id for one in found)
     return Strayed(ids, jacobian.T @ jacobian, jacobian.T @ base.r, base.z)
 
 
@@ -58,14 +64,14 @@ def strayed_by_number(seed: int, number: int) -> Strayed:
     return strayed(bare_study(seed, number))
 
 
-def learn_roughness(problems: Sequence[Strayed]) -> Mapping[str, float]:
+def learn_roughness(problems: Sequence[Strayed]) -> Mapping[str, tuple[float, ...]]:
     """Standard deviations of the roughness that make what rigs show most probable, all effects jointly.
 
     Sizes are normal about zero, with a variance of each direction's own; expectation maximisation (MacKay:
     Bayesian interpolation, Neural Computation 4, 1992). What other directions explain as well comes out
     small.
 
-    Returns: by effect, as a share of its prior.
+    Returns: by effect, one per direction, as shares of its prior.
     """
     ids = problems[0].ids
     count = len(problems[0].calibrated)
@@ -79,7 +85,19 @@ def learn_roughness(problems: Sequence[Strayed]) -> Mapping[str, float]:
             mean = -covariance @ pulled
             total += mean[count:] ** 2 + np.diag(covariance)[count:]
         variance = np.maximum(total / len(problems), 1e-9)
-    found: dict[str, float] = {}
-    for name, value in zip(ids, np.sqrt(variance), strict=True):
-        found[name] = max(found.get(name, _LEAST), float(np.clip(value, _LEAST, _MOST)))
-    return {name: round(value, 5) for name, value in sorted(found.items())}
+    found: dict[str, list[float]] = {}
+    for name, value, shows in zip(ids, np.sqrt(variance), _showing(problems), strict=True):
+        size = float(np.clip(value, min(_LEAST, shows), _MOST))
+        found.setdefault(name, []).append(round(size, 5))
+    return {name: tuple(values) for name, values in sorted(found.items())}
+
+
+def _showing(problems: Sequence[Strayed]) -> Array:
+    """Sizes that move residuals by one standard deviation beyond what calibration explains, by direction."""
+    told = np.zeros(len(problems[0].ids))
+    for one in problems:
+        count = len(one.calibrated)
+        across = one.hessian[:count, count:]
+        explained = np.linalg.solve(one.hessian[:count, :count] + np.eye(count), across)
+        told += np.diag(one.hessian)[count:] - np.sum(across * explained, axis=0)
+    return 1.0 / np.sqrt(np.maximum(told / len(problems), 1e-12))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from .effect import Effect
 from .fit import Base, Fit, Fitter
 from .study import Array
 
-__all__ = ["Search", "directions", "roughness", "search", "separation"]
+__all__ = ["Direction", "Search", "directions", "roughness", "search", "separation"]
 
 # Effects at this share of their priors are roughness that every rig has, where nothing better was learned.
 _ROUGH = 0.005
@@ -59,30 +59,44 @@ def _each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) -
         return list(pool.map(function, items))
 
 
-def roughness(fitter: Fitter, effects: Sequence[Effect], sizes: Mapping[str, float] | None = None) -> Array:
+class Direction(NamedTuple):
+    """How the stacked residuals move with the size of an effect.
+
+    Attributes:
+        place: of the start of its shape, among all of them that there are; many: how many.
+    """
+
+    effect: Effect
+    place: int
+    many: int
+    column: Array
+
+
+def roughness(
+    fitter: Fitter, effects: Sequence[Effect], sizes: Mapping[str, Sequence[float]] | None = None
+) -> Array:
     """Directions of the stacked residuals in which every rig strays a little, as effects would move them.
 
     Args:
-        sizes: one standard deviation, as a share of the effect's prior, by id.
+        sizes: standard deviations, as shares of the effect's prior, one per start of its shape, by id.
     Returns: one column per effect and start, scaled to one standard deviation, shape (residuals, k).
     """
     columns = []
-    for effect, many, column in directions(fitter, effects):
-        size = (sizes or {}).get(effect.id, _ROUGH)
-        columns.append(size / math.sqrt(many) * column)
+    for effect, place, many, column in directions(fitter, effects):
+        own = (sizes or {}).get(effect.id, ())
+        # An effect whose starts are others by now is taken to be as rough along each as before on average.
+        usual = math.sqrt(sum(one**2 for one in own) / many) if own else _ROUGH / math.sqrt(many)
+        columns.append((own[place] if len(own) == many else usual) * column)
     return np.column_stack(columns) if columns else np.zeros((fitter.stacked((), fitter.nominal).size, 0))
 
 
-def directions(
-    fitter: Fitter, effects: Sequence[Effect], at: Array | None = None
-) -> list[tuple[Effect, int, Array]]:
+def directions(fitter: Fitter, effects: Sequence[Effect], at: Array | None = None) -> list[Direction]:
     """Derivatives of the stacked residuals by the sizes of effects, of which there are none yet.
 
     Effects whose size is no continuous parameter that vanishes at zero are left out.
 
     Args:
         at: normalised calibration; the nominal one by default.
-    Returns: effect, how many directions it has (by the starts of its shape), and each of them.
     """
     z = fitter.nominal if at is None else at
     r = fitter.stacked((), z)
@@ -91,10 +105,10 @@ def directions(
         if effect.parameters[0].whole or effect.parameters[0].shape or effect.statistic:
             continue
         shapes = sorted({tuple(one[1:]) for one in fitter.starts(effect)})
-        for shape in shapes:
+        for place, shape in enumerate(shapes):
             column = (fitter.stacked((effect,), np.concatenate([z, [_MOVED], shape])) - r) / _MOVED
             if np.isfinite(column).all():
-                found.append((effect, len(shapes), column))
+                found.append(Direction(effect, place, len(shapes), column))
     return found
 
 

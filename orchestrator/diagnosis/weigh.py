@@ -79,11 +79,13 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     first, choice = _given([(one, joint[place][1]) for one, place in zip(candidates, order, strict=True)])
     outside = next((group.place for group, answer in choice if answer is _OUTSIDE), "")
     places = {one.partition(".")[0] for one in first.effects if one != "outside"} | {outside} - {""}
+    known = (joint[place][1] for place in order if all(one[1] is not _OUTSIDE for one in joint[place][1]))
+    speaks = any(answer.seen for _, answer in next(known))
     answer_set, held = [], 0.0
     for one in candidates:
         answer_set.append(" + ".join(one.effects) or "none")
         held += one.probability
-        if held >= 0.95:
+        if held >= learned.enough(speaks):
             break
     rig = groups[-1]
     assert rig.none is not None

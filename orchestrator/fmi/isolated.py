@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import subprocess
 import tempfile
 import threading
 from collections.abc import Mapping, Sequence
@@ -16,7 +15,7 @@ import numpy as np
 from ..errors import FmuError, StepError
 from . import frames
 from .archive import Unpacked
-from .child import cause_of_death, start_child
+from .child import cause_of_death, end, start_child
 from .description import ModelDescription
 from .handling import Handling
 from .instance import Array, Point, StepStatus
@@ -26,7 +25,6 @@ from .worker import STEP
 __all__ = ["IsolatedInstance"]
 
 _LINES_OF_OUTPUT = 10
-_SECONDS_TO_END = 5.0
 
 
 class IsolatedInstance:
@@ -124,11 +122,8 @@ class IsolatedInstance:
         return pickle.loads(payload)
 
     def _death(self) -> StepError:
-        try:
-            code = self._process.wait(_SECONDS_TO_END)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            code = self._process.wait()
+        end(self._process)
+        code = self._process.returncode
         if self._expired:
             limit = self.handling.time_limit
             what = f"{self._calling} did not return within {limit!r} s; its process was ended"
@@ -225,22 +220,12 @@ class IsolatedInstance:
                     if not self._dead and process.poll() is None:
                         self._call("free")
                 finally:
-                    self._end(process)
+                    self._dead = True
+                    end(process)
         finally:
             self._freed = True
             self._output.close()
             self._unpacked.release()
-
-    def _end(self, process: subprocess.Popen[bytes]) -> None:
-        self._dead = True
-        for pipe in (process.stdin, process.stdout):
-            assert pipe is not None
-            pipe.close()
-        try:
-            process.wait(_SECONDS_TO_END)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
 
     def log_lines(self) -> tuple[str, ...]:
         """See FmuInstance.log_lines."""

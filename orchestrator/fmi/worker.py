@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
-import signal
 import struct
-import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +12,10 @@ import numpy as np
 
 from ..errors import FmuError, OrchestratorError, StepError
 from . import frames
+from .child import guarded_pipes
 from .instance import Point
 
-__all__ = ["STEP", "guarded_pipes", "main"]
+__all__ = ["STEP", "main"]
 
 # Of a step: index, time, step size, whether inputs follow.
 STEP = struct.Struct("<qdd?")
@@ -119,29 +117,6 @@ def _packed(error: OrchestratorError) -> bytes:
         }
         return pickle.dumps(("StepError", fields))
     return pickle.dumps(("FmuError", str(error)))
-
-
-def _leave_with_the_parent(parent: int) -> None:
-    # The pipe's end tells an idle process; one that hangs in the FMU needs this.
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(1)
-
-
-def guarded_pipes() -> tuple[int, int]:
-    """Descriptors of commands and answers, out of reach of what the FMU prints; sees to the process's end.
-
-    To be called once, first of all.
-    """
-    commands, answers = os.dup(0), os.dup(1)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.dup2(2, 1)
-    # An interrupt goes to all processes of a terminal: the one that holds the run decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "getppid") and os.name == "posix":
-        threading.Thread(target=_leave_with_the_parent, args=(os.getppid(),), daemon=True).start()
-    return commands, answers
 
 
 def main() -> None:

@@ -16,8 +16,7 @@ from typing import Any
 
 from ..errors import FmuError, OrchestratorError
 from ..fmi import Handling, Interface, frames
-from ..fmi.child import cause_of_death, start_child
-from ..fmi.worker import guarded_pipes
+from ..fmi.child import cause_of_death, end, guarded_pipes, start_child
 from . import abuse, behaviour, sensitivity
 from .finding import Finding, Level, Verdict, failed
 from .trial import Conditions, Ended, Trial, fmu_for_trial
@@ -40,7 +39,6 @@ CHECKS: dict[str, Callable[[Trial], Finding]] = {
     "NaN inputs": abuse.nan_inputs,
     "infinite inputs": abuse.infinite_inputs,
 }
-_SECONDS_TO_END = 5.0
 
 
 class Broken(str):
@@ -125,16 +123,8 @@ class Laboratory:
 
     def _end(self) -> None:
         process, self._process = self._process, None
-        if process is None:
-            return
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                pipe.close()
-        try:
-            process.wait(_SECONDS_TO_END)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        if process is not None:
+            end(process)
 
     def _broken(self, name: str, how: str) -> Finding:
         remedy = "Run it isolated (instances.<name>.isolate: process), and report it to the FMU's author."

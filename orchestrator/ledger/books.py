@@ -316,7 +316,8 @@ class Books:
         work = flow / 6.0 * (first[:, p] * a + 4.0 * middle[:, p] * b + end[:, p] * c)
         jump = first[:, q] - last[:, q]
         work += np.where(self._displaced, 0.5 * (last[:, p] + first[:, p]) * jump, 0.0)
-        told = work @ self._sums
+        # Not by a matrix product of BLAS, whose rounding depends on where arrays lie in memory.
+        told = np.einsum("sp,pt->st", work, self._sums)
         created = [place for places in self._created for place in places]
         if not count:
             return told[:, self._taken], told[:, self._given], told[:, created], before

@@ -5,27 +5,18 @@ from __future__ import annotations
 import gc
 import os
 import pickle
-import signal
 import sys
-import threading
-import time
 import traceback
 from pathlib import Path
 from typing import Any
 
 from ..errors import OrchestratorError
 from ..fmi import frames
+from ..fmi.child import guarded_pipes
 
 __all__ = ["main"]
 
 _FREED_EVERY = 64
-
-
-def _leave_with_the_parent(parent: int) -> None:
-    # The pipe's end tells an idle process; one that hangs in a task needs this.
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(1)
 
 
 def _told(error: BaseException) -> str:
@@ -46,15 +37,7 @@ def _resident() -> int:
 
 def main() -> None:
     """Serve until the pipe ends."""
-    # What a task prints must not get between the messages.
-    commands, answers = os.dup(0), os.dup(1)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.dup2(2, 1)
-    # An interrupt goes to all processes of a terminal: the one that holds the work decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if os.name == "posix":
-        threading.Thread(target=_leave_with_the_parent, args=(os.getppid(),), daemon=True).start()
+    commands, answers = guarded_pipes()
     context: Any = None
     function: Any = None
     begun = 0

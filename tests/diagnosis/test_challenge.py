@@ -18,7 +18,7 @@ from orchestrator.__main__ import main
 from orchestrator.diagnosis.challenge.make import Order, make
 from orchestrator.diagnosis.challenge.score import Marked, figures, score
 from orchestrator.diagnosis.challenge.seal import LEDGER, SEALED, open_truth, truth_digest
-from orchestrator.diagnosis.challenge.verdict import Answer, Verdict, names
+from orchestrator.diagnosis.challenge.verdict import Answer, Verdict, answer_set, names
 from orchestrator.diagnosis.study import Role, load_study
 from orchestrator.errors import ConfigError
 
@@ -239,7 +239,8 @@ def marked(
     }  # fmt: skip
     ties = next((row.ties for row in rows if row.effects == given), frozenset())
     found = frozenset(one.partition(".")[0] for one in given if one != "outside")
-    return Marked("case", truth, Verdict(given, found, ties, rows, closure, 0.2, doubtful, ""))
+    shown = Verdict(given, found, ties, rows, closure, 0.2, doubtful, answer_set(rows), "")
+    return Marked("case", truth, shown)
 
 
 def test_figures_of_verdicts_made_by_hand():
@@ -278,6 +279,15 @@ def test_figures_of_verdicts_made_by_hand():
     assert low == pytest.approx(0.15, abs=0.01) and high == pytest.approx(0.85, abs=0.01)
     assert found["bands"]["strong"]["cases"] == 6 and found["bands"]["faint"]["clear"] == 0
     assert found["bands"]["weak"]["coverage"]["rate"] == 0.0
+
+
+def test_a_declared_set_of_answers_is_the_one_scored():
+    rows = tuple(
+        Answer(frozenset(one), p, frozenset()) for one, p in (((), 0.6), (("a", "b"), 0.39), (("a",), 0.01))
+    )
+    assert answer_set(rows) == rows[:2]
+    assert answer_set(rows, ["none", "a"]) == (rows[0], rows[2])
+    assert answer_set(rows, ["a + b"]) == rows[1:2]
 
 
 def test_doubted_tolerances_are_counted():

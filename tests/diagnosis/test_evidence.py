@@ -19,7 +19,7 @@ from orchestrator.diagnosis.misfit import unexplained, wave
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import ODDITIES, bare_study, simulated_study
 from orchestrator.diagnosis.rough import Strayed, learn_roughness
-from orchestrator.diagnosis.search import roughness
+from orchestrator.diagnosis.search import directions, roughness
 from orchestrator.diagnosis.stochastic import sensor_noise
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.weigh import conclude
@@ -90,7 +90,8 @@ def test_evidence_of_autocorrelated_residuals_is_deflated():
     own = own_study(["contact.hertz"], [0.1, 5e-4])
     model = RigModel(own, own.of(Role.TRAIN))
     hertz = catalogue()["contact.hertz"]
-    for columns in (None, roughness(Fitter(model), [catalogue()["contact.cubic"]], {"contact.cubic": 0.01})):
+    cubic = {"contact.cubic": (0.01,)}
+    for columns in (None, roughness(Fitter(model), [catalogue()["contact.cubic"]], cubic)):
         fitter = Fitter(model, 1.0, columns)
         none, fit = fitter.fit(()), fitter.fit((hertz,), None, fitter.starts(hertz)[0])
         ones, threes = [1.0] * len(fit.residuals), [3.0] * len(fit.residuals)
@@ -232,8 +233,22 @@ def test_roughness_is_learned_where_rigs_show_it():
         r = jacobian @ sizes + rng.standard_normal(40)
         problems.append(Strayed(("a", "b", "c"), jacobian.T @ jacobian, -jacobian.T @ r, np.zeros(0)))
     learned = learn_roughness(problems)
-    assert learned["a"] == pytest.approx(0.01, rel=0.3)
-    assert learned["b"] == learned["c"] == 0.003  # the least that is reckoned with
+    assert learned["a"] == (pytest.approx(0.01, rel=0.3),)
+    # The least that is reckoned with moves residuals by one standard deviation.
+    least = pytest.approx(1.0 / (300.0 * np.sqrt(40.0)), rel=0.1)
+    assert learned["b"] == learned["c"] == (least,)
+
+
+def test_roughness_has_a_size_along_each_start_of_a_shape():
+    model = RigModel(study(), study().of(Role.TRAIN))
+    fitter, resonance = Fitter(model), catalogue()["robot.resonance"]
+    plain = [one.column for one in directions(fitter, [resonance])]
+    sizes = tuple(0.001 * (1 + place) for place in range(len(plain)))
+    columns = roughness(fitter, [resonance], {resonance.id: sizes})
+    np.testing.assert_allclose(columns, np.column_stack(plain) * sizes)
+    # Learned of other starts: as rough on the whole.
+    columns = roughness(fitter, [resonance], {resonance.id: (0.003, 0.004)})
+    np.testing.assert_allclose(columns, np.column_stack(plain) * 0.005 / np.sqrt(len(plain)))
 
 
 def test_oddities_to_practise_on_are_none_of_the_challenges():

@@ -258,11 +258,11 @@ def test_cases_kept_are_learned_from_again(tmp_path):
     """The loss of what is learned is that of the probabilities that diagnoses give."""
     cases = {str(number): _written(practised(number)) for number in range(1, 31)}
     kept, out = tmp_path / "seen.json", tmp_path / "calibration.json"
-    kept.write_text(json.dumps({"roughness": {"a.seen": 0.01}, "cases": cases}))
+    kept.write_text(json.dumps({"roughness": {"a.seen": [0.01]}, "cases": cases}))
     main(["--cases", "30", "--seen", str(kept), "--out", str(out)])
     data = json.loads(out.read_text())
     learned = Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})
-    assert learned.roughness == {"a.seen": 0.01} and data["provenance"]["cases"] == 30
+    assert learned.roughness == {"a.seen": [0.01]} and data["provenance"]["cases"] == 30
     total = 0.0
     for number in range(1, 31):
         case = practised(number)
@@ -297,5 +297,5 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
     command = [sys.executable, "-m", "orchestrator.diagnosis.calibrate", *options]
     subprocess.run(command, check=True, capture_output=True)
     made = json.loads(out.read_text())
-    assert made["format"] == "weigh/3" and made["provenance"]["seed"] == 5
+    assert made["format"] == "weigh/4" and made["provenance"]["seed"] == 5
     assert sorted(json.loads(seen.read_text())["cases"]) == ["1", "2"]

@@ -22,7 +22,6 @@ CLEAR = 10.0
 # By magnitude: name and lower bound.
 BANDS = (("strong", 0.5), ("medium", 0.2), ("weak", 0.08), ("faint", 0.0))
 _BINS = 10
-_SET = 0.95
 
 
 @dataclass(frozen=True)
@@ -62,27 +61,19 @@ class Marked:
 
     @property
     def covered(self) -> bool:
-        """Whether the smallest set with 95 % of the probability names what is hidden, ties as declared."""
-        return any(names(one.effects, one.ties, self.truth["effects"]) for one in self._set())
+        """Whether the set of answers given names what is hidden, ties as declared."""
+        given = self.verdict.answer_set
+        return any(names(one.effects, one.ties, self.truth["effects"]) for one in given)
 
     @property
     def covered_itself(self) -> bool:
         """The same, ties not counted."""
-        return any(self.truth["effects"] == sorted(one.effects) for one in self._set())
+        return any(self.truth["effects"] == sorted(one.effects) for one in self.verdict.answer_set)
 
     @property
     def set_size(self) -> int:
         """How many candidates that set holds."""
-        return len(self._set())
-
-    def _set(self) -> list[Any]:
-        found, total = [], 0.0
-        for one in self.verdict.answers:
-            found.append(one)
-            total += one.probability
-            if total >= _SET - 1e-9:
-                break
-        return found
+        return len(self.verdict.answer_set)
 
     @property
     def confidence(self) -> float:
@@ -194,6 +185,7 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "coverage": _rate(marked, lambda one: one.covered),
         "coverage_without_ties": _rate(marked, lambda one: one.covered_itself),
         "set_size": sum(one.set_size for one in marked) / len(marked),
+        "set_size_median": median(one.set_size for one in marked),
         "closure_median": median(closures) if closures else None,
         "recalibration_median": median(recalibrated) if recalibrated else None,
         "bands": {name: _band(marked, name) for name, _ in BANDS},
@@ -287,7 +279,8 @@ def score_text(found: Mapping[str, Any]) -> str:
     blind = "" if found["blind"] else "; NOT blind: the truth had been opened before for other verdicts"
     lines = [f"{kinds}{blind}"]
     lines += [f"{title:<34} {_shown(found[name])}" for name, title in _ROWS]
-    lines.append(f"{'mean size of those sets':<34} {found['set_size']:.2f}")
+    sizes = f"{found['set_size']:.2f}, median {found['set_size_median']:g}"
+    lines.append(f"{'mean size of those sets':<34} {sizes}")
     lines.append(f"{'expected calibration error':<34} {found['ece']:.3f}")
     lines.append(f"{'the same, ties not counted':<34} {found['ece_without_ties']:.3f}")
     for name, title in (

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 from ...digests import digest_of
 from ...errors import ConfigError, Problem
 
-__all__ = ["Answer", "Verdict", "names", "read_verdict"]
+__all__ = ["Answer", "Verdict", "answer_set", "names", "read_verdict"]
+
+
+_SET = 0.95
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,8 @@ class Verdict:
         closure, recalibration: share of the gap closed one contact ahead, by the answer and by recalibration
             alone; None where it could not be told.
         doubtful: whether it doubts the tolerances of the calibration.
+        answer_set: the answers that it cannot exclude; where it names none, the most probable ones that hold
+            95 % of the probability.
     """
 
     effects: frozenset[str]
@@ -42,6 +48,7 @@ class Verdict:
     closure: float | None
     recalibration: float | None
     doubtful: bool
+    answer_set: tuple[Answer, ...]
     digest: str
 
 
@@ -74,6 +81,7 @@ def read_verdict(path: Path) -> Verdict:
         )
         place = f"{path}: how_far"
         far = content.get("how_far")
+        declared = [str(one) for one in content.get("answer_set", ())]
         closure, recalibration = _number(far, "closure"), _number(far, "recalibration_only")
     except (KeyError, TypeError, ValueError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
@@ -91,7 +99,23 @@ def read_verdict(path: Path) -> Verdict:
     if problems:
         raise ConfigError(problems)
     ties = next((one.ties for one in answers if one.effects == effects), frozenset())
-    return Verdict(effects, places, ties, answers, closure, recalibration, doubtful, digest_of(data))
+    chosen = answer_set(answers, declared)
+    return Verdict(effects, places, ties, answers, closure, recalibration, doubtful, chosen, digest_of(data))
+
+
+def answer_set(answers: Sequence[Answer], declared: Sequence[str] = ()) -> tuple[Answer, ...]:
+    """See `Verdict.answer_set`.
+
+    Args:
+        answers: most probable first.
+        declared: names of answers, as "none" or "sensor.bias + sensor.gain".
+    """
+    if declared:
+        of = {frozenset() if one == "none" else frozenset(one.split(" + ")) for one in declared}
+        return tuple(one for one in answers if one.effects in of)
+    held = list(accumulate(one.probability for one in answers))
+    enough = next((place for place, total in enumerate(held) if total >= _SET - 1e-9), len(answers) - 1)
+    return answers[: enough + 1]
 
 
 def _number(far: Mapping[str, Any] | None, name: str) -> float | None:
