@@ -40,8 +40,8 @@ def _ar_likelihood(r, deviation, keep, white, innovations):
     return total
 
 
-def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float, float]:
-    """Log evidence of coloured noise, its deviation, its memory per sample, and that of white noise alone."""
+def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float]:
+    """Log evidence of coloured noise over white noise alone, its deviation, and its memory per sample."""
     size = sum(map(len, parts))
     spread = math.sqrt(sum(float(part @ part) for part in parts) / size)
     none = np.empty(0)
@@ -61,7 +61,7 @@ def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float,
     )  # fmt: skip
     keep = 1.0 / (1.0 + math.exp(-best.x[1]))
     # Two parameters more than white noise, each worth half the logarithm of the number of samples.
-    return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep, white
+    return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep
 
 
 def small_colour(parts: Sequence[Array]) -> tuple[float, float]:

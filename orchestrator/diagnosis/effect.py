@@ -138,12 +138,14 @@ class Seen:
     Attributes:
         tick: of the rig's software [s].
         commands: the last ones sent before each tick of a run, by run, shape (n,) [m].
+        position: of the robot as measured, by run, shape (n,) [m].
         strayed: measured minus replayed position of the robot at the ticks, by run, shape (n,) [m].
         lag: of the replayed servo: natural frequency [rad/s], damping ratio [1], response delay [s].
     """
 
     tick: float
     commands: tuple[NDArray[np.float64], ...]
+    position: tuple[NDArray[np.float64], ...]
     strayed: tuple[NDArray[np.float64], ...]
     lag: tuple[float, float, float]
 

@@ -378,7 +378,7 @@ class Fitter:
         proposed = self._proposed(effect, best_base)
         for base in [*others, best_base]:
             effects = (*base.effects, effect)
-            for start in [*self.starts(effect), *(proposed if base is best_base else [])]:
+            for start in [*self.starts(effect), *proposed]:
                 z = np.concatenate([base.z, start])
                 r = self.stacked(effects, z)
                 if not np.isfinite(r).all():

@@ -16,7 +16,7 @@ from .catalogue import catalogue
 from .colour import whitened
 from .effect import Effect
 from .fit import Fit, Fitter, inflation
-from .misfit import unexplained
+from .misfit import in_contact, unexplained
 from .model import RigModel
 from .search import Search, roughness, search
 from .stochastic import Force, Noise, arrival_innovations, link_noise, random_arrival, sensor_noise
@@ -30,7 +30,7 @@ _KEPT, _WEAK = 12, 40.0
 _LINK_CLEAR = 5.0
 # Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
 _CLEAR = 20.0
-# Roughness that strays by more, against what is usual, is none where no effect explains it [nats].
+# Roughness that strays by more, against what is usual, is none [nats].
 _ROUGHER = 20.0
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effect,
 # while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a delay, strays in
@@ -68,6 +68,8 @@ def weigh_rig(
     weights = [settled(len(run)) for run in model.runs for _ in range(2)]
     fitter = weighted(model, weights, plain, rough)
     none = fitter.fit(())
+    # A small wave that is there without any effect should not be taken for one in the search.
+    waved = waves(model, fitter.left(none.residuals), weights)
     force = _force(model, fitter, none)
     noises = [one for one in force.noises if one.id not in without]
     coloured = next((one.scale for one in force.noises if one.id == "sensor.coloured-noise"), 1.0)
@@ -88,8 +90,8 @@ def weigh_rig(
         if lost:
             weight[force.repeats[index]] = 0.0
         weights[2 * index + 1] = weight
-    if noises:
-        fitter = weighted(model, weights, plain, rough)
+    if noises or waved is not None:
+        fitter = weighted(model, weights, plain, rough, waved)
     found = search(fitter, plain)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
     further = scatter(model, fitter.replay, found.best)
@@ -103,10 +105,16 @@ def weigh_rig(
     last = _force(model, fitter, found.best)
     line = min(force.line, last.line)
     colour = last.colour if coloured == 1.0 else (0.0, 0.0)
+    even = {one.id: one.uneven for one in last.noises}
+    noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in noises]
     doubt = _doubt(model, weights, plain, rough, found.none)
-    answers = _answers(fitter, found, noises, colour)
+    answers = _answers(model, fitter, found, noises, colour)
     arrival, deviation = random_arrival(model, found.best, left[0::2])
     links = []
+    if arrival > _LINK_CLEAR:
+        # Random arrivals take up what the encoder strays, whatever it is; but then it is not white.
+        unforeseen = arrival_innovations(model, found.best, left[0::2], deviation)
+        arrival /= inflation(unforeseen)
     if arrival > _LINK_CLEAR:
         links = _links(model, found.none, arrival, deviation, without)
     if links:
@@ -114,10 +122,9 @@ def weigh_rig(
         level = arrival + max((one.gain for one in answers), default=0.0)
         always = (catalogue()[links[0].id],)
         behind, again = _behind_link(model, weights, plain, rough, always, found.none)
-        beside = _answers(behind, again, [*noises, links[0]], colour, always)
+        beside = _answers(model, behind, again, [*noises, links[0]], colour, always)
         top = max(one.gain for one in beside)
-        # Random arrivals take up what the encoder strays, whatever it is; but then it is not white.
-        odd = unexplained(arrival_innovations(model, found.best, left[0::2], deviation))
+        odd = unexplained(unforeseen)
         beside = [replace(one, gain=one.gain - top + level, left=one.left + odd) for one in beside]
         answers = sorted([*answers, *beside, *_other_link(beside, links)], key=lambda one: -one.gain)
         left = behind.left(again.best.residuals) if again.best.effects else left
@@ -125,9 +132,8 @@ def weigh_rig(
     best = max((one.gain for one in answers), default=0.0)
     doubtful = doubt > max(_DOUBTED, best)
     doubt = doubt if doubtful else 0.0
-    remains = _remains(fitter, found.none, colour)
-    if not doubtful:  # what roughness takes up of a gap is not seen in what is left
-        remains += max(fitter.strayed(found.none.residuals) - _ROUGHER, 0.0)
+    # Of doubtful tolerances roughness takes up much.
+    remains = _remains(model, fitter, found.none, colour, rougher=not doubtful)
     nothing = Answer((), doubt, remains, found.none)
     every = [one.id for one in catalogue().values() if one.place not in software and one.id not in without]
     misfit = {
@@ -226,13 +232,22 @@ def _behind_link(
     return fitter, search(fitter, effects, always)
 
 
-def _remains(fitter: Fitter, fit: Fit, colour: tuple[float, float]) -> float:
-    """What a fit leaves unexplained [nats]."""
+def _remains(
+    model: RigModel, fitter: Fitter, fit: Fit, colour: tuple[float, float], rougher: bool = True
+) -> float:
+    """What a fit leaves unexplained [nats].
+
+    Args:
+        rougher: whether what roughness takes up beyond what it does of rigs counts, too: it is not left.
+    """
     left = fitter.left(fit.residuals)
-    return unexplained([*left[0::2], *whitened(left[1::2], colour)])
+    forces = whitened(left[1::2], colour)
+    found = unexplained(left[0::2]) + max(unexplained(forces), in_contact(forces, touching(model, fit)))
+    return found + (max(fitter.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
 
 
 def _answers(
+    model: RigModel,
     fitter: Fitter,
     found: Search,
     noises: Sequence[Noise],
@@ -253,12 +268,13 @@ def _answers(
     answers = []
     for fit in (found.none, *found.fits[:_KEPT]):
         names = [one.id for one in fit.effects if one.id not in hidden]
-        over, remains = fitter.log_evidence(fit, by) - least, _remains(fitter, fit, colour)
+        over, remains = fitter.log_evidence(fit, by) - least, _remains(model, fitter, fit, colour)
         for some in _subsets(noises, always):
             gain = over + sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
-                answers.append(Answer(every, gain, remains, fit, (), some))
+                odd = sum(one.uneven for one in some)
+                answers.append(Answer(every, gain, remains + odd, fit, (), some))
     return simplest(answers)
 
 

@@ -6,12 +6,19 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import t as student
 
 from .study import Array
 
-__all__ = ["hum", "unexplained", "wave"]
+__all__ = ["hum", "in_contact", "uneven", "unexplained", "wave"]
 
 _BLOCKS = (1, 4, 16, 64, 256)
+# Of noise's square over what is specified.
+_LOUDER = 1.5
+# The same within contacts, which go on for some ticks in the sensor's filter; shorter ones tell nothing.
+_WITHIN, _AFTER, _SHORTEST = (1, 2, 4, 8, 16), 12, 8
+# Degrees of freedom of Student's distribution, rounds in which its scale is found, and blocks needed.
+_FREEDOMS, _ROUNDS, _FEWEST = (1.0, 2.0, 4.0, 8.0), 20, 20
 # Of encoders' scales and interpolators [m]: as fine as ways of a centimetre tell apart.
 _PITCHES = 3e-4 * 1.01 ** np.arange(300)
 
@@ -22,7 +29,7 @@ def unexplained(channels: Sequence[Array]) -> float:
     Sums over blocks of a residual that is white noise have the variance of their length. Where their mean
     square is q times as large, a model that knew it would gain n (q - 1 - ln q)/2 over n blocks; the largest
     gain over block lengths is taken, channel by channel. Block length 1 tells a noise larger than specified,
-    and only counts as far as it is more than half as large again.
+    and only counts as far as it is more than half as large again; so much longer blocks are allowed, too.
 
     Args:
         channels: residuals over their noise.
@@ -38,11 +45,71 @@ def unexplained(channels: Sequence[Array]) -> float:
             q = float(np.mean(sums**2)) / length
             if not math.isfinite(q):
                 return math.inf
-            q /= 1.5 if length == 1 else 1.0
+            if length == 1:
+                noise = min(max(q, 1.0), _LOUDER)
+            q /= _LOUDER if length == 1 else noise
             if q > 1.0:
                 gains.append(0.5 * n * (q - 1.0 - math.log(q)))
         total += max(gains)
     return total
+
+
+def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
+    """The same of contacts alone, which all channels have in common, over the noise out of contact [nats].
+
+    What a contact law lacks lasts for a few dozen ticks, and drowns in a run of thousands.
+
+    Args:
+        channels: residuals over their noise, by run; touching: whether the rod touches at each tick.
+    """
+    parts = []
+    for r, touched in zip(channels, touching, strict=True):
+        within = np.convolve(touched, np.ones(_AFTER + 1))[: len(r)] > 0.5
+        if not np.isfinite(r).all():
+            return math.inf
+        out = r[~within]
+        noise = math.sqrt(max(float(np.mean(out**2)), 1.0)) if len(out) > 100 else 1.0
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], within.astype(int), [0]])))
+        parts += [r[a:b] / noise for a, b in edges.reshape(-1, 2) if b - a >= _SHORTEST]
+    gains = [0.0]
+    for length in _WITHIN:
+        sums = [part[: len(part) // length * length].reshape(-1, length).sum(axis=1) for part in parts]
+        n = sum(map(len, sums))
+        if n < 4:
+            break
+        q = float(sum(one @ one for one in sums)) / (n * length)
+        if q > 1.0:
+            gains.append(0.5 * n * (q - 1.0 - math.log(q)))
+    return max(gains)
+
+
+def uneven(channels: Sequence[Array], lengths: Sequence[int]) -> float:
+    """Log likelihood that a noise comes and goes, as no normal noise does [nats].
+
+    Its sums over blocks are normal whatever its colour. Where they have tails, Student's distribution makes
+    them likelier (Lange, Little, Taylor, J. Am. Stat. Assoc. 84, 1989), its two parameters accounted for.
+
+    Args:
+        channels: the noise, by stretch.
+        lengths: of blocks; the one that tells most is taken.
+    """
+    return max(_tails(channels, length) for length in lengths)
+
+
+def _tails(channels: Sequence[Array], length: int) -> float:
+    blocks = [r[: len(r) // length * length].reshape(-1, length).sum(axis=1) for r in channels]
+    x = np.concatenate(blocks) if blocks else np.zeros(0)
+    n = len(x)
+    if n < _FEWEST or not np.isfinite(x).all() or not x.any():
+        return 0.0
+    normal = -0.5 * n * (math.log(2.0 * math.pi * float(np.mean(x**2))) + 1.0)
+    best = -math.inf
+    for freedom in _FREEDOMS:
+        square = float(np.median(x**2)) or float(np.mean(x**2))
+        for _ in range(_ROUNDS):
+            square = float(np.mean(x**2 * (freedom + 1.0) / (freedom + x**2 / square)))
+        best = max(best, float(np.sum(student.logpdf(x, freedom, scale=math.sqrt(square)))))
+    return max(best - normal - math.log(n), 0.0)
 
 
 def hum(r: Array, windows: Sequence[slice]) -> tuple[float, float]:

@@ -170,14 +170,14 @@ class RigModel:
 
     def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
         """What the runs show beside a replay."""
+        position = tuple(run["encoder_position"] for run in self.runs)
         strayed = tuple(
-            run["encoder_position"] - self.replay(index, calibrated, effects, theta)[2]
-            for index, run in enumerate(self.runs)
+            one - self.replay(index, calibrated, effects, theta)[2] for index, one in enumerate(position)
         )
         p = self.parameters(0, calibrated, effects, theta)
         lag = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO], p[Calibrated.RESPONSE_DELAY]
         sent = tuple(commands[HISTORY - 1 : -1] for commands in self.commands)
-        return Seen(self.study.tick, sent, strayed, tuple(map(float, lag)))
+        return Seen(self.study.tick, sent, position, strayed, tuple(map(float, lag)))
 
     def _sent(self, run: Run) -> Array:
         """Commands by tick; before the first the rod moved at the approach speed already."""

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 from .colour import COLOUR, coloured, small_colour
 from .dropout import held_longer, lost_in_contact, lost_in_flight
 from .fit import Fit
-from .misfit import hum
+from .misfit import hum, uneven
 from .model import RigModel
 from .rig import HISTORY, Calibrated, _transition
 from .study import Array
@@ -37,6 +37,8 @@ _PARTICLES = 96
 _STRENGTHS = (1.0, 1.4)
 # Of one sample to the next, from which on what is coloured is no noise but wanders.
 _WANDER = 0.99
+# Samples over which noise is summed at least, to see whether it comes and goes.
+_MEMORY = 8
 # Of the arrival of commands, all about as likely beforehand [s].
 _DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
 # Deviations of slow errors of the encoder, in its noise, and how fast they change [rad/s].
@@ -52,12 +54,14 @@ class Noise:
         theta: its parameters.
         log_evidence: over its absence [nats].
         scale: by which the noise of its channel appears larger to a fit.
+        uneven: see `misfit.uneven`; a noise that comes and goes is something else.
     """
 
     id: str
     theta: tuple[float, ...]
     log_evidence: float
     scale: float = 1.0
+    uneven: float = 0.0
 
 
 def flights(touching: Array) -> list[slice]:
@@ -126,15 +130,15 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     # A coarse resolution adds a noise of its own that is not white out of contact; it hides small others.
     if not parts or step > noise:
         return Force(tuple(found), 0.0, held, repeats)
-    evidence, deviation, keep, _ = coloured(parts, noise)
+    evidence, deviation, keep = coloured(parts, noise)
     line, _ = hum(np.concatenate(parts), _consecutive(parts))
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held, repeats)
     if deviation > COLOUR * noise and 0.3 < keep < _WANDER and evidence > 0.0:
         apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
-        found.append(
-            Noise("sensor.coloured-noise", (deviation,), evidence, math.hypot(1.0, apparent / noise))
-        )
+        scale = math.hypot(1.0, apparent / noise)
+        odd = uneven(parts, (_MEMORY, max(_MEMORY, round(1.0 / (1.0 - keep)))))
+        found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
         return Force(tuple(found), 0.0, held, repeats)
     return Force(tuple(found), 0.0, held, repeats, small_colour([part / noise for part in parts]))
 
