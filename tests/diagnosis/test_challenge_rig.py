@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge import evidence
 from orchestrator.diagnosis.challenge.draw import (
     NOISE,
     RUNS,
@@ -158,6 +159,27 @@ def test_evidence_falls_with_the_magnitude_and_calibration_explains_its_part():
     # A wall displaced by a thousandth of its tolerance is nothing that logs could tell.
     case = draw_case(Plan("single", (HIDDEN["contact.wall-offset"],), 1e-5), 3, 4)
     assert visibility(case, [make_run(case, index) for index in range(3)]) < 0.1
+
+
+def test_nobody_knows_what_is_drawn():
+    case = draw_case(Plan("single", (HIDDEN["sensor.coloured-noise"],), 0.2), 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    known, drawn = (visibility(case, logs, chance=chance) for chance in (False, True))
+    hidden = case.hidden["sensor.coloured-noise"]
+    deviation, keep = hidden["coloured"], hidden["coloured_keep"]
+    turn = np.exp(-1j * np.pi * (np.arange(500) + 0.5) / 500.0)
+    power = deviation**2 * (1.0 - keep**2) / np.abs(1.0 - keep * turn) ** 2 / (0.5**2 + 0.1**2 / 12.0)
+    expected = 0.5 * 9000 * np.mean(power - np.log1p(power))
+    assert drawn == pytest.approx(expected, rel=0.3)
+    assert known > 1.2 * drawn
+
+
+def test_what_roughness_explains_is_no_evidence(monkeypatch):
+    case = draw_case(Plan("single", (HIDDEN["contact.cubic"],), 0.02), 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    usual = visibility(case, logs)
+    monkeypatch.setattr(evidence, "ROUGHNESS", {"load": 1e-9})
+    assert visibility(case, logs) > 2.0 * usual
 
 
 def test_plans_take_turns_and_avoid_ties():

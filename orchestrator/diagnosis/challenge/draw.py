@@ -15,6 +15,7 @@ from .series import Series, draw_series
 
 __all__ = [
     "NOISE",
+    "ROUGHNESS",
     "RUNS",
     "Case",
     "Plan",
@@ -63,6 +64,15 @@ _TOLERANCES = {
     "force_bias": 0.15,
 }
 _STIFFNESS_TOLERANCE = 0.015
+# Of every rig, by knob; sizes are normal. There is some besides that differs from sample to sample.
+ROUGHNESS = {
+    "load": 4e-4,
+    "coulomb": 4e-3,
+    "encoder_wave": 5e-7,
+    "onset": 1e-6,
+    "cubic": 8e-4,
+    "force_curve": 1e-5,
+}
 
 
 @dataclass(frozen=True)
@@ -203,13 +213,13 @@ def _roughness(rng: np.random.Generator, factor: float) -> dict[str, float]:
     """What every rig has and no model holds, each kind in a size of its own."""
     sizes = factor * np.minimum(np.abs(rng.standard_normal(8)), 2.0)
     found = {
-        "load": 4e-4 * sizes[0] * signed(rng),
-        "coulomb": 4e-3 * sizes[1],
-        "encoder_wave": 5e-7 * sizes[2],
+        "load": ROUGHNESS["load"] * sizes[0] * signed(rng),
+        "coulomb": ROUGHNESS["coulomb"] * sizes[1],
+        "encoder_wave": ROUGHNESS["encoder_wave"] * sizes[2],
         "encoder_pitch": between(rng, 5e-4, 4e-3),
-        "onset": 1e-6 * sizes[3],
-        "cubic": 8e-4 * sizes[4] * signed(rng),
-        "force_curve": 1e-5 * sizes[5] * signed(rng),
+        "onset": ROUGHNESS["onset"] * sizes[3],
+        "cubic": ROUGHNESS["cubic"] * sizes[4] * signed(rng),
+        "force_curve": ROUGHNESS["force_curve"] * sizes[5] * signed(rng),
         "wall_scatter": 6e-7 * sizes[6],
         "jitter": 8e-6 * sizes[7],
         "noise_scale": float(np.exp(0.01 * factor * rng.standard_normal())),

@@ -6,55 +6,76 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .draw import NOISE, RUNS, Case, run_series, tolerances
+from .draw import NOISE, ROUGHNESS, RUNS, Case, run_series, tolerances
 from .knobs import CALIBRATED
 from .rig import FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array, drive
 
 __all__ = ["visibility"]
 
 _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
-_STEP = 0.1  # of a tolerance, for differences
+# Samples of which a spectrum is taken, and frequencies over which it is averaged.
+_WINDOW, _BAND = 64, 8
+_STEP = 0.1  # of a tolerance or a usual size, for differences
 
 
-def visibility(case: Case, logs: list[Array], without: Mapping[str, float] | None = None) -> float:
+def visibility(
+    case: Case, logs: list[Array], without: Mapping[str, float] | None = None, chance: bool = False
+) -> float:
     """Log evidence [nats] for the hidden effects over none, for one who knew their exact size.
 
     Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
     difference of what is measured over its noise, and J its derivatives by calibrated numbers over their
-    tolerances, the evidence is d'(I + J J')^-1 d/2: what the calibration may explain does not count.
+    tolerances and by the roughness of rigs over its usual size, the evidence is d'(I + J J')^-1 d/2: what
+    either may explain does not count. Of an effect that draws anew at each sample nobody knows the draws, but
+    the spectrum at best: with m the power of what is left of d over that of the noise, it tells m - ln(1 + m)
+    at each frequency (Whittle, J. R. Stat. Soc. B 15, 1953).
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
         without: knobs of the rig to compare with; by default those without any hidden effect.
+        chance: whether the effects draw.
     """
-    with_effects = _measured(case, logs, case.values)
-    difference = with_effects - _measured(case, logs, case.plain if without is None else without)
+    parts = _measured(case, logs, case.values)
+    with_effects = np.concatenate(parts)
+    difference = with_effects - np.concatenate(
+        _measured(case, logs, case.plain if without is None else without)
+    )
     sigma = tolerances(case.lab)
+    usual = {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
     columns = []
-    for name, knob in CALIBRATED.items():
-        if sigma[name] > 0.0:
-            moved = {**case.values, knob: case.values[knob] + _STEP * sigma[name]}
-            columns.append((_measured(case, logs, moved) - with_effects) / _STEP)
+    for knob, size in usual.items():
+        moved = {**case.values, knob: case.values[knob] + _STEP * size}
+        columns.append((np.concatenate(_measured(case, logs, moved)) - with_effects) / _STEP)
     jacobian = np.stack(columns, axis=1)
     explained = jacobian.T @ difference
-    inner = np.eye(len(columns)) + jacobian.T @ jacobian
-    total = 0.5 * (difference @ difference - explained @ np.linalg.solve(inner, explained))
-    return float(max(total, 0.0))
+    sizes = np.linalg.solve(np.eye(len(columns)) + jacobian.T @ jacobian, explained)
+    if not chance:
+        return float(max(0.5 * (difference @ difference - explained @ sizes), 0.0))
+    left = np.split(difference - jacobian @ sizes, np.cumsum([len(one) for one in parts])[:-1])
+    return sum(map(_told_by_spectrum, left))
 
 
-def _measured(case: Case, logs: list[Array], values: Mapping[str, float]) -> Array:
+def _told_by_spectrum(difference: Array) -> float:
+    """See `visibility`; the power is taken over windows and bands."""
+    windows = difference[: len(difference) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
+    power = np.abs(np.fft.rfft(windows, axis=1)[:, : _WINDOW // 2]) ** 2 / _WINDOW
+    m = power.reshape(len(windows), -1, _BAND).mean(axis=2)
+    return float(_BAND * np.sum(m - np.log1p(m)))
+
+
+def _measured(case: Case, logs: list[Array], values: Mapping[str, float]) -> list[Array]:
     train = [index for index, plan in enumerate(RUNS) if plan.role == "train"]
-    return np.concatenate([_blocks(case, index, logs[index], values) for index in train])
+    return [part for index in train for part in _blocks(case, index, logs[index], values)]
 
 
-def _blocks(case: Case, index: int, logged: Array, values: Mapping[str, float]) -> Array:
+def _blocks(case: Case, index: int, logged: Array, values: Mapping[str, float]) -> list[Array]:
     """What the blocks give of a run, over the noise of each channel."""
     plan = RUNS[index]
     out = drive(case.lab, values, plan.mass, plan.speed, logged, run_series(case, index, values))
     n = out.shape[1]
     force = np.hypot(NOISE[1], FORCE_RESOLUTION / np.sqrt(12.0))
     velocity = np.hypot(_VELOCITY_DIGITS / np.sqrt(6.0), TICK / plan.mass * _FORCE_DIGITS / np.sqrt(12.0))
-    parts = [
+    return [
         out[1, : n - 1] / velocity,
         out[2] / np.hypot(NOISE[0], POSITION_RESOLUTION / np.sqrt(12.0)),
         out[3] / force,
@@ -62,4 +83,3 @@ def _blocks(case: Case, index: int, logged: Array, values: Mapping[str, float]) 
         out[4] / np.hypot(3.0 * _FORCE_DIGITS, 0.02 * FORCE_RESOLUTION),
         out[5] / np.hypot(3.0 * _STIFFNESS_DIGITS, 0.02 * FORCE_RESOLUTION / 5e-4),
     ]
-    return np.concatenate(parts)

@@ -30,11 +30,13 @@ class Hidden:
         id: place and name.
         draw: knobs of the rig at a magnitude, where 1 is strong and 0 is absent.
         relative: calibrated knobs that it multiplies by one plus what is drawn; others are added to.
+        chance: whether it draws anew at each sample or contact.
     """
 
     id: str
     draw: Draw
     relative: frozenset[str] = frozenset()
+    chance: bool = False
 
     @property
     def place(self) -> str:
@@ -103,8 +105,8 @@ def _hung(masses: tuple[float, float], hertz: tuple[float, float], xi: float) ->
 _ALL = (
     Hidden("link.sample-and-hold", _hold),
     Hidden("link.clock-skew", _Sized("skew", 1.2e-4, 5e-4, sign=True)),
-    Hidden("link.packet-loss", _Sized("loss", 0.04, 0.15)),
-    Hidden("link.jitter", _Sized("jitter", 6e-4, 2e-3)),
+    Hidden("link.packet-loss", _Sized("loss", 0.04, 0.15), chance=True),
+    Hidden("link.jitter", _Sized("jitter", 6e-4, 2e-3), chance=True),
     Hidden("robot.delay", _Sized("tau", 1e-3, 4e-3)),
     Hidden("robot.bandwidth", _Sized("omega", 0.15, 0.5, sign=True), frozenset({"omega"})),
     Hidden("robot.damping", _Sized("xi", 0.15, 0.5, sign=True), frozenset({"xi"})),
@@ -129,9 +131,13 @@ _ALL = (
     Hidden("sensor.bias", _Sized("bias", 0.8, 3.0, sign=True)),
     Hidden("sensor.drift", _Sized("drift", 0.25, 1.0, sign=True)),
     Hidden("sensor.gain", _Sized("gain", 0.08, 0.25, sign=True)),
-    Hidden("sensor.coloured-noise", _Sized("coloured", 1.2, 4.0, shape={"coloured_keep": (0.8, 0.97)})),
+    Hidden(
+        "sensor.coloured-noise",
+        _Sized("coloured", 1.2, 4.0, shape={"coloured_keep": (0.8, 0.97)}),
+        chance=True,
+    ),
     Hidden("sensor.quantisation", _force_step),
-    Hidden("sensor.dropout", _Sized("dropout", 0.08, 0.25)),
+    Hidden("sensor.dropout", _Sized("dropout", 0.08, 0.25), chance=True),
     Hidden("sensor.tool-inertia", _Sized("tool", 2.5, 9.0)),
     Hidden("contact.stiffness", _Sized("k", 0.1, 0.35, sign=True), frozenset({"k"})),
     Hidden("contact.damping", _Sized("c", 60.0, 300.0)),

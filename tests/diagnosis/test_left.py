@@ -1,0 +1,115 @@
+"""What an answer leaves unexplained, and what that makes of something outside the catalogue."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from orchestrator.diagnosis.answers import Answer, Group, complete
+from orchestrator.diagnosis.calibrate import Practice, learn_sure
+from orchestrator.diagnosis.calibration import SET, Calibration
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.misfit import in_contact, uneven, unexplained
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.weigh import conclude
+from tests.diagnosis.rigs import study
+from tests.diagnosis.test_weigh import own_study
+
+
+def touched(ticks: int = 3000) -> np.ndarray:
+    """Contacts of 30 ticks, of which every 150 one begins."""
+    return np.arange(ticks) % 150 < 30
+
+
+def test_what_a_contact_law_lacks_is_seen_in_the_contacts():
+    rng = np.random.default_rng(7)
+    shape = 0.9 * np.sin(2.0 * np.pi * np.arange(30) / 30.0)
+    plain = [rng.standard_normal(3000) for _ in range(3)]
+    lacking = [r.copy() for r in plain]
+    for r in lacking:
+        r[touched()] += np.tile(shape, 20)
+    masks = [touched()] * 3
+    assert in_contact(plain, masks) < 5.0 and in_contact(lacking, masks) > 100.0
+    assert unexplained(lacking) < 0.5 * in_contact(lacking, masks)  # it drowns in the run
+    # A noise that is as large out of contact is nothing of the contact's.
+    assert in_contact([1.3 * r for r in plain], masks) < 5.0
+    assert in_contact([np.full(3000, np.inf)] * 3, masks) == np.inf
+    assert in_contact(plain, [np.zeros(3000, bool)] * 3) == 0.0
+
+
+def test_a_noise_that_is_half_as_large_again_is_no_structure():
+    rng = np.random.default_rng(8)
+    white = [rng.standard_normal(3000) for _ in range(3)]
+    assert unexplained([1.2 * r for r in white]) < 5.0  # 1.44 times the square
+    assert unexplained([1.4 * r for r in white]) > 50.0
+    slow = [r + 0.5 * np.sin(np.arange(3000) / 60.0) for r in white]
+    assert unexplained(slow) > 50.0
+
+
+def test_noise_that_comes_and_goes_is_no_noise():
+    rng = np.random.default_rng(9)
+    colour = [lfilter([np.sqrt(1.0 - 0.95**2)], [1.0, -0.95], rng.standard_normal(2500)) for _ in range(3)]
+    bumps = [np.zeros(2500) for _ in range(3)]
+    for r in bumps:
+        for first in rng.integers(0, 2400, 6):
+            r[first : first + 40] += 4.0 * np.hanning(40)
+    white = [rng.standard_normal(2500) for _ in range(3)]
+    assert uneven([a + b for a, b in zip(colour, white, strict=True)], (8, 20)) < 3.0
+    assert uneven([a + b for a, b in zip(bumps, white, strict=True)], (8, 20)) > 30.0
+    assert uneven([], (8,)) == uneven([np.zeros(2500)], (8,)) == 0.0
+
+
+def test_a_combination_makes_something_outside_likelier_than_one_effect_does():
+    learned = Calibration(several=2.0, floor=0.0)
+    none, left = Answer((), 0.0, 500.0), 20.0
+    one = learned.probabilities([none, Answer(("a.x",), 90.0, left)], 0.0)[-1]
+    two = learned.probabilities([none, Answer(("a.x", "a.y"), 90.0, left)], 0.0)[-1]
+    plain = replace(learned, several=0.0).probabilities([none, Answer(("a.x", "a.y"), 90.0, left)], 0.0)[-1]
+    assert plain == pytest.approx(one, rel=1e-6)
+    assert two / (1.0 - two) == pytest.approx(np.exp(2.0) * one / (1.0 - one), rel=0.05)
+
+
+def test_sets_hold_more_where_nothing_is_seen():
+    ids = [f"a.{number}" for number in range(20)]
+    learned = Calibration(sure=0.99, unseen=dict.fromkeys(ids, 0.05))
+    nothing = Fitter(RigModel(study(), study().of(Role.TRAIN))).fit(())
+    none = Answer((), 0.0, 0.0, nothing)
+    groups = {
+        "nothing": Group(tuple(complete([none], ids)), 0.0, "sensor", nothing),
+        "one": Group(tuple(complete([none, Answer(("a.3",), 90.0, 0.0)], ids)), 0.0, "sensor", nothing),
+    }
+    for name, level in (("nothing", 0.99), ("one", SET)):
+        found = conclude([groups[name]], learned)
+        held = [one.probability for one in found.candidates[: len(found.answer_set)]]
+        assert sum(held) >= level > sum(held[:-1])
+
+
+def test_how_much_sets_hold_is_learned_from_what_stays_unseen():
+    ids = [f"a.{number}" for number in range(12)]
+
+    def case(number: int, pairs: bool) -> Practice:
+        """Most rigs hide nothing; the others one effect, or two in a quarter of them. Nothing is seen."""
+        one, other = ids[number % 12], ids[(number + 5) % 12]
+        truth = () if number % 6 else tuple(sorted((one, other))) if pairs and number % 24 == 0 else (one,)
+        return Practice(truth, 0.02, tuple(complete([Answer((), 0.0, 0.0)], ids)), 0.0)
+
+    seldom, often = (
+        learn_sure([case(number, pairs) for number in range(360)], Calibration()) for pairs in (False, True)
+    )
+    assert SET <= seldom < often <= 0.995
+
+
+def test_an_acceleration_limit_is_proposed_where_the_motion_shows_it():
+    propose = catalogue()["robot.acceleration-limit"].propose
+    assert propose is not None
+    for limit in (0.08, 0.2):
+        own = own_study(["robot.acceleration-limit"], [limit])
+        starts = propose(RigModel(own, own.of(Role.TRAIN)).seen({}, (), np.zeros(0)))
+        assert min(abs(start / limit - 1.0) for (start,) in starts) < 0.01
+    own = own_study()
+    assert propose(RigModel(own, own.of(Role.TRAIN)).seen({}, (), np.zeros(0))) == []
