@@ -13,6 +13,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 posix = pytest.mark.skipif(os.name != "posix", reason="uses bash and signals")
+_TRIES = 4
 _BLOCK = "<!-- test command -->\n```sh\n{command}\n```\n"
 
 
@@ -84,16 +85,17 @@ def test_a_crash_or_a_hang_costs_one_test(fatal, options, tmp_path):
     assert [one.partition("=")[0] for one in ours] == ["faulthandler_timeout", "faulthandler_exit_on_timeout"]
     (tmp_path / "pytest.ini").write_text("\n".join(["[pytest]", *ours]))
     chosen = readme_command().partition("-m pytest ")[2].split()
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *chosen, *options],
-        cwd=tmp_path, capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
-    # xdist 3.8 sometimes asks the worker that is gone for tests, and stops with an internal error: a run that
-    # ends and fails, too.
-    assert done.returncode in (1, 3), done.stdout
-    if done.returncode == 3:
+    for _ in range(_TRIES):
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *chosen, *options],
+            cwd=tmp_path, capture_output=True, text=True, timeout=300,
+        )  # fmt: skip
+        # xdist 3.8 sometimes asks the worker that is gone for tests, and stops with an internal error: such a
+        # run ends and fails, too, but tells less.
+        if done.returncode != 3:
+            break
         assert "INTERNALERROR" in done.stdout + done.stderr
-        return
+    assert done.returncode == 1, done.stdout
     assert "1 failed, 15 passed" in done.stdout.splitlines()[-1]
     assert "crashed while running 'test_two.py::test_in_between'" in done.stdout
     if options:

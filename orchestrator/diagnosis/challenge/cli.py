@@ -117,7 +117,7 @@ def _make(args: argparse.Namespace) -> int:
     told = {"folder": args.folder, "cases": order.cases, "sealed": SEALED, "sha256": digest}
     if _told(args, {"exit_code": 0, **told}):
         return 0
-    print(f"{order.cases} cases in {args.folder}; the truth is sealed in {SEALED}, SHA-256 {digest}")
+    print(f"{_cases(order.cases)} in {args.folder}; the truth is sealed in {SEALED}, SHA-256 {digest}")
     return 0
 
 
@@ -131,7 +131,7 @@ def _run(args: argparse.Namespace) -> int:
     errors = [{"case": name, "message": error} for name, error in failed]
     told = {"exit_code": status, "verdicts": str(verdicts), "diagnosed": done, "failed": errors}
     if not _told(args, told):
-        print(f"{done} cases diagnosed; verdicts in {verdicts}")
+        print(f"{_cases(done)} diagnosed; verdicts in {verdicts}")
     for name, error in failed:
         print(f"orchestrator: {name}: {error}", file=sys.stderr)
     return status
@@ -148,6 +148,10 @@ def _score(args: argparse.Namespace) -> int:
     print(score_text(found))
     print(f"Written to {out / 'score.json'}")
     return 0
+
+
+def _cases(count: int) -> str:
+    return f"{count} case{'' if count == 1 else 's'}"
 
 
 def _jobs(args: argparse.Namespace) -> int:
