@@ -31,8 +31,9 @@ __all__ = [
 
 # Ticks about a contact that count with it.
 _MARGIN = 40
-_PARTICLES = 96
-# Kinds of random arrival are weighed at these times the deviation found: few particles starve where a kind is
+# A hundred particles take one kind of random arrival for the other now and then.
+_PARTICLES = 300
+# Kinds of random arrival are weighed at these times the deviation found: particles starve where a kind is
 # weaker than what the encoder strays.
 _STRENGTHS = (1.0, 1.4)
 # Of one sample to the next, from which on what is coloured is no noise but wanders.

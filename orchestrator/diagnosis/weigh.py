@@ -80,7 +80,8 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     outside = next((group.place for group, answer in choice if answer is _OUTSIDE), "")
     places = {one.partition(".")[0] for one in first.effects if one != "outside"} | {outside} - {""}
     known = (joint[place][1] for place in order if all(one[1] is not _OUTSIDE for one in joint[place][1]))
-    speaks = any(answer.seen for _, answer in next(known))
+    # Where nothing but something outside is worth a word, the logs speak for that.
+    speaks = any(answer.seen for _, answer in next(known, choice))
     answer_set, held = [], 0.0
     for one in candidates:
         answer_set.append(" + ".join(one.effects) or "none")

@@ -89,6 +89,12 @@ def test_sets_hold_more_where_nothing_is_seen():
         assert sum(held) >= level > sum(held[:-1])
 
 
+def test_nothing_but_something_outside_may_be_worth_a_word():
+    nothing = Fitter(RigModel(study(), study().of(Role.TRAIN))).fit(())
+    found = conclude([Group((Answer((), 0.0, 1e15, nothing),), 0.0, "robot", nothing)], Calibration())
+    assert found.effects == ("outside",) and found.answer_set == ("outside",) and found.places == ("robot",)
+
+
 def test_how_much_sets_hold_is_learned_from_what_stays_unseen():
     ids = [f"a.{number}" for number in range(12)]
 
