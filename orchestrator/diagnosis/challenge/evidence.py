@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,6 +17,7 @@ _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 # Samples of which a spectrum is taken, and frequencies over which it is averaged.
 _WINDOW, _BAND = 64, 8
 _STEP = 0.1  # of a tolerance or a usual size, for differences
+_ROUNDS = 5
 
 
 def visibility(
@@ -24,35 +26,44 @@ def visibility(
     """Log evidence [nats] for the hidden effects over none, for one who knew their exact size.
 
     Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
-    difference of what is measured over its noise, and J its derivatives by calibrated numbers over their
-    tolerances and by the roughness of rigs over its usual size, the evidence is d'(I + J J')^-1 d/2: what
-    either may explain does not count. Of an effect that draws anew at each sample nobody knows the draws, but
-    the spectrum at best: with m the power of what is left of d over that of the noise, it tells m - ln(1 + m)
-    at each frequency (Whittle, J. R. Stat. Soc. B 15, 1953).
+    difference of what is measured over its noise, and z what calibrated numbers may stray over their
+    tolerances, and roughness over its usual size, the evidence is half the least d'd + z'z: what either may
+    explain does not count. Of an effect that draws anew at each sample nobody knows the draws, but the
+    spectrum at best: with m the power of what is left of d over that of the noise, it tells m - ln(1 + m) at
+    each frequency (Whittle, J. R. Stat. Soc. B 15, 1953).
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
         without: knobs of the rig to compare with; by default those without any hidden effect.
         chance: whether the effects draw.
     """
-    parts = _measured(case, logs, case.values)
-    with_effects = np.concatenate(parts)
-    difference = with_effects - np.concatenate(
-        _measured(case, logs, case.plain if without is None else without)
-    )
+    aim = _measured(case, logs, case.values)
+    rest = case.plain if without is None else without
     sigma = tolerances(case.lab)
     usual = {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
-    columns = []
-    for knob, size in usual.items():
-        moved = {**case.values, knob: case.values[knob] + _STEP * size}
-        columns.append((np.concatenate(_measured(case, logs, moved)) - with_effects) / _STEP)
-    jacobian = np.stack(columns, axis=1)
-    explained = jacobian.T @ difference
-    sizes = np.linalg.solve(np.eye(len(columns)) + jacobian.T @ jacobian, explained)
+
+    def strayed(z: Array) -> Array:
+        moves = zip(usual.items(), z.tolist(), strict=True)
+        moved = {knob: rest[knob] + size * by for (knob, size), by in moves}
+        return np.concatenate(_measured(case, logs, {**rest, **moved}))
+
+    target, here = np.concatenate(aim), np.zeros(len(usual))
+    plain = strayed(here)
+    steps = _STEP * np.eye(len(usual))
+    jacobian = np.stack([(strayed(step) - plain) / _STEP for step in steps], axis=1)
+    inner = np.eye(len(usual)) + jacobian.T @ jacobian
+    best, left = math.inf, target - plain
+    difference = left
+    for _ in range(_ROUNDS):  # Gauss-Newton, derivatives kept
+        cost = 0.5 * float(difference @ difference + here @ here)
+        if not cost < best:
+            break
+        best, left = cost, difference
+        here = here + np.linalg.solve(inner, jacobian.T @ difference - here)
+        difference = target - strayed(here)
     if not chance:
-        return float(max(0.5 * (difference @ difference - explained @ sizes), 0.0))
-    left = np.split(difference - jacobian @ sizes, np.cumsum([len(one) for one in parts])[:-1])
-    return sum(map(_told_by_spectrum, left))
+        return best
+    return sum(map(_told_by_spectrum, np.split(left, np.cumsum([len(one) for one in aim])[:-1])))
 
 
 def _told_by_spectrum(difference: Array) -> float:
