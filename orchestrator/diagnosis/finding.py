@@ -58,7 +58,7 @@ class Finding:
         candidates: most probable first; probabilities add up to 1.
         effects, places: the answer given.
         outside_place: where an effect outside the catalogue acts; "" if there is none.
-        answer_set: ids of the smallest set of answers that holds 95 % of the probability.
+        answer_set: ids of the most probable answers that hold enough together, see `Calibration.enough`.
         recalibrated: the model without effects, its calibration refitted.
         doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow, while no
             effect explains it.

@@ -341,7 +341,7 @@ def test_from_the_command_line(made, challenge, tmp_path, capsys):
     assert main(["challenge", "score", *arguments]) == 2
     assert "1 of 4 verdicts are missing: case-0002" in capsys.readouterr().err
     assert main(["challenge", "run", *arguments, "--jobs", "1", "--by", own + "say_none"]) == 0
-    assert "1 cases diagnosed" in capsys.readouterr().out
+    assert "1 case diagnosed" in capsys.readouterr().out
     assert main(["challenge", "score", *arguments]) == 0
     told = capsys.readouterr().out
     assert "false alarms (nothing hidden)      0.000 (0/1)" in told and "NOT blind" not in told
