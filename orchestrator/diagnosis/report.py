@@ -178,10 +178,12 @@ def _augmented(diagnosis: Diagnosis) -> str:
         return ""
     items = "".join(f"<li>{escape(line)}</li>" for line in one.changed) or "<li>nothing</li>"
     items += "".join(f"<li>Not in it: {escape(key)}: {escape(why)}</li>" for key, why in one.left_out.items())
+    name = "rig" if one.run else "system"
+    like = f" with mass, speed and duration of {escape(one.run)}" if one.run else ""
     return (
-        "<h2>The rig with the effects, to be run</h2>"
-        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the rig with "
-        f"mass, speed and duration of {escape(one.run)}. What differs from the rig as believed:</p>"
+        f"<h2>The {name} with the effects, to be run</h2>"
+        f"<p><code>orchestrator run {escape(one.file)} --out augmented</code> co-simulates the {name}{like}. "
+        f"What differs from the {name} as believed:</p>"
         f"<ul>{items}</ul>"
     )
 

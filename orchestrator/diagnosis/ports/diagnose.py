@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -12,7 +12,8 @@ from typing import Any
 from ...digests import file_digest
 from ...formats import strict
 from ...provenance import origin, versions
-from ..finding import Finding
+from ...system import Port
+from ..finding import Augmented, Finding
 from ..verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which
 from .augmented import FMUS, augmented_config
 from .augmented import NAME as AUGMENTED
@@ -122,7 +123,9 @@ def diagnose_ports(
             "answer_set": list(finding.answer_set),
             "doubtful_tolerances": finding.doubtful_tolerances,
             "how_far": strict(how_far(study, finding)) if heldout else None,
-            "augmented": Runnable(file=AUGMENTED, run="", left_out=missing),
+            "augmented": Runnable(
+                file=AUGMENTED, run="", changed=_changed(study, finding.answer, missing), left_out=missing
+            ),
             "next_experiment": strict(proposed) if proposed else None,
             "numerics": strict(both),
             "ledger": strict(rows),
@@ -199,6 +202,26 @@ def _warnings(study: PortStudy) -> list[Warned]:
                         remedy="Check the column.",
                     )
                 )
+    return found
+
+
+def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> list[str]:
+    """What differs from the configured system, in words."""
+    found, place = [], 0
+    for effect in answer.effects:
+        own = answer.theta[place : place + len(effect.parameters)].tolist()
+        place += len(effect.parameters)
+        if effect.id not in missing:
+            numbers = [
+                f"{one.name} {value:.4g} {one.unit}".removesuffix(" 1")
+                for one, value in zip(effect.parameters, own, strict=True)
+            ]
+            found.append(f"{effect.id}: {', '.join(numbers)}" if numbers else effect.id)
+    for name, one in study.nominal.items():
+        value = answer.calibrated.get(name, one.value)
+        if value != one.value:
+            instance, _, variable = name.partition(".")
+            found.append(f"{name}: {value:.6g} {study.unit(Port(instance, variable))}, not {one.value:g}")
     return found
 
 
