@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from .effect import Effect, Parameter, Seen
+from .misfit import louder
 from .study import Array
 
 __all__ = ["Base", "Fit", "Fitter", "Replay", "inflation"]
@@ -242,8 +243,7 @@ class Fitter:
             return 0.0
         directions, shrink = self._shrink
         sizes = (1.0 + shrink) * (directions.T @ np.concatenate(list(residuals))) / math.sqrt(self.inflation)
-        q = float(np.mean(sizes**2))
-        return 0.5 * len(sizes) * (q - 1.0 - math.log(q)) if q > 1.0 else 0.0
+        return louder(len(sizes), float(np.mean(sizes**2)))
 
     def starts(self, effect: Effect) -> list[Array]:
         """Where fits of an effect begin, in normalised parameters."""

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from .study import Array
 
-__all__ = ["hum", "in_contact", "uneven", "unexplained", "wave"]
+__all__ = ["hum", "in_contact", "louder", "uneven", "unexplained", "wave"]
 
 _BLOCKS = (1, 4, 16, 64, 256)
 # Of noise's square over what is specified.
@@ -21,6 +21,16 @@ _WITHIN, _AFTER, _SHORTEST = (1, 2, 4, 8, 16), 12, 8
 _FREEDOMS, _ROUNDS, _FEWEST = (1.0, 2.0, 4.0, 8.0), 20, 20
 # Of encoders' scales and interpolators [m]: as fine as ways of a centimetre tell apart.
 _PITCHES = 3e-4 * 1.01 ** np.arange(300)
+
+
+def louder(n: int, q: float) -> float:
+    """What a model gains that knows that the mean square of n normal numbers is q, and not 1 [nats]."""
+    return 0.5 * n * (q - 1.0 - math.log(q)) if q > 1.0 else 0.0
+
+
+def _sums(r: Array, length: int) -> Array:
+    """Sums over whole blocks."""
+    return r[: len(r) // length * length].reshape(-1, length).sum(axis=1)
 
 
 def unexplained(channels: Sequence[Array]) -> float:
@@ -36,20 +46,17 @@ def unexplained(channels: Sequence[Array]) -> float:
     """
     total = 0.0
     for r in channels:
-        gains = [0.0]
+        gains, noise = [0.0], _LOUDER
         for length in _BLOCKS:
-            n = len(r) // length
-            if n < 4:
+            sums = _sums(r, length)
+            if len(sums) < 4:
                 break
-            sums = r[: n * length].reshape(n, length).sum(axis=1)
             q = float(np.mean(sums**2)) / length
             if not math.isfinite(q):
                 return math.inf
+            gains.append(louder(len(sums), q / noise))
             if length == 1:
                 noise = min(max(q, 1.0), _LOUDER)
-            q /= _LOUDER if length == 1 else noise
-            if q > 1.0:
-                gains.append(0.5 * n * (q - 1.0 - math.log(q)))
         total += max(gains)
     return total
 
@@ -73,13 +80,11 @@ def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
         parts += [r[a:b] / noise for a, b in edges.reshape(-1, 2) if b - a >= _SHORTEST]
     gains = [0.0]
     for length in _WITHIN:
-        sums = [part[: len(part) // length * length].reshape(-1, length).sum(axis=1) for part in parts]
+        sums = [_sums(part, length) for part in parts]
         n = sum(map(len, sums))
         if n < 4:
             break
-        q = float(sum(one @ one for one in sums)) / (n * length)
-        if q > 1.0:
-            gains.append(0.5 * n * (q - 1.0 - math.log(q)))
+        gains.append(louder(n, float(sum(one @ one for one in sums)) / (n * length)))
     return max(gains)
 
 
@@ -97,8 +102,7 @@ def uneven(channels: Sequence[Array], lengths: Sequence[int]) -> float:
 
 
 def _tails(channels: Sequence[Array], length: int) -> float:
-    blocks = [r[: len(r) // length * length].reshape(-1, length).sum(axis=1) for r in channels]
-    x = np.concatenate(blocks) if blocks else np.zeros(0)
+    x = np.concatenate([np.zeros(0), *(_sums(r, length) for r in channels)])
     n = len(x)
     if n < _FEWEST or not np.isfinite(x).all() or not x.any():
         return 0.0
