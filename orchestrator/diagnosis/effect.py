@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..units import UnitError, parse_unit
 from .written import Writes
 
-__all__ = ["Context", "Effect", "Parameter", "Seen", "Site", "law"]
+__all__ = ["Context", "Effect", "Parameter", "Seen", "Site", "by_effect", "law"]
 
 
 class Site(IntEnum):
@@ -192,3 +192,14 @@ class Effect:
     def place(self) -> str:
         """The component that it belongs to."""
         return self.id.partition(".")[0]
+
+
+def by_effect(
+    effects: Iterable[Effect], theta: NDArray[np.float64]
+) -> Iterator[tuple[Effect, NDArray[np.float64]]]:
+    """Effects with their own parameters, of all of them one after the other."""
+    first = 0
+    for effect in effects:
+        last = first + len(effect.parameters)
+        yield effect, theta[first:last]
+        first = last

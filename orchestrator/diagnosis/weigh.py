@@ -11,11 +11,10 @@ from threadpoolctl import threadpool_limits
 from .answers import SOFTWARE, Answer, Group, weigh_software
 from .calibration import Calibration, calibration
 from .catalogue import catalogue
-from .effect import Effect
+from .effect import Effect, by_effect
 from .finding import Augmented, Candidate, Finding
-from .fit import Fit
 from .hardware import weigh_rig
-from .study import Array, Study
+from .study import Study
 
 __all__ = ["conclude", "weigh"]
 
@@ -141,7 +140,7 @@ def _candidate(probability: float, choice: Choice) -> Candidate:
         if answer.fit is None:
             continue
         calibrated = {**calibrated, **answer.fit.calibrated}
-        values = dict(_split(answer.fit))
+        values = dict(by_effect(answer.fit.effects, answer.fit.theta))
         for one in answer.noises:
             values[known[one.id]] = np.array(one.theta)
         for effect, own in values.items():
@@ -153,11 +152,3 @@ def _candidate(probability: float, choice: Choice) -> Candidate:
     unmodelled = any(answer.unseen or (answer.effects and answer.fit is None) for _, answer in choice)
     model = None if unmodelled else Augmented(calibrated, tuple(effects), np.array(theta))
     return Candidate(tuple(sorted(set(names))), probability, parameters, tuple(ties), evidence, model)
-
-
-def _split(fit: Fit) -> list[tuple[Effect, Array]]:
-    found, first = [], 0
-    for effect in fit.effects:
-        found.append((effect, fit.theta[first : first + len(effect.parameters)]))
-        first += len(effect.parameters)
-    return found

@@ -10,6 +10,7 @@ from ...effects import OfSignal, Pure
 from ...effects.choose import BUILT_IN, built_in
 from ...fmi import Causality
 from ...system import Port
+from ..effect import by_effect
 from ..finding import Augmented, Finding
 from .candidates import PortEffect
 from .friction_fmu import add_instance, form_of
@@ -40,10 +41,7 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
     _calibrate(study, data, finding.answer)
     connections = [_long(one) for one in data.get("connections", [])]
     left_out: dict[str, str] = {}
-    place = 0
-    for effect in finding.answer.effects:
-        theta = finding.answer.theta[place : place + len(effect.parameters)]
-        place += len(effect.parameters)
+    for effect, theta in by_effect(finding.answer.effects, finding.answer.theta):
         if isinstance(effect, PortEffect) and effect.port is not None and effect.make is not None:
             made = effect.make(theta)
             if fmus and form_of(made) is not None and study.unit(effect.port) == "N":
@@ -60,14 +58,12 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
 
 def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> None:
     values = {name: answer.calibrated.get(name, one.value) for name, one in study.nominal.items()}
-    place = 0
-    for effect in answer.effects:
+    for effect, theta in by_effect(answer.effects, answer.theta):
         for name in effect.changes:
             instance, _, variable = name.partition(".")
             part = next(one for one in study.prepared.system.instances if one.name == instance)
             before = values.get(name, part.start.get(variable, part.variable(variable).start))
-            values[name] = float(before) + float(answer.theta[place])
-        place += len(effect.parameters)
+            values[name] = float(before) + float(theta[0])
     for name, value in values.items():
         instance, _, variable = name.partition(".")
         data["instances"][instance]["start"][variable] = _with(value, study.unit(Port(instance, variable)))

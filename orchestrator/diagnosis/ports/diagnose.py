@@ -13,6 +13,7 @@ from ...digests import file_digest
 from ...formats import strict
 from ...provenance import origin, versions
 from ...system import Port
+from ..effect import by_effect
 from ..finding import Augmented, Finding
 from ..verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which
 from .augmented import FMUS, augmented_config
@@ -207,14 +208,12 @@ def _warnings(study: PortStudy) -> list[Warned]:
 
 def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> list[str]:
     """What differs from the configured system, in words."""
-    found, place = [], 0
-    for effect in answer.effects:
-        own = answer.theta[place : place + len(effect.parameters)].tolist()
-        place += len(effect.parameters)
+    found = []
+    for effect, own in by_effect(answer.effects, answer.theta):
         if effect.id not in missing:
             numbers = [
                 f"{one.name} {value:.4g} {one.unit}".removesuffix(" 1")
-                for one, value in zip(effect.parameters, own, strict=True)
+                for one, value in zip(effect.parameters, own.tolist(), strict=True)
             ]
             found.append(f"{effect.id}: {', '.join(numbers)}" if numbers else effect.id)
     for name, one in study.nominal.items():
