@@ -19,7 +19,8 @@ model LabContact "DockingContact with what a real contact may add: each part is 
   parameter Real friction(unit="1") = 0 "Force against the direction of penetration, relative";
   parameter Real friction_velocity(quantity="Velocity", unit="m/s", min=0) = 1e-3 "Speed at which it is fully there";
   parameter Real compliance(unit="m/N", min=0) = 0 "Compliance of a mount in series";
-  parameter Real adhesion(quantity="Force", unit="N", min=0) = 0 "Pull while in contact";
+  parameter Real adhesion(quantity="Force", unit="N", min=0) = 0 "Pull while the surfaces part";
+  parameter Real adhesion_range(quantity="Length", unit="m", min=0) = 3e-5 "Distance over which it falls to 1/e";
   input Real position(quantity="Length", unit="m", start=0) "Position of the rod tip";
   input Real velocity(quantity="Velocity", unit="m/s", start=0) "Velocity of the rod tip";
   output Real force(quantity="Force", unit="N") "Contact force on the rod";
@@ -50,7 +51,10 @@ equation
   push = (stiffness*penetration*factor + damping*rate + stiffness*further + hunt_crossley*penetration*rate)
     *(1 + friction*tanh(rate/friction_velocity))/(1 + stiffness*compliance);
   // As in DockingContact: begins with penetration, ends where the law would pull.
-  force = side*adhesion + (
+  force = adhesion*noEvent(
+      if velocity < 0 then exp(-abs(position - front)/adhesion_range)
+      elseif velocity > 0 then -exp(-abs(position - rear)/adhesion_range)
+      else 0) + (
     if position > front and push > 0 then -push
     elseif position < rear and push > 0 then push
     else 0);
@@ -64,13 +68,14 @@ equation
     elseif penetration > 0 then 0
     else -deepest/forget_time);
   assert(plastic_set < 1, "plastic_set is not below 1; allowed: 0 to below 1");
-  assert(hertz_depth > 0 and cubic_depth > 0 and friction_velocity > 0 and maxwell_time > 0,
-    "hertz_depth, cubic_depth, friction_velocity or maxwell_time is 0; allowed: above 0");
+  assert(hertz_depth > 0 and cubic_depth > 0 and friction_velocity > 0 and maxwell_time > 0 and adhesion_range > 0,
+    "hertz_depth, cubic_depth, friction_velocity, maxwell_time or adhesion_range is 0; allowed: above 0");
   annotation (Documentation(info="<html>
 <p>With depth d and its rate d' at the frame that is touched:
 F = (k d (1 -+ asymmetry - softening t + cubic (d/d_c)^2 + (d/d_h)^e - 1) + c d' + h d d' + k r max(0, d - d_2)
-+ k m z + k s) (1 + f tanh(d'/v_0))/(1 + k compliance), never below 0, less the adhesion. The relaxing element has
++ k m z + k s) (1 + f tanh(d'/v_0))/(1 + k compliance), never below 0. The relaxing element has
 z' = d' - z/T; unloading from the deepest penetration d_m along (d - p d_m)/(1 - p) makes
-s = (d - p d_m)/(1 - p) - d. Both are forgotten between contacts.</p>
+s = (d - p d_m)/(1 - p) - d. Both are forgotten between contacts. While the rod leaves a frame, A exp(-|g|/r) pulls
+it back, g the gap between their surfaces, negative in contact.</p>
 </html>"));
 end LabContact;

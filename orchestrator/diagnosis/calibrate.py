@@ -2,7 +2,8 @@
 
 Cases are drawn by the challenge's rig, which is a program of its own; magnitudes go from strong to nearly
 none, some hide two effects or none, of some the logs are deformed in ways that no catalogue holds. First it
-is learned how rough rigs are that hide nothing; then, from cases weighed so, what log evidence is worth.
+is learned how rough rigs are that hide nothing; then, from cases weighed so, what each effect leaves
+unexplained since no rig has the catalogue's very form of it, and what log evidence is worth.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +24,31 @@ from threadpoolctl import threadpool_limits
 from ..errors import OrchestratorError
 from ..provenance import origin
 from ..workers import Pool, Work, pool_of
-from .answers import Answer, complete
-from .calibration import FILE, SET, Calibration, Table
+from .answers import SOFTWARE, Answer, complete
+from .calibration import FILE, LEAVES, SET, Calibration, Table
+from .challenge.draw import Plan
+from .challenge.hidden import HIDDEN
 from .hardware import weigh_rig
 from .practice import simulated_study
 from .rough import learn_roughness, strayed_by_number
 from .study import Array
 
-__all__ = ["Practice", "learn", "learn_sure", "learn_unseen", "loss", "main", "practise", "simulated_study"]
+__all__ = [
+    "Practice",
+    "learn",
+    "learn_leaves",
+    "learn_sure",
+    "learn_unseen",
+    "loss",
+    "main",
+    "practise",
+    "simulated_study",
+]
 
 # How far the logarithm of each learned number may stray from where it begins: cases are few, and simulated.
 _STRAY = 0.7
 _NUMBERS = tuple(
-    name for name in Calibration.__dataclass_fields__ if name not in ("sure", "unseen", "roughness")
+    name for name in Calibration.__dataclass_fields__ if name not in ("sure", "unseen", "leaves", "roughness")
 )
 # Where the learning of `Calibration.form` begins.
 _FORM = 1e-3
@@ -44,6 +58,11 @@ _SUREST, _FOLDS = 0.995, 5
 _FAINT = 0.08
 # See `learn_unseen`.
 _USUAL = 3.0
+# See `learn_leaves`: log evidence from which more of it does not make a case count more, and as how much of
+# it what is usual counts [nats].
+_TELLING, _FEW = 1e4, 300.0
+# Magnitudes at which each effect is practised on besides, so that what it leaves shows.
+_FORMS = (1.0, 0.5)
 
 
 @dataclass(frozen=True)
@@ -67,9 +86,11 @@ class Practice:
         return len(answer.effects) == len(self.truth) and missing <= set(answer.ties)
 
 
-def practise(seed: int, roughness: Mapping[str, Sequence[float]], number: int) -> Practice:
-    """Weigh one simulated case."""
-    study, plan = simulated_study(seed, number)
+def practise(
+    seed: int, roughness: Mapping[str, Sequence[float]], number: int, plan: Plan | None = None
+) -> Practice:
+    """Weigh one simulated case; plan as that of `practice.simulated_case`."""
+    study, plan = simulated_study(seed, number, plan=plan)
     with threadpool_limits(limits=1, user_api="blas"):
         group = weigh_rig(study, rough=roughness)
     answers = tuple(
@@ -99,13 +120,19 @@ class _Lesson:
 
     @staticmethod
     def of_cases(cases: Sequence[Practice], learned: Calibration) -> _Lesson:
-        alike: list[dict[tuple[float, float, int, int], list[float]]] = []
+        alike: list[dict[tuple[float, float, float, int, int], list[float]]] = []
         for case in cases:
             outside, own = case.truth == ("outside",), {}
             of = learned.table(case.answers)
-            columns = (of.gain.tolist(), of.left.tolist(), of.seen.tolist(), of.unseen.tolist())
-            usual = np.exp(-of.rarity)
-            for *key, weight, answer in zip(*columns, usual.tolist(), case.answers, strict=True):
+            columns = (
+                of.gain.tolist(),
+                of.left.tolist(),
+                of.usual.tolist(),
+                of.seen.tolist(),
+                of.unseen.tolist(),
+            )
+            common = np.exp(-of.rarity)
+            for *key, weight, answer in zip(*columns, common.tolist(), case.answers, strict=True):
                 found = own.setdefault(tuple(key), [0.0, 0.0, 0.0, 0.0])
                 right = not outside and case.right(answer)
                 found[0] += weight
@@ -115,12 +142,12 @@ class _Lesson:
             alike.append(own)
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
-        gain, left, seen, unseen = (np.full(shape, value) for value in (-1e290, 0.0, 1.0, 0.0))
+        gain, left, usual, seen, unseen = (np.full(shape, value) for value in (-1e290, 0.0, 1.0, 1.0, 0.0))
         weight, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):
             size = len(own)
-            for target, values in zip((gain, left, seen, unseen), zip(*own, strict=True), strict=True):
+            for target, values in zip((gain, left, usual, seen, unseen), zip(*own, strict=True), strict=True):
                 target[place, :size] = values
             weights, counts, right_weights, right_counts = (
                 np.array(one) for one in zip(*own.values(), strict=True)
@@ -129,7 +156,7 @@ class _Lesson:
             right[place, :size], rights[place, :size] = right_weights / weights, right_counts
             count[place, -1] = 1.0
             right[place, -1] = rights[place, -1] = cases[place].truth == ("outside",)
-        table = Table(gain, left, seen, unseen, -np.log(weight))
+        table = Table(gain, left, usual, seen, unseen, -np.log(weight))
         return _Lesson(table, np.array([one.beside for one in cases]), count, right, rights)
 
     def loss(self, learned: Calibration) -> float:
@@ -171,6 +198,33 @@ def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, flo
     }
     whole = sum(chance.values())
     return {name: round(value / whole, 5) for name, value in chance.items()}
+
+
+def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
+    """What effects leave unexplained where they are named rightly: see `Calibration.leaves`.
+
+    Beyond what rigs leave that hide nothing; the shares of all cases of an effect, weighted by their log
+    evidence, and drawn to what is usual of all effects.
+    """
+    bare = [one.answers[0].left for one in cases if not one.truth]
+    ordinary = float(np.quantile(bare, SET)) if bare else 0.0
+    found: dict[str, list[tuple[float, float]]] = {}
+    for case in cases:
+        named = [one for one in case.answers if case.right(one) and not one.unseen and one.gain > 0.0]
+        if not named or case.truth in ((), ("outside",)):
+            continue
+        best = max(named, key=lambda one: one.gain)
+        share = min(max(best.left - ordinary, 0.0) / best.gain, 1.0)
+        for name in case.truth:
+            found.setdefault(name, []).append((min(best.gain, _TELLING), share))
+    return {
+        name: round(
+            (sum(weight * share for weight, share in some) + _FEW * LEAVES)
+            / (sum(weight for weight, _ in some) + _FEW),
+            6,
+        )
+        for name, some in sorted(found.items())
+    }
 
 
 def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibration:
@@ -223,6 +277,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--bare", type=int, default=40, help="rigs that hide nothing, for the roughness")
+    parser.add_argument("--forms", type=int, help="cases of one clear effect each; by default, two of each")
     parser.add_argument("--seed", type=int, default=20261)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seen", type=Path, help="keep weighed cases here, and go on from those there")
@@ -244,11 +299,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.seen.write_text(json.dumps(seen), encoding="utf-8")
         print(f"{len(done)}/{options.cases}", flush=True)
     cases = [done[number] for number in sorted(done)]
-    learned = learn(cases, Calibration(form=_FORM, roughness=seen["roughness"]))
+    plans = [
+        (at + 1, name, magnitude) for at, (name, magnitude) in enumerate(product(sorted(_hardware()), _FORMS))
+    ]
+    formed = {int(number): _read(data) for number, data in seen.get("forms", {}).items()}
+    todo = [plan for plan in plans if plan[0] not in formed]
+    for plan, one in _outcomes(pool, Work(_formed, payload=(options.seed + 2, seen["roughness"])), todo):
+        formed[plan[0]] = one
+        if options.seen:
+            seen.setdefault("forms", {})[str(plan[0])] = _written(one)
+            options.seen.write_text(json.dumps(seen), encoding="utf-8")
+        print(f"form {len(formed)}/{len(plans)}", flush=True)
+    leaves = learn_leaves([*cases, *(formed[number] for number in sorted(formed))])
+    learned = learn(cases, Calibration(form=_FORM, leaves=leaves, roughness=seen["roughness"]))
     learned.save(
         options.out,
         cases=len(cases),
         bare=options.bare,
+        forms=len(plans),
         seed=options.seed,
         loss=round(loss(learned, cases), 4),
         **{name: value for name, value in origin().items() if name != "platform"},
@@ -260,8 +328,18 @@ def _practised(context: tuple[int, Mapping[str, float]], number: int) -> Practic
     return practise(*context, number)
 
 
-def _outcomes(pool: Pool, work: Work, numbers: Sequence[int]) -> Iterator[tuple[int, Any]]:
-    """Numbers and what became of them. Raises: OrchestratorError if one failed."""
+def _formed(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int, str, float]) -> Practice:
+    number, name, magnitude = task
+    return practise(*context, number, Plan("single", (HIDDEN[name],), magnitude))
+
+
+def _hardware() -> list[str]:
+    software = {place for place, _ in SOFTWARE}
+    return [name for name, one in HIDDEN.items() if one.place not in software]
+
+
+def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
+    """Tasks and what became of them. Raises: OrchestratorError if one failed."""
     for outcome in pool.outcomes(work, numbers):
         if outcome.failure is not None:
             raise OrchestratorError(f"simulated case {outcome.task}: {outcome.failure.message}")

@@ -14,10 +14,12 @@ import numpy as np
 
 from .study import Array
 
-__all__ = ["FILE", "SET", "Calibration", "Table", "Weighable", "calibration"]
+__all__ = ["FILE", "LEAVES", "SET", "Calibration", "Table", "Weighable", "calibration"]
 
 # Log evidence of more is none of an effect's form: the model without it ran away [nats].
 _RUNAWAY = 1e6
+# Of an effect on which nothing was learned, see `Calibration.leaves`.
+LEAVES = 0.003
 # Probability that a set of answers holds.
 SET = 0.95
 # What comes with the product.
@@ -39,11 +41,13 @@ class Table:
 
     Attributes:
         gain, left: see `answers.Answer`; seen, unseen: how many effects the logs speak for, and how many not.
-        rarity: see `Calibration.rarity`; each of shape (answers,), or (groups, answers).
+        usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
+            Each of shape (answers,), or (groups, answers).
     """
 
     gain: Array
     left: Array
+    usual: Array
     seen: Array
     unseen: Array
     rarity: Array
@@ -59,7 +63,7 @@ class Calibration:
     price: the first of them `first`, the second `second`, each further one `further`. One that is too small
     to be seen costs `hidden`, beside another one `beside`, and more the seldomer it stays unseen. Something
     outside the catalogue scores what the best answer of its group has, less `outside`, plus `slope` times
-    ln(1 + u), u the unexplained log likelihood over (1 + best log evidence)^`share`, plus `several` for each
+    ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`), plus `several` for each
     effect beyond the first that the best answer sees: combinations rarely are what they imitate. A share
     `floor` of the probability is spread evenly.
 
@@ -68,6 +72,8 @@ class Calibration:
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
+        leaves: share of its log evidence that an effect usually leaves unexplained, by id, since its form on
+            rigs is not quite the catalogue's.
         roughness: of rigs that hide nothing, standard deviations as shares of an effect's prior, by id, one
             per start of its shape.
     """
@@ -83,11 +89,11 @@ class Calibration:
     beside: float = 2.0
     outside: float = 8.0
     slope: float = 1.5
-    share: float = 0.3
     several: float = 1.0
     sure: float = 0.95
     floor: float = 0.002
     unseen: Mapping[str, float] = field(default_factory=dict)
+    leaves: Mapping[str, float] = field(default_factory=dict)
     roughness: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def price(self, seen: int | Array, unseen: int | Array = 0, rarity: float | Array = 0.0) -> float | Array:
@@ -107,12 +113,19 @@ class Calibration:
         usual = 1.0 / max(len(self.unseen), 1)
         return -sum(math.log(self.unseen.get(name, usual)) for name in unseen)
 
+    def usual(self, answer: Weighable) -> float:
+        """Log likelihood that an answer as good as this leaves unexplained on rigs [nats]."""
+        seen = [name for name in answer.effects if name not in answer.unseen]
+        share = max((self.leaves.get(name, LEAVES) for name in seen), default=0.0)
+        return 1.0 + share * min(max(answer.gain, 0.0), _RUNAWAY)
+
     def table(self, answers: Sequence[Weighable]) -> Table:
         """What scores are made of."""
         unseen = np.array([len(one.unseen) for one in answers])
         return Table(
             np.array([one.gain for one in answers]),
             np.array([one.left for one in answers]),
+            np.array([self.usual(one) for one in answers]),
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
             np.array([self.rarity(one.unseen) for one in answers]),
@@ -138,7 +151,7 @@ class Calibration:
         more = np.maximum(np.take_along_axis(of.seen, top, -1) - 1.0, 0.0)
         left = np.take_along_axis(of.left, top, -1)
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
-        u = (left + np.expand_dims(beside, -1)) / (1.0 + best) ** self.share
+        u = (left + np.expand_dims(beside, -1)) / np.take_along_axis(of.usual, top, -1)
         outside = np.take_along_axis(priced, top, -1) - self.outside + self.slope * np.log1p(u)
         outside = outside + self.several * more
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
@@ -165,7 +178,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/4", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/5", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

@@ -64,8 +64,12 @@ def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float]
     return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep
 
 
-def small_colour(parts: Sequence[Array]) -> tuple[float, float]:
-    """The most likely of `_COLOURS`, or zeros; parts are residuals over their noise."""
+def small_colour(parts: Sequence[Array]) -> tuple[float, float, float]:
+    """The most likely of `_COLOURS`, and its log likelihood over white noise; zeros if that is little.
+
+    Args:
+        parts: residuals over their noise.
+    """
     size = sum(map(len, parts))
     variance = sum(float(part @ part) for part in parts) / size
 
@@ -74,7 +78,8 @@ def small_colour(parts: Sequence[Array]) -> tuple[float, float]:
         return float(sum(_ar_likelihood(part, *colour, white, np.empty(0)) for part in parts))
 
     best = max(_COLOURS, key=likelihood)
-    return best if likelihood(best) - likelihood((0.0, 0.0)) > _COLOURED else (0.0, 0.0)
+    gain = likelihood(best) - likelihood((0.0, 0.0))
+    return (*best, gain) if gain > _COLOURED else (0.0, 0.0, 0.0)
 
 
 def whitened(left: Sequence[Array], colour: tuple[float, float]) -> list[Array]:

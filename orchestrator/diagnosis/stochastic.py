@@ -128,20 +128,27 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         for window in some
     ]
     parts = [noise * part for part in parts if len(part) >= 30]
-    # A coarse resolution adds a noise of its own that is not white out of contact; it hides small others.
-    if not parts or step > noise:
+    # A coarse resolution adds a noise of its own that is not white out of contact, and hides small others;
+    # beside a noise that is as large as the step, it is white (Widrow, Kollar: Quantization Noise, 2008).
+    spread = math.sqrt(sum(float(one @ one) for one in parts) / max(sum(map(len, parts)), 1))
+    if not parts or noise < step > spread:
         return Force(tuple(found), 0.0, held, repeats)
+    if step > noise:
+        noise = math.hypot(noise, step / math.sqrt(12.0))
     evidence, deviation, keep = coloured(parts, noise)
     line, _ = hum(np.concatenate(parts), _consecutive(parts))
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held, repeats)
+    *small, usual = small_colour([part / noise for part in parts])
+    # Little of it is roughness of every rig; only what that does not explain tells of an effect.
+    evidence -= usual
     if deviation > COLOUR * noise and 0.3 < keep < _WANDER and evidence > 0.0:
         apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
         scale = math.hypot(1.0, apparent / noise)
         odd = uneven(parts, (_MEMORY, max(_MEMORY, round(1.0 / (1.0 - keep)))))
         found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
         return Force(tuple(found), 0.0, held, repeats)
-    return Force(tuple(found), 0.0, held, repeats, small_colour([part / noise for part in parts]))
+    return Force(tuple(found), 0.0, held, repeats, (small[0], small[1]))
 
 
 def _consecutive(parts: Sequence[Array]) -> list[slice]:

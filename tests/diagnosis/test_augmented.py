@@ -25,11 +25,11 @@ CHANNELS = (0, 2, 4)
 NONE = Augmented({}, (), np.zeros(0))
 # A size that shows, by id.
 SIZES = {
-    "contact.adhesion": (3.0,),
+    "contact.adhesion": (3.0, 4e-5),
     "contact.asymmetry": (0.1,),
     "contact.cubic": (0.3,),
     "contact.damping": (150.0,),
-    "contact.friction": (0.06,),
+    "contact.friction": (0.06, 6e-4),
     "contact.hertz": (0.3, 5e-4),
     "contact.hunt-crossley": (1.5e5,),
     "contact.plasticity": (0.08,),

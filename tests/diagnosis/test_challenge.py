@@ -227,6 +227,7 @@ def marked(
     closure=0.9,
     tight=1.0,
     doubtful=False,
+    beyond=None,
 ):
     """A case with a verdict; answers are (effects, probability, ties)."""
     rows = tuple(Answer(frozenset(one), p, frozenset(ties)) for one, p, ties in answers)
@@ -235,7 +236,7 @@ def marked(
     truth = {
         "kind": kind, "effects": ["outside"] if kind == "outside" else sorted(effects),
         "hides": sorted(effects), "places": sorted(places), "magnitude": magnitude, "evidence": evidence,
-        "tight": tight,
+        "beyond": evidence if beyond is None else beyond, "tight": tight,
     }  # fmt: skip
     ties = next((row.ties for row in rows if row.effects == given), frozenset())
     found = frozenset(one.partition(".")[0] for one in given if one != "outside")
@@ -279,6 +280,19 @@ def test_figures_of_verdicts_made_by_hand():
     assert low == pytest.approx(0.15, abs=0.01) and high == pytest.approx(0.85, abs=0.01)
     assert found["bands"]["strong"]["cases"] == 6 and found["bands"]["faint"]["clear"] == 0
     assert found["bands"]["weak"]["coverage"]["rate"] == 0.0
+
+
+def test_what_the_catalogue_imitates_is_counted_apart():
+    hum, bend, stiffer = ["sensor.hum"], ["structure.bend"], ["contact.asymmetry"]
+    found = figures(
+        [
+            marked("outside", hum, [(["outside"], 0.9, ())]),
+            marked("outside", hum, [(stiffer, 0.9, ())]),
+            marked("outside", bend, [(stiffer, 0.9, ())], beyond=3.0),
+        ]
+    )
+    assert (found["outside_flagged"]["count"], found["outside_flagged"]["of"]) == (1, 3)
+    assert (found["outside_flagged_own"]["count"], found["outside_flagged_own"]["of"]) == (1, 2)
 
 
 def test_a_declared_set_of_answers_is_the_one_scored():

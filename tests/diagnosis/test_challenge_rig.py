@@ -19,7 +19,7 @@ from orchestrator.diagnosis.challenge.draw import (
     run_series,
     tolerances,
 )
-from orchestrator.diagnosis.challenge.evidence import visibility
+from orchestrator.diagnosis.challenge.evidence import imitated, visibility
 from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
@@ -180,6 +180,34 @@ def test_what_roughness_explains_is_no_evidence(monkeypatch):
     usual = visibility(case, logs)
     monkeypatch.setattr(evidence, "ROUGHNESS", {"load": 1e-9})
     assert visibility(case, logs) > 2.0 * usual
+
+
+def test_little_coloured_noise_is_that_of_any_rig(monkeypatch):
+    case = draw_case(Plan("single", (HIDDEN["sensor.coloured-noise"],), 0.06), 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    told = visibility(case, logs, chance=True)
+    monkeypatch.setattr(evidence, "_COLOURS", ())
+    assert visibility(case, logs, chance=True) > 2.0 * told
+
+
+def test_what_another_effect_imitates_cannot_be_told_from_it():
+    rivals = [HIDDEN[name] for name in ("contact.asymmetry", "contact.cubic", "sensor.drift")]
+    found = {}
+    for name, magnitude in (("structure.bend", 0.2), ("robot.cogging", 0.2)):
+        case = draw_case(Plan("outside", (OUTSIDE[name],), magnitude), 3, 4)
+        logs = [make_run(case, index) for index in range(3)]
+        found[name] = (visibility(case, logs), *imitated(case, logs, rivals))
+    told, beyond, like = found["structure.bend"]
+    assert told > 100.0 and beyond < 0.1 * told and like == "contact.asymmetry"
+    told, beyond, _ = found["robot.cogging"]
+    assert told > 100.0 and 0.8 * told < beyond <= told
+
+
+def test_an_effect_imitates_itself():
+    case = draw_case(Plan("single", (HIDDEN["contact.asymmetry"],), 0.4), 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    beyond, like = imitated(case, logs, [HIDDEN["contact.asymmetry"], HIDDEN["contact.hertz"]])
+    assert like == "contact.asymmetry" and beyond < 2.0 < 0.01 * visibility(case, logs)
 
 
 def test_plans_take_turns_and_avoid_ties():

@@ -65,6 +65,23 @@ def test_an_effect_of_prior_size_shows(effect):
     assert shown > 1.0
 
 
+def test_adhesion_pulls_only_while_the_surfaces_part():
+    own = study()
+    model = RigModel(own, own.runs[:1])
+    calibrated = {"contact_damping": 0.0}
+    plain = model.replay(0, calibrated)
+    pulled = model.replay(0, calibrated, (catalogue()["contact.adhesion"],), np.array([3.0, 4e-5]))
+    touching = np.flatnonzero(np.abs(plain[7]) > 0.005)
+    first = touching[: int(np.argmax(np.diff(touching) > 1)) + 1]  # at the front frame
+    deepest = first[0] + int(np.argmax(plain[7][first]))
+    change = (pulled - plain)[6]
+    assert np.abs(change[:deepest]).max() < 1e-6
+    after = slice(deepest, first[-1] + 20)
+    assert change[after].max() == pytest.approx(3.0, rel=0.1)  # towards the frame
+    assert abs(deepest + int(np.argmax(change[after])) - first[-1]) <= 2
+    assert abs(change[first[-1] + 19]) < 0.01
+
+
 @needs_gap
 @pytest.mark.parametrize("case", [f"case-{number:03d}" for number in range(1, 63)])
 def test_software_of_the_labelled_cases_is_exact_unless_it_is_the_cause(case):

@@ -13,13 +13,23 @@ import pytest
 from scipy.signal import lfilter
 
 from orchestrator.diagnosis.answers import Answer, complete, weigh_software
-from orchestrator.diagnosis.calibrate import Practice, _outcomes, _written, learn, learn_unseen, loss, main
+from orchestrator.diagnosis.calibrate import (
+    Practice,
+    _outcomes,
+    _written,
+    learn,
+    learn_leaves,
+    learn_unseen,
+    loss,
+    main,
+)
 from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.colour import small_colour, whitened
+from orchestrator.diagnosis.colour import coloured, small_colour, whitened
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import hum, unexplained
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.stochastic import sensor_noise
 from orchestrator.diagnosis.study import Study, load_study
 from orchestrator.diagnosis.weigh import conclude, weigh
 from orchestrator.errors import OrchestratorError
@@ -118,6 +128,32 @@ def test_a_stochastic_effect_of_the_sensor_is_named(change, effect):
     assert named(with_columns(study(), change)).effects == (effect,)
 
 
+def test_coloured_noise_is_named_beside_a_coarse_resolution():
+    def both(run, rng) -> dict:
+        columns = colour(run, rng)
+        return columns | {"sensor_force": 1.5 * np.round(columns["sensor_force"] / 1.5)}
+
+    found = named(with_columns(study(), both))
+    assert set(found.effects) == {"sensor.coloured-noise", "sensor.quantisation"}
+
+
+def test_what_roughness_explains_is_no_evidence_of_coloured_noise():
+    def stain(run, rng) -> dict:
+        fresh = np.sqrt(1.0 - 0.9**2) * 0.25 * rng.standard_normal(len(run))
+        columns = noisy(run, rng)
+        return columns | {"sensor_force": columns["sensor_force"] + lfilter([1.0], [1.0, -0.9], fresh)}
+
+    own = with_columns(study(), stain)
+    model = RigModel(own, own.runs)
+    left = model.residuals({}, (), np.zeros(0))[1::2]
+    apart = [np.zeros(len(run), bool) for run in own.runs]
+    (noise,) = sensor_noise(model, left, apart).noises
+    parts = [model.noise[1] * r[20:] for r in left]
+    evidence, deviation, _ = coloured(parts, model.noise[1])
+    assert noise.id == "sensor.coloured-noise" and deviation == pytest.approx(0.25, rel=0.3)
+    assert 0.0 < noise.log_evidence < 0.5 * evidence
+
+
 def test_lost_commands_are_named():
     own = study()
 
@@ -175,7 +211,7 @@ def test_software_effects_are_found_exactly_with_their_ties():
 
 
 def test_weighing_is_deterministic():
-    own = own_study(["contact.friction"], [0.05])
+    own = own_study(["contact.friction"], [0.05, 1e-3])
     one, other = named(own), named(own)
     assert [(c.effects, c.probability) for c in one.candidates] == [
         (c.effects, c.probability) for c in other.candidates
@@ -197,10 +233,11 @@ def test_misfit_ignores_white_noise_and_sees_structure():
 def test_a_little_coloured_noise_is_no_misfit_and_hides_none():
     rng = np.random.default_rng(2)
     white = rng.standard_normal(9000)
-    assert small_colour([white]) == (0.0, 0.0)
+    assert small_colour([white]) == (0.0, 0.0, 0.0)
     fresh = np.sqrt(1.0 - 0.92**2) * 0.25 * rng.standard_normal(9000)
     noise = white + lfilter([1.0], [1.0, -0.92], fresh)
-    colour = small_colour([noise[:5000], noise[5000:]])
+    *colour, gain = small_colour([noise[:5000], noise[5000:]])
+    assert gain > 20.0
     assert colour[0] == pytest.approx(0.25, abs=0.06) and 0.86 < colour[1] < 0.96
     assert unexplained([noise]) > 20.0
     assert unexplained(whitened([noise], colour)) < 5.0
@@ -254,12 +291,34 @@ def test_what_stays_unseen_is_learned():
     assert found["a.seen"] < found["b.both"] < found["a.unseen"]
 
 
+def test_what_effects_leave_unexplained_is_learned():
+    def case(name: str, gain: float, left: float) -> Practice:
+        answers = (Answer((), 0.0, gain), Answer((name,), gain, left))
+        return Practice((name,), 1.0, answers, 0.0)
+
+    bare = [Practice((), 0.0, (Answer((), 0.0, 3.0),), 0.0)] * 20
+    rough = [case("a.rough", gain, 3.0 + 0.05 * gain) for gain in (500.0, 3000.0, 9000.0)]
+    clean = [case("b.clean", gain, 2.0) for gain in (500.0, 3000.0, 9000.0)]
+    leaves = learn_leaves([*bare, *rough, *clean])
+    assert leaves["a.rough"] == pytest.approx(0.05, rel=0.1) and leaves["b.clean"] < 2e-4
+    learned = replace(calibration(), leaves=leaves)
+    told = [
+        learned.probabilities(one.answers, 0.0)[-1]
+        for one in (
+            case("a.rough", 2000.0, 90.0),
+            case("b.clean", 2000.0, 90.0),
+            case("b.clean", 2000.0, 2.0),
+        )
+    ]
+    assert told[1] > 0.5 > 2.0 * told[0] and told[1] > 0.5 > 2.0 * told[2]
+
+
 def test_cases_kept_are_learned_from_again(tmp_path):
     """The loss of what is learned is that of the probabilities that diagnoses give."""
     cases = {str(number): _written(practised(number)) for number in range(1, 31)}
     kept, out = tmp_path / "seen.json", tmp_path / "calibration.json"
     kept.write_text(json.dumps({"roughness": {"a.seen": [0.01]}, "cases": cases}))
-    main(["--cases", "30", "--seen", str(kept), "--out", str(out)])
+    main(["--cases", "30", "--forms", "0", "--seen", str(kept), "--out", str(out)])
     data = json.loads(out.read_text())
     learned = Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})
     assert learned.roughness == {"a.seen": [0.01]} and data["provenance"]["cases"] == 30
@@ -293,9 +352,25 @@ def test_labelled_cases(case):
 
 def test_the_calibration_is_learned_by_its_command(tmp_path):
     seen, out = tmp_path / "seen.json", tmp_path / "calibration.json"
-    options = ["--cases", "2", "--bare", "2", "--seed", "5", "--seen", str(seen), "--out", str(out)]
+    options = [
+        "--cases",
+        "2",
+        "--bare",
+        "2",
+        "--forms",
+        "1",
+        "--seed",
+        "5",
+        "--seen",
+        str(seen),
+        "--out",
+        str(out),
+    ]
     command = [sys.executable, "-m", "orchestrator.diagnosis.calibrate", *options]
     subprocess.run(command, check=True, capture_output=True)
     made = json.loads(out.read_text())
-    assert made["format"] == "weigh/4" and made["provenance"]["seed"] == 5
-    assert sorted(json.loads(seen.read_text())["cases"]) == ["1", "2"]
+    assert made["format"] == "weigh/5" and made["provenance"]["seed"] == 5
+    weighed = json.loads(seen.read_text())
+    assert (
+        sorted(weighed["cases"]) == ["1", "2"] and len(weighed["forms"]) == made["provenance"]["forms"] == 1
+    )

@@ -20,6 +20,7 @@ __all__ = [
     "Case",
     "Plan",
     "RunPlan",
+    "changed",
     "draw_case",
     "make_run",
     "plan_cases",
@@ -185,12 +186,16 @@ def draw_case(plan: Plan, seed: int, number: int, roughness: float = 1.0, tight:
             np.random.SeedSequence([seed, number, 1, zlib.crc32(effect.id.encode())])
         )
         hidden[effect.id] = effect.draw(chance, plan.magnitude)
-        for knob, value in hidden[effect.id].items():
-            if knob in effect.relative:
-                values[knob] *= 1.0 + value
-            else:
-                values[knob] = values.get(knob, 0.0) + value
+        values = changed(values, effect, hidden[effect.id])
     return Case(plan, lab, values, plain, hidden, seed, number)
+
+
+def changed(values: Mapping[str, float], effect: Hidden, drawn: Mapping[str, float]) -> dict[str, float]:
+    """Knobs of a rig that has an effect besides, of what it drew."""
+    found = dict(values)
+    for knob, value in drawn.items():
+        found[knob] = found[knob] * (1.0 + value) if knob in effect.relative else found.get(knob, 0.0) + value
+    return found
 
 
 def _lab(rng: np.random.Generator) -> Lab:

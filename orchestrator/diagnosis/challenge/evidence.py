@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+import zlib
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .draw import NOISE, ROUGHNESS, RUNS, Case, run_series, tolerances
+from .draw import NOISE, ROUGHNESS, RUNS, Case, changed, run_series, tolerances
+from .hidden import Hidden
 from .knobs import CALIBRATED
 from .rig import FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array, drive
 
-__all__ = ["visibility"]
+__all__ = ["imitated", "visibility"]
 
 _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 # Samples of which a spectrum is taken, and frequencies over which it is averaged.
 _WINDOW, _BAND = 64, 8
 _STEP = 0.1  # of a tolerance or a usual size, for differences
 _ROUNDS = 5
+# Blocks of a run, and which of them is the force; coloured noise that rigs have, over the white one, and what
+# a sample keeps of it (see `draw`).
+_CHANNELS, _FORCE = 5, 2
+_COLOURS = tuple(itertools.product((0.15, 0.2, 0.25), (0.8, 0.88, 0.95)))
+# Sizes in which a rival is tried, how many rivals are fitted, and factors by which they are sized for that.
+_SIZES, _NEAREST = (1.0, 0.3, 0.1), 3
+_LEAST, _MOST = 0.02, 5.0
 
 
 def visibility(
@@ -29,49 +39,144 @@ def visibility(
     difference of what is measured over its noise, and z what calibrated numbers may stray over their
     tolerances, and roughness over its usual size, the evidence is half the least d'd + z'z: what either may
     explain does not count. Of an effect that draws anew at each sample nobody knows the draws, but the
-    spectrum at best: with m the power of what is left of d over that of the noise, it tells m - ln(1 + m) at
-    each frequency (Whittle, J. R. Stat. Soc. B 15, 1953).
+    spectrum at best: with r the power of noise and what is left of d over that of noise alone, it tells
+    r - 1 - ln r at each frequency (Whittle, J. R. Stat. Soc. B 15, 1953); the noise of the force may be as
+    coloured as that of any rig.
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
         without: knobs of the rig to compare with; by default those without any hidden effect.
         chance: whether the effects draw.
     """
-    aim = _measured(case, logs, case.values)
+    target = np.concatenate(_measured(case, logs, case.values))
     rest = case.plain if without is None else without
+    told, left = _least(case, logs, target, rest, _usual(case, rest))
+    if not chance:
+        return told
+    lengths = [len(one) for one in _measured(case, logs, rest)]
+    own = (case.plain["colour"] / NOISE[1], case.plain["colour_keep"])
+    total = 0.0
+    for index, difference in enumerate(np.split(left, np.cumsum(lengths)[:-1])):
+        force = index % _CHANNELS == _FORCE
+        total += _told_by_spectrum(difference, own if force else (0.0, 0.0), _COLOURS if force else ())
+    return total
+
+
+def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden]) -> tuple[float, str]:
+    """Log evidence [nats] for the hidden effects over the best single other one, of any size and shape.
+
+    As `visibility`, which this cannot exceed, but what another effect makes of the same logs does not count
+    either: of what it imitates, nobody can tell by these logs that it is something else. Each rival is
+    tried in several sizes and shapes; the nearest are fitted.
+
+    Args:
+        rivals: effects that do not draw.
+    Returns: the evidence, and the rival's id; empty where none is nearer than nothing.
+    """
+    target = np.concatenate(_measured(case, logs, case.values))
+    usual = _usual(case, case.plain)
+    told, _ = _least(case, logs, target, case.plain, usual)
+    plain = np.concatenate(_measured(case, logs, case.plain))
+    jacobian = _derivatives(case, logs, case.plain, usual, plain)
+    inner = np.linalg.inv(np.eye(len(usual)) + jacobian.T @ jacobian)
+
+    def unexplained(x: Array, y: Array) -> float:
+        return float(x @ y - (jacobian.T @ x) @ inner @ (jacobian.T @ y))
+
+    off = target - plain
+    near: list[tuple[float, Hidden, dict[str, float]]] = []
+    for rival in rivals:
+        rng = np.random.default_rng(zlib.crc32(rival.id.encode()))
+        tries = []
+        for size in _SIZES:
+            drawn = rival.draw(rng, size)
+            moved = np.concatenate(_measured(case, logs, changed(case.plain, rival, drawn))) - plain
+            square, along = unexplained(moved, moved), unexplained(moved, off)
+            if math.isfinite(square) and square > 0.0:
+                tries.append((-(along**2) / square, rival, _scaled(drawn, along / square)))
+        near += sorted(tries, key=lambda one: one[0])[:1]
+    best = told, ""
+    for _, rival, drawn in sorted(near, key=lambda one: one[0])[:_NEAREST]:
+        rest = changed(case.plain, rival, drawn)
+        free = {knob: abs(rest[knob] - case.plain.get(knob, 0.0)) for knob in drawn}
+        left, _ = _least(case, logs, target, rest, usual | {knob: one for knob, one in free.items() if one})
+        best = min(best, (left, rival.id))
+    return best
+
+
+def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
+    """What an effect drew, its size, which it names first, by a factor; limits hardly know any."""
+    size = next(iter(drawn))
+    return {**drawn, size: drawn[size] * by} if _LEAST < abs(by) < _MOST else dict(drawn)
+
+
+def _usual(case: Case, rest: Mapping[str, float]) -> dict[str, float]:
+    """What calibration and roughness may stray by, by knob."""
     sigma = tolerances(case.lab)
-    usual = {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
+    return {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
+
+
+def _derivatives(
+    case: Case, logs: list[Array], rest: Mapping[str, float], usual: Mapping[str, float], plain: Array
+) -> Array:
+    """Of what is measured, by knobs over what they may stray by, shape (measured, knobs)."""
+    columns = []
+    for knob, size in usual.items():
+        moved = {**rest, knob: rest[knob] + _STEP * size}
+        columns.append((np.concatenate(_measured(case, logs, moved)) - plain) / _STEP)
+    return np.stack(columns, axis=1)
+
+
+def _least(
+    case: Case, logs: list[Array], target: Array, rest: Mapping[str, float], usual: Mapping[str, float]
+) -> tuple[float, Array]:
+    """Half the least d'd + z'z, see `visibility`, and d there, by Gauss-Newton with kept derivatives."""
 
     def strayed(z: Array) -> Array:
-        moves = zip(usual.items(), z.tolist(), strict=True)
-        moved = {knob: rest[knob] + size * by for (knob, size), by in moves}
+        moved = {knob: rest[knob] + size * by for (knob, size), by in zip(usual.items(), z, strict=True)}
         return np.concatenate(_measured(case, logs, {**rest, **moved}))
 
-    target, here = np.concatenate(aim), np.zeros(len(usual))
+    here = np.zeros(len(usual))
     plain = strayed(here)
-    steps = _STEP * np.eye(len(usual))
-    jacobian = np.stack([(strayed(step) - plain) / _STEP for step in steps], axis=1)
+    jacobian = _derivatives(case, logs, rest, usual, plain)
     inner = np.eye(len(usual)) + jacobian.T @ jacobian
     best, left = math.inf, target - plain
     difference = left
-    for _ in range(_ROUNDS):  # Gauss-Newton, derivatives kept
+    for _ in range(_ROUNDS):
         cost = 0.5 * float(difference @ difference + here @ here)
         if not cost < best:
             break
         best, left = cost, difference
         here = here + np.linalg.solve(inner, jacobian.T @ difference - here)
         difference = target - strayed(here)
-    if not chance:
-        return best
-    return sum(map(_told_by_spectrum, np.split(left, np.cumsum([len(one) for one in aim])[:-1])))
+    return best, left
 
 
-def _told_by_spectrum(difference: Array) -> float:
-    """See `visibility`; the power is taken over windows and bands."""
+def _told_by_spectrum(
+    difference: Array, own: tuple[float, float], others: Sequence[tuple[float, float]]
+) -> float:
+    """See `visibility`; the power is taken over windows and bands.
+
+    Args:
+        own: coloured noise that is there anyway: its deviation over that of the white noise, and what a
+            sample keeps of it.
+        others: coloured noise that a rig without the effect may have, too; the likest counts.
+    """
     windows = difference[: len(difference) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
     power = np.abs(np.fft.rfft(windows, axis=1)[:, : _WINDOW // 2]) ** 2 / _WINDOW
-    m = power.reshape(len(windows), -1, _BAND).mean(axis=2)
-    return float(_BAND * np.sum(m - np.log1p(m)))
+    bands = power.reshape(len(windows), -1, _BAND).mean(axis=2) + _coloured(*own)
+    told = []
+    for other in (own, *others):
+        ratio = bands / _coloured(*other)
+        told.append(float(_BAND * np.sum(ratio - 1.0 - np.log(ratio))))
+    return min(told)
+
+
+def _coloured(deviation: float, keep: float) -> Array:
+    """Power of white noise of one and a first-order process beside it, averaged over bands."""
+    turn = 2.0 * np.pi * np.arange(_WINDOW // 2) / _WINDOW
+    power = 1.0 + deviation**2 * (1.0 - keep**2) / (1.0 - 2.0 * keep * np.cos(turn) + keep**2)
+    return power.reshape(-1, _BAND).mean(axis=1)
 
 
 def _measured(case: Case, logs: list[Array], values: Mapping[str, float]) -> list[Array]:

@@ -145,7 +145,7 @@ _ALL = (
     Hidden("contact.cubic", _Sized("cubic", 0.12, 0.5)),
     Hidden("contact.hunt-crossley", _Sized("crossley", 8e4, 3e5)),
     Hidden("contact.wall-offset", _Sized("front", 1.5e-4, 5e-4, sign=True)),
-    Hidden("contact.adhesion", _Sized("adhesion", 1.2, 5.0)),
+    Hidden("contact.adhesion", _Sized("adhesion", 1.2, 5.0, shape={"adhesion_range": (2e-5, 8e-5)})),
     Hidden("contact.plasticity", _Sized("plasticity", 0.03, 0.1)),
     Hidden("contact.friction", _Sized("friction", 0.02, 0.08, shape={"friction_rate": (5e-4, 2e-3)})),
     Hidden("contact.second-contact", _Sized("second", 0.3, 0.9, shape={"second_depth": (2e-4, 6e-4)})),

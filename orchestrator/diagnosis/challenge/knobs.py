@@ -88,6 +88,7 @@ KNOBS = {
     "cubic": "1",
     "crossley": "N.s/m2",
     "adhesion": "N",
+    "adhesion_range": "m",
     "plasticity": "1",
     "friction": "1",
     "friction_rate": "m/s",

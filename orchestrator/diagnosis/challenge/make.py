@@ -12,7 +12,7 @@ from typing import Any
 from ...errors import ConfigError, OrchestratorError, Problem
 from ...workers import LocalPool, Work
 from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
-from .evidence import visibility
+from .evidence import imitated, visibility
 from .hidden import HIDDEN
 from .outside import OUTSIDE
 from .rig import Array
@@ -20,6 +20,8 @@ from .seal import seal_truth
 from .write import write_case
 
 __all__ = ["Order", "make"]
+
+_SOFTWARE = ("dynamics", "controller")
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,8 @@ def _make_one(context: None, task: tuple[Path, Plan, int, int, float]) -> tuple[
     name = f"case-{number:04d}"
     write_case(folder / name, case, logs)
     outside = plan.kind == "outside"
+    evidence = _evidence(case, logs, tight)
+    beyond, like = _beyond(case, logs, evidence) if outside else (evidence, "")
     return name, {
         "kind": plan.kind,
         "effects": ["outside"] if outside else [one.id for one in plan.effects],
@@ -100,7 +104,9 @@ def _make_one(context: None, task: tuple[Path, Plan, int, int, float]) -> tuple[
         "magnitude": plan.magnitude,
         "tight": tight,
         "parameters": {name: dict(values) for name, values in case.hidden.items()},
-        "evidence": _evidence(case, logs, tight),
+        "evidence": evidence,
+        "beyond": beyond,
+        "like": like,
         "rows": [log.shape[1] for log in logs],
     }
 
@@ -113,3 +119,16 @@ def _evidence(case: Case, logs: list[Array], tight: float) -> float:
         rest = draw_case(replace(case.plan, effects=others), case.seed, case.number, tight=tight)
         found.append(visibility(case, logs, rest.values, one.chance))
     return min(found, default=0.0)
+
+
+def _beyond(case: Case, logs: list[Array], evidence: float) -> tuple[float, str]:
+    """Evidence over the effect of the catalogue that is most like what is hidden outside it, and its id.
+
+    Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared.
+    """
+    (one,) = case.plan.effects
+    if one.chance or one.place in _SOFTWARE:
+        return evidence, ""
+    rivals = [other for other in HIDDEN.values() if not other.chance and other.place not in _SOFTWARE]
+    beyond, like = imitated(case, logs, rivals)
+    return min(beyond, evidence), like

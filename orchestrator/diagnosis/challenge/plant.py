@@ -56,15 +56,17 @@ def _depth(p, s, memory):
 def contact_force(p, t, s, memory):
     """Force on the rod [N], negative at the front frame; side, effective penetration [m] and its rate."""
     side, depth, rate = _depth(p, s, memory)
-    touch = 1.0
+    touch, pull = 1.0, 0.0
+    if p.adhesion > 0.0 and rate < 0.0:
+        pull = p.adhesion * math.exp(-((depth / p.adhesion_range) ** 2))
     if p.onset > 0.0:
         if depth < -50.0 * p.onset:
-            return 0.0, side, 0.0, 0.0
+            return side * pull, side, 0.0, 0.0
         reach = math.sqrt(depth * depth + p.onset * p.onset)
         touch = 0.5 * (1.0 + depth / reach)
         depth = 0.5 * (depth + reach)
     elif depth <= 0.0:
-        return 0.0, side, 0.0, 0.0
+        return side * pull, side, 0.0, 0.0
     rate *= touch
     k = p.k * (1.0 - side * p.asymmetry) * math.exp(-p.softening * t)
     spring = k * depth
@@ -90,10 +92,7 @@ def contact_force(p, t, s, memory):
         push -= k * p.slack * (1.0 - math.exp(-push / p.slack_force))
     if p.friction != 0.0:
         push *= 1.0 + p.friction * math.tanh(rate / p.friction_rate)
-    push = max(push, 0.0)
-    if p.adhesion > 0.0:
-        push -= p.adhesion * (1.0 - math.exp(-depth / 2e-6))
-    return -side * push, side, depth, rate
+    return side * (pull - max(push, 0.0)), side, depth, rate
 
 
 @njit(cache=True, error_model="numpy")

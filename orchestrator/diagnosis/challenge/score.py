@@ -43,6 +43,11 @@ class Marked:
         return self.truth["evidence"] >= CLEAR
 
     @property
+    def its_own(self) -> bool:
+        """Whether the logs could tell what is hidden from any single effect of the catalogue."""
+        return self.truth.get("beyond", self.truth["evidence"]) >= CLEAR
+
+    @property
     def effect_right(self) -> bool:
         """Whether the verdict names what is hidden, ties as declared."""
         return names(self.verdict.effects, self.verdict.ties, self.truth["effects"])
@@ -176,6 +181,9 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "outside_flagged": _rate(
             [one for one in outside if one.clear], lambda one: "outside" in one.verdict.effects
         ),
+        "outside_flagged_own": _rate(
+            [one for one in outside if one.its_own], lambda one: "outside" in one.verdict.effects
+        ),
         "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
         "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
         "ece": _ece([(one.confidence, one.first_right) for one in marked]),
@@ -245,6 +253,8 @@ def _line(one: Marked) -> dict[str, Any]:
         "hides": one.truth["hides"],
         "magnitude": one.truth["magnitude"],
         "evidence": one.truth["evidence"],
+        "beyond": one.truth.get("beyond"),
+        "like": one.truth.get("like"),
         "answer": sorted(one.verdict.effects),
         "ties": sorted(one.verdict.ties),
         "confidence": one.confidence,
@@ -264,6 +274,7 @@ _ROWS = (
     ("pairs_one_named", "at least one of a pair"),
     ("false_alarms", "false alarms (nothing hidden)"),
     ("outside_flagged", "outside flagged"),
+    ("outside_flagged_own", "the same, where nothing imitates it"),
     ("outside_place_right", "place of outside right"),
     ("outside_false", "outside, though in the catalogue"),
     ("doubtful_tight", "tight tolerances doubted"),
@@ -278,16 +289,16 @@ def score_text(found: Mapping[str, Any]) -> str:
     kinds = ", ".join(f"{count} {kind}" for kind, count in found["cases"].items())
     blind = "" if found["blind"] else "; NOT blind: the truth had been opened before for other verdicts"
     lines = [f"{kinds}{blind}"]
-    lines += [f"{title:<34} {_shown(found[name])}" for name, title in _ROWS]
+    lines += [f"{title:<35} {_shown(found[name])}" for name, title in _ROWS]
     sizes = f"{found['set_size']:.2f}, median {found['set_size_median']:g}"
-    lines.append(f"{'mean size of those sets':<34} {sizes}")
-    lines.append(f"{'expected calibration error':<34} {found['ece']:.3f}")
-    lines.append(f"{'the same, ties not counted':<34} {found['ece_without_ties']:.3f}")
+    lines.append(f"{'mean size of those sets':<35} {sizes}")
+    lines.append(f"{'expected calibration error':<35} {found['ece']:.3f}")
+    lines.append(f"{'the same, ties not counted':<35} {found['ece_without_ties']:.3f}")
     for name, title in (
         ("closure_median", "closure, median where right"),
         ("recalibration_median", "recalibration alone"),
     ):
-        lines.append(f"{title:<34} {'-' if found[name] is None else format(found[name], '.3f')}")
+        lines.append(f"{title:<35} {'-' if found[name] is None else format(found[name], '.3f')}")
     lines.append("")
     lines.append(
         f"{'magnitude':<9} {'cases':>5} {'clear':>5}  {'effect right':<18} {'wrongly named':<18} 95 % sets"
@@ -300,6 +311,7 @@ def score_text(found: Mapping[str, Any]) -> str:
             f"   (from {low:g})"
         )
     lines.append(f"clear: the logs hold at least {CLEAR:g} nats for who knew the effect")
+    lines.append("imitated: they do not hold as much over the likest single effect of the catalogue")
     return "\n".join(lines)
 
 

@@ -1,0 +1,109 @@
+"""Whether the experiment that a diagnosis proposes breaks the ties that it declares.
+
+    python -m tests.benchmarks.ties [--cases N] [--seed S] [EFFECT ...]
+
+Cases are those of the challenge's rig, each with one effect that others look like. Where a diagnosis declares
+ties, or says that another single effect is probable, and the hidden effect is among them, the experiment it
+proposes is simulated with the hidden effect as fitted, and with noise; then each candidate is fitted to old
+and new logs together. The tie is broken where the hidden one has 10 nats more than every other.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import binomtest
+from threadpoolctl import threadpool_limits
+
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge import draw, hidden
+from orchestrator.diagnosis.challenge.hidden import between
+from orchestrator.diagnosis.experiments import _tied, next_experiment
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.menu import menu
+from orchestrator.diagnosis.study import Array, Role, Study
+from orchestrator.diagnosis.trial import Chain, Trial
+from orchestrator.diagnosis.weigh import weigh
+from tests.benchmarks.recovery import observed
+
+_ALIKE = (
+    "sensor.gain", "contact.stiffness", "structure.compliance", "sensor.delay", "sensor.low-pass",
+    "contact.damping", "robot.delay", "robot.bandwidth", "robot.damping", "dynamics.mass",
+    "dynamics.mass-offset", "structure.offset", "contact.wall-offset", "structure.kinematic-scale",
+)  # fmt: skip
+_BROKEN = 10.0  # nats
+
+
+class _Noisy:
+    """A trial as a lab would log it."""
+
+    def __init__(self, trial: Trial, seed: int) -> None:
+        self.trial, self.tolerances, self.seed = trial, trial.tolerances, seed
+
+    def residuals(self, calibrated, effects, theta) -> list[Array]:
+        """See `Replay`; the noise is the same each time."""
+        rng = np.random.default_rng(self.seed)
+        return [
+            one + rng.standard_normal(len(one)) for one in self.trial.residuals(calibrated, effects, theta)
+        ]
+
+
+def broken(study: Study, truth: str, seed: int) -> tuple[str, float] | None:
+    """The experiment proposed and by how much the truth leads after it [nats]; None where nothing is tied."""
+    found = weigh(study)
+    tied = {name: model for name, model in _tied(study, found).items() if len(model.effects) == 1}
+    if truth not in tied or len(tied) < 2 or found.effects not in [(name,) for name in tied]:
+        return None
+    told = next_experiment(study, found)
+    assert told is not None
+    experiment = next(one for one in menu() if one.name == told["name"])
+    effects = [catalogue()[name] for name in tied]
+    trial = Trial(study, experiment, tied[truth], effects)
+    costs = {}
+    for name, model in tied.items():
+        chain = Chain((Chain.of(study, study.of(Role.TRAIN), model.effects), _Noisy(trial, seed)))
+        fitter = Fitter(chain)
+        (effect,) = model.effects
+        starts = [fitter.normalised(model.calibrated, model.effects, model.theta), *fitter.starts(effect)]
+        count = len(fitter.replay.tolerances)
+        starts = [one[count:] if len(one) > len(effect.parameters) else one for one in starts]
+        costs[name] = min(fitter.fit(model.effects, None, start).cost for start in starts)
+    lead = min(0.5 * (cost - costs[truth]) for name, cost in costs.items() if name != truth)
+    return told["name"], lead
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Make cases, diagnose, experiment, and print how many ties are broken."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("effects", nargs="*", default=list(_ALIKE))
+    parser.add_argument("--cases", type=int, default=56)
+    parser.add_argument("--seed", type=int, default=71)
+    options = parser.parse_args(arguments)
+    leads = []
+    with threadpool_limits(limits=1, user_api="blas"):
+        for number in range(1, options.cases + 1):
+            truth = options.effects[(number - 1) % len(options.effects)]
+            magnitude = between(np.random.default_rng([options.seed, number]), 0.1, 1.2)
+            plan = draw.Plan("single", (hidden.HIDDEN[truth],), magnitude)
+            study = observed(draw.draw_case(plan, options.seed, number))
+            told = broken(study, truth, number)
+            if told is None:
+                print(f"{number:3d} {truth:<26} {magnitude:.2f}  no tie with it", flush=True)
+                continue
+            leads.append(told[1])
+            print(
+                f"{number:3d} {truth:<26} {magnitude:.2f}  {told[0]:<30} leads by {told[1]:.1f} nats",
+                flush=True,
+            )
+    count = sum(one >= _BROKEN for one in leads)
+    if leads:
+        low, high = binomtest(count, len(leads)).proportion_ci(method="wilson")
+        print(f"{count} of {len(leads)} ties broken ({low:.2f} to {high:.2f})")
+
+
+if __name__ == "__main__":
+    main()
