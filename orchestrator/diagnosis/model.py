@@ -9,7 +9,7 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from .effect import Effect, Seen, Site
+from .effect import Effect, Seen, Site, by_effect
 from .rig import CHANNELS, HISTORY, SUBSTEPS, Calibrated, State, run_rig
 from .study import Array, Run, Study
 
@@ -95,10 +95,10 @@ class Laws:
 
 def apply_changes(p: Array, effects: Sequence[Effect], theta: Array) -> None:
     """Add to parameters what effects change of them."""
-    first = 0
-    for effect in effects:
-        values = {one.name: value for one, value in zip(effect.parameters, theta[first:], strict=False)}
-        first += len(effect.parameters)
+    for effect, own in by_effect(effects, theta):
+        if not effect.changes:
+            continue
+        values = {one.name: value for one, value in zip(effect.parameters, own, strict=True)}
         for target, name in effect.changes.items():
             if target.startswith("*"):
                 p[Calibrated[target[1:].upper()]] *= 1.0 + values[name]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .catalogue import catalogue
-from .effect import Effect
+from .effect import Effect, by_effect
 from .finding import Augmented
 from .fit import Replay
 from .menu import Experiment
@@ -130,10 +130,8 @@ class Trial:
         load = self.experiment.load
         acting = [] if load is None else [load.effect]
         values = [] if load is None else list(load.theta)
-        at = 0
-        for effect in effects:
-            own = theta[at : at + len(effect.parameters)].tolist()
-            at += len(effect.parameters)
+        for effect, found in by_effect(effects, theta):
+            own = found.tolist()
             if lever and effect.id == "dynamics.mass-offset":
                 # The software knows of the lever, not of the offset; what it lacks is a factor of the mass.
                 known, true = (1.0 + (arm / _GYRATION) ** 2 for arm in (lever, lever + own[0]))
@@ -155,11 +153,10 @@ class Trial:
 
     def _tip(self, out: Array, acting: tuple[Effect, ...], values: Array) -> Array:
         """Position of the rod's tip, shape (n,) [m]."""
-        tip, at = out[7].copy(), 0
-        for effect in acting:
+        tip = out[7].copy()
+        for effect, own in by_effect(acting, values):
             if effect.id in _BENDS:
-                tip += _BENDS[effect.id](values[at:], out[6])
-            at += len(effect.parameters)
+                tip += _BENDS[effect.id](own, out[6])
         return tip
 
     def _logged(

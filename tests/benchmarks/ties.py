@@ -66,9 +66,9 @@ def broken(study: Study, truth: str, seed: int) -> tuple[str, float] | None:
         chain = Chain((Chain.of(study, study.of(Role.TRAIN), model.effects), _Noisy(trial, seed)))
         fitter = Fitter(chain)
         (effect,) = model.effects
-        starts = [fitter.normalised(model.calibrated, model.effects, model.theta), *fitter.starts(effect)]
         count = len(fitter.replay.tolerances)
-        starts = [one[count:] if len(one) > len(effect.parameters) else one for one in starts]
+        starts = [fitter.normalised(model.calibrated, model.effects, model.theta)[count:]]
+        starts += fitter.starts(effect)
         costs[name] = min(fitter.fit(model.effects, None, start).cost for start in starts)
     lead = min(0.5 * (cost - costs[truth]) for name, cost in costs.items() if name != truth)
     return told["name"], lead
