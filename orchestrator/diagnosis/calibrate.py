@@ -299,9 +299,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.seen.write_text(json.dumps(seen), encoding="utf-8")
         print(f"{len(done)}/{options.cases}", flush=True)
     cases = [done[number] for number in sorted(done)]
-    plans = [
-        (at + 1, name, magnitude) for at, (name, magnitude) in enumerate(product(sorted(_hardware()), _FORMS))
-    ]
+    every = [(at, *one) for at, one in enumerate(product(sorted(_hardware()), _FORMS), start=1)]
+    plans = every[: options.forms]
     formed = {int(number): _read(data) for number, data in seen.get("forms", {}).items()}
     todo = [plan for plan in plans if plan[0] not in formed]
     for plan, one in _outcomes(pool, Work(_formed, payload=(options.seed + 2, seen["roughness"])), todo):

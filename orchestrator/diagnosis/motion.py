@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from .study import Run, Study
+from .study import Array, Run, Study
 
 __all__ = ["Contact", "Phase", "contacts", "phases"]
 
@@ -47,25 +47,35 @@ class Contact:
 def contacts(study: Study, run: Run) -> list[Contact]:
     """Completed contacts of a run, in order of time; their windows do not overlap.
 
-    Pushes less than 20 ticks apart, as in a chattering release, count as one. (`docking.contacts` reads
-    signals without noise, where any force is a contact.)
+    Pushes less than 20 ticks apart, as in a chattering release, count as one. A sensor that does not come
+    back to rest, as with hysteresis, parts none: then it counts where the robot is beyond the frames.
+    (`docking.contacts` reads signals without noise, where any force is a contact.)
     """
     noise = max(study.nominal["force_noise"].value, study.nominal["force_resolution"].value)
     # The reading at rest: contacts may take up most of a run, but not three quarters.
     size = np.abs(run["sensor_force"])
     rest = np.median(run["sensor_force"][size <= np.quantile(size, 0.25)])
     force = np.abs(run["sensor_force"] - rest)
-    ticks = np.flatnonzero(force > max(_PUSH * noise, 4.0))
+    found = _windows(force, force > max(_PUSH * noise, 4.0), force > max(_FLANK * noise, 2.0))
+    if found:
+        return found
+    position = run["encoder_position"]
+    front, rear = (study.nominal[name].value for name in ("front_wall", "rear_wall"))
+    beyond = (position > front) | (position < rear)
+    return _windows(force, beyond, beyond)
+
+
+def _windows(force: Array, pushes: Array, flanks: Array) -> list[Contact]:
+    """Contacts from where the rod pushes for certain, and where it may; all of shape (n,)."""
+    ticks = np.flatnonzero(pushes)
     if not ticks.size:
         return []
-    parts = np.split(ticks, np.flatnonzero(np.diff(ticks) > _APART) + 1)
-    flank = max(_FLANK * noise, 2.0)
     spans = []
-    for part in parts:
+    for part in np.split(ticks, np.flatnonzero(np.diff(ticks) > _APART) + 1):
         first, last = int(part[0]), int(part[-1])
-        while first > 0 and force[first - 1] > flank:
+        while first > 0 and flanks[first - 1]:
             first -= 1
-        while last + 1 < len(force) and force[last + 1] > flank:
+        while last + 1 < len(force) and flanks[last + 1]:
             last += 1
         spans.append((first, int(part[np.argmax(force[part])]), last))
     found = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import product
 
@@ -23,6 +24,8 @@ _OUTSIDE = Answer(("outside",), 0.0, 0.0)
 # Answers of a group whose scores lie farther below its best are not worth a word, and not combined with
 # those of other groups; of software, so many are.
 _LEAST, _TOLD_OF_SOFTWARE = 16.0, 8
+# See `_given`: a nat.
+_NAMED = math.e
 
 
 def weigh(study: Study) -> Finding:
@@ -106,7 +109,9 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
 def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:
     """The answer to give: what the logs speak for with the largest probability, ties included.
 
-    An answer with a further effect that is too small to be seen speaks for the answer without it.
+    An answer with a further effect that is too small to be seen speaks for the answer without it. An effect
+    is named only where it is `_NAMED` times as probable as the answer without it: many that look alike, each
+    hardly worth a word, are likelier together than none.
     """
     shown: dict[frozenset[str], float] = {}
     for candidate, choice in candidates:
@@ -121,7 +126,21 @@ def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, C
         )
 
     standing = [one for one in candidates if frozenset(one[0].effects) in shown]
-    return max(standing, key=lambda one: (mass(one[0]), one[0].probability))
+
+    def rank(one: tuple[Candidate, Choice]) -> tuple[float, float]:
+        return mass(one[0]), one[0].probability
+
+    best = max(standing, key=rank)
+    while best[0].effects != ("outside",):
+        simpler = [
+            one
+            for one in standing
+            if set(one[0].effects) < set(best[0].effects) and _NAMED * mass(one[0]) >= mass(best[0])
+        ]
+        if not simpler:
+            break
+        best = max(simpler, key=rank)
+    return best
 
 
 def _candidate(probability: float, choice: Choice) -> Candidate:

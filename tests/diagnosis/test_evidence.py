@@ -70,7 +70,7 @@ def test_contacts_that_begin_a_little_early_or_late_are_roughness(monkeypatch):
 def test_a_line_that_a_strong_effect_leaves_is_not_outside():
     none, strong = Answer((), 0.0, 5e4), Answer(("a.x",), 8e4, 20.0)
     for beside, outside in ((80.0, False), (1e6, True)):
-        p = Calibration(share=0.3, slope=1.5, outside=5.0).probabilities([none, strong], beside)
+        p = Calibration(slope=1.5, outside=5.0).probabilities([none, strong], beside)
         assert (p[-1] > 0.5) == outside
 
 
@@ -190,14 +190,14 @@ def test_effects_of_software_and_rig_share_one_price():
     model = RigModel(study(), study().of(Role.TRAIN))
     nothing = Fitter(model).fit(())
     software = Group((Answer((), 0.0, 0.0), Answer(("dynamics.drag",), 1e6, 0.0)), 0.0, "dynamics")
-    rig = Group((Answer((), 0.0, 0.0, nothing), Answer(("sensor.bias",), 4.5, 0.0)), 0.0, "sensor", nothing)
+    rig = Group((Answer((), 0.0, 0.0, nothing), Answer(("sensor.bias",), 5.5, 0.0)), 0.0, "sensor", nothing)
     alone = conclude([rig], _SIMPLE)
     both = conclude([software, rig], _SIMPLE)
     assert alone.effects == ("sensor.bias",) and both.effects == ("dynamics.drag",)
     assert sum(one.probability for one in both.candidates) == pytest.approx(1.0)
     second = {one.effects: one.probability for one in both.candidates}
     ratio = second["dynamics.drag", "sensor.bias"] / second["dynamics.drag",]
-    assert ratio == pytest.approx(np.exp(4.5 - _SIMPLE.second), rel=0.02)
+    assert ratio == pytest.approx(np.exp(5.5 - _SIMPLE.second), rel=0.02)
 
 
 def test_the_set_holds_effects_that_the_logs_do_not_exclude():
@@ -209,18 +209,22 @@ def test_the_set_holds_effects_that_the_logs_do_not_exclude():
 
 
 def test_the_answer_is_what_the_logs_speak_for_most():
-    """One of two tied effects, though none is more probable than either."""
+    """One of tied effects, though none is more probable than each; but not at little more than even odds."""
     model = RigModel(study(), study().of(Role.TRAIN))
     nothing = Fitter(model).fit(())
-    bias, drift = (
-        Answer((one,), gain, 0.0, nothing, (other,))
-        for one, other, gain in (("sensor.bias", "sensor.drift", 3.8), ("sensor.drift", "sensor.bias", 3.7))
+    names = ("sensor.bias", "sensor.drift", "sensor.gain")
+    bias, drift, gain = (
+        Answer((one,), 3.97 - 0.01 * place, 0.0, nothing, tuple(other for other in names if other != one))
+        for place, one in enumerate(names)
     )
-    rig = Group((Answer((), 0.0, 0.0, nothing), bias, drift), 0.0, "sensor", nothing)
+    rig = Group((Answer((), 0.0, 0.0, nothing), bias, drift, gain), 0.0, "sensor", nothing)
     found = conclude([rig], _SIMPLE)
     assert found.candidates[0].effects == () and found.effects == ("sensor.bias",)
+    assert conclude([replace(rig, answers=rig.answers[:3])], _SIMPLE).effects == ()
+    stronger = [replace(one, gain=one.gain + 0.7) for one in (bias, drift)]
+    assert conclude([replace(rig, answers=(rig.answers[0], *stronger))], _SIMPLE).effects == ("sensor.bias",)
     unseen = [replace(drift, effects=(one,), gain=0.0, ties=(), unseen=(one,)) for one in ("a.x", "a.y")]
-    weak = Group((rig.answers[0], replace(bias, gain=4.005, ties=()), *unseen), 0.0, "sensor", nothing)
+    weak = Group((rig.answers[0], replace(bias, gain=5.005, ties=()), *unseen), 0.0, "sensor", nothing)
     assert conclude([weak], _SIMPLE).effects == ()  # what is too small to be seen speaks for none
 
 

@@ -50,7 +50,7 @@ def visibility(
     """
     target = np.concatenate(_measured(case, logs, case.values))
     rest = case.plain if without is None else without
-    told, left = _least(case, logs, target, rest, _usual(case, rest))
+    told, left = _least(case, logs, target, rest, _usual(case))
     if not chance:
         return told
     lengths = [len(one) for one in _measured(case, logs, rest)]
@@ -74,7 +74,7 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden]) -> tuple[f
     Returns: the evidence, and the rival's id; empty where none is nearer than nothing.
     """
     target = np.concatenate(_measured(case, logs, case.values))
-    usual = _usual(case, case.plain)
+    usual = _usual(case)
     told, _ = _least(case, logs, target, case.plain, usual)
     plain = np.concatenate(_measured(case, logs, case.plain))
     jacobian = _derivatives(case, logs, case.plain, usual, plain)
@@ -110,7 +110,7 @@ def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
     return {**drawn, size: drawn[size] * by} if _LEAST < abs(by) < _MOST else dict(drawn)
 
 
-def _usual(case: Case, rest: Mapping[str, float]) -> dict[str, float]:
+def _usual(case: Case) -> dict[str, float]:
     """What calibration and roughness may stray by, by knob."""
     sigma = tolerances(case.lab)
     return {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
