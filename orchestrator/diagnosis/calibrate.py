@@ -250,7 +250,17 @@ def _likeliest(cases: Sequence[Practice], start: Calibration) -> Calibration:
     found = minimize(
         cost, np.zeros(size), method="L-BFGS-B", bounds=[(-2.5, 2.5)] * size, options={"maxiter": 40}
     )
-    return learned(found.x)
+    return _of_all(learned(found.x))
+
+
+def _of_all(learned: Calibration) -> Calibration:
+    """What was learned of the hardware's effects, for diagnoses that know of the software's, too.
+
+    An effect is as likely one of software as any other, and that shows at any size: by so much fewer stay
+    unseen than on rigs that hide hardware's alone.
+    """
+    fewer = math.log(len(HIDDEN) / len(_hardware()))
+    return replace(learned, hidden=learned.hidden + fewer, beside=learned.beside + fewer)
 
 
 def learn_sure(cases: Sequence[Practice], start: Calibration) -> float:

@@ -248,3 +248,18 @@ def test_both_ledgers_add_up_whatever_the_runs_are(fault, cuts, noise, seed):
             assert sum(told[name].values()) == pytest.approx(told["change"][name], abs=1e-9)
         for one in told.get("contacts", ()):
             assert sum(one["by_interface"].values()) == pytest.approx(one["excess"], abs=1e-9)
+
+
+def test_contacts_of_a_sensor_that_does_not_come_back_to_rest():
+    own = lab()
+    run = own.runs[0]
+    force, played = np.zeros(len(run)), 0.0
+    for n, value in enumerate(run["sensor_force"]):
+        played = min(max(played, value - 20.0), value + 20.0)
+        force[n] = value + 0.3 * (played - value)
+    assert np.abs(force[np.abs(run["sensor_force"]) < 0.01]).max() > 5.5
+    stuck = replace(run, columns={**run.columns, "sensor_force": force})
+    plain, found = contacts(own, run), contacts(own, stuck)
+    assert len(found) == len(plain) > 1
+    for one, other in zip(found, plain, strict=True):
+        assert abs(one.first - other.first) <= 10 and abs(one.peak - other.peak) <= 10
