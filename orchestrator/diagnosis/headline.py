@@ -24,6 +24,13 @@ def headline(diagnosis: Diagnosis) -> str:
     gap = diagnosis.how_far
     if not effects:
         text = f"No unmodelled effect is needed: the calibrated model explains the logs ({chance})."
+        hint = diagnosis.which[0]
+        if hint.effects:
+            likelier = " and ".join(hint.effects).replace("outside", "something outside the catalogue")
+            text = (
+                f"No effect is named: the logs hint at {likelier} ({percent(hint.probability)}), but by less "
+                f"than a nat over none ({percent(first.probability)})."
+            )
         if diagnosis.doubtful_tolerances:
             text = (
                 "The calibration is farther off than its tolerances allow, and no effect explains it: doubt "

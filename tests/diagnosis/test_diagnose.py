@@ -177,6 +177,11 @@ def test_headlines():
     assert told(finding((), ())) == (
         "No unmodelled effect is needed: the calibrated model explains the logs (probability 90 %)."
     )
+    hinted = finding(("sensor.dropout",), (), 0.52)
+    hint, other = hinted.candidates
+    assert told(replace(hinted, effects=(), candidates=(hint, replace(other, effects=())))) == (
+        "No effect is named: the logs hint at sensor.dropout (52 %), but by less than a nat over none (48 %)."
+    )
     assert told(finding((), (), doubtful_tolerances=True)).startswith(
         "The calibration is farther off than its tolerances allow, and no effect explains it"
     )
