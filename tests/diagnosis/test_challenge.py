@@ -358,7 +358,7 @@ def test_from_the_command_line(made, challenge, tmp_path, capsys):
     assert "1 case diagnosed" in capsys.readouterr().out
     assert main(["challenge", "score", *arguments]) == 0
     told = capsys.readouterr().out
-    assert "false alarms (nothing hidden)      0.000 (0/1)" in told and "NOT blind" not in told
+    assert "false alarms (nothing hidden)       0.000 (0/1)" in told and "NOT blind" not in told
     found = json.loads((out / "score.json").read_text())
     assert found["blind"] and found["false_alarms"]["count"] == 0
     assert main(["challenge", "make", str(made), "--cases", "1", "--seed", "1"]) == 2

@@ -67,7 +67,8 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden]) -> tuple[f
 
     As `visibility`, which this cannot exceed, but what another effect makes of the same logs does not count
     either: of what it imitates, nobody can tell by these logs that it is something else. Each rival is
-    tried in several sizes and shapes; the nearest are fitted.
+    tried in several sizes and shapes; the nearest are fitted by a few steps from there, so that this is more
+    rather than less than what the logs hold.
 
     Args:
         rivals: effects that do not draw.
