@@ -169,10 +169,11 @@ def _doubt(
     if none.effects or sum(max(kind) > _STRAYED for kind in kinds) < 2:
         return 0.0
     columns = roughness(Fitter(Weighted(model, weights)), effects, rough)
-    fit = Fitter(Widened(model, weights), 1.0, columns).fit(())
-    if max(map(abs, fit.deviation.values())) > _ORDINARY:
+    given, wider = (Fitter(one(model, weights), 1.0, columns).fit(()) for one in (Weighted, Widened))
+    if max(map(abs, wider.deviation.values())) > _ORDINARY:
         return 0.0
-    return max(0.0, fit.log_evidence - none.log_evidence)
+    # Like is compared with like: what the answers reckon with besides, as a wave, is in neither.
+    return max(0.0, wider.log_evidence - given.log_evidence)
 
 
 def _links(
