@@ -24,10 +24,10 @@ from threadpoolctl import threadpool_limits
 from ..errors import OrchestratorError
 from ..provenance import origin
 from ..workers import Pool, Work, pool_of
-from .answers import SOFTWARE, Answer, complete
+from .answers import Answer, complete
 from .calibration import FILE, LEAVES, SET, Calibration, Table
 from .challenge.draw import Plan
-from .challenge.hidden import HIDDEN
+from .challenge.hidden import HARDWARE, HIDDEN
 from .hardware import weigh_rig
 from .practice import simulated_study
 from .rough import learn_roughness, strayed_by_number
@@ -259,7 +259,7 @@ def _of_all(learned: Calibration) -> Calibration:
     An effect is as likely one of software as any other, and that shows at any size: by so much fewer stay
     unseen than on rigs that hide hardware's alone.
     """
-    fewer = math.log(len(HIDDEN) / len(_hardware()))
+    fewer = math.log(len(HIDDEN) / len(HARDWARE))
     return replace(learned, hidden=learned.hidden + fewer, beside=learned.beside + fewer)
 
 
@@ -309,7 +309,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             options.seen.write_text(json.dumps(seen), encoding="utf-8")
         print(f"{len(done)}/{options.cases}", flush=True)
     cases = [done[number] for number in sorted(done)]
-    every = [(at, *one) for at, one in enumerate(product(sorted(_hardware()), _FORMS), start=1)]
+    every = [
+        (at, *one) for at, one in enumerate(product(sorted(one.id for one in HARDWARE), _FORMS), start=1)
+    ]
     plans = every[: options.forms]
     formed = {int(number): _read(data) for number, data in seen.get("forms", {}).items()}
     todo = [plan for plan in plans if plan[0] not in formed]
@@ -340,11 +342,6 @@ def _practised(context: tuple[int, Mapping[str, float]], number: int) -> Practic
 def _formed(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int, str, float]) -> Practice:
     number, name, magnitude = task
     return practise(*context, number, Plan("single", (HIDDEN[name],), magnitude))
-
-
-def _hardware() -> list[str]:
-    software = {place for place, _ in SOFTWARE}
-    return [name for name, one in HIDDEN.items() if one.place not in software]
 
 
 def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[Any, Any]]:

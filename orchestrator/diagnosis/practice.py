@@ -18,7 +18,6 @@ from .study import Array, Nominal, Role, Run, Study
 
 __all__ = ["ODDITIES", "bare_study", "simulated_case", "simulated_study"]
 
-_SOFTWARE = ("dynamics", "controller")
 _DIGITS = (9, 9, 6, 1, 4, 1)
 _COLUMNS = (
     "desired_position",
@@ -147,8 +146,7 @@ def simulated_case(
         tight: by how much the lab's tolerances are smaller than its errors.
         plan: what is hidden; by default what the number has in a plan of many cases.
     """
-    pool = [one for one in hidden.HIDDEN.values() if one.place not in _SOFTWARE]
-    plan = plan or draw.plan_cases(_PLANNED, seed, pool, ODDITIES, True)[number - 1]
+    plan = plan or draw.plan_cases(_PLANNED, seed, hidden.HARDWARE, ODDITIES, True)[number - 1]
     rng = np.random.default_rng(np.random.SeedSequence([seed, number, 3]))
     case = draw.draw_case(plan, seed, number, between(rng, *_ROUGHNESS), tight)
     train = [index for index, run in enumerate(draw.RUNS) if run.role == "train"]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -48,12 +49,12 @@ def visibility(
         without: knobs of the rig to compare with; by default those without any hidden effect.
         chance: whether the effects draw.
     """
-    target = np.concatenate(_measured(case, logs, case.values))
+    aim = _measured(case, logs, case.values)
     rest = case.plain if without is None else without
-    told, left = _least(case, logs, target, rest, _usual(case))
+    told, left = _least(_linear(case, logs, rest, _usual(case)), np.concatenate(aim))
     if not chance:
         return told
-    lengths = [len(one) for one in _measured(case, logs, rest)]
+    lengths = [len(one) for one in aim]
     own = (case.plain["colour"] / NOISE[1], case.plain["colour_keep"])
     total = 0.0
     for index, difference in enumerate(np.split(left, np.cumsum(lengths)[:-1])):
@@ -76,9 +77,9 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden]) -> tuple[f
     """
     target = np.concatenate(_measured(case, logs, case.values))
     usual = _usual(case)
-    told, _ = _least(case, logs, target, case.plain, usual)
-    plain = np.concatenate(_measured(case, logs, case.plain))
-    jacobian = _derivatives(case, logs, case.plain, usual, plain)
+    linear = _linear(case, logs, case.plain, usual)
+    told, _ = _least(linear, target)
+    plain, jacobian = linear.plain, linear.jacobian
     inner = np.linalg.inv(np.eye(len(usual)) + jacobian.T @ jacobian)
 
     def unexplained(x: Array, y: Array) -> float:
@@ -100,7 +101,8 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden]) -> tuple[f
     for _, rival, drawn in sorted(near, key=lambda one: one[0])[:_NEAREST]:
         rest = changed(case.plain, rival, drawn)
         free = {knob: abs(rest[knob] - case.plain.get(knob, 0.0)) for knob in drawn}
-        left, _ = _least(case, logs, target, rest, usual | {knob: one for knob, one in free.items() if one})
+        both = usual | {knob: one for knob, one in free.items() if one}
+        left, _ = _least(_linear(case, logs, rest, both), target)
         best = min(best, (left, rival.id))
     return best
 
@@ -117,39 +119,43 @@ def _usual(case: Case) -> dict[str, float]:
     return {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
 
 
-def _derivatives(
-    case: Case, logs: list[Array], rest: Mapping[str, float], usual: Mapping[str, float], plain: Array
-) -> Array:
-    """Of what is measured, by knobs over what they may stray by, shape (measured, knobs)."""
-    columns = []
-    for knob, size in usual.items():
-        moved = {**rest, knob: rest[knob] + _STEP * size}
-        columns.append((np.concatenate(_measured(case, logs, moved)) - plain) / _STEP)
-    return np.stack(columns, axis=1)
+@dataclass(frozen=True)
+class _Linear:
+    """What is measured of a rig, about some knobs.
+
+    Attributes:
+        strayed: what is measured where knobs stray, by what they may, shape (measured,).
+        plain: that where none does; jacobian: its derivatives there, shape (measured, knobs).
+    """
+
+    strayed: Callable[[Array], Array]
+    plain: Array
+    jacobian: Array
 
 
-def _least(
-    case: Case, logs: list[Array], target: Array, rest: Mapping[str, float], usual: Mapping[str, float]
-) -> tuple[float, Array]:
-    """Half the least d'd + z'z, see `visibility`, and d there, by Gauss-Newton with kept derivatives."""
-
+def _linear(case: Case, logs: list[Array], rest: Mapping[str, float], usual: Mapping[str, float]) -> _Linear:
     def strayed(z: Array) -> Array:
         moved = {knob: rest[knob] + size * by for (knob, size), by in zip(usual.items(), z, strict=True)}
         return np.concatenate(_measured(case, logs, {**rest, **moved}))
 
-    here = np.zeros(len(usual))
-    plain = strayed(here)
-    jacobian = _derivatives(case, logs, rest, usual, plain)
-    inner = np.eye(len(usual)) + jacobian.T @ jacobian
-    best, left = math.inf, target - plain
+    plain = strayed(np.zeros(len(usual)))
+    steps = _STEP * np.eye(len(usual))
+    return _Linear(strayed, plain, np.stack([(strayed(one) - plain) / _STEP for one in steps], axis=1))
+
+
+def _least(of: _Linear, target: Array) -> tuple[float, Array]:
+    """Half the least d'd + z'z, see `visibility`, and d there, by Gauss-Newton with kept derivatives."""
+    here = np.zeros(of.jacobian.shape[1])
+    inner = np.eye(len(here)) + of.jacobian.T @ of.jacobian
+    best, left = math.inf, target - of.plain
     difference = left
     for _ in range(_ROUNDS):
         cost = 0.5 * float(difference @ difference + here @ here)
         if not cost < best:
             break
         best, left = cost, difference
-        here = here + np.linalg.solve(inner, jacobian.T @ difference - here)
-        difference = target - strayed(here)
+        here = here + np.linalg.solve(inner, of.jacobian.T @ difference - here)
+        difference = target - of.strayed(here)
     return best, left
 
 

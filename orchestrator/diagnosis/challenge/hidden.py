@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["HIDDEN", "TIED", "Hidden", "between", "signed"]
+__all__ = ["HARDWARE", "HIDDEN", "SOFTWARE", "TIED", "Hidden", "between", "signed"]
+
+# Places of software: it replays to its last digit, so that what it hides shows at any size.
+SOFTWARE = ("dynamics", "controller")
 
 Draw = Callable[[np.random.Generator, float], dict[str, float]]
 
@@ -164,3 +167,5 @@ _ALL = (
 )
 
 HIDDEN = {one.id: one for one in _ALL}
+# Those of hardware.
+HARDWARE = tuple(one for one in _ALL if one.place not in SOFTWARE)

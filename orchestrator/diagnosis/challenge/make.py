@@ -13,15 +13,13 @@ from ...errors import ConfigError, OrchestratorError, Problem
 from ...workers import LocalPool, Work
 from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
 from .evidence import imitated, visibility
-from .hidden import HIDDEN
+from .hidden import HARDWARE, HIDDEN, SOFTWARE
 from .outside import OUTSIDE
 from .rig import Array
 from .seal import seal_truth
 from .write import write_case
 
 __all__ = ["Order", "make"]
-
-_SOFTWARE = ("dynamics", "controller")
 
 
 @dataclass(frozen=True)
@@ -127,8 +125,8 @@ def _beyond(case: Case, logs: list[Array], evidence: float) -> tuple[float, str]
     Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared.
     """
     (one,) = case.plan.effects
-    if one.chance or one.place in _SOFTWARE:
+    if one.chance or one.place in SOFTWARE:
         return evidence, ""
-    rivals = [other for other in HIDDEN.values() if not other.chance and other.place not in _SOFTWARE]
+    rivals = [other for other in HARDWARE if not other.chance]
     beyond, like = imitated(case, logs, rivals)
     return min(beyond, evidence), like

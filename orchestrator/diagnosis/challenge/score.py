@@ -22,6 +22,8 @@ CLEAR = 10.0
 # By magnitude: name and lower bound.
 BANDS = (("strong", 0.5), ("medium", 0.2), ("weak", 0.08), ("faint", 0.0))
 _BINS = 10
+# Width of the titles of figures.
+_TITLE = 35
 
 
 @dataclass(frozen=True)
@@ -289,16 +291,16 @@ def score_text(found: Mapping[str, Any]) -> str:
     kinds = ", ".join(f"{count} {kind}" for kind, count in found["cases"].items())
     blind = "" if found["blind"] else "; NOT blind: the truth had been opened before for other verdicts"
     lines = [f"{kinds}{blind}"]
-    lines += [f"{title:<35} {_shown(found[name])}" for name, title in _ROWS]
+    lines += [f"{title:<{_TITLE}} {_shown(found[name])}" for name, title in _ROWS]
     sizes = f"{found['set_size']:.2f}, median {found['set_size_median']:g}"
-    lines.append(f"{'mean size of those sets':<35} {sizes}")
-    lines.append(f"{'expected calibration error':<35} {found['ece']:.3f}")
-    lines.append(f"{'the same, ties not counted':<35} {found['ece_without_ties']:.3f}")
+    lines.append(f"{'mean size of those sets':<{_TITLE}} {sizes}")
+    lines.append(f"{'expected calibration error':<{_TITLE}} {found['ece']:.3f}")
+    lines.append(f"{'the same, ties not counted':<{_TITLE}} {found['ece_without_ties']:.3f}")
     for name, title in (
         ("closure_median", "closure, median where right"),
         ("recalibration_median", "recalibration alone"),
     ):
-        lines.append(f"{title:<35} {'-' if found[name] is None else format(found[name], '.3f')}")
+        lines.append(f"{title:<{_TITLE}} {'-' if found[name] is None else format(found[name], '.3f')}")
     lines.append("")
     lines.append(
         f"{'magnitude':<9} {'cases':>5} {'clear':>5}  {'effect right':<18} {'wrongly named':<18} 95 % sets"
