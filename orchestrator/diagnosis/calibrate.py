@@ -13,7 +13,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -295,34 +295,32 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, default=FILE, help="by default, what comes with the product")
     options = parser.parse_args(arguments)
     seen = json.loads(options.seen.read_text("utf-8")) if options.seen and options.seen.is_file() else {}
-    done = {int(number): _read(data) for number, data in seen.get("cases", {}).items()}
     pool = pool_of(options.scheduler, options.jobs)
     if "roughness" not in seen:
         bare = _outcomes(pool, Work(strayed_by_number, payload=options.seed + 1), range(1, options.bare + 1))
         seen["roughness"] = dict(learn_roughness([one for _, one in sorted(bare, key=lambda one: one[0])]))
         print(seen["roughness"], flush=True)
-    todo = [number for number in range(1, options.cases + 1) if number not in done]
-    for number, one in _outcomes(pool, Work(_practised, payload=(options.seed, seen["roughness"])), todo):
-        done[number] = one
-        if options.seen:
-            seen.setdefault("cases", {})[str(number)] = _written(one)
-            options.seen.write_text(json.dumps(seen), encoding="utf-8")
-        print(f"{len(done)}/{options.cases}", flush=True)
-    cases = [done[number] for number in sorted(done)]
-    every = [
-        (at, *one) for at, one in enumerate(product(sorted(one.id for one in HARDWARE), _FORMS), start=1)
-    ]
-    plans = every[: options.forms]
-    formed = {int(number): _read(data) for number, data in seen.get("forms", {}).items()}
-    todo = [plan for plan in plans if plan[0] not in formed]
-    for plan, one in _outcomes(pool, Work(_formed, payload=(options.seed + 2, seen["roughness"])), todo):
-        formed[plan[0]] = one
-        if options.seen:
-            seen.setdefault("forms", {})[str(plan[0])] = _written(one)
-            options.seen.write_text(json.dumps(seen), encoding="utf-8")
-        print(f"form {len(formed)}/{len(plans)}", flush=True)
-    leaves = learn_leaves([*cases, *(formed[number] for number in sorted(formed))])
-    learned = learn(cases, Calibration(form=_FORM, leaves=leaves, roughness=seen["roughness"]))
+
+    def weighed(kind: str, work: Work, tasks: Mapping[int, Any]) -> list[Practice]:
+        """Cases of a kind by their numbers, with those kept before; each is kept as soon as it is weighed."""
+        done = {int(number): _read(data) for number, data in seen.get(kind, {}).items()}
+        numbers = {task: number for number, task in tasks.items() if number not in done}
+        for task, one in _outcomes(pool, work, list(numbers)):
+            done[numbers[task]] = one
+            if options.seen:
+                seen.setdefault(kind, {})[str(numbers[task])] = _written(one)
+                options.seen.write_text(json.dumps(seen), encoding="utf-8")
+            print(f"{kind} {len(done)}/{len(tasks)}", flush=True)
+        return [done[number] for number in sorted(done)]
+
+    rough = seen["roughness"]
+    numbers = {number: number for number in range(1, options.cases + 1)}
+    cases = weighed("cases", Work(_practised, payload=(options.seed, rough)), numbers)
+    every = product(sorted(one.id for one in HARDWARE), _FORMS)
+    plans = {number: (number, *one) for number, one in enumerate(islice(every, options.forms), start=1)}
+    formed = weighed("forms", Work(_formed, payload=(options.seed + 2, rough)), plans)
+    leaves = learn_leaves([*cases, *formed])
+    learned = learn(cases, Calibration(form=_FORM, leaves=leaves, roughness=rough))
     learned.save(
         options.out,
         cases=len(cases),
