@@ -150,12 +150,12 @@ class Ledger:
         assert self._before is not None
         taken, given, parts, self._before = self.books.energies(sizes, outputs, inputs, self._before)
         steps = np.stack([taken, given, self.books.per_bond(parts)], axis=1)
-        course = self._totals + np.cumsum(steps, axis=0)
+        course = _summed(self._totals, steps)
         self._times.append(times)
         self._course.append(course[rows - 1])
         self._totals = course[-1]
-        self._exchanged += np.abs(taken).sum(0)
-        self._parts += parts.sum(0)
+        self._exchanged = _summed(self._exchanged, np.abs(taken))[-1]
+        self._parts = _summed(self._parts, parts)[-1]
         self._kept += len(times)
         while self._kept > _MOST_KEPT:
             self._every *= 2
@@ -217,3 +217,8 @@ class Ledger:
         times = np.concatenate(self._times) if self._times else np.zeros(0)
         whole = np.concatenate(self._course) if self._course else np.zeros((0, 3, len(self.books.bonds)))
         return times, {bond.name: whole[:, :, n] for n, bond in enumerate(self.books.bonds)}
+
+
+def _summed(total: Array, steps: Array) -> Array:
+    """Sums up to each step, one after the other: how a run is cut into blocks changes no digit of them."""
+    return np.cumsum(np.concatenate([total[None], steps]), axis=0)[1:]
