@@ -20,7 +20,7 @@ from orchestrator.errors import ConfigError
 from orchestrator.fmi import Causality, Initial
 from orchestrator.ledger import Ledger
 from orchestrator.master import create_master
-from orchestrator.native import loop
+from orchestrator.native import loop as native_loop
 from orchestrator.results import Recorder
 from orchestrator.run import prepare, run
 from orchestrator.simulate import Grid, simulate
@@ -628,6 +628,6 @@ def test_how_a_run_is_cut_into_blocks_changes_no_digit(monkeypatch):
     """Native chunks end by the clock, so that equal runs are cut differently."""
     told = []
     for numbers in (1 << 16, 1 << 10):
-        monkeypatch.setattr(loop, "_NUMBERS", numbers)
+        monkeypatch.setattr(native_loop, "_NUMBERS", numbers)
         told.append(run("docking-1d", overrides=["run.stop_time=0.4 s"]).summary["coupling"])
     assert told[0] == told[1] and any(one["exchanged"] > 0.0 for one in told[0].values())

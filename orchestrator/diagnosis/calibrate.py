@@ -26,7 +26,7 @@ from ..provenance import origin
 from ..workers import Pool, Work, pool_of
 from .answers import Answer, complete
 from .calibration import FILE, LEAVES, SET, Calibration, Table
-from .challenge.draw import Plan
+from .challenge.draw import SHARES, Plan
 from .challenge.hidden import HARDWARE, HIDDEN
 from .hardware import weigh_rig
 from .practice import simulated_study
@@ -80,6 +80,13 @@ class Practice:
     answers: tuple[Answer, ...]
     beside: float
 
+    @property
+    def kind(self) -> str:
+        """What it hides, as in `draw.Plan`."""
+        if self.truth == ("outside",):
+            return "outside"
+        return ("none", "single", "pair")[len(self.truth)]
+
     def right(self, answer: Answer) -> bool:
         """Whether an answer names what is hidden, ties as declared."""
         missing = set(self.truth) - set(answer.effects)
@@ -117,6 +124,7 @@ class _Lesson:
     alike: Array
     right: Array
     rights: Array
+    weight: Array
 
     @staticmethod
     def of_cases(cases: Sequence[Practice], learned: Calibration) -> _Lesson:
@@ -131,8 +139,8 @@ class _Lesson:
                 of.seen.tolist(),
                 of.unseen.tolist(),
             )
-            common = np.exp(-of.rarity)
-            for *key, weight, answer in zip(*columns, common.tolist(), case.answers, strict=True):
+            spread = np.exp(-of.rarity).tolist()
+            for *key, weight, answer in zip(*columns, spread, case.answers, strict=True):
                 found = own.setdefault(tuple(key), [0.0, 0.0, 0.0, 0.0])
                 right = not outside and case.right(answer)
                 found[0] += weight
@@ -143,7 +151,7 @@ class _Lesson:
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
         gain, left, usual, seen, unseen = (np.full(shape, value) for value in (-1e290, 0.0, 1.0, 1.0, 0.0))
-        weight, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
+        common, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):
             size = len(own)
@@ -152,12 +160,13 @@ class _Lesson:
             weights, counts, right_weights, right_counts = (
                 np.array(one) for one in zip(*own.values(), strict=True)
             )
-            weight[place, :size], count[place, :size] = weights, counts
+            common[place, :size], count[place, :size] = weights, counts
             right[place, :size], rights[place, :size] = right_weights / weights, right_counts
             count[place, -1] = 1.0
             right[place, -1] = rights[place, -1] = cases[place].truth == ("outside",)
-        table = Table(gain, left, usual, seen, unseen, -np.log(weight))
-        return _Lesson(table, np.array([one.beside for one in cases]), count, right, rights)
+        table = Table(gain, left, usual, seen, unseen, -np.log(common))
+        beside = np.array([one.beside for one in cases])
+        return _Lesson(table, beside, count, right, rights, _weights(cases))
 
     def loss(self, learned: Calibration) -> float:
         """Negative log probability of the truths."""
@@ -168,7 +177,14 @@ class _Lesson:
         found = (1.0 - learned.floor) * p * self.right + learned.floor * even * self.rights / np.maximum(
             self.alike, 1.0
         )
-        return -float(np.log(np.maximum(found.sum(-1), 1e-6)).sum())
+        return -float(self.weight @ np.log(np.maximum(found.sum(-1), 1e-6)))
+
+
+def _weights(cases: Sequence[Practice]) -> Array:
+    """As if of each kind as many had been drawn as are planned; one on average."""
+    kinds = [one.kind for one in cases]
+    weight = np.array([SHARES[kind] / kinds.count(kind) for kind in kinds])
+    return weight / weight.mean()
 
 
 def loss(learned: Calibration, cases: Sequence[Practice]) -> float:

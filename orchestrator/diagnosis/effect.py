@@ -24,7 +24,7 @@ class Site(IntEnum):
         COMMAND: command received at a tick [m].
         DELAY: delay of the command on its way to the servo [s].
         ACCELERATION: acceleration of the servo, to add disturbances to [m/s2].
-        LIMIT: acceleration of the servo, to bound [m/s2].
+        LIMIT: mean acceleration of the servo over a sub-step, to bound [m/s2].
         RATE: velocity of the servo [m/s].
         POSITION: position of the robot, seen by the encoder and by the contact [m].
         STRUCTURE: position of the contact point, not seen by the encoder [m].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from .catalogue import catalogue
 from .colour import whitened
 from .effect import Effect
 from .fit import Fit, Fitter, inflation
+from .losses import Losses, lost_commands
 from .misfit import in_contact, unexplained
 from .model import RigModel
 from .search import Search, roughness, search
@@ -28,6 +29,10 @@ __all__ = ["weigh_rig"]
 _KEPT, _WEAK = 12, 40.0
 # Log evidence of commands lost or delayed at random from which they are weighed [nats].
 _LINK_CLEAR = 5.0
+# Log evidence of lost commands that stand apart, over that of random arrivals, at which they are what these
+# are; and of it the share that may be left when they are taken away.
+_LIKELIER, _REST = 2.0, 0.1
+_PACKETS = "link.packet-loss"
 # Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
 _CLEAR = 20.0
 # Roughness that strays by more, against what is usual, is none [nats].
@@ -57,7 +62,17 @@ def weigh_rig(
         rough: roughness of every rig, see `Calibration.roughness`; what comes with the product by default.
     """
     rough = calibration().roughness if rough is None else rough
-    model = RigModel(study, study.of(Role.TRAIN))
+    return _weigh(RigModel(study, study.of(Role.TRAIN)), frozenset(without), rough)
+
+
+def _weigh(
+    model: RigModel, without: Collection[str], rough: Mapping[str, Sequence[float]], lost: Noise | None = None
+) -> Group:
+    """Arguments as those of `weigh_rig`.
+
+    Args:
+        lost: commands lost one by one, if they were found; the runs are relieved of them.
+    """
     software = {place for place, _ in SOFTWARE}
     own = [
         one
@@ -81,13 +96,13 @@ def weigh_rig(
             noises = [one for one in again.noises if one.id not in without]
             coloured = next((one.scale for one in again.noises if one.id == "sensor.coloured-noise"), 1.0)
             force = again
-    lost = any(one.id == "sensor.dropout" for one in noises)
+    dropout = any(one.id == "sensor.dropout" for one in noises)
     step = next((one.theta[0] for one in noises if one.id == "sensor.quantisation"), 0.0)
-    noise = study.nominal["force_noise"].value
+    noise = model.study.nominal["force_noise"].value
     coarse = math.hypot(1.0, step / math.sqrt(12.0) / noise)
     for index in range(len(model.runs)):
         weight = settled(len(model.runs[index])) / (coloured * coarse)
-        if lost:
+        if dropout:
             weight[force.repeats[index]] = 0.0
         weights[2 * index + 1] = weight
     if noises or waved is not None:
@@ -101,12 +116,18 @@ def weigh_rig(
     if waved is not None:
         fitter = weighted(model, weights, plain, rough, np.hstack([further, waved]))
         left = fitter.left(found.best.residuals)
+    if lost is None and _PACKETS not in without:
+        losses = _lost_apart(model, found.best, left[0::2])
+        if losses is not None:
+            told = Noise(_PACKETS, (losses.chance,), losses.log_evidence, uneven=losses.regular)
+            return _weigh(model.less(losses.moved), {*without, _PACKETS, "link.jitter"}, rough, told)
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
     line = min(force.line, last.line)
     colour = last.colour if coloured == 1.0 else (0.0, 0.0)
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in noises]
+    noises += [lost] if lost is not None else []
     doubt = _doubt(model, weights, plain, rough, found.none)
     answers = _answers(model, fitter, found, noises, colour)
     arrival, deviation = random_arrival(model, found.best, left[0::2])
@@ -148,6 +169,22 @@ def weigh_rig(
         misfit,
         doubtful,
     )
+
+
+def _lost_apart(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses | None:
+    """Commands that are lost one by one, where that explains the encoder better than random arrivals do.
+
+    Arguments as those of `random_arrival`. None also where losses are so many that they run into each other.
+    """
+    losses = lost_commands(model, fit, left)
+    if losses.log_evidence < _LINK_CLEAR:
+        return None
+    arrival, _ = random_arrival(model, fit, left)
+    if losses.log_evidence < _LIKELIER * arrival:
+        return None
+    rest = [r - moved / model.noise[0] for r, moved in zip(left, losses.moved, strict=True)]
+    after, _ = random_arrival(model, fit, rest)
+    return losses if after < max(_REST * losses.log_evidence, _LINK_CLEAR) else None
 
 
 def _force(model: RigModel, fitter: Fitter, fit: Fit) -> Force:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import hypot, sqrt
 
@@ -150,6 +150,20 @@ class RigModel:
             hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0)),
             hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0)),
         )
+
+    def less(self, moved: Sequence[Array]) -> RigModel:
+        """The same of runs in which the robot had not been moved by so much beside, by run, shape (n,) [m].
+
+        The encoder is relieved of it; structure and contact are still given it.
+        """
+        runs = [
+            replace(run, columns={**run.columns, "encoder_position": run["encoder_position"] - one})
+            for run, one in zip(self.runs, moved, strict=True)
+        ]
+        model = RigModel(self.study, runs, self.substeps)
+        for index, one in enumerate(moved):
+            model.correction[index] = self.correction[index] + np.append(one, one[-1])
+        return model
 
     @property
     def tolerances(self) -> dict[str, tuple[float, float]]:

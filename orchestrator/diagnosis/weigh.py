@@ -66,6 +66,9 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
         seen = {name for _, _, answer in standing for name in answer.seen}
         unseen = [name for _, _, answer in standing for name in answer.unseen]
         price = float(learned.price(len(seen), len(unseen), learned.rarity(unseen)))
+        # Chance shows in the logs of one group as often, whatever is seen in those of another.
+        afresh = sum(bool(one[2].seen) for one in standing) - 1
+        price += max(afresh, 0) * max(learned.first - learned.second, 0.0)
         beside = sum(one[2] is _OUTSIDE for one in choice) - 1 + (known > 0)
         price += max(beside, 0) * learned.second if "outside" in named else 0.0
         score = sum(one[0] for one in choice) - price

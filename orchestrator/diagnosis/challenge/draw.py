@@ -17,6 +17,7 @@ __all__ = [
     "NOISE",
     "ROUGHNESS",
     "RUNS",
+    "SHARES",
     "Case",
     "Plan",
     "RunPlan",
@@ -74,6 +75,8 @@ ROUGHNESS = {
     "cubic": 8e-4,
     "force_curve": 1e-5,
 }
+# Of many cases, how many are of which kind, where pairs and kinds outside are asked for.
+SHARES = {"none": 4 / 16, "single": 6 / 16, "pair": 3 / 16, "outside": 3 / 16}
 
 
 @dataclass(frozen=True)
@@ -119,16 +122,15 @@ def plan_cases(
 ) -> list[Plan]:
     """What each case hides; effects take turns, so that none is missed.
 
-    A quarter hides nothing; of the rest a quarter each are pairs and kinds outside, where asked for.
+    They are shared out as `SHARES` tells; what is not asked for are single effects.
 
     Args:
         magnitude: of every effect; None draws from 0.03 (nearly none) to 1.2 (strong), its logarithm uniform.
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0]))
-    kinds = ["none"] * round(count / 4)
-    rest = count - len(kinds)
-    kinds += ["pair"] * (round(rest / 4) if pairs else 0)
-    kinds += ["outside"] * (round(rest / 4) if outside else 0)
+    kinds = ["none"] * round(SHARES["none"] * count)
+    kinds += ["pair"] * (round(SHARES["pair"] * count) if pairs else 0)
+    kinds += ["outside"] * (round(SHARES["outside"] * count) if outside else 0)
     kinds += ["single"] * (count - len(kinds))
     rng.shuffle(kinds)
     singles, others = _turns(rng, pool), _turns(rng, outside)

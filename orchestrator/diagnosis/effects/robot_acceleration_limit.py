@@ -6,16 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
+from scipy.signal import cont2discrete, lfilter, savgol_filter
 
 from ..effect import Effect, Parameter, Seen, Site, law
 from ..written import start
 
 # Ticks over which an acceleration is taken; it is bounded where commands ask for so many times as much.
 _TICKS, _BOUNDED = 61, 1.5
+# Ticks in which a servo forgets that it stood still.
+_BEGIN = 64
 # A servo that runs into its limit again and again goes far astray with a limit that is a little off: starts
 # lie so far around the one seen, so many of them.
 _AROUND, _STARTS = 0.04, 17
+# Of the largest acceleration that commands ask for: limits that show seldom, or little.
+_SELDOM = (0.95, 0.8, 0.65, 0.5, 0.35)
 
 
 @law
@@ -24,18 +28,29 @@ def _law(time, step, value, context, memory, theta):
 
 
 def _propose(seen: Seen) -> Sequence[tuple[float, ...]]:
-    """A limit shows as the size that the acceleration mostly has, while commands ask for more."""
+    """A limit shows as the size that the acceleration mostly has, while commands ask for more; one that is
+    seldom reached lies below the largest acceleration that they ask for."""
+    seldom = [(_largest(seen) * share,) for share in _SELDOM]
     if min(map(len, seen.position)) <= _TICKS:
-        return []
+        return seldom
     found, asked = (
         np.abs(np.concatenate([_acceleration(one, seen.tick) for one in signals]))
         for signals in (seen.position, seen.commands)
     )
     highest = float(np.quantile(found, 0.99))
     if float(np.quantile(asked, 0.99)) < _BOUNDED * highest:
-        return []
+        return seldom
     limit = float(np.median(found[found > 0.5 * highest]))
     return [(limit * factor,) for factor in np.linspace(1.0 - _AROUND, 1.0 + _AROUND, _STARTS).tolist()]
+
+
+def _largest(seen: Seen) -> float:
+    """The largest acceleration of a servo without limit: it jumps where a command arrives [m/s2]."""
+    omega, xi, _ = seen.lag
+    servo = ([omega**2, 0.0, 0.0], [1.0, 2.0 * xi * omega, omega**2])
+    above, below, _ = cont2discrete(servo, seen.tick)
+    begun = (np.abs(lfilter(above[0], below, run - run[0])[_BEGIN:]) for run in seen.commands)
+    return max(float(run.max(initial=0.0)) for run in begun)
 
 
 def _acceleration(position: NDArray[np.float64], tick: float) -> NDArray[np.float64]:

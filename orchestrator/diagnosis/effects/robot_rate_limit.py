@@ -2,13 +2,45 @@
 
 from __future__ import annotations
 
-from ..effect import Effect, Parameter, Site, law
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from ..effect import Effect, Parameter, Seen, Site, law
 from ..written import start
+
+# Ticks over which a speed is taken, and the share of the highest one from which on a servo is at its limit.
+_TICKS, _AT = 61, 0.97
+# Of the largest speed that commands ask for: limits that are seldom reached.
+_SELDOM = (0.99, 0.95)
 
 
 @law
 def _law(time, step, value, context, memory, theta):
     return min(max(value, -theta[0]), theta[0])
+
+
+def _propose(seen: Seen) -> Sequence[tuple[float, ...]]:
+    """A limit shows as the speed that the robot has wherever it is fast.
+
+    A servo at its limit falls behind: with a limit that is a little off a replay is soon far away, and no
+    derivative leads from there to the right one.
+    """
+    if min(map(len, seen.position)) <= _TICKS:
+        return []
+    found, asked = (
+        np.abs(np.concatenate([_speed(one, seen.tick) for one in signals]))
+        for signals in (seen.position, seen.commands)
+    )
+    highest = float(np.quantile(found, 0.995))
+    shown = (float(np.median(found[found > _AT * highest])),) if highest > 0.0 else ()
+    return [(limit,) for limit in (*shown, *(share * float(asked.max()) for share in _SELDOM)) if limit > 0.0]
+
+
+def _speed(position: NDArray[np.float64], tick: float) -> NDArray[np.float64]:
+    return savgol_filter(position, _TICKS, 2, deriv=1, delta=tick)
 
 
 EFFECT = Effect(
@@ -19,4 +51,5 @@ EFFECT = Effect(
     site=Site.RATE,
     apply=_law,
     written=lambda t, rig: start("robot", rate_limit=(t["limit"], "m/s")),
+    propose=_propose,
 )

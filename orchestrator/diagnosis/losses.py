@@ -1,0 +1,204 @@
+"""Commands that are lost one by one: each shows for itself in the encoder, however few they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.special import logsumexp
+from scipy.stats import gamma
+
+from .fit import Fit
+from .model import RigModel
+from .rig import HISTORY, Calibrated
+from .study import Array
+
+__all__ = ["Losses", "lost_commands"]
+
+# Probabilities of a loss, all about as likely beforehand.
+_CHANCES = 5e-4 * 2.0 ** np.arange(8)
+# Times in which the robot's answer to one command falls by e, after which it is over; and ticks at most.
+_OVER, _LONGEST = 5.0, 128
+# What a robot strays besides is slow: waves of its encoder, or what friction makes of a turn. It changes by
+# so much in a tick.
+_SLOWLY = 0.126
+# Its deviations, in those of the encoder's noise.
+_STRAYS = (0.0, 0.15, 0.3, 0.6, 1.2)
+# Rounds in which losses are sought between those that were found.
+_ROUNDS = 8
+# Fewer losses do not tell whether they come by chance.
+_FEWEST = 8
+
+
+class Losses(NamedTuple):
+    """Lost commands, one by one.
+
+    Attributes:
+        log_evidence: over no loss [nats]; chance: the likeliest probability of a loss.
+        moved: what they moved the robot at the ticks, by run, each of shape (n,) [m].
+        regular: log likelihood that they come at intervals that are more alike than chance has them [nats].
+    """
+
+    log_evidence: float
+    chance: float
+    moved: tuple[Array, ...]
+    regular: float
+
+
+def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
+    """Find lost commands one by one, each of which lets the one before act for a tick more.
+
+    What a lost command moves the robot is known to its size and sign, so that few of them suffice. Losses
+    that lie apart are summed over in full; those between them are sought in what they leave.
+
+    Args:
+        fit: the best one without losses; left: its residuals of the encoder, normalised, by run.
+    """
+    noise, tick = model.noise[0], model.study.tick
+    asked = []
+    for index, r in enumerate(left):
+        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
+        # By which a loss makes a command shorter, and what a robot answers to a command.
+        shorter = -np.diff(model.commands[index][HISTORY - 2 : HISTORY - 1 + len(r)])
+        asked.append((shorter, _answer(p, tick) / noise))
+    # Losses look slow as well: both are weighed together, against what is slow alone.
+    alone = [_plainly(left, slow) for slow in _STRAYS]
+    found = [_found(left, asked, slow) for slow in _STRAYS]
+    told = [one.log_evidence + plain for one, plain in zip(found, alone, strict=True)]
+    best = found[int(np.argmax(told))]
+    return best._replace(
+        log_evidence=max(told) - max(alone), moved=tuple(noise * moved for moved in best.moved)
+    )
+
+
+def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: float) -> Losses:
+    """Losses beside a slow error of a deviation; what they move is normalised.
+
+    Args:
+        asked: by how much a loss makes each command shorter [m], and what the robot answers to one of 1 m,
+            over the noise, by run.
+    """
+    rest = list(left)
+    gains = [_gain(r, *one, slow) for r, one in zip(rest, asked, strict=True)]
+    apart = len(asked[0][1])
+    by_chance = np.array([sum(_summed(one, chance, apart) for one in gains) for chance in _CHANCES])
+    evidence = float(logsumexp(by_chance) - math.log(len(_CHANCES)))
+    chance = float(np.exp(np.average(np.log(_CHANCES), weights=np.exp(by_chance - by_chance.max()))))
+    between, counted = [], []
+    for again in range(_ROUNDS):
+        found = 0
+        for index, (shorter, answer) in enumerate(asked):
+            gain = _gain(rest[index], shorter, answer, slow) if again else gains[index]
+            lost = np.zeros(len(gain))
+            _likeliest(gain, chance, apart, lost)
+            at = np.flatnonzero(lost)
+            rest[index] = rest[index] - np.convolve(lost * shorter, answer)[: len(gain)]
+            found += len(at)
+            if not again:
+                between.append(np.diff(at) - (apart - 1.0))
+            evidence += float(gain[at].sum()) + len(at) * math.log(chance) if again else 0.0
+        if not found:
+            break
+        counted.append(found)
+    # Of losses that run into each other one was counted.
+    chance *= sum(counted) / counted[0] if counted else 1.0
+    moved = tuple(before - after for before, after in zip(left, rest, strict=True))
+    return Losses(evidence, chance, moved, _regular(np.concatenate(between)))
+
+
+def _gain(r: Array, shorter: Array, answer: Array, slow: float) -> Array:
+    """Log likelihood of a loss at each tick, over none, beside white noise and what is slow."""
+    size = _size(len(r))
+    heard = np.fft.rfft(answer, size)
+    weighed = heard.conj() / _power(size, slow)
+    along = np.fft.irfft(np.fft.rfft(r, size) * weighed, size)[: len(r)]
+    square = np.fft.irfft(heard * weighed, size)[0]
+    return shorter * along - 0.5 * shorter**2 * square
+
+
+def _plainly(left: Sequence[Array], slow: float) -> float:
+    """Log likelihood of residuals that stray slowly beside their noise (Whittle's)."""
+    total = 0.0
+    for r in left:
+        power = _power(_size(len(r)), slow)
+        seen = np.abs(np.fft.rfft(r, _size(len(r)))) ** 2 / len(r)
+        total -= 0.5 * len(r) * float(np.mean(np.log(power) + seen / power))
+    return total
+
+
+def _power(size: int, slow: float) -> Array:
+    """Spectrum of white noise of deviation one and a slow error beside, see `stochastic.SLOW`."""
+    keep = math.exp(-_SLOWLY)
+    turn = np.cos(2.0 * math.pi * np.fft.rfftfreq(size))
+    return 1.0 + slow**2 * (1.0 - keep**2) / (1.0 - 2.0 * keep * turn + keep**2)
+
+
+def _size(n: int) -> int:
+    return 1 << (n + _LONGEST - 1).bit_length()
+
+
+def _regular(between: Array) -> float:
+    """What a gamma distribution of intervals tells over the exponential one that chance has [nats].
+
+    Only intervals that are more alike count: where the robot is slow losses do not show, so that more
+    uneven ones are ordinary.
+    """
+    if len(between) < _FEWEST:
+        return 0.0
+    shape, _, scale = gamma.fit(between, floc=0.0)
+    if shape <= 1.0:
+        return 0.0
+    told = gamma.logpdf(between, shape, scale=scale) - gamma.logpdf(between, 1.0, scale=between.mean())
+    return max(float(told.sum()) - 0.5 * math.log(len(between)), 0.0)
+
+
+def _answer(p: Array, tick: float) -> Array:
+    """Position of the robot at the ticks after a command of 1 m that holds for a tick [1]."""
+    omega, xi = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
+    delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
+    reach = math.ceil((delay + _OVER / (max(xi, 0.1) * omega)) / tick) + 1
+    root = omega * math.sqrt(max(1.0 - xi * xi, 1e-6))
+    since = np.maximum(tick * np.arange(min(reach, _LONGEST) + 1) - delay, 0.0)
+    held = np.exp(-xi * omega * since) * (np.cos(root * since) + xi * omega / root * np.sin(root * since))
+    return -np.diff(held)
+
+
+@njit(cache=True, error_model="numpy")
+def _summed(gain, chance, apart):
+    """Log likelihood of a run over no loss, of all losses that lie apart, by a recursion over the ticks."""
+    n = gain.shape[0]
+    total = np.zeros(n + 1)
+    stays, goes = math.log1p(-chance), math.log(chance)
+    for i in range(n):
+        without = total[i] + stays
+        before = max(i + 1 - apart, 0)
+        within = total[before] + goes + gain[before] if i + 1 >= apart else -math.inf
+        top = max(without, within)
+        total[i + 1] = top + math.log(math.exp(without - top) + math.exp(within - top))
+    return total[n]
+
+
+@njit(cache=True, error_model="numpy")
+def _likeliest(gain, chance, apart, lost):
+    """Set `lost` to one at the losses of the likeliest such run."""
+    n = gain.shape[0]
+    best = np.zeros(n + 1)
+    taken = np.zeros(n + 1)
+    stays, goes = math.log1p(-chance), math.log(chance)
+    for i in range(n):
+        best[i + 1] = best[i] + stays
+        if i + 1 >= apart:
+            before = i + 1 - apart
+            within = best[before] + goes + gain[before]
+            if within > best[i + 1]:
+                best[i + 1], taken[i + 1] = within, 1.0
+    i = n
+    while i > 0:
+        if taken[i] > 0.0:
+            i -= apart
+            lost[i] = 1.0
+        else:
+            i -= 1
