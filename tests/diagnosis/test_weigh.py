@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from orchestrator.diagnosis.calibrate import (
 )
 from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge.draw import SHARES
 from orchestrator.diagnosis.colour import coloured, small_colour, whitened
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import hum, unexplained
@@ -314,7 +316,7 @@ def test_what_effects_leave_unexplained_is_learned():
 
 
 def test_cases_kept_are_learned_from_again(tmp_path):
-    """The loss of what is learned is that of the probabilities that diagnoses give."""
+    """The loss of what is learned is that of the probabilities that diagnoses give, kinds as planned."""
     cases = {str(number): _written(practised(number)) for number in range(1, 31)}
     kept, out = tmp_path / "seen.json", tmp_path / "calibration.json"
     kept.write_text(json.dumps({"roughness": {"a.seen": [0.01]}, "cases": cases}))
@@ -322,13 +324,15 @@ def test_cases_kept_are_learned_from_again(tmp_path):
     data = json.loads(out.read_text())
     learned = Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})
     assert learned.roughness == {"a.seen": [0.01]} and data["provenance"]["cases"] == 30
-    total = 0.0
-    for number in range(1, 31):
-        case = practised(number)
+    total, every = 0.0, [practised(number) for number in range(1, 31)]
+    drawn = Counter(one.kind for one in every)
+    whole = sum(SHARES[kind] for kind in drawn)
+    for case in every:
         p = learned.probabilities(case.answers, case.beside)
         right = [case.truth != ("outside",) and case.right(one) for one in case.answers]
-        total -= np.log(p[[*right, case.truth == ("outside",)]].sum())
-    assert data["provenance"]["loss"] == pytest.approx(total / 30, abs=1e-4)
+        told = np.log(p[[*right, case.truth == ("outside",)]].sum())
+        total -= SHARES[case.kind] / whole / drawn[case.kind] * told
+    assert data["provenance"]["loss"] == pytest.approx(total, abs=1e-4)
 
 
 def test_a_simulated_case_that_fails_is_told():

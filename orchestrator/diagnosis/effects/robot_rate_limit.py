@@ -12,9 +12,10 @@ from ..effect import Effect, Parameter, Seen, Site, law
 from ..written import start
 
 # Ticks over which a speed is taken, and the share of the highest one from which on a servo is at its limit.
-_TICKS, _AT = 61, 0.97
-# Of the largest speed that commands ask for: limits that are seldom reached.
-_SELDOM = (0.99, 0.95)
+_TICKS, _AT = 61, 0.99
+# A limit lies there or a little above: a servo is faster for a moment after each command, and the limit then
+# shows in its mean speed alone.
+_ABOVE = (1.0, 1.0025, 1.005, 1.01, 1.02)
 
 
 @law
@@ -30,13 +31,12 @@ def _propose(seen: Seen) -> Sequence[tuple[float, ...]]:
     """
     if min(map(len, seen.position)) <= _TICKS:
         return []
-    found, asked = (
-        np.abs(np.concatenate([_speed(one, seen.tick) for one in signals]))
-        for signals in (seen.position, seen.commands)
-    )
+    found = np.abs(np.concatenate([_speed(one, seen.tick) for one in seen.position]))
     highest = float(np.quantile(found, 0.995))
-    shown = (float(np.median(found[found > _AT * highest])),) if highest > 0.0 else ()
-    return [(limit,) for limit in (*shown, *(share * float(asked.max()) for share in _SELDOM)) if limit > 0.0]
+    if highest == 0.0:
+        return []
+    shown = float(np.median(found[found > _AT * highest]))
+    return [(factor * shown,) for factor in _ABOVE]
 
 
 def _speed(position: NDArray[np.float64], tick: float) -> NDArray[np.float64]:

@@ -1,0 +1,91 @@
+"""Limits of the servo, and commands that are lost one by one: found from what runs show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.benign import settled, weighted
+from orchestrator.diagnosis.calibration import calibration
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge.draw import Plan
+from orchestrator.diagnosis.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.losses import _regular, lost_commands
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.practice import simulated_case, simulated_study
+from orchestrator.diagnosis.search import search
+from orchestrator.diagnosis.stochastic import random_arrival
+from orchestrator.diagnosis.study import Role
+
+_RIVALS = ("robot.bandwidth", "robot.damping", "robot.delay", "link.clock-skew", "robot.friction")
+
+
+def fitter_of(own):
+    model = RigModel(own, own.of(Role.TRAIN))
+    known = [catalogue()[one] for one in _RIVALS]
+    weights = [settled(len(run)) for run in model.runs for _ in range(2)]
+    return model, weighted(model, weights, known, calibration().roughness)
+
+
+def hiding(name, size, seed=6, number=3):
+    plan = Plan("single", (HIDDEN[name],), size)
+    case, _ = simulated_case(seed, number, plan=plan)
+    return simulated_study(seed, number, plan=plan)[0], case.values
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "number", "knob", "near"),
+    [
+        ("robot.rate-limit", 0.4, 4, "rate_limit", 1e-3),
+        ("robot.rate-limit", 0.6, 3, "rate_limit", 1e-3),
+        ("robot.rate-limit", 1.0, 3, "rate_limit", 1e-3),
+        ("robot.acceleration-limit", 0.1, 5, "acceleration_limit", 0.25),
+        ("robot.acceleration-limit", 0.3, 3, "acceleration_limit", 0.15),
+    ],
+)
+def test_a_limit_is_found_wherever_it_lies(name, size, number, knob, near):
+    own, values = hiding(name, size, number=number)
+    _, fitter = fitter_of(own)
+    found = search(fitter, [catalogue()[one] for one in (name, *_RIVALS)], longest=1)
+    best = found.best
+    assert [one.id for one in best.effects] == [name] and found.gain(best) > 10.0
+    assert best.theta[0] == pytest.approx(values[knob], rel=near)
+
+
+def losses_of(name, size):
+    own, values = hiding(name, size)
+    model, fitter = fitter_of(own)
+    fit = fitter.fit(())
+    left = fitter.left(fit.residuals)[0::2]
+    return lost_commands(model, fit, left), random_arrival(model, fit, left)[0], values
+
+
+def test_few_lost_commands_tell_for_themselves():
+    found, arrival, values = losses_of("link.packet-loss", 0.06)
+    assert found.log_evidence > max(15.0, 2.0 * arrival)
+    assert found.chance == pytest.approx(values["loss"], rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("link.jitter", 0.3), ("robot.friction", 0.3), ("robot.delay", 0.01)]
+)
+def test_what_else_moves_the_robot_is_no_loss(name, size):
+    found, arrival, _ = losses_of(name, size)
+    assert found.log_evidence < max(5.0, 1.5 * arrival)
+
+
+def test_a_rig_that_loses_few_commands_is_relieved_of_them():
+    own, values = hiding("link.packet-loss", 0.06)
+    group = weigh_rig(own)
+    best = max((one for one in group.answers if not one.unseen), key=lambda one: one.gain)
+    assert best.effects == ("link.packet-loss",) and best.left < 12.0
+    assert best.noises[0].theta[0] == pytest.approx(values["loss"], rel=0.5)
+
+
+def test_intervals_that_are_alike_are_not_by_chance():
+    rng = np.random.default_rng(1)
+    even, chance = 150.0 + 5.0 * rng.standard_normal(40), rng.exponential(150.0, 40)
+    lumped = np.where(rng.random(40) < 0.3, 500.0, 5.0) * rng.exponential(1.0, 40)
+    assert _regular(even) > 50.0
+    assert _regular(chance) < 3.0 and _regular(lumped) == 0.0 and _regular(even[:4]) == 0.0
