@@ -90,16 +90,19 @@ def weighted(
     effects: Sequence[Effect],
     rough: Mapping[str, Sequence[float]],
     further: Array | None = None,
+    scattered: Array | None = None,
 ) -> Fitter:
     """A fitter in which roughness along effects, and in further directions, is marginalised.
 
     Args:
         weights: by channel, one per sample.
-        rough: see `Calibration.roughness`; further: columns as those of `search.roughness`.
+        rough: see `Calibration.roughness`; further: columns as those of `search.roughness`; scattered: such
+            as are looked at by themselves, too, see `Fitter.strayed`.
     """
     replay = Weighted(model, weights)
-    columns = roughness(Fitter(replay), effects, rough)
-    return Fitter(replay, 1.0, columns if further is None else np.hstack([columns, further]))
+    columns = [roughness(Fitter(replay), effects, rough)]
+    columns += [one for one in (further, scattered) if one is not None]
+    return Fitter(replay, 1.0, np.hstack(columns), 0 if scattered is None else scattered.shape[1])
 
 
 def scatter(model: RigModel, replay: Replay, fit: Fit) -> Array:

@@ -140,12 +140,16 @@ class Fitter:
             carry less information than their number.
         roughness: directions of stacked residuals in which every rig strays a little, scaled to one standard
             deviation, shape (residuals, k); they are marginalised in every fit.
+        apart: how many of them, at the end, are looked at by themselves, too: see `strayed`.
     """
 
-    def __init__(self, replay: Replay, inflation: float = 1.0, roughness: Array | None = None) -> None:
+    def __init__(
+        self, replay: Replay, inflation: float = 1.0, roughness: Array | None = None, apart: int = 0
+    ) -> None:
         self.replay = replay
         self.inflation = inflation
         self._shrink: tuple[Array, Array] | None = None
+        self._apart: Array | None = None
         if roughness is not None and roughness.size:
             # Singular vectors, by the columns' products, which are few; those of no spread change nothing.
             square, turn = np.linalg.eigh(roughness.T @ roughness / inflation)
@@ -154,6 +158,9 @@ class Fitter:
             directions = np.ascontiguousarray(roughness @ (turn[:, kept] / (spread * math.sqrt(inflation))))
             # (1 + C C')^(-1/2) r, which is r but along the directions.
             self._shrink = directions, 1.0 / np.sqrt(1.0 + spread**2) - 1.0
+            if apart:
+                own = self._whitened(roughness[:, roughness.shape[1] - apart :] / math.sqrt(inflation))
+                self._apart = own / np.linalg.norm(own, axis=0)
         self._names = tuple(replay.tolerances)
         self._centre = np.array([one[0] for one in replay.tolerances.values()])
         self._tolerance = np.array([one[1] for one in replay.tolerances.values()])
@@ -204,21 +211,21 @@ class Fitter:
 
     def stacked(self, effects: tuple[Effect, ...], z: Array) -> Array:
         """All residuals in a row, inflation and roughness accounted for."""
-        r = np.concatenate(self.residuals(effects, z)) / math.sqrt(self.inflation)
-        if self._shrink is not None and np.isfinite(r).all():
-            directions, shrink = self._shrink
-            r += directions @ (shrink * (directions.T @ r))
-        return r
+        return self._whitened(np.concatenate(self.residuals(effects, z)) / math.sqrt(self.inflation))
+
+    def _whitened(self, r: Array) -> Array:
+        """Residuals, or columns of such, over noise and roughness."""
+        if self._shrink is None or not np.isfinite(r).all():
+            return r
+        directions, shrink = self._shrink
+        return r + directions @ (shrink * (directions.T @ r).T).T
 
     def log_evidence(self, fit: Fit, inflation: Sequence[float]) -> float:
         """Log evidence of a fit where the squares of residuals are inflated, per run and channel [nats].
 
         See `Fit.log_evidence`; the fit itself is taken as it is.
         """
-        r = np.concatenate(fit.residuals) / math.sqrt(self.inflation)
-        if self._shrink is not None:
-            directions, shrink = self._shrink
-            r += directions @ (shrink * (directions.T @ r))
+        r = self._whitened(np.concatenate(fit.residuals) / math.sqrt(self.inflation))
         parts = np.split(r, np.cumsum([len(one) for one in fit.residuals])[:-1])
         square = sum(float(one @ one) / by for one, by in zip(parts, inflation, strict=True))
         return -0.5 * (square + fit.cost - fit.chi2) - 0.5 * fit.log_determinant
@@ -237,13 +244,19 @@ class Fitter:
         """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].
 
         Along each of its directions residuals have the variance that noise and roughness make together; see
-        `misfit.unexplained` for what a larger mean square tells.
+        `misfit.unexplained` for what a larger mean square tells. Some directions count by themselves, if that
+        tells more: among all of them they would drown.
         """
         if self._shrink is None:
             return 0.0
         directions, shrink = self._shrink
-        sizes = (1.0 + shrink) * (directions.T @ np.concatenate(list(residuals))) / math.sqrt(self.inflation)
-        return louder(len(sizes), float(np.mean(sizes**2)))
+        r = np.concatenate(list(residuals)) / math.sqrt(self.inflation)
+        sizes = (1.0 + shrink) * (directions.T @ r)
+        found = louder(len(sizes), float(np.mean(sizes**2)))
+        if self._apart is None:
+            return found
+        own = self._apart.T @ self._whitened(r)
+        return max(found, louder(len(own), float(np.mean(own**2))))
 
     def starts(self, effect: Effect) -> list[Array]:
         """Where fits of an effect begin, in normalised parameters."""

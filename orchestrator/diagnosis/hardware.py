@@ -109,12 +109,12 @@ def _weigh(
         fitter = weighted(model, weights, plain, rough, waved)
     found = search(fitter, plain)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
-    further = scatter(model, fitter.replay, found.best)
-    fitter = weighted(model, weights, plain, rough, further)
+    scattered = scatter(model, fitter.replay, found.best)
+    fitter = weighted(model, weights, plain, rough, None, scattered)
     left = fitter.left(found.best.residuals)
     waved = waves(model, left, weights)
     if waved is not None:
-        fitter = weighted(model, weights, plain, rough, np.hstack([further, waved]))
+        fitter = weighted(model, weights, plain, rough, waved, scattered)
         left = fitter.left(found.best.residuals)
     if lost is None and _PACKETS not in without:
         losses = _lost_apart(model, found.best, left[0::2])

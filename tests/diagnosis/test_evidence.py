@@ -198,7 +198,7 @@ def test_effects_of_software_and_rig_share_one_price():
     second = {one.effects: one.probability for one in both.candidates}
     ratio = second["dynamics.drag", "sensor.bias"] / second["dynamics.drag",]
     assert ratio == pytest.approx(np.exp(5.5 - _SIMPLE.second), rel=0.02)
-    # Chance shows in the rig's logs as often, whatever the software hides: a cheap second effect is no cheaper.
+    # Chance shows in the logs of the rig as often, whatever the software hides.
     cheap = {one.effects: one for one in conclude([software, rig], replace(_SIMPLE, second=2.0)).candidates}
     ratio = cheap["dynamics.drag", "sensor.bias"].probability / cheap["dynamics.drag",].probability
     assert ratio == pytest.approx(np.exp(5.5 - _SIMPLE.first), rel=0.02)
