@@ -13,12 +13,14 @@ from typing import TypeVar
 from ..errors import ConfigError, Problem
 from .effect import Effect
 
-__all__ = ["ENTRY_POINTS", "catalogue", "in_words", "installed"]
+__all__ = ["ENTRY_POINTS", "SOFTWARE", "catalogue", "in_words", "installed", "of_hardware"]
 
 _Kind = TypeVar("_Kind")
 
 # A package adds an effect by an entry point of this group that names an Effect.
 ENTRY_POINTS = "orchestrator.diagnosis.effects"
+# Places of the docking rig's software, which replays to the last digit; the others are its hardware's.
+SOFTWARE = ("dynamics", "controller")
 
 
 @lru_cache(maxsize=1)
@@ -40,6 +42,11 @@ def catalogue() -> dict[str, Effect]:
     if problems:
         raise ConfigError(problems)
     return dict(sorted(found.items()))
+
+
+def of_hardware() -> list[Effect]:
+    """Effects of the docking rig's hardware that fits find, and not statistics alone."""
+    return [one for one in catalogue().values() if one.place not in SOFTWARE and not one.statistic]
 
 
 def in_words(effect: Effect) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .catalogue import catalogue
+from .catalogue import SOFTWARE, catalogue
 from .doubt import without_rival
 from .effect import Effect
 from .finding import Augmented, Candidate, Finding
@@ -21,7 +21,6 @@ from .trial import Chain, Trial
 
 __all__ = ["Posterior", "expected_evidence", "next_experiment", "posterior"]
 
-_SOFTWARE = ("dynamics", "controller")
 # The shortest run that tells anything [ticks].
 _SHORTEST = 20
 
@@ -61,7 +60,7 @@ def expected_evidence(
 
 
 def _in_software(one: Posterior) -> bool:
-    return bool(one.effects) and all(effect.place in _SOFTWARE for effect in one.effects)
+    return bool(one.effects) and all(effect.place in SOFTWARE for effect in one.effects)
 
 
 def next_experiment(

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from .answers import SOFTWARE, Answer, Group, complete, simplest, tied
+from .answers import Answer, Group, complete, simplest, tied
 from .benign import Weighted, Widened, scatter, settled, touching, waves, weighted
 from .calibration import calibration
-from .catalogue import catalogue
+from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import whitened
 from .effect import Effect
 from .fit import Fit, Fitter, inflation
@@ -73,13 +73,7 @@ def _weigh(
     Args:
         lost: commands lost one by one, if they were found; the runs are relieved of them.
     """
-    software = {place for place, _ in SOFTWARE}
-    own = [
-        one
-        for one in catalogue().values()
-        if one.place not in software and not one.statistic and one.id not in without
-    ]
-    plain = [one for one in own if not one.statistic]
+    plain = [one for one in of_hardware() if one.id not in without]
     weights = [settled(len(run)) for run in model.runs for _ in range(2)]
     fitter = weighted(model, weights, plain, rough)
     none = fitter.fit(())
@@ -156,7 +150,7 @@ def _weigh(
     # Of doubtful tolerances roughness takes up much.
     remains = _remains(model, fitter, found.none, colour, rougher=not doubtful)
     nothing = Answer((), doubt, remains, found.none)
-    every = [one.id for one in catalogue().values() if one.place not in software and one.id not in without]
+    every = [one.id for one in catalogue().values() if one.place not in SOFTWARE and one.id not in without]
     misfit = {
         "robot": float(np.mean(np.concatenate(left[0::2]) ** 2)),
         "contact": float(np.mean(np.concatenate(left[1::2]) ** 2)),

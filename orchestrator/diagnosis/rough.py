@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .benign import Weighted, scatter, settled, waves
-from .catalogue import catalogue
+from .catalogue import of_hardware
 from .fit import Fitter
 from .model import RigModel
 from .practice import bare_study
@@ -17,7 +17,6 @@ from .study import Array, Role, Study
 
 __all__ = ["Strayed", "learn_roughness", "strayed"]
 
-_SOFTWARE = ("dynamics", "controller")
 # Shares of the priors between which what is learned is kept: rigs may be rough in other ways than those
 # practised on, if hardly by more than shows; and directions that hardly move any residual tell nothing of
 # themselves.
@@ -51,9 +50,8 @@ def strayed(study: Study) -> Strayed:
     # What is reckoned with besides is none of it: contacts that scatter, waves of the encoder.
     further = [scatter(model, replay, none), waves(model, Fitter(replay).left(none.residuals), weights)]
     fitter = Fitter(replay, 1.0, np.hstack([one for one in further if one is not None]))
-    effects = [one for one in catalogue().values() if one.place not in _SOFTWARE and not one.statistic]
     base = fitter.base((), fitter.fit(()).z)
-    found = directions(fitter, effects, base.z)
+    found = directions(fitter, of_hardware(), base.z)
     jacobian = np.column_stack([base.jacobian, *(one.column for one in found)])
     ids = tuple(one.effect.id for one in found)
     return Strayed(ids, jacobian.T @ jacobian, jacobian.T @ base.r, base.z)

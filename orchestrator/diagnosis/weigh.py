@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from .answers import SOFTWARE, Answer, Group, weigh_software
+from .answers import Answer, Group, weigh_software
 from .calibration import Calibration, calibration
-from .catalogue import catalogue
+from .catalogue import SOFTWARE, catalogue
 from .effect import Effect, by_effect
 from .finding import Augmented, Candidate, Finding
 from .hardware import weigh_rig
@@ -35,7 +35,7 @@ def weigh(study: Study) -> Finding:
     link to sensor, are weighed apart; the probability of an answer is the product of theirs.
     """
     with threadpool_limits(limits=1, user_api="blas"):
-        groups = [weigh_software(study, place) for place, _ in SOFTWARE]
+        groups = [weigh_software(study, place) for place in SOFTWARE]
         rig = weigh_rig(study)
     return conclude([*groups, rig], calibration())
 

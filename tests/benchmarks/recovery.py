@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.catalogue import catalogue, of_hardware
 from orchestrator.diagnosis.challenge import draw, hidden
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
 from orchestrator.diagnosis.challenge.rig import COLUMNS
@@ -53,7 +53,7 @@ def fitter_of(study: Study, place: str) -> Fitter:
     if place in _SOFTWARE:
         return Fitter(_SOFTWARE[place](study, study.runs))
     model = RigModel(study, study.runs)
-    others = [one for one in catalogue().values() if one.place not in _SOFTWARE and not one.statistic]
+    others = of_hardware()
     return Fitter(model, 1.0, roughness(Fitter(model), others))
 
 
