@@ -48,7 +48,9 @@ __all__ = [
 # How far the logarithm of each learned number may stray from where it begins: cases are few, and simulated.
 _STRAY = 0.7
 _NUMBERS = tuple(
-    name for name in Calibration.__dataclass_fields__ if name not in ("sure", "unseen", "leaves", "roughness")
+    name
+    for name in Calibration.__dataclass_fields__
+    if name not in ("sure", "surely", "unseen", "leaves", "roughness")
 )
 # Where the learning of `Calibration.form` begins.
 _FORM = 1e-3
@@ -246,7 +248,7 @@ def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
 def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibration:
     """The numbers under which the truth of simulated cases is most probable."""
     start = start or Calibration()
-    return replace(_likeliest(cases, start), sure=learn_sure(cases, start))
+    return replace(_likeliest(cases, start), **learn_sure(cases, start))
 
 
 def _likeliest(cases: Sequence[Practice], start: Calibration) -> Calibration:
@@ -279,23 +281,23 @@ def _of_all(learned: Calibration) -> Calibration:
     return replace(learned, hidden=learned.hidden + fewer, beside=learned.beside + fewer)
 
 
-def learn_sure(cases: Sequence[Practice], start: Calibration) -> float:
-    """See `Calibration.sure`; of each fifth of the cases by what the others teach."""
-    needed = []
+def learn_sure(cases: Sequence[Practice], start: Calibration) -> dict[str, float]:
+    """`Calibration.sure` and `surely`, by name; of each fifth of the cases by what the others teach."""
+    needed: dict[str, list[float]] = {"sure": [], "surely": []}
     for fold in range(_FOLDS):
         learned = _likeliest([one for at, one in enumerate(cases) if at % _FOLDS != fold], start)
         for case in cases[fold::_FOLDS]:
             p = learned.probabilities(case.answers, case.beside)
-            faint = case.truth and case.magnitude < _FAINT
-            if not faint or case.answers[int(np.argmax(p[:-1]))].seen:
+            if not case.truth or case.magnitude >= _FAINT:
                 continue
+            name = "surely" if case.answers[int(np.argmax(p[:-1]))].seen else "sure"
             outside = case.truth == ("outside",)
             right = np.array([*(not outside and case.right(one) for one in case.answers), outside])
             own = p[right].max(initial=0.0)
             # Of those that are as probable as the truth, half come before it.
-            needed.append(float(p[p > own].sum() + 0.5 * p[p == own].sum()))
-    enough = float(np.quantile(needed, SET)) if needed else SET
-    return round(min(max(enough, SET), _SUREST), 4)
+            needed[name].append(float(p[p > own].sum() + 0.5 * p[p == own].sum()))
+    enough = {name: float(np.quantile(some, SET)) if some else SET for name, some in needed.items()}
+    return {name: round(min(max(one, SET), _SUREST), 4) for name, one in enough.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -67,8 +67,9 @@ class Calibration:
     effect beyond the first that the best answer sees: combinations rarely are what they imitate. A share
     `floor` of the probability is spread evenly.
 
-    A set of answers holds 95 % of the probability. Where the logs speak for no effect, it holds `sure`: so
-    much that 95 of 100 such sets hold what faint effects are there, and not only rigs without any.
+    A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
+    not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
+    speak for one, beside which there may be another.
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
@@ -91,6 +92,7 @@ class Calibration:
     slope: float = 1.5
     several: float = 1.0
     sure: float = 0.95
+    surely: float = 0.95
     floor: float = 0.002
     unseen: Mapping[str, float] = field(default_factory=dict)
     leaves: Mapping[str, float] = field(default_factory=dict)
@@ -174,11 +176,11 @@ class Calibration:
 
     def enough(self, seen: bool) -> float:
         """Probability that a set of answers holds, where the logs speak for an effect, or for none."""
-        return SET if seen else max(self.sure, SET)
+        return max(self.surely if seen else self.sure, SET)
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/5", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/6", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 
