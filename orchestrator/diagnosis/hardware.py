@@ -29,6 +29,8 @@ __all__ = ["weigh_rig"]
 _KEPT, _WEAK = 12, 40.0
 # Log evidence of commands lost or delayed at random from which they are weighed [nats].
 _LINK_CLEAR = 5.0
+# The same of commands lost one by one, of which a few may be chance.
+_LOSSES_CLEAR = 15.0
 # Log evidence of lost commands that stand apart, over that of random arrivals, at which they are what these
 # are; and of it the share that may be left when they are taken away.
 _LIKELIER, _REST = 2.0, 0.1
@@ -71,7 +73,7 @@ def _weigh(
     """Arguments as those of `weigh_rig`.
 
     Args:
-        lost: commands lost one by one, if they were found; the runs are relieved of them.
+        lost: commands lost one by one, if they were found; the model is given the others.
     """
     plain = [one for one in of_hardware() if one.id not in without]
     weights = [settled(len(run)) for run in model.runs for _ in range(2)]
@@ -110,11 +112,12 @@ def _weigh(
     if waved is not None:
         fitter = weighted(model, weights, plain, rough, waved, scattered)
         left = fitter.left(found.best.residuals)
+    losses = None
     if lost is None and _PACKETS not in without:
-        losses = _lost_apart(model, found.best, left[0::2])
-        if losses is not None:
+        losses = lost_commands(model, found.best, left[0::2])
+        if _told_apart(model, found.best, left[0::2], losses):
             told = Noise(_PACKETS, (losses.chance,), losses.log_evidence, uneven=losses.regular)
-            return _weigh(model.less(losses.moved), {*without, _PACKETS, "link.jitter"}, rough, told)
+            return _weigh(model.given(losses.shorter), {*without, _PACKETS, "link.jitter"}, rough, told)
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
     line = min(force.line, last.line)
@@ -125,13 +128,14 @@ def _weigh(
     doubt = _doubt(model, weights, plain, rough, found.none)
     answers = _answers(model, fitter, found, noises, colour)
     arrival, deviation = random_arrival(model, found.best, left[0::2])
+    surplus = losses.log_evidence - arrival if losses is not None else 0.0
     links = []
     if arrival > _LINK_CLEAR:
         # Random arrivals take up what the encoder strays, whatever it is; but then it is not white.
         unforeseen = arrival_innovations(model, found.best, left[0::2], deviation)
         arrival /= inflation(unforeseen)
     if arrival > _LINK_CLEAR:
-        links = _links(model, found.none, arrival, deviation, without)
+        links = _links(model, found.none, arrival, deviation, surplus, without)
     if links:
         # The best of them lies above the best without it by the log evidence of what is random.
         level = arrival + max((one.gain for one in answers), default=0.0)
@@ -165,20 +169,19 @@ def _weigh(
     )
 
 
-def _lost_apart(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses | None:
-    """Commands that are lost one by one, where that explains the encoder better than random arrivals do.
+def _told_apart(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses) -> bool:
+    """Whether losses explain the encoder better than random arrivals do, and one by one.
 
-    Arguments as those of `random_arrival`. None also where losses are so many that they run into each other.
+    Not where they are so many that they run into each other. Arguments as those of `random_arrival`.
     """
-    losses = lost_commands(model, fit, left)
-    if losses.log_evidence < _LINK_CLEAR:
-        return None
+    if losses.log_evidence < _LOSSES_CLEAR:
+        return False
     arrival, _ = random_arrival(model, fit, left)
     if losses.log_evidence < _LIKELIER * arrival:
-        return None
+        return False
     rest = [r - moved / model.noise[0] for r, moved in zip(left, losses.moved, strict=True)]
     after, _ = random_arrival(model, fit, rest)
-    return losses if after < max(_REST * losses.log_evidence, _LINK_CLEAR) else None
+    return after < max(_REST * losses.log_evidence, _LINK_CLEAR)
 
 
 def _force(model: RigModel, fitter: Fitter, fit: Fit) -> Force:
@@ -208,17 +211,26 @@ def _doubt(
 
 
 def _links(
-    model: RigModel, none: Fit, arrival: float, deviation: float, without: Sequence[str]
+    model: RigModel,
+    none: Fit,
+    arrival: float,
+    deviation: float,
+    surplus: float,
+    without: Collection[str],
 ) -> list[Noise]:
     """Commands lost or delayed at random, the one that explains the encoder better first.
 
     Args:
         arrival, deviation: log evidence that either is there [nats], and how strong it is [s]; the second has
             less evidence by what it explains less.
+        surplus: log evidence of lost commands over that of random arrivals, where they are sought one by one
+            [nats]: random delays leave it far below.
     """
     at = none.calibrated
     lag = 2.0 * at["damping_ratio"] / at["natural_frequency"] + at["response_delay"]
     found = [one for one in link_noise(model, lag, deviation) if one.id not in without]
+    if surplus > 0.0:
+        found = [replace(one, log_evidence=surplus if one.id == _PACKETS else 0.0) for one in found]
     found.sort(key=lambda one: -one.log_evidence)
     return [
         replace(one, log_evidence=arrival + one.log_evidence - found[0].log_evidence, scale=1.0)

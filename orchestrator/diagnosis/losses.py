@@ -39,12 +39,14 @@ class Losses(NamedTuple):
     Attributes:
         log_evidence: over no loss [nats]; chance: the likeliest probability of a loss.
         moved: what they moved the robot at the ticks, by run, each of shape (n,) [m].
+        shorter: by which commands fell short, as those of `Seen`, by run, each of shape (n,) [m].
         regular: log likelihood that they come at intervals that are more alike than chance has them [nats].
     """
 
     log_evidence: float
     chance: float
     moved: tuple[Array, ...]
+    shorter: tuple[Array, ...]
     regular: float
 
 
@@ -81,7 +83,7 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: fl
         asked: by how much a loss makes each command shorter [m], and what the robot answers to one of 1 m,
             over the noise, by run.
     """
-    rest = list(left)
+    rest, missing = list(left), [np.zeros(len(r)) for r in left]
     gains = [_gain(r, *one, slow) for r, one in zip(rest, asked, strict=True)]
     apart = len(asked[0][1])
     by_chance = np.array([sum(_summed(one, chance, apart) for one in gains) for chance in _CHANCES])
@@ -96,6 +98,7 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: fl
             _likeliest(gain, chance, apart, lost)
             at = np.flatnonzero(lost)
             rest[index] = rest[index] - np.convolve(lost * shorter, answer)[: len(gain)]
+            missing[index] += lost * shorter
             found += len(at)
             if not again:
                 between.append(np.diff(at) - (apart - 1.0))
@@ -106,7 +109,7 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: fl
     # Of losses that run into each other one was counted.
     chance *= sum(counted) / counted[0] if counted else 1.0
     moved = tuple(before - after for before, after in zip(left, rest, strict=True))
-    return Losses(evidence, chance, moved, _regular(np.concatenate(between)))
+    return Losses(evidence, chance, moved, tuple(missing), _regular(np.concatenate(between)))
 
 
 def _gain(r: Array, shorter: Array, answer: Array, slow: float) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from math import hypot, sqrt
 
@@ -151,18 +151,11 @@ class RigModel:
             hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0)),
         )
 
-    def less(self, moved: Sequence[Array]) -> RigModel:
-        """The same of runs in which the robot had not been moved by so much beside, by run, shape (n,) [m].
-
-        The encoder is relieved of it; structure and contact are still given it.
-        """
-        runs = [
-            replace(run, columns={**run.columns, "encoder_position": run["encoder_position"] - one})
-            for run, one in zip(self.runs, moved, strict=True)
-        ]
-        model = RigModel(self.study, runs, self.substeps)
-        for index, one in enumerate(moved):
-            model.correction[index] = self.correction[index] + np.append(one, one[-1])
+    def given(self, shorter: Sequence[Array]) -> RigModel:
+        """The same of runs whose commands arrived changed, by run, as those of `Seen`, shape (n,) [m]."""
+        model = RigModel(self.study, self.runs, self.substeps)
+        for index, change in enumerate(shorter):
+            model.commands[index][HISTORY - 1 : -1] += change
         return model
 
     @property
