@@ -13,9 +13,9 @@ from .software import ControllerReplay, DynamicsReplay
 from .stochastic import Noise
 from .study import Role, Study
 
-__all__ = ["Answer", "Group", "complete", "simplest", "tied", "weigh_software"]
+__all__ = ["REPLAYS", "Answer", "Group", "complete", "simplest", "tied", "weigh_software"]
 
-_REPLAYS = dict(zip(SOFTWARE, (DynamicsReplay, ControllerReplay), strict=True))
+REPLAYS = dict(zip(SOFTWARE, (DynamicsReplay, ControllerReplay), strict=True))
 # Effects whose log evidence differs by less [nats], and whose fitted replays data like these would hardly
 # separate, cannot be told apart.
 _TIED, _APART = 5.0, 8.0
@@ -75,7 +75,7 @@ class Group:
 
 def weigh_software(study: Study, place: str) -> Group:
     """Weigh the effects of a software component, which replays exactly where nothing is hidden."""
-    replay = _REPLAYS[place](study, study.of(Role.TRAIN))
+    replay = REPLAYS[place](study, study.of(Role.TRAIN))
     own = [one for one in catalogue().values() if one.place == place and not one.statistic]
     fitter = Fitter(replay)
     none = fitter.fit(())

@@ -112,10 +112,11 @@ def _weigh(
     if waved is not None:
         fitter = weighted(model, weights, plain, rough, waved, scattered)
         left = fitter.left(found.best.residuals)
+    arrival, deviation = random_arrival(model, found.best, left[0::2])
     losses = None
     if lost is None and _PACKETS not in without:
         losses = lost_commands(model, found.best, left[0::2])
-        if _told_apart(model, found.best, left[0::2], losses):
+        if _told_apart(model, found.best, left[0::2], losses, arrival):
             told = Noise(_PACKETS, (losses.chance,), losses.log_evidence, uneven=losses.regular)
             return _weigh(model.given(losses.shorter), {*without, _PACKETS, "link.jitter"}, rough, told)
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
@@ -127,7 +128,6 @@ def _weigh(
     noises += [lost] if lost is not None else []
     doubt = _doubt(model, weights, plain, rough, found.none)
     answers = _answers(model, fitter, found, noises, colour)
-    arrival, deviation = random_arrival(model, found.best, left[0::2])
     surplus = losses.log_evidence - arrival if losses is not None else 0.0
     links = []
     if arrival > _LINK_CLEAR:
@@ -169,15 +169,15 @@ def _weigh(
     )
 
 
-def _told_apart(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses) -> bool:
+def _told_apart(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses, arrival: float) -> bool:
     """Whether losses explain the encoder better than random arrivals do, and one by one.
 
-    Not where they are so many that they run into each other. Arguments as those of `random_arrival`.
+    Not where they are so many that they run into each other.
+
+    Args:
+        fit, left: as those of `random_arrival`; arrival: log evidence that it found [nats].
     """
-    if losses.log_evidence < _LOSSES_CLEAR:
-        return False
-    arrival, _ = random_arrival(model, fit, left)
-    if losses.log_evidence < _LIKELIER * arrival:
+    if losses.log_evidence < max(_LOSSES_CLEAR, _LIKELIER * arrival):
         return False
     rest = [r - moved / model.noise[0] for r, moved in zip(left, losses.moved, strict=True)]
     after, _ = random_arrival(model, fit, rest)

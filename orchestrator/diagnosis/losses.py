@@ -14,6 +14,8 @@ from scipy.stats import gamma
 from .fit import Fit
 from .model import RigModel
 from .rig import HISTORY, Calibrated
+from .servo import pulse_response
+from .stochastic import SLOW, STRAYS
 from .study import Array
 
 __all__ = ["Losses", "lost_commands"]
@@ -22,11 +24,6 @@ __all__ = ["Losses", "lost_commands"]
 _CHANCES = 5e-4 * 2.0 ** np.arange(8)
 # Times in which the robot's answer to one command falls by e, after which it is over; and ticks at most.
 _OVER, _LONGEST = 5.0, 128
-# What a robot strays besides is slow: waves of its encoder, or what friction makes of a turn. It changes by
-# so much in a tick.
-_SLOWLY = 0.126
-# Its deviations, in those of the encoder's noise.
-_STRAYS = (0.0, 0.15, 0.3, 0.6, 1.2)
 # Rounds in which losses are sought between those that were found.
 _ROUNDS = 8
 # Fewer losses do not tell whether they come by chance.
@@ -67,8 +64,9 @@ def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
         shorter = -np.diff(model.commands[index][HISTORY - 2 : HISTORY - 1 + len(r)])
         asked.append((shorter, _answer(p, tick) / noise))
     # Losses look slow as well: both are weighed together, against what is slow alone.
-    alone = [_plainly(left, slow) for slow in _STRAYS]
-    found = [_found(left, asked, slow) for slow in _STRAYS]
+    beside = [(slow, math.exp(-SLOW * tick)) for slow in STRAYS]
+    alone = [_plainly(left, slow) for slow in beside]
+    found = [_found(left, asked, slow) for slow in beside]
     told = [one.log_evidence + plain for one, plain in zip(found, alone, strict=True)]
     best = found[int(np.argmax(told))]
     return best._replace(
@@ -76,8 +74,8 @@ def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
     )
 
 
-def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: float) -> Losses:
-    """Losses beside a slow error of a deviation; what they move is normalised.
+def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tuple[float, float]) -> Losses:
+    """Losses beside a slow error, see `_power`; what they move is normalised.
 
     Args:
         asked: by how much a loss makes each command shorter [m], and what the robot answers to one of 1 m,
@@ -112,7 +110,7 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: fl
     return Losses(evidence, chance, moved, tuple(missing), _regular(np.concatenate(between)))
 
 
-def _gain(r: Array, shorter: Array, answer: Array, slow: float) -> Array:
+def _gain(r: Array, shorter: Array, answer: Array, slow: tuple[float, float]) -> Array:
     """Log likelihood of a loss at each tick, over none, beside white noise and what is slow."""
     size = _size(len(r))
     heard = np.fft.rfft(answer, size)
@@ -122,7 +120,7 @@ def _gain(r: Array, shorter: Array, answer: Array, slow: float) -> Array:
     return shorter * along - 0.5 * shorter**2 * square
 
 
-def _plainly(left: Sequence[Array], slow: float) -> float:
+def _plainly(left: Sequence[Array], slow: tuple[float, float]) -> float:
     """Log likelihood of residuals that stray slowly beside their noise (Whittle's)."""
     total = 0.0
     for r in left:
@@ -132,11 +130,11 @@ def _plainly(left: Sequence[Array], slow: float) -> float:
     return total
 
 
-def _power(size: int, slow: float) -> Array:
-    """Spectrum of white noise of deviation one and a slow error beside, see `stochastic.SLOW`."""
-    keep = math.exp(-_SLOWLY)
+def _power(size: int, slow: tuple[float, float]) -> Array:
+    """Spectrum of white noise of deviation one and a slow error: its deviation, and what a tick keeps."""
+    deviation, keep = slow
     turn = np.cos(2.0 * math.pi * np.fft.rfftfreq(size))
-    return 1.0 + slow**2 * (1.0 - keep**2) / (1.0 - 2.0 * keep * turn + keep**2)
+    return 1.0 + deviation**2 * (1.0 - keep**2) / (1.0 - 2.0 * keep * turn + keep**2)
 
 
 def _size(n: int) -> int:
@@ -159,14 +157,11 @@ def _regular(between: Array) -> float:
 
 
 def _answer(p: Array, tick: float) -> Array:
-    """Position of the robot at the ticks after a command of 1 m that holds for a tick [1]."""
+    """Position of the robot at the ticks after a command of 1 m that holds for one, until it is over [1]."""
     omega, xi = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
     delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
     reach = math.ceil((delay + _OVER / (max(xi, 0.1) * omega)) / tick) + 1
-    root = omega * math.sqrt(max(1.0 - xi * xi, 1e-6))
-    since = np.maximum(tick * np.arange(min(reach, _LONGEST) + 1) - delay, 0.0)
-    held = np.exp(-xi * omega * since) * (np.cos(root * since) + xi * omega / root * np.sin(root * since))
-    return -np.diff(held)
+    return pulse_response((omega, xi, delay), tick, min(reach, _LONGEST))
 
 
 @njit(cache=True, error_model="numpy")

@@ -20,6 +20,8 @@ from .rig import HISTORY, Calibrated, _transition
 from .study import Array
 
 __all__ = [
+    "SLOW",
+    "STRAYS",
     "Force",
     "Noise",
     "arrival_innovations",
@@ -43,8 +45,8 @@ _MEMORY = 8
 # Of the arrival of commands, all about as likely beforehand [s].
 _DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
 # Deviations of slow errors of the encoder, in its noise, and how fast they change [rad/s].
-_STRAYS = (0.0, 0.15, 0.3, 0.6, 1.2)
-_SLOW = 2.0 * math.pi * 20.0
+STRAYS = (0.0, 0.15, 0.3, 0.6, 1.2)
+SLOW = 2.0 * math.pi * 20.0
 
 
 @dataclass(frozen=True)
@@ -255,7 +257,7 @@ def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise, i
     rest = tick - (delay - late * tick)
     a = np.zeros((3, 3))
     a[0, 0], a[0, 1], a[1, 0], a[1, 1], _, _ = _transition(omega, xi, tick)
-    a[2, 2] = math.exp(-_SLOW * tick)
+    a[2, 2] = math.exp(-SLOW * tick)
     _, g1, _, g2, _, _ = _transition(omega, xi, rest)
     x, p, q = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     p[2, 2] = slow * slow
@@ -307,13 +309,13 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
         the deviations of the arrival [s].
     """
     noise, tick = model.noise[0], model.study.tick
-    found = np.zeros((1 + len(_DEVIATIONS), len(_STRAYS)))
+    found = np.zeros((1 + len(_DEVIATIONS), len(STRAYS)))
     for index, r in enumerate(left):
         p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
         servo = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
         delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
         for row, deviation in enumerate((0.0, *_DEVIATIONS)):
-            for column, slow in enumerate(_STRAYS):
+            for column, slow in enumerate(STRAYS):
                 found[row, column] += _kicked(
                     noise * r, model.commands[index], deviation, noise * slow, *servo, delay, tick, noise,
                     np.empty(len(r)),
@@ -334,7 +336,7 @@ def arrival_innovations(model: RigModel, fit: Fit, left: Sequence[Array], deviat
     """
     noise, tick = model.noise[0], model.study.tick
     best: tuple[float, list[Array]] = -math.inf, []
-    for slow in _STRAYS:
+    for slow in STRAYS:
         total, found = 0.0, []
         for index, r in enumerate(left):
             p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from orchestrator.diagnosis.answers import REPLAYS
 from orchestrator.diagnosis.catalogue import catalogue, of_hardware
 from orchestrator.diagnosis.challenge import draw, hidden
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
@@ -21,11 +22,9 @@ from orchestrator.diagnosis.challenge.rig import COLUMNS
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.search import roughness
-from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
 from orchestrator.diagnosis.study import Nominal, Role, Run, Study
 
 _DIGITS = (9, 9, 6, 2, 4, 1)
-_SOFTWARE = {"dynamics": DynamicsReplay, "controller": ControllerReplay}
 _SPECIFIED = ("encoder_noise", "force_noise", "encoder_resolution", "force_resolution")
 
 
@@ -50,8 +49,8 @@ def observed(case: draw.Case) -> Study:
 
 def fitter_of(study: Study, place: str) -> Fitter:
     """As the weighing makes it for the logs that a place is in."""
-    if place in _SOFTWARE:
-        return Fitter(_SOFTWARE[place](study, study.runs))
+    if place in REPLAYS:
+        return Fitter(REPLAYS[place](study, study.runs))
     model = RigModel(study, study.runs)
     others = of_hardware()
     return Fitter(model, 1.0, roughness(Fitter(model), others))

@@ -10,12 +10,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..effect import Effect, Parameter, Seen, Site, law
+from ..servo import pulse_response
 from ..written import COMMAND, Written, merged, through, with_unit
 
 _LOW, _HIGH = 2e-6, 2e-4
 # Commands are counted by bins of this width [m]; the spectrum is so much finer than their range asks for.
 _BIN, _FINE = 1.5e-7, 16
 _CANDIDATES = 12
+# Ticks in which the robot has answered to a command.
+_ANSWER = 64
 
 
 @law
@@ -53,15 +56,6 @@ def _explained(steps, phases, commands, strayed, tick, omega, xi, delay):
     return found
 
 
-def _response(seen: Seen) -> NDArray[np.float64]:
-    """Position of the robot at the ticks after a command of 1 m that holds for a tick, shape (64,) [1]."""
-    omega, xi, delay = seen.lag
-    root = omega * math.sqrt(max(1.0 - xi * xi, 1e-6))
-    since = np.maximum(seen.tick * np.arange(65) - delay, 0.0)
-    held = np.exp(-xi * omega * since) * (np.cos(root * since) + xi * omega / root * np.sin(root * since))
-    return -np.diff(held)
-
-
 def _likely(seen: Seen) -> NDArray[np.float64]:
     """Steps whose rounding errors, sawteeth over the commands, most resemble what the robot strayed [m].
 
@@ -70,10 +64,10 @@ def _likely(seen: Seen) -> NDArray[np.float64]:
     reach = max(float(np.ptp(run)) for run in seen.commands)
     size = 1 << (int(_FINE * reach / _BIN) - 1).bit_length()
     density = np.zeros(size)
-    response = _response(seen)
+    response = pulse_response(seen.lag, seen.tick, _ANSWER)
     for commands, strayed in zip(seen.commands, seen.strayed, strict=True):
         # A command's part in all that was strayed after it; the commands are those before each tick.
-        part = np.correlate(np.append(strayed, np.zeros(64)), response, "valid")[: len(strayed)]
+        part = np.correlate(np.append(strayed, np.zeros(_ANSWER)), response, "valid")[: len(strayed)]
         bins = (
             np.round(commands / _BIN).astype(int) % size
         )  # turns the circle at zero, so that phases are zero
