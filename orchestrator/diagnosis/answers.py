@@ -32,7 +32,7 @@ class Answer:
     Attributes:
         effects: ids, or ("outside",), or none.
         gain: log evidence over none [nats]; of none, that of wider tolerances.
-        left: unexplained by it [nats].
+        left: unexplained by it [nats]; odd: log likelihood that what it holds to be random is not [nats].
         fit: the model; None for outside, and for what was not fitted itself.
         noises: stochastic effects among the effects.
         unseen: effects among them for which the logs do not speak; they are too small to be seen.
@@ -45,6 +45,7 @@ class Answer:
     ties: tuple[str, ...] = ()
     noises: tuple[Noise, ...] = ()
     unseen: tuple[str, ...] = ()
+    odd: float = 0.0
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -84,7 +85,7 @@ def weigh_software(study: Study, place: str) -> Group:
     nothing = Answer((), 0.0, 0.0, none)
     if square < _EXACT:
         return Group((nothing,), 0.0, place, none, {place: square})
-    found = search(fitter, own, longest=3)
+    found = search(fitter, own, longest=3, thorough=True)
     answers = []
     for fit in found.fits[:8]:
         left = max(0.0, 0.5 * (fit.chi2 - size))

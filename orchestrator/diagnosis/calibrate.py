@@ -103,7 +103,7 @@ def practise(
     with threadpool_limits(limits=1, user_api="blas"):
         group = weigh_rig(study, rough=roughness)
     answers = tuple(
-        Answer(one.effects, float(one.gain), float(one.left), ties=one.ties, unseen=one.unseen)
+        Answer(one.effects, float(one.gain), float(one.left), ties=one.ties, unseen=one.unseen, odd=one.odd)
         for one in group.answers
     )
     truth = ("outside",) if plan.kind == "outside" else tuple(sorted(one.id for one in plan.effects))
@@ -130,17 +130,11 @@ class _Lesson:
 
     @staticmethod
     def of_cases(cases: Sequence[Practice], learned: Calibration) -> _Lesson:
-        alike: list[dict[tuple[float, float, float, int, int], list[float]]] = []
+        alike: list[dict[tuple[float, ...], list[float]]] = []
         for case in cases:
             outside, own = case.truth == ("outside",), {}
             of = learned.table(case.answers)
-            columns = (
-                of.gain.tolist(),
-                of.left.tolist(),
-                of.usual.tolist(),
-                of.seen.tolist(),
-                of.unseen.tolist(),
-            )
+            columns = [one.tolist() for one in (of.gain, of.left, of.usual, of.seen, of.unseen, of.odd)]
             spread = np.exp(-of.rarity).tolist()
             for *key, weight, answer in zip(*columns, spread, case.answers, strict=True):
                 found = own.setdefault(tuple(key), [0.0, 0.0, 0.0, 0.0])
@@ -152,12 +146,12 @@ class _Lesson:
             alike.append(own)
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
-        gain, left, usual, seen, unseen = (np.full(shape, value) for value in (-1e290, 0.0, 1.0, 1.0, 0.0))
+        columns = [np.full(shape, value) for value in (-1e290, 0.0, 1.0, 1.0, 0.0, 0.0)]
         common, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):
             size = len(own)
-            for target, values in zip((gain, left, usual, seen, unseen), zip(*own, strict=True), strict=True):
+            for target, values in zip(columns, zip(*own, strict=True), strict=True):
                 target[place, :size] = values
             weights, counts, right_weights, right_counts = (
                 np.array(one) for one in zip(*own.values(), strict=True)
@@ -166,7 +160,8 @@ class _Lesson:
             right[place, :size], rights[place, :size] = right_weights / weights, right_counts
             count[place, -1] = 1.0
             right[place, -1] = rights[place, -1] = cases[place].truth == ("outside",)
-        table = Table(gain, left, usual, seen, unseen, -np.log(common))
+        *numbers, odd = columns
+        table = Table(*numbers, -np.log(common), odd)
         beside = np.array([one.beside for one in cases])
         return _Lesson(table, beside, count, right, rights, _weights(cases))
 
@@ -370,15 +365,15 @@ def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[
 
 def _written(one: Practice) -> list[Any]:
     """Without answers of two unseen effects, which `_read` adds again."""
-    answers = [[a.effects, a.gain, a.left, a.ties, a.unseen] for a in one.answers if len(a.unseen) < 2]
+    answers = [[a.effects, a.gain, a.left, a.ties, a.unseen, a.odd] for a in one.answers if len(a.unseen) < 2]
     return [one.truth, one.magnitude, answers, one.beside]
 
 
 def _read(data: list[Any]) -> Practice:
     truth, magnitude, answers, beside = data
     made = [
-        Answer(tuple(effects), gain, left, ties=tuple(ties), unseen=tuple(unseen))
-        for effects, gain, left, ties, unseen in answers
+        Answer(tuple(effects), gain, left, ties=tuple(ties), unseen=tuple(unseen), odd=odd)
+        for effects, gain, left, ties, unseen, odd in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
     return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)

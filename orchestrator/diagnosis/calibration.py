@@ -33,6 +33,7 @@ class Weighable(Protocol):
     gain: float
     left: float
     unseen: tuple[str, ...]
+    odd: float
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Table:
     """Answers of a group in arrays: see `Calibration.table`.
 
     Attributes:
-        gain, left: see `answers.Answer`; seen, unseen: how many effects the logs speak for, and how many not.
+        gain, left, odd: see `answers.Answer`.
+        seen, unseen: how many effects the logs speak for, and how many not.
         usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
             Each of shape (answers,), or (groups, answers).
     """
@@ -51,6 +53,7 @@ class Table:
     seen: Array
     unseen: Array
     rarity: Array
+    odd: Array
 
 
 @dataclass(frozen=True)
@@ -63,9 +66,10 @@ class Calibration:
     price: the first of them `first`, the second `second`, each further one `further`. One that is too small
     to be seen costs `hidden`, beside another one `beside`, and more the seldomer it stays unseen. Something
     outside the catalogue scores what the best answer of its group has, less `outside`, plus `slope` times
-    ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`), plus `several` for each
-    effect beyond the first that the best answer sees: combinations rarely are what they imitate. A share
-    `floor` of the probability is spread evenly.
+    ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`) and that of oddities, which
+    no effect of the catalogue usually has, plus `several` for a second effect that the best answer sees, and
+    `many` for each beyond it: combinations rarely are what they imitate. A share `floor` of the probability
+    is spread evenly.
 
     A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
     not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
@@ -91,6 +95,7 @@ class Calibration:
     outside: float = 8.0
     slope: float = 1.5
     several: float = 1.0
+    many: float = 2.0
     sure: float = 0.95
     surely: float = 0.95
     floor: float = 0.002
@@ -131,6 +136,7 @@ class Calibration:
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
             np.array([self.rarity(one.unseen) for one in answers]),
+            np.array([one.odd for one in answers]),
         )
 
     def scores(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> tuple[Array, Array]:
@@ -150,12 +156,13 @@ class Calibration:
         prices = self.price(of.seen, of.unseen, of.rarity)
         priced = np.where(of.unseen > 0, -np.inf, scores - prices)
         top = np.argmax(priced, -1, keepdims=True)
-        more = np.maximum(np.take_along_axis(of.seen, top, -1) - 1.0, 0.0)
+        more = np.take_along_axis(of.seen, top, -1) - 1.0
         left = np.take_along_axis(of.left, top, -1)
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
         u = (left + np.expand_dims(beside, -1)) / np.take_along_axis(of.usual, top, -1)
+        u = u + np.take_along_axis(of.odd, top, -1)
         outside = np.take_along_axis(priced, top, -1) - self.outside + self.slope * np.log1p(u)
-        outside = outside + self.several * more
+        outside = outside + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 
     def probabilities(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> Array:
@@ -180,7 +187,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/6", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/7", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

@@ -240,6 +240,21 @@ class Fitter:
         r = r - directions @ ((1.0 - (1.0 + shrink) ** 2) * (directions.T @ r))
         return np.split(r, np.cumsum([len(one) for one in residuals])[:-1])
 
+    def products(self, residuals: Iterable[Array], columns: Array, rows: Array) -> tuple[Array, Array]:
+        """Products of columns with each other and with residuals, over noise and roughness.
+
+        Args:
+            columns: of stacked residuals, those of `rows`, shape (rows, m); elsewhere they are zero.
+        Returns: of shapes (m, m) and (m,).
+        """
+        r = np.concatenate(list(residuals)) / math.sqrt(self.inflation)
+        square, product = columns.T @ columns, columns.T @ r[rows]
+        if self._shrink is None:
+            return square, product
+        directions, shrink = self._shrink
+        along, kept = directions[rows].T @ columns, (1.0 + shrink) ** 2 - 1.0
+        return square + along.T @ (kept[:, None] * along), product + along.T @ (kept * (directions.T @ r))
+
     def strayed(self, residuals: Iterable[Array]) -> float:
         """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from .answers import Answer, Group, complete, simplest, tied
+from .any_law import any_law
 from .benign import Weighted, Widened, scatter, settled, touching, waves, weighted
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
@@ -17,7 +18,7 @@ from .colour import whitened
 from .effect import Effect
 from .fit import Fit, Fitter, inflation
 from .losses import Losses, lost_commands
-from .misfit import in_contact, unexplained
+from .misfit import in_contact, louder, unexplained
 from .model import RigModel
 from .search import Search, roughness, search
 from .stochastic import Force, Noise, arrival_innovations, link_noise, random_arrival, sensor_noise
@@ -127,7 +128,7 @@ def _weigh(
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in noises]
     noises += [lost] if lost is not None else []
     doubt = _doubt(model, weights, plain, rough, found.none)
-    answers = _answers(model, fitter, found, noises, colour)
+    answers = _answers(model, fitter, weights, found, noises, colour)
     surplus = losses.log_evidence - arrival if losses is not None else 0.0
     links = []
     if arrival > _LINK_CLEAR:
@@ -141,10 +142,10 @@ def _weigh(
         level = arrival + max((one.gain for one in answers), default=0.0)
         always = (catalogue()[links[0].id],)
         behind, again = _behind_link(model, weights, plain, rough, always, found.none)
-        beside = _answers(model, behind, again, [*noises, links[0]], colour, always)
+        beside = _answers(model, behind, weights, again, [*noises, links[0]], colour, always)
         top = max(one.gain for one in beside)
-        odd = unexplained(unforeseen)
-        beside = [replace(one, gain=one.gain - top + level, left=one.left + odd) for one in beside]
+        odd = unexplained(unforeseen) + (losses.regular if losses is not None else 0.0)
+        beside = [replace(one, gain=one.gain - top + level, odd=one.odd + odd) for one in beside]
         answers = sorted([*answers, *beside, *_other_link(beside, links)], key=lambda one: -one.gain)
         left = behind.left(again.best.residuals) if again.best.effects else left
     answers = tied(fitter, simplest(answers))
@@ -152,7 +153,7 @@ def _weigh(
     doubtful = doubt > max(_DOUBTED, best)
     doubt = doubt if doubtful else 0.0
     # Of doubtful tolerances roughness takes up much.
-    remains = _remains(model, fitter, found.none, colour, rougher=not doubtful)
+    remains = _remains(model, fitter, weights, found.none, colour, rougher=not doubtful)
     nothing = Answer((), doubt, remains, found.none)
     every = [one.id for one in catalogue().values() if one.place not in SOFTWARE and one.id not in without]
     misfit = {
@@ -277,7 +278,12 @@ def _behind_link(
 
 
 def _remains(
-    model: RigModel, fitter: Fitter, fit: Fit, colour: tuple[float, float], rougher: bool = True
+    model: RigModel,
+    fitter: Fitter,
+    weights: Sequence[Array],
+    fit: Fit,
+    colour: tuple[float, float],
+    rougher: bool = True,
 ) -> float:
     """What a fit leaves unexplained [nats].
 
@@ -286,13 +292,25 @@ def _remains(
     """
     left = fitter.left(fit.residuals)
     forces = whitened(left[1::2], colour)
-    found = unexplained(left[0::2]) + max(unexplained(forces), in_contact(forces, touching(model, fit)))
-    return found + (max(fitter.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
+    told = unexplained(forces), in_contact(forces, touching(model, fit))
+    found = unexplained(left[0::2]) + max(*told, any_law(model, fitter, fit, weights, colour))
+    # What an effect only imitates bends the calibration, too. Without any that is for tolerances to tell.
+    bent = _bent(fit) if fit.effects else 0.0
+    return found + bent + (max(fitter.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
+
+
+def _bent(fit: Fit) -> float:
+    """Log likelihood that calibrated numbers stray by more than their tolerances, of all or of one kind."""
+    kinds = [[fit.deviation.get(name, 0.0) for name in kind] for kind in _KINDS]
+    every = [one for kind in kinds for one in kind]
+    told = [louder(len(one), float(np.mean(np.square(one)))) for one in (every, *kinds)]
+    return max(max(told) - math.log(len(told)), 0.0)
 
 
 def _answers(
     model: RigModel,
     fitter: Fitter,
+    weights: Sequence[Array],
     found: Search,
     noises: Sequence[Noise],
     colour: tuple[float, float],
@@ -312,13 +330,13 @@ def _answers(
     answers = []
     for fit in (found.none, *found.fits[:_KEPT]):
         names = [one.id for one in fit.effects if one.id not in hidden]
-        over, remains = fitter.log_evidence(fit, by) - least, _remains(model, fitter, fit, colour)
+        over, remains = fitter.log_evidence(fit, by) - least, _remains(model, fitter, weights, fit, colour)
         for some in _subsets(noises, always):
             gain = over + sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
                 odd = sum(one.uneven for one in some)
-                answers.append(Answer(every, gain, remains + odd, fit, (), some))
+                answers.append(Answer(every, gain, remains, fit, (), some, odd=odd))
     return simplest(answers)
 
 

@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import logsumexp
-from scipy.stats import gamma
+from scipy.special import logsumexp, ndtr
 
 from .fit import Fit
 from .model import RigModel
@@ -26,8 +25,12 @@ _CHANCES = 5e-4 * 2.0 ** np.arange(8)
 _OVER, _LONGEST = 5.0, 128
 # Rounds in which losses are sought between those that were found.
 _ROUNDS = 8
-# Fewer losses do not tell whether they come by chance.
+# Fewer losses do not tell whether they keep a period.
 _FEWEST = 8
+# Periods that are tried [ticks], as finely as this share of a turn over a run; how many of them are weighed
+# in full; and how sharply losses may keep to them (von Mises' concentration).
+_FASTEST, _SLOWEST, _TURN, _LIKELIEST = 20.0, 1000.0, 0.1, 20
+_SHARP = 2.0 ** np.arange(7)
 
 
 class Losses(NamedTuple):
@@ -37,7 +40,7 @@ class Losses(NamedTuple):
         log_evidence: over no loss [nats]; chance: the likeliest probability of a loss.
         moved: what they moved the robot at the ticks, by run, each of shape (n,) [m].
         shorter: by which commands fell short, as those of `Seen`, by run, each of shape (n,) [m].
-        regular: log likelihood that they come at intervals that are more alike than chance has them [nats].
+        regular: log likelihood that they keep a period, which chance does not [nats].
     """
 
     log_evidence: float
@@ -82,16 +85,16 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tu
             over the noise, by run.
     """
     rest, missing = list(left), [np.zeros(len(r)) for r in left]
-    gains = [_gain(r, *one, slow) for r, one in zip(rest, asked, strict=True)]
+    gains, expected = zip(*(_gain(r, *one, slow) for r, one in zip(rest, asked, strict=True)), strict=True)
     apart = len(asked[0][1])
     by_chance = np.array([sum(_summed(one, chance, apart) for one in gains) for chance in _CHANCES])
     evidence = float(logsumexp(by_chance) - math.log(len(_CHANCES)))
     chance = float(np.exp(np.average(np.log(_CHANCES), weights=np.exp(by_chance - by_chance.max()))))
-    between, counted = [], []
+    first, counted = [], []
     for again in range(_ROUNDS):
         found = 0
         for index, (shorter, answer) in enumerate(asked):
-            gain = _gain(rest[index], shorter, answer, slow) if again else gains[index]
+            gain = _gain(rest[index], shorter, answer, slow)[0] if again else gains[index]
             lost = np.zeros(len(gain))
             _likeliest(gain, chance, apart, lost)
             at = np.flatnonzero(lost)
@@ -99,7 +102,7 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tu
             missing[index] += lost * shorter
             found += len(at)
             if not again:
-                between.append(np.diff(at) - (apart - 1.0))
+                first.append(at)
             evidence += float(gain[at].sum()) + len(at) * math.log(chance) if again else 0.0
         if not found:
             break
@@ -107,17 +110,22 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tu
     # Of losses that run into each other one was counted.
     chance *= sum(counted) / counted[0] if counted else 1.0
     moved = tuple(before - after for before, after in zip(left, rest, strict=True))
-    return Losses(evidence, chance, moved, tuple(missing), _regular(np.concatenate(between)))
+    # A loss is found where its log likelihood, which is normal about what is expected, pays for it.
+    shows = [ndtr((one + math.log(chance)) / np.sqrt(2.0 * one + 1e-9)) for one in expected]
+    return Losses(evidence, chance, moved, tuple(missing), _regular(first, shows))
 
 
-def _gain(r: Array, shorter: Array, answer: Array, slow: tuple[float, float]) -> Array:
-    """Log likelihood of a loss at each tick, over none, beside white noise and what is slow."""
+def _gain(r: Array, shorter: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:
+    """Log likelihood of a loss at each tick, over none, beside white noise and what is slow.
+
+    Returns: it, and what is to be expected of it if there is one.
+    """
     size = _size(len(r))
     heard = np.fft.rfft(answer, size)
     weighed = heard.conj() / _power(size, slow)
     along = np.fft.irfft(np.fft.rfft(r, size) * weighed, size)[: len(r)]
     square = np.fft.irfft(heard * weighed, size)[0]
-    return shorter * along - 0.5 * shorter**2 * square
+    return shorter * along - 0.5 * shorter**2 * square, 0.5 * shorter**2 * square
 
 
 def _plainly(left: Sequence[Array], slow: tuple[float, float]) -> float:
@@ -141,19 +149,31 @@ def _size(n: int) -> int:
     return 1 << (n + _LONGEST - 1).bit_length()
 
 
-def _regular(between: Array) -> float:
-    """What a gamma distribution of intervals tells over the exponential one that chance has [nats].
+def _regular(at: Sequence[Array], shows: Sequence[Array]) -> float:
+    """What a period that losses keep tells over chance, their phase each run's own [nats].
 
-    Only intervals that are more alike count: where the robot is slow losses do not show, so that more
-    uneven ones are ordinary.
+    Phases have von Mises' distribution about it, over where losses show: where the robot is slow they do
+    not. Losses that were not found leave gaps, which phases do not mind.
+
+    Args:
+        at: ticks of losses, by run; shows: chance that a loss at a tick is found, shape (n,), by run.
     """
-    if len(between) < _FEWEST:
+    runs = [(one, seen / seen.sum()) for one, seen in zip(at, shows, strict=True) if len(one)]
+    if sum(len(one) for one, _ in runs) < _FEWEST:
         return 0.0
-    shape, _, scale = gamma.fit(between, floc=0.0)
-    if shape <= 1.0:
-        return 0.0
-    told = gamma.logpdf(between, shape, scale=scale) - gamma.logpdf(between, 1.0, scale=between.mean())
-    return max(float(told.sum()) - 0.5 * math.log(len(between)), 0.0)
+    longest = max(len(seen) for _, seen in runs)
+    turns = 2.0 * math.pi * np.arange(1.0 / _SLOWEST, 1.0 / _FASTEST, _TURN / longest)
+    together = sum(np.abs(np.exp(1j * np.outer(turns, one)).sum(axis=1)) for one, _ in runs)
+    best = 0.0
+    for turn in turns[np.argsort(-together, kind="stable")[:_LIKELIEST]]:
+        told = np.zeros(len(_SHARP))
+        for one, seen in runs:
+            total = np.exp(1j * turn * one).sum()
+            usual = np.exp(np.outer(_SHARP, np.cos(turn * np.arange(len(seen)) - np.angle(total)))) @ seen
+            told += _SHARP * abs(total) - len(one) * np.log(usual)
+        best = max(best, float(told.max()))
+    free = sum(math.log(len(one)) for one, _ in runs)
+    return max(best - math.log(len(turns) * len(_SHARP)) - 0.5 * free, 0.0)
 
 
 def _answer(p: Array, tick: float) -> Array:

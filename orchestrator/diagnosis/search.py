@@ -118,6 +118,7 @@ def search(
     always: tuple[Effect, ...] = (),
     longest: int = _LONGEST,
     workers: int = 2,
+    thorough: bool = False,
 ) -> Search:
     """Fit none, the most promising single effects, and combinations built from the best of them.
 
@@ -126,6 +127,7 @@ def search(
         always: effects that every model holds.
         longest: how many effects a combination may have.
         workers: threads; more than one pay where replays do not wait for each other.
+        thorough: whether each effect of the best combination is tried to be exchanged for others.
     """
     count = len(fitter.replay.tolerances)
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
@@ -147,10 +149,46 @@ def search(
             break
     unique: dict[frozenset[str], Fit] = {}
     for fit in found:
-        key = frozenset(effect.id for effect in fit.effects)
+        key = _key(fit.effects)
         if key not in unique or fit.cost < unique[key].cost:
             unique[key] = fit
+    best = max(unique.values(), key=lambda fit: fit.log_evidence, default=none)
+    shorter = _without_one(fitter, best, len(always)) if len(best.effects) - len(always) > 2 else []
+    top = max([best, *shorter], key=lambda fit: fit.log_evidence)
+    others = shorter
+    if top is not best or (thorough and len(top.effects) - len(always) > 1):
+        # What was not needed led the search astray: others like what is left were never fitted.
+        begun = _without_one(fitter, top, len(always))
+        bases = _each(lambda fit: fitter.base(fit.effects, fit.z), begun, workers)
+        others = [*shorter, *_grow(fitter, effects, bases, math.inf, _KEPT_PAIRS, workers)]
+    for fit in others:
+        unique.setdefault(_key(fit.effects), fit)
     return Search(none, tuple(sorted(unique.values(), key=lambda fit: -fit.log_evidence)))
+
+
+def _key(effects: Sequence[Effect]) -> frozenset[str]:
+    return frozenset(effect.id for effect in effects)
+
+
+def _without_one(fitter: Fitter, fit: Fit, kept: int) -> list[Fit]:
+    """Fits of all effects but one, begun where a fit of all ended.
+
+    Forward search may begin with an effect that the right ones, once they are all there, leave nothing to do.
+
+    Args:
+        kept: how many effects, the first ones, always stay.
+    """
+    count, found = len(fitter.replay.tolerances), []
+    for place in range(kept, len(fit.effects)):
+        gone = fit.effects[place]
+        first = count + sum(len(one.parameters) for one in fit.effects[:place])
+        z = np.delete(fit.z, range(first, first + len(gone.parameters)))
+        others = tuple(one for one in fit.effects if one is not gone)
+        try:
+            found.append(fitter.fit(others, z[:count], z[count:], aim=fit.cost + _NEAR))
+        except np.linalg.LinAlgError:
+            continue
+    return [one for one in found if math.isfinite(one.cost)]
 
 
 def _grow(

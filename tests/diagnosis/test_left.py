@@ -11,13 +11,15 @@ from scipy.signal import lfilter
 
 from orchestrator.diagnosis import calibrate
 from orchestrator.diagnosis.answers import Answer, Group, complete
+from orchestrator.diagnosis.any_law import any_law
+from orchestrator.diagnosis.benign import settled, touching, weighted
 from orchestrator.diagnosis.calibrate import Practice, learn_sure
 from orchestrator.diagnosis.calibration import SET, Calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.hardware import _bent, weigh_rig
 from orchestrator.diagnosis.misfit import in_contact, uneven, unexplained
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import bare_study, simulated_study
@@ -78,6 +80,59 @@ def test_a_combination_makes_something_outside_likelier_than_one_effect_does():
     plain = replace(learned, several=0.0).probabilities([none, Answer(("a.x", "a.y"), 90.0, left)], 0.0)[-1]
     assert plain == pytest.approx(one, rel=1e-6)
     assert two / (1.0 - two) == pytest.approx(np.exp(2.0) * one / (1.0 - one), rel=0.05)
+
+
+def test_what_is_odd_counts_whatever_evidence_there_is():
+    learned = Calibration(floor=0.0, leaves={"a.x": 0.05})
+    none = Answer((), 0.0, 500.0)
+
+    def outside(gain, left=0.0, odd=0.0):
+        return learned.probabilities([none, Answer(("a.x",), gain, left, odd=odd)], 0.0)[-1]
+
+    # Of a strong effect much may be left since its form is not the catalogue's; but chance is chance.
+    assert outside(5e4, left=60.0) < 0.1 * outside(90.0, left=60.0)
+    assert outside(5e4, odd=60.0) == pytest.approx(outside(90.0, odd=60.0), rel=0.02)
+
+
+def test_three_effects_make_something_outside_likelier_by_what_was_learned_of_them():
+    names, none = ("a.x", "a.y", "a.z"), Answer((), 0.0, 500.0)
+    few, many = (Calibration(several=1.0, many=size, floor=0.0) for size in (1.0, 3.0))
+    for count, apart in ((1, 0.0), (2, 0.0), (3, 2.0)):
+        answers = [none, Answer(names[:count], 90.0, 20.0)]
+        odds = [p / (1.0 - p) for p in (one.probabilities(answers, 0.0)[-1] for one in (few, many))]
+        assert np.log(odds[1] / odds[0]) == pytest.approx(apart, abs=1e-6)
+
+
+def test_a_small_law_that_no_catalogue_holds_is_seen_along_its_shapes():
+    own = study(ticks=3000)
+    rng = np.random.default_rng(4)
+    laws = {}
+    for name, size in (("none", 0.0), ("hysteresis", 0.003)):
+        runs = []
+        for run in own.runs:
+            force = run["sensor_force"]
+            noise = 0.5 * rng.standard_normal(len(force))
+            back = np.tanh(np.gradient(force, 0.001) * np.sign(force) / 2e3)
+            columns = dict(run.columns, sensor_force=force + noise + size * force * back)
+            runs.append(replace(run, columns=columns))
+        model = RigModel(replace(own, runs=tuple(runs)), runs)
+        weights = [settled(len(run)) for run in runs for _ in range(2)]
+        fitter = weighted(model, weights, [], {})
+        fit = fitter.fit(())
+        laws[name] = any_law(model, fitter, fit, weights, (0.0, 0.0))
+        beside = any_law(model, fitter, fit, weights, (0.4, 0.95))
+        drowned = in_contact(fitter.left(fit.residuals)[1::2], touching(model, fit))
+        assert beside <= laws[name]
+        if name == "hysteresis":
+            assert laws[name] > 2.0 * drowned
+    assert laws["none"] < 2.0 and laws["hysteresis"] > 20.0
+
+
+def test_what_only_imitates_bends_the_calibration():
+    fit = Fitter(RigModel(study(), study().of(Role.TRAIN))).fit(())
+    usual = replace(fit, deviation=dict.fromkeys(fit.deviation, 1.1))
+    walls = replace(fit, deviation={**usual.deviation, "front_wall": 3.5, "rear_wall": -4.7})
+    assert _bent(usual) == 0.0 and _bent(walls) > 8.0
 
 
 def test_sets_hold_more_where_nothing_is_seen():

@@ -83,9 +83,15 @@ def test_a_rig_that_loses_few_commands_is_relieved_of_them():
     assert best.noises[0].theta[0] == pytest.approx(values["loss"], rel=0.5)
 
 
-def test_intervals_that_are_alike_are_not_by_chance():
+def test_losses_that_keep_a_period_are_not_by_chance():
     rng = np.random.default_rng(1)
-    even, chance = 150.0 + 5.0 * rng.standard_normal(40), rng.exponential(150.0, 40)
-    lumped = np.where(rng.random(40) < 0.3, 500.0, 5.0) * rng.exponential(1.0, 40)
-    assert _regular(even) > 50.0
-    assert _regular(chance) < 3.0 and _regular(lumped) == 0.0 and _regular(even[:4]) == 0.0
+    everywhere, moving = np.ones(3000), (np.arange(3000) % 500 < 300).astype(float)
+    even = [np.arange(first, 3000, 150) + rng.integers(0, 4, 20) for first in (20, 90, 140)]
+    missed = [one[rng.random(20) < 0.6] for one in even]
+    chance = [np.sort(rng.choice(3000, 40, replace=False)) for _ in range(3)]
+    # Losses show while the robot moves, and it moves in turns.
+    shown = [one[moving[one] > 0.0] for one in chance]
+    assert _regular(even, [everywhere] * 3) > _regular(missed, [everywhere] * 3) > 30.0
+    assert _regular(chance, [everywhere] * 3) < 3.0 and _regular(shown, [moving] * 3) < 3.0
+    assert _regular(shown, [everywhere] * 3) > 5.0
+    assert _regular([one[:2] for one in even], [everywhere] * 3) == 0.0

@@ -26,11 +26,13 @@ from orchestrator.diagnosis.calibrate import (
 )
 from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.challenge.draw import SHARES
+from orchestrator.diagnosis.challenge.draw import SHARES, Plan
+from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.colour import coloured, small_colour, whitened
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import hum, unexplained
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.practice import simulated_study
 from orchestrator.diagnosis.stochastic import sensor_noise
 from orchestrator.diagnosis.study import Study, load_study
 from orchestrator.diagnosis.weigh import conclude, weigh
@@ -373,8 +375,18 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
     command = [sys.executable, "-m", "orchestrator.diagnosis.calibrate", *options]
     subprocess.run(command, check=True, capture_output=True)
     made = json.loads(out.read_text())
-    assert made["format"] == "weigh/6" and made["provenance"]["seed"] == 5
+    assert made["format"] == "weigh/7" and made["provenance"]["seed"] == 5
     weighed = json.loads(seen.read_text())
     assert (
         sorted(weighed["cases"]) == ["1", "2"] and len(weighed["forms"]) == made["provenance"]["forms"] == 1
     )
+
+
+@pytest.mark.parametrize("size", [0.1, 0.17])
+def test_a_search_that_began_astray_comes_to_the_pair_and_its_like(size):
+    plan = Plan("pair", (HIDDEN["dynamics.drag"], HIDDEN["dynamics.mass"]), size)
+    own, _ = simulated_study(61, 4, plan=plan)
+    best = weigh_software(own, "dynamics").answers[1]
+    # A flexible appendage looked best alone; beside drag and mass it has nothing to do.
+    assert sorted(best.effects) == ["dynamics.drag", "dynamics.mass"]
+    assert "dynamics.mass-offset" in best.ties
