@@ -158,7 +158,7 @@ def search(
     others = shorter
     if top is not best or (thorough and len(top.effects) - len(always) > 1):
         # What was not needed led the search astray: others like what is left were never fitted.
-        begun = _without_one(fitter, top, len(always))
+        begun = shorter if shorter and top is best else _without_one(fitter, top, len(always))
         bases = _each(lambda fit: fitter.base(fit.effects, fit.z), begun, workers)
         others = [*shorter, *_grow(fitter, effects, bases, math.inf, _KEPT_PAIRS, workers)]
     for fit in others:
