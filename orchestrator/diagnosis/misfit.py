@@ -19,6 +19,8 @@ _LOUDER = 1.5
 _WITHIN, _AFTER, _SHORTEST = (1, 2, 4, 8, 16), 12, 8
 # Degrees of freedom of Student's distribution, rounds in which its scale is found, and blocks needed.
 _FREEDOMS, _ROUNDS, _FEWEST = (1.0, 2.0, 4.0, 8.0), 20, 20
+# Turns that a line which keeps its phase makes in a window at least.
+_TURNS = 2.0
 # Of encoders' scales and interpolators [m]: as fine as ways of a centimetre tell apart.
 _PITCHES = 3e-4 * 1.01 ** np.arange(300)
 
@@ -116,23 +118,48 @@ def _tails(channels: Sequence[Array], length: int) -> float:
     return max(best - normal - math.log(n), 0.0)
 
 
-def hum(r: Array, windows: Sequence[slice]) -> tuple[float, float]:
-    """Find a narrow-band line common to windows of a residual.
+def hum(channels: Sequence[Array], windows: Sequence[Sequence[slice]]) -> tuple[float, float]:
+    """Find a narrow-band line that residuals have in common, in windows of them.
 
+    Its phase is free in each window, or in each channel, the weaker line of the two then: over that of a
+    line which keeps its phase less is known.
+
+    Args:
+        channels: residuals, by run, zero where they tell nothing; windows: of each.
     Returns: its log likelihood over none, number of tried frequencies accounted for [nats], and its
-    frequency in cycles per sample.
+        frequency in cycles per sample.
     """
-    parts = [r[window] - r[window].mean() for window in windows]
-    size = sum(map(len, parts))
-    if size < 64:
+    by_run = []
+    for r, some in zip(channels, windows, strict=True):
+        inside = np.zeros(len(r))
+        for window in some:
+            inside[window] = r[window] - r[window].mean()
+        by_run.append(inside)
+    by_window = [r[window] for r, some in zip(by_run, windows, strict=True) for window in some]
+    if not by_window:
+        return 0.0, 0.0
+    # What is slower than a window may be anything that goes from one to the next.
+    slowest = _TURNS / float(np.median([len(one) for one in by_window]))
+    runs, one_by_one = _line([one for one in by_run if one.any()], slowest), _line(by_window, 0.0)
+    gain, frequency = max(runs, one_by_one)
+    return gain - math.log(2.0), frequency
+
+
+def _line(parts: Sequence[Array], slowest: float) -> tuple[float, float]:
+    """The likeliest line, of any amplitude and phase in each part; see `hum`."""
+    sizes = [int(np.count_nonzero(part)) for part in parts]
+    size = sum(sizes)
+    if size < 64 or min(sizes) == 0:
         return 0.0, 0.0
     length = 1 << (max(map(len, parts)) * 2 - 1).bit_length()
-    power = sum(np.abs(np.fft.rfft(part, length)) ** 2 * (2.0 / len(part)) for part in parts)
-    best = int(np.argmax(power[1:])) + 1
+    power = sum(
+        np.abs(np.fft.rfft(part, length)) ** 2 * (2.0 / own) for part, own in zip(parts, sizes, strict=True)
+    )
+    first = max(1, math.ceil(slowest * length))
+    best = int(np.argmax(power[first:])) + first
     energy = sum(float(part @ part) for part in parts)
     rest = max(energy - float(power[best]), 1e-12 * energy)
-    # Amplitude and phase of the line are free in each window.
-    price = math.log(len(power)) + sum(math.log(len(part)) for part in parts)
+    price = math.log(len(power)) + sum(math.log(own) for own in sizes)
     return 0.5 * size * math.log(energy / rest) - price, best / length
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -138,7 +137,9 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     if step > noise:
         noise = math.hypot(noise, step / math.sqrt(12.0))
     evidence, deviation, keep = coloured(parts, noise)
-    line, _ = hum(np.concatenate(parts), _consecutive(parts))
+    # What is lost tells of no line, but keeps its place in time.
+    kept = [np.where(again, 0.0, r) if lost > 0.02 else r for r, again in zip(left, repeats, strict=True)]
+    line, _ = hum(kept, windows)
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held, repeats)
     *small, usual = small_colour([part / noise for part in parts])
@@ -151,11 +152,6 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
         return Force(tuple(found), 0.0, held, repeats)
     return Force(tuple(found), 0.0, held, repeats, (small[0], small[1]))
-
-
-def _consecutive(parts: Sequence[Array]) -> list[slice]:
-    ends = np.cumsum([0, *map(len, parts)])
-    return [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
 
 def _lattice(samples: Array, resolution: float) -> float:

@@ -273,6 +273,11 @@ def test_figures_of_verdicts_made_by_hand():
     # Bins: 0.6-0.7 holds two wrong at 0.6; 0.7-0.8 one right at 0.7; 0.8-0.9 one right at 0.8; the last one
     # right at 0.9, 1 and 1 (the tie, together) and wrong at 1, 1 and 0.99.
     assert found["ece"] == pytest.approx((1.2 + 0.3 + 0.2 + abs(5.89 - 3)) / 10)
+    # Were 0.5 exact, one case would be half wrong anyway; what is certain is never.
+    tossed = figures([marked("none", [], [([], 0.5, ()), (bias, 0.5, ())])])["ece_exact"]
+    assert tossed == {"mean": 0.5, "most": 0.5}
+    sure = figures([marked("none", [], [([], 1.0, ())])] * 20)["ece_exact"]
+    assert sure == {"mean": 0.0, "most": 0.0}
     # A tie is one of two at 0.5, and in its set anyway.
     assert found["ece_without_ties"] == pytest.approx((0.5 + 1.2 + 0.3 + 0.2 + abs(4.89 - 2)) / 10)
     assert found["coverage_without_ties"]["count"] == 7

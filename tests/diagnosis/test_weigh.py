@@ -227,11 +227,22 @@ def test_misfit_ignores_white_noise_and_sees_structure():
     slow = 0.5 * np.sin(np.arange(6000) / 80.0)
     assert unexplained([white]) < 8.0
     assert unexplained([white + slow]) > 100.0
-    line, frequency = hum(
-        white + np.sin(2 * np.pi * 0.05 * np.arange(6000)), [slice(0, 3000), slice(3000, 6000)]
-    )
+    humming = white + np.sin(2 * np.pi * 0.05 * np.arange(6000))
+    line, frequency = hum([humming], [[slice(0, 3000), slice(3000, 6000)]])
     assert line > 500.0 and frequency == pytest.approx(0.05, abs=1e-3)
-    assert hum(white, [slice(0, 6000)])[0] < 5.0
+    assert hum([white], [[slice(0, 6000)]])[0] < 5.0
+
+
+def test_a_faint_line_that_keeps_its_phase_is_found_through_short_windows():
+    rng = np.random.default_rng(4)
+    runs = [rng.standard_normal(3000) for _ in range(3)]
+    windows = [[slice(a, a + 250) for a in range(0, 3000, 300)]] * 3
+    assert hum(runs, windows)[0] < 5.0
+    line = [0.25 * np.sin(2 * np.pi * 0.05 * np.arange(3000) + phase) for phase in (0.2, 1.9, 4.0)]
+    found, frequency = hum([r + one for r, one in zip(runs, line, strict=True)], windows)
+    assert found > 20.0 and frequency == pytest.approx(0.05, abs=2e-4)
+    slow = np.repeat([1.0, -1.0] * 5, 300)
+    assert hum([r + slow for r in runs], windows)[0] < 5.0
 
 
 def test_a_little_coloured_noise_is_no_misfit_and_hides_none():

@@ -9,6 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy as np
 from scipy.stats import binomtest
 
 from ...errors import ConfigError, Problem
@@ -22,6 +23,8 @@ CLEAR = 10.0
 # By magnitude: name and lower bound.
 BANDS = (("strong", 0.5), ("medium", 0.2), ("weak", 0.08), ("faint", 0.0))
 _BINS = 10
+# Of what is right, to see what calibration error chance alone makes.
+_DRAWS = 2000
 # Width of the titles of figures.
 _TITLE = 35
 
@@ -189,6 +192,7 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
         "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
         "ece": _ece([(one.confidence, one.first_right) for one in marked]),
+        "ece_exact": _ece_exact([one.confidence for one in marked]),
         "doubtful_tight": _rate(tight, lambda one: one.verdict.doubtful),
         "doubtful_false": _rate(sound, lambda one: one.verdict.doubtful),
         "ece_without_ties": _ece([one.first_itself for one in marked]),
@@ -248,6 +252,21 @@ def _ece(group: Sequence[tuple[float, bool]]) -> float | None:
     return total / len(group)
 
 
+def _ece_exact(confidences: Sequence[float]) -> dict[str, float] | None:
+    """Calibration error that exactly calibrated confidences would show on as many cases.
+
+    Returns: its mean over draws of what is right, and what 95 % of the draws stay below.
+    """
+    if not confidences:
+        return None
+    p = np.array(confidences)
+    right = np.random.default_rng(0).random((_DRAWS, len(p))) < p
+    index = np.minimum((p * _BINS).astype(int), _BINS - 1)
+    # By bin: how far the number of right ones is from what was stated.
+    strayed = np.abs((right - p) @ np.eye(_BINS)[index]).sum(axis=1) / len(p)
+    return {"mean": float(strayed.mean()), "most": float(np.quantile(strayed, 0.95))}
+
+
 def _line(one: Marked) -> dict[str, Any]:
     return {
         "case": one.name,
@@ -295,6 +314,10 @@ def score_text(found: Mapping[str, Any]) -> str:
     sizes = f"{found['set_size']:.2f}, median {found['set_size_median']:g}"
     lines.append(f"{'mean size of those sets':<{_TITLE}} {sizes}")
     lines.append(f"{'expected calibration error':<{_TITLE}} {found['ece']:.3f}")
+    exact = found["ece_exact"]
+    lines.append(
+        f"{'of exact ones, as many cases':<{_TITLE}} {exact['mean']:.3f}, 95 % below {exact['most']:.3f}"
+    )
     lines.append(f"{'the same, ties not counted':<{_TITLE}} {found['ece_without_ties']:.3f}")
     for name, title in (
         ("closure_median", "closure, median where right"),

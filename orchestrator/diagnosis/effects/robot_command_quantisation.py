@@ -13,9 +13,9 @@ from ..effect import Effect, Parameter, Seen, Site, law
 from ..servo import pulse_response
 from ..written import COMMAND, Written, merged, through, with_unit
 
-_LOW, _HIGH = 2e-6, 2e-4
+_LOW, _HIGH = 1e-6, 2e-4
 # Commands are counted by bins of this width [m]; the spectrum is so much finer than their range asks for.
-_BIN, _FINE = 1.5e-7, 16
+_BIN, _FINE = 8e-8, 16
 _CANDIDATES = 12
 # Ticks in which the robot has answered to a command.
 _ANSWER = 64
