@@ -134,7 +134,7 @@ class _Lesson:
         for case in cases:
             outside, own = case.truth == ("outside",), {}
             of = learned.table(case.answers)
-            columns = [one.tolist() for one in (of.gain, of.left, of.usual, of.seen, of.unseen, of.odd)]
+            columns = [one.tolist() for one in (of.gain, of.left, of.odd, of.usual, of.seen, of.unseen)]
             spread = np.exp(-of.rarity).tolist()
             for *key, weight, answer in zip(*columns, spread, case.answers, strict=True):
                 found = own.setdefault(tuple(key), [0.0, 0.0, 0.0, 0.0])
@@ -146,7 +146,7 @@ class _Lesson:
             alike.append(own)
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
-        columns = [np.full(shape, value) for value in (-1e290, 0.0, 1.0, 1.0, 0.0, 0.0)]
+        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 1.0, 1.0, 0.0)]
         common, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):
@@ -160,8 +160,7 @@ class _Lesson:
             right[place, :size], rights[place, :size] = right_weights / weights, right_counts
             count[place, -1] = 1.0
             right[place, -1] = rights[place, -1] = cases[place].truth == ("outside",)
-        *numbers, odd = columns
-        table = Table(*numbers, -np.log(common), odd)
+        table = Table(*columns, -np.log(common))
         beside = np.array([one.beside for one in cases])
         return _Lesson(table, beside, count, right, rights, _weights(cases))
 

@@ -49,11 +49,11 @@ class Table:
 
     gain: Array
     left: Array
+    odd: Array
     usual: Array
     seen: Array
     unseen: Array
     rarity: Array
-    odd: Array
 
 
 @dataclass(frozen=True)
@@ -66,8 +66,8 @@ class Calibration:
     price: the first of them `first`, the second `second`, each further one `further`. One that is too small
     to be seen costs `hidden`, beside another one `beside`, and more the seldomer it stays unseen. Something
     outside the catalogue scores what the best answer of its group has, less `outside`, plus `slope` times
-    ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`) and that of oddities, which
-    no effect of the catalogue usually has, plus `several` for a second effect that the best answer sees, and
+    ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`), plus the log likelihood that
+    what the best answer holds to be random is not, plus `several` for a second effect that it sees, and
     `many` for each beyond it: combinations rarely are what they imitate. A share `floor` of the probability
     is spread evenly.
 
@@ -132,11 +132,11 @@ class Calibration:
         return Table(
             np.array([one.gain for one in answers]),
             np.array([one.left for one in answers]),
+            np.array([one.odd for one in answers]),
             np.array([self.usual(one) for one in answers]),
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
             np.array([self.rarity(one.unseen) for one in answers]),
-            np.array([one.odd for one in answers]),
         )
 
     def scores(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> tuple[Array, Array]:
@@ -160,8 +160,8 @@ class Calibration:
         left = np.take_along_axis(of.left, top, -1)
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
         u = (left + np.expand_dims(beside, -1)) / np.take_along_axis(of.usual, top, -1)
-        u = u + np.take_along_axis(of.odd, top, -1)
         outside = np.take_along_axis(priced, top, -1) - self.outside + self.slope * np.log1p(u)
+        outside = outside + np.take_along_axis(of.odd, top, -1)
         outside = outside + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 
@@ -187,7 +187,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/7", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/8", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

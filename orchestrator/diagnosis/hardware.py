@@ -130,6 +130,7 @@ def _weigh(
     doubt = _doubt(model, weights, plain, rough, found.none)
     answers = _answers(model, fitter, weights, found, noises, colour)
     surplus = losses.log_evidence - arrival if losses is not None else 0.0
+    periodic = _periodic(losses) if arrival <= _LINK_CLEAR else 0.0
     links = []
     if arrival > _LINK_CLEAR:
         # Random arrivals take up what the encoder strays, whatever it is; but then it is not white.
@@ -144,10 +145,17 @@ def _weigh(
         behind, again = _behind_link(model, weights, plain, rough, always, found.none)
         beside = _answers(model, behind, weights, again, [*noises, links[0]], colour, always)
         top = max(one.gain for one in beside)
-        odd = unexplained(unforeseen) + (losses.regular if losses is not None else 0.0)
-        beside = [replace(one, gain=one.gain - top + level, odd=one.odd + odd) for one in beside]
+        rest, odd = unexplained(unforeseen), losses.regular if losses is not None else 0.0
+        beside = [
+            replace(one, gain=one.gain - top + level, left=one.left + rest, odd=one.odd + odd)
+            for one in beside
+        ]
         answers = sorted([*answers, *beside, *_other_link(beside, links)], key=lambda one: -one.gain)
         left = behind.left(again.best.residuals) if again.best.effects else left
+    # Lost commands that keep a period are told apart from chance, or beside it, or within what is random.
+    kept = [one.uneven for one in (lost,) if one is not None]
+    kept += [losses.regular] if losses is not None and links else []
+    linked = max((periodic, *kept)) > 0.0
     answers = tied(fitter, simplest(answers))
     best = max((one.gain for one in answers), default=0.0)
     doubtful = doubt > max(_DOUBTED, best)
@@ -162,8 +170,8 @@ def _weigh(
     }
     return Group(
         tuple(complete([nothing, *answers], every)),
-        line + force.held,
-        _place(left, line + force.held, colour),
+        line + force.held + periodic,
+        "link" if linked else _place(left, line + force.held, colour),
         found.none,
         misfit,
         doubtful,
@@ -183,6 +191,17 @@ def _told_apart(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses
     rest = [r - moved / model.noise[0] for r, moved in zip(left, losses.moved, strict=True)]
     after, _ = random_arrival(model, fit, rest)
     return after < max(_REST * losses.log_evidence, _LINK_CLEAR)
+
+
+def _periodic(losses: Losses | None) -> float:
+    """Log evidence of losses that keep a period, too few to be told as lost by chance [nats].
+
+    Chance keeps none, so that they are believed from as much evidence on as its losses, the period's added.
+    """
+    if losses is None or losses.regular == 0.0:
+        return 0.0
+    told = losses.log_evidence + losses.regular
+    return told if told > _LOSSES_CLEAR else 0.0
 
 
 def _force(model: RigModel, fitter: Fitter, fit: Fit) -> Force:

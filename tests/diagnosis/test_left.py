@@ -89,9 +89,13 @@ def test_what_is_odd_counts_whatever_evidence_there_is():
     def outside(gain, left=0.0, odd=0.0):
         return learned.probabilities([none, Answer(("a.x",), gain, left, odd=odd)], 0.0)[-1]
 
+    def odds(p):
+        return p / (1.0 - p)
+
     # Of a strong effect much may be left since its form is not the catalogue's; but chance is chance.
     assert outside(5e4, left=60.0) < 0.1 * outside(90.0, left=60.0)
-    assert outside(5e4, odd=60.0) == pytest.approx(outside(90.0, odd=60.0), rel=0.02)
+    for gain in (90.0, 5e4):
+        assert odds(outside(gain, odd=6.0)) == pytest.approx(np.exp(6.0) * odds(outside(gain)), rel=1e-3)
 
 
 def test_three_effects_make_something_outside_likelier_by_what_was_learned_of_them():

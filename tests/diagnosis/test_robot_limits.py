@@ -10,8 +10,8 @@ from orchestrator.diagnosis.calibration import calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.losses import _regular, lost_commands
+from orchestrator.diagnosis.hardware import _periodic, weigh_rig
+from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_case, simulated_study
 from orchestrator.diagnosis.search import search
@@ -95,3 +95,11 @@ def test_losses_that_keep_a_period_are_not_by_chance():
     assert _regular(chance, [everywhere] * 3) < 3.0 and _regular(shown, [moving] * 3) < 3.0
     assert _regular(shown, [everywhere] * 3) > 5.0
     assert _regular([one[:2] for one in even], [everywhere] * 3) == 0.0
+
+
+def test_losses_too_few_for_chance_are_told_by_their_period():
+    def told(by_chance, period):
+        return _periodic(Losses(by_chance, 0.01, (), (), period))
+
+    assert told(12.0, 9.0) == 21.0
+    assert told(30.0, 0.0) == told(3.0, 9.0) == told(-4.0, 0.0) == _periodic(None) == 0.0
