@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -168,7 +169,13 @@ def test_nobody_knows_what_is_drawn():
     hidden = case.hidden["sensor.coloured-noise"]
     deviation, keep = hidden["coloured"], hidden["coloured_keep"]
     turn = np.exp(-1j * np.pi * (np.arange(500) + 0.5) / 500.0)
-    power = deviation**2 * (1.0 - keep**2) / np.abs(1.0 - keep * turn) ** 2 / (0.5**2 + 0.1**2 / 12.0)
+
+    def process(deviation, keep):
+        return deviation**2 * (1.0 - keep**2) / np.abs(1.0 - keep * turn) ** 2
+
+    # Over the white noise and what little of its own the sensor of this rig colours.
+    noise = 0.5**2 + 0.1**2 / 12.0 + process(case.plain["colour"], case.plain["colour_keep"])
+    power = process(deviation, keep) / noise
     expected = 0.5 * 9000 * np.mean(power - np.log1p(power))
     assert drawn == pytest.approx(expected, rel=0.3)
     assert known > 1.2 * drawn
@@ -197,17 +204,39 @@ def test_what_another_effect_imitates_cannot_be_told_from_it():
         case = draw_case(Plan("outside", (OUTSIDE[name],), magnitude), 3, 4)
         logs = [make_run(case, index) for index in range(3)]
         found[name] = (visibility(case, logs), *imitated(case, logs, rivals))
-    told, beyond, like = found["structure.bend"]
-    assert told > 100.0 and beyond < 0.1 * told and like == "contact.asymmetry"
-    told, beyond, _ = found["robot.cogging"]
-    assert told > 100.0 and 0.8 * told < beyond <= told
+    told, nearest = found["structure.bend"]
+    assert told > 100.0 and nearest.beyond < 0.1 * told and nearest.like == ("contact.asymmetry",)
+    told, nearest = found["robot.cogging"]
+    assert told > 100.0 and 0.8 * told < nearest.beyond <= told
+
+
+def test_two_effects_imitate_what_one_does_not():
+    both = (HIDDEN["contact.asymmetry"], HIDDEN["structure.offset"])
+    case = draw_case(Plan("pair", both, 0.4), 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    one, two = imitated(case, logs, [*both, HIDDEN["contact.hertz"]], most=2)
+    assert set(two.like) == {one.id for one in both} and one.like == two.like[:1]
+    assert one.beyond > 50.0 and two.beyond < 0.05 * one.beyond
+
+
+def test_coloured_noise_of_the_force_hides_what_is_slow():
+    case = draw_case(Plan("single", (HIDDEN["sensor.drift"],), 0.3), 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    told = {}
+    for colour in (0.0, 0.1):  # over white noise of 0.5 N
+        same = replace(case, values={**case.values, "colour": colour}, plain={**case.plain, "colour": colour})
+        told[colour] = visibility(same, logs)
+    # Of what hardly changes, as much as the power of noise near zero: 1 + 0.2^2 (1 + k)/(1 - k).
+    keep = case.plain["colour_keep"]
+    power = 1.0 + 0.25 / (0.25 + 0.1**2 / 12.0) * 0.2**2 * (1.0 + keep) / (1.0 - keep)
+    assert told[0.0] / told[0.1] == pytest.approx(power, rel=0.1)
 
 
 def test_an_effect_imitates_itself():
     case = draw_case(Plan("single", (HIDDEN["contact.asymmetry"],), 0.4), 3, 4)
     logs = [make_run(case, index) for index in range(3)]
-    beyond, like = imitated(case, logs, [HIDDEN["contact.asymmetry"], HIDDEN["contact.hertz"]])
-    assert like == "contact.asymmetry" and beyond < 0.03 * visibility(case, logs)
+    (nearest,) = imitated(case, logs, [HIDDEN["contact.asymmetry"], HIDDEN["contact.hertz"]])
+    assert nearest.like == ("contact.asymmetry",) and nearest.beyond < 0.03 * visibility(case, logs)
 
 
 def test_plans_take_turns_and_avoid_ties():

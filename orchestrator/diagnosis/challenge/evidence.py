@@ -6,16 +6,17 @@ import itertools
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
 from .draw import NOISE, ROUGHNESS, RUNS, Case, changed, run_series, tolerances
 from .hidden import Hidden
 from .knobs import CALIBRATED
 from .rig import FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array, drive
 
-__all__ = ["imitated", "visibility"]
+__all__ = ["Imitation", "imitated", "visibility"]
 
 _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 # Samples of which a spectrum is taken, and frequencies over which it is averaged.
@@ -25,10 +26,11 @@ _ROUNDS = 5
 # Blocks of a run, and which of them is the force; coloured noise that rigs have, over the white one, and what
 # a sample keeps of it (see `draw`).
 _CHANNELS, _FORCE = 5, 2
+_FORCE_NOISE = math.hypot(NOISE[1], FORCE_RESOLUTION / math.sqrt(12.0))
 _COLOURS = tuple(itertools.product((0.15, 0.2, 0.25), (0.8, 0.88, 0.95)))
 # Sizes in which a rival is tried, how many rivals are fitted, and factors by which they are sized for that.
 _SIZES, _NEAREST = (1.0, 0.3, 0.1), 3
-_LEAST, _MOST = 0.02, 5.0
+_LEAST, _MOST, _LOOSE = 0.02, 5.0, 1e-4
 
 
 def visibility(
@@ -42,7 +44,7 @@ def visibility(
     explain does not count. Of an effect that draws anew at each sample nobody knows the draws, but the
     spectrum at best: with r the power of noise and what is left of d over that of noise alone, it tells
     r - 1 - ln r at each frequency (Whittle, J. R. Stat. Soc. B 15, 1953); the noise of the force may be as
-    coloured as that of any rig.
+    coloured as that of any rig. The force is whitened by the noise that the rig's sensor has.
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
@@ -51,11 +53,11 @@ def visibility(
     """
     aim = _measured(case, logs, case.values)
     rest = case.plain if without is None else without
-    told, left = _least(_linear(case, logs, rest, _usual(case)), np.concatenate(aim))
+    told, left, _ = _least(_linear(case, logs, rest, _usual(case)), np.concatenate(aim))
     if not chance:
         return told
     lengths = [len(one) for one in aim]
-    own = (case.plain["colour"] / NOISE[1], case.plain["colour_keep"])
+    own = _own_colour(case)
     total = 0.0
     for index, difference in enumerate(np.split(left, np.cumsum(lengths)[:-1])):
         force = index % _CHANNELS == _FORCE
@@ -63,48 +65,92 @@ def visibility(
     return total
 
 
-def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden]) -> tuple[float, str]:
-    """Log evidence [nats] for the hidden effects over the best single other one, of any size and shape.
+def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int = 1) -> list[Imitation]:
+    """Log evidence [nats] for the hidden effects over the best single other one, the best two, and so on.
 
-    As `visibility`, which this cannot exceed, but what another effect makes of the same logs does not count
-    either: of what it imitates, nobody can tell by these logs that it is something else. Each rival is
+    As `visibility`, which this cannot exceed, but what other effects make of the same logs does not count
+    either: of what they imitate, nobody can tell by these logs that it is something else. Each rival is
     tried in several sizes and shapes; the nearest are fitted by a few steps from there, so that this is more
-    rather than less than what the logs hold.
+    rather than less than what the logs hold. A second rival is sought beside the best one.
 
     Args:
         rivals: effects that do not draw.
-    Returns: the evidence, and the rival's id; empty where none is nearer than nothing.
+        most: how many of them together.
+    Returns: one for each number of rivals from one on.
     """
     target = np.concatenate(_measured(case, logs, case.values))
     usual = _usual(case)
-    linear = _linear(case, logs, case.plain, usual)
-    told, _ = _least(linear, target)
+    told, _, at = _least(_linear(case, logs, case.plain, usual), target)
+    best = Imitation(told, (), case.plain, usual, at, np.ones(len(usual)))
+    found = []
+    for _ in range(most):
+        others = [one for one in rivals if one.id not in best.like]
+        best = _nearer(case, logs, target, best, others)
+        found.append(best)
+    return found
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """How near other effects come to what is hidden.
+
+    Attributes:
+        beyond: log evidence for what is hidden over them [nats].
+        like: their ids; fewer than were asked for where a further one brings nothing nearer.
+        knobs: of the rig that has them, as it is sought from.
+        free: by what knobs may stray from there; at: how far they do; firm: what their strays cost, each of
+            shape (free,).
+    """
+
+    beyond: float
+    like: tuple[str, ...]
+    knobs: Mapping[str, float]
+    free: Mapping[str, float]
+    at: Array
+    firm: Array
+
+
+def _nearer(
+    case: Case, logs: list[Array], target: Array, before: Imitation, rivals: Sequence[Hidden]
+) -> Imitation:
+    """An imitation with the further rival that brings it nearest."""
+    here = _strayed(before.knobs, before.free, before.at)
+    linear = _linear(case, logs, before.knobs, before.free, before.at, before.firm)
     plain, jacobian = linear.plain, linear.jacobian
-    inner = np.linalg.inv(np.eye(len(usual)) + jacobian.T @ jacobian)
-
-    def unexplained(x: Array, y: Array) -> float:
-        return float(x @ y - (jacobian.T @ x) @ inner @ (jacobian.T @ y))
-
+    inner = np.linalg.inv(np.diag(before.firm) + jacobian.T @ jacobian)
     off = target - plain
+    rest = jacobian.T @ off - before.firm * before.at
     near: list[tuple[float, Hidden, dict[str, float]]] = []
     for rival in rivals:
         rng = np.random.default_rng(zlib.crc32(rival.id.encode()))
         tries = []
         for size in _SIZES:
             drawn = rival.draw(rng, size)
-            moved = np.concatenate(_measured(case, logs, changed(case.plain, rival, drawn))) - plain
-            square, along = unexplained(moved, moved), unexplained(moved, off)
+            moved = np.concatenate(_measured(case, logs, changed(here, rival, drawn))) - plain
+            explained = inner @ (jacobian.T @ moved)
+            square = float(moved @ moved - (jacobian.T @ moved) @ explained)
+            along = float(moved @ off - rest @ explained)
             if math.isfinite(square) and square > 0.0:
                 tries.append((-(along**2) / square, rival, _scaled(drawn, along / square)))
         near += sorted(tries, key=lambda one: one[0])[:1]
-    best = told, ""
+    best = before
     for _, rival, drawn in sorted(near, key=lambda one: one[0])[:_NEAREST]:
-        rest = changed(case.plain, rival, drawn)
-        free = {knob: abs(rest[knob] - case.plain.get(knob, 0.0)) for knob in drawn}
-        both = usual | {knob: one for knob, one in free.items() if one}
-        left, _ = _least(_linear(case, logs, rest, both), target)
-        best = min(best, (left, rival.id))
-    return best
+        knobs = changed(before.knobs, rival, drawn)
+        own = {knob: abs(knobs[knob] - before.knobs.get(knob, 0.0)) for knob in drawn}
+        free = {**before.free, **{knob: one for knob, one in own.items() if one}}
+        start, firm = np.zeros(len(free)), np.ones(len(free))
+        start[: len(before.at)], firm[: len(before.at)] = before.at, before.firm
+        # A rival may have any size and shape, whatever its knob is calibrated to.
+        moved = [name in own for name in free]
+        start[moved], firm[moved] = 0.0, _LOOSE
+        left, _, at = _least(_linear(case, logs, knobs, free, start, firm), target)
+        if left < best.beyond:
+            best = Imitation(left, (*before.like, rival.id), knobs, free, at, firm)
+    if best is before:
+        return best
+    # Once more from there, with derivatives of that place.
+    left, _, at = _least(_linear(case, logs, best.knobs, best.free, best.at, best.firm), target)
+    return replace(best, beyond=min(left, best.beyond), at=at)
 
 
 def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
@@ -125,38 +171,56 @@ class _Linear:
 
     Attributes:
         strayed: what is measured where knobs stray, by what they may, shape (measured,).
-        plain: that where none does; jacobian: its derivatives there, shape (measured, knobs).
+        at: how far they stray; firm: what straying costs, each of shape (knobs,).
+        plain: what is measured there; jacobian: its derivatives there, shape (measured, knobs).
     """
 
     strayed: Callable[[Array], Array]
+    at: Array
+    firm: Array
     plain: Array
     jacobian: Array
 
 
-def _linear(case: Case, logs: list[Array], rest: Mapping[str, float], usual: Mapping[str, float]) -> _Linear:
+def _strayed(rest: Mapping[str, float], free: Mapping[str, float], z: Array) -> dict[str, float]:
+    return {
+        **rest,
+        **{knob: rest[knob] + size * by for (knob, size), by in zip(free.items(), z, strict=True)},
+    }
+
+
+def _linear(
+    case: Case,
+    logs: list[Array],
+    rest: Mapping[str, float],
+    usual: Mapping[str, float],
+    at: Array | None = None,
+    firm: Array | None = None,
+) -> _Linear:
     def strayed(z: Array) -> Array:
-        moved = {knob: rest[knob] + size * by for (knob, size), by in zip(usual.items(), z, strict=True)}
-        return np.concatenate(_measured(case, logs, {**rest, **moved}))
+        return np.concatenate(_measured(case, logs, _strayed(rest, usual, z)))
 
-    plain = strayed(np.zeros(len(usual)))
+    at = np.zeros(len(usual)) if at is None else at
+    plain = strayed(at)
     steps = _STEP * np.eye(len(usual))
-    return _Linear(strayed, plain, np.stack([(strayed(one) - plain) / _STEP for one in steps], axis=1))
+    jacobian = np.stack([(strayed(at + one) - plain) / _STEP for one in steps], axis=1)
+    return _Linear(strayed, at, np.ones(len(usual)) if firm is None else firm, plain, jacobian)
 
 
-def _least(of: _Linear, target: Array) -> tuple[float, Array]:
-    """Half the least d'd + z'z, see `visibility`, and d there, by Gauss-Newton with kept derivatives."""
-    here = np.zeros(of.jacobian.shape[1])
-    inner = np.eye(len(here)) + of.jacobian.T @ of.jacobian
-    best, left = math.inf, target - of.plain
+def _least(of: _Linear, target: Array) -> tuple[float, Array, Array]:
+    """Half the least d'd + z'z, see `visibility`, d and z there, by Gauss-Newton with kept derivatives."""
+    here = of.at
+    inner = np.diag(of.firm) + of.jacobian.T @ of.jacobian
+    best, left, reached = math.inf, target - of.plain, here
     difference = left
     for _ in range(_ROUNDS):
-        cost = 0.5 * float(difference @ difference + here @ here)
+        cost = 0.5 * float(difference @ difference + of.firm * here @ here)
         if not cost < best:
             break
-        best, left = cost, difference
-        here = here + np.linalg.solve(inner, of.jacobian.T @ difference - here)
+        best, left, reached = cost, difference, here
+        here = here + np.linalg.solve(inner, of.jacobian.T @ difference - of.firm * here)
         difference = target - of.strayed(here)
-    return best, left
+    return best, left, reached
 
 
 def _told_by_spectrum(
@@ -165,16 +229,17 @@ def _told_by_spectrum(
     """See `visibility`; the power is taken over windows and bands.
 
     Args:
+        difference: whitened by `own`.
         own: coloured noise that is there anyway: its deviation over that of the white noise, and what a
             sample keeps of it.
         others: coloured noise that a rig without the effect may have, too; the likest counts.
     """
     windows = difference[: len(difference) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
     power = np.abs(np.fft.rfft(windows, axis=1)[:, : _WINDOW // 2]) ** 2 / _WINDOW
-    bands = power.reshape(len(windows), -1, _BAND).mean(axis=2) + _coloured(*own)
+    bands = power.reshape(len(windows), -1, _BAND).mean(axis=2) + 1.0
     told = []
     for other in (own, *others):
-        ratio = bands / _coloured(*other)
+        ratio = bands * _coloured(*own) / _coloured(*other)
         told.append(float(_BAND * np.sum(ratio - 1.0 - np.log(ratio))))
     return min(told)
 
@@ -184,6 +249,24 @@ def _coloured(deviation: float, keep: float) -> Array:
     turn = 2.0 * np.pi * np.arange(_WINDOW // 2) / _WINDOW
     power = 1.0 + deviation**2 * (1.0 - keep**2) / (1.0 - 2.0 * keep * np.cos(turn) + keep**2)
     return power.reshape(-1, _BAND).mean(axis=1)
+
+
+def _own_colour(case: Case) -> tuple[float, float]:
+    return case.plain["colour"] / _FORCE_NOISE, case.plain["colour_keep"]
+
+
+def _whitened(force: Array, deviation: float, keep: float) -> Array:
+    """A signal by the filter that makes white noise of one and a first-order process beside it white.
+
+    Both together are white noise through g (1 - t/z)/(1 - keep/z), whose power is theirs.
+    """
+    at_zero = 1.0 + keep**2 + deviation**2 * (1.0 - keep**2)
+    if deviation <= 0.0:
+        return force
+    # g2 (1 + t2) = at_zero and g2 t = keep.
+    half = at_zero / (2.0 * keep)
+    t = half - math.sqrt(half**2 - 1.0)
+    return lfilter([1.0, -keep], [1.0, -t], force) / math.sqrt(keep / t)
 
 
 def _measured(case: Case, logs: list[Array], values: Mapping[str, float]) -> list[Array]:
@@ -196,12 +279,11 @@ def _blocks(case: Case, index: int, logged: Array, values: Mapping[str, float]) 
     plan = RUNS[index]
     out = drive(case.lab, values, plan.mass, plan.speed, logged, run_series(case, index, values))
     n = out.shape[1]
-    force = np.hypot(NOISE[1], FORCE_RESOLUTION / np.sqrt(12.0))
     velocity = np.hypot(_VELOCITY_DIGITS / np.sqrt(6.0), TICK / plan.mass * _FORCE_DIGITS / np.sqrt(12.0))
     return [
         out[1, : n - 1] / velocity,
         out[2] / np.hypot(NOISE[0], POSITION_RESOLUTION / np.sqrt(12.0)),
-        out[3] / force,
+        _whitened(out[3] / _FORCE_NOISE, *_own_colour(case)),
         # Rounded inputs pass through the controller's differences: not all of its digits count.
         out[4] / np.hypot(3.0 * _FORCE_DIGITS, 0.02 * FORCE_RESOLUTION),
         out[5] / np.hypot(3.0 * _STIFFNESS_DIGITS, 0.02 * FORCE_RESOLUTION / 5e-4),

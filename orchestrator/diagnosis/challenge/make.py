@@ -93,7 +93,7 @@ def _make_one(context: None, task: tuple[Path, Plan, int, int, float]) -> tuple[
     write_case(folder / name, case, logs)
     outside = plan.kind == "outside"
     evidence = _evidence(case, logs, tight)
-    beyond, like = _beyond(case, logs, evidence) if outside else (evidence, "")
+    alone, two = _beyond(case, logs, evidence) if outside else ((evidence, ""), (evidence, ""))
     return name, {
         "kind": plan.kind,
         "effects": ["outside"] if outside else [one.id for one in plan.effects],
@@ -103,8 +103,10 @@ def _make_one(context: None, task: tuple[Path, Plan, int, int, float]) -> tuple[
         "tight": tight,
         "parameters": {name: dict(values) for name, values in case.hidden.items()},
         "evidence": evidence,
-        "beyond": beyond,
-        "like": like,
+        "beyond": alone[0],
+        "like": alone[1],
+        "beyond_two": two[0],
+        "like_two": two[1],
         "rows": [log.shape[1] for log in logs],
     }
 
@@ -119,14 +121,18 @@ def _evidence(case: Case, logs: list[Array], tight: float) -> float:
     return min(found, default=0.0)
 
 
-def _beyond(case: Case, logs: list[Array], evidence: float) -> tuple[float, str]:
+def _beyond(case: Case, logs: list[Array], evidence: float) -> list[tuple[float, str]]:
     """Evidence over the effect of the catalogue that is most like what is hidden outside it, and its id.
 
     Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared.
+
+    Returns: that of one, and that of two together.
     """
     (one,) = case.plan.effects
     if one.chance or one.place in SOFTWARE:
-        return evidence, ""
+        return [(evidence, "")] * 2
     rivals = [other for other in HARDWARE if not other.chance]
-    beyond, like = imitated(case, logs, rivals)
-    return min(beyond, evidence), like
+    return [
+        (min(found.beyond, evidence), " + ".join(found.like))
+        for found in imitated(case, logs, rivals, most=2)
+    ]

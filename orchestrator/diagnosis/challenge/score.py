@@ -53,6 +53,11 @@ class Marked:
         return self.truth.get("beyond", self.truth["evidence"]) >= CLEAR
 
     @property
+    def no_two(self) -> bool:
+        """The same, from any two effects of the catalogue."""
+        return self.truth.get("beyond_two", self.truth["evidence"]) >= CLEAR
+
+    @property
     def effect_right(self) -> bool:
         """Whether the verdict names what is hidden, ties as declared."""
         return names(self.verdict.effects, self.verdict.ties, self.truth["effects"])
@@ -189,6 +194,9 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "outside_flagged_own": _rate(
             [one for one in outside if one.its_own], lambda one: "outside" in one.verdict.effects
         ),
+        "outside_flagged_no_two": _rate(
+            [one for one in outside if one.no_two], lambda one: "outside" in one.verdict.effects
+        ),
         "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
         "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
         "ece": _ece([(one.confidence, one.first_right) for one in marked]),
@@ -276,6 +284,8 @@ def _line(one: Marked) -> dict[str, Any]:
         "evidence": one.truth["evidence"],
         "beyond": one.truth.get("beyond"),
         "like": one.truth.get("like"),
+        "beyond_two": one.truth.get("beyond_two"),
+        "like_two": one.truth.get("like_two"),
         "answer": sorted(one.verdict.effects),
         "ties": sorted(one.verdict.ties),
         "confidence": one.confidence,
@@ -295,7 +305,8 @@ _ROWS = (
     ("pairs_one_named", "at least one of a pair"),
     ("false_alarms", "false alarms (nothing hidden)"),
     ("outside_flagged", "outside flagged"),
-    ("outside_flagged_own", "the same, where nothing imitates it"),
+    ("outside_flagged_own", "the same, where none imitates it"),
+    ("outside_flagged_no_two", "the same, nor two together"),
     ("outside_place_right", "place of outside right"),
     ("outside_false", "outside, though in the catalogue"),
     ("doubtful_tight", "tight tolerances doubted"),
@@ -336,7 +347,9 @@ def score_text(found: Mapping[str, Any]) -> str:
             f"   (from {low:g})"
         )
     lines.append(f"clear: the logs hold at least {CLEAR:g} nats for who knew the effect")
-    lines.append("imitated: they do not hold as much over the likest single effect of the catalogue")
+    lines.append(
+        "imitated: they do not hold as much over the likest effect of the catalogue, alone or with another"
+    )
     return "\n".join(lines)
 
 
