@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 from scipy.special import logsumexp
 
 from .fit import Fit, Fitter
+from .misfit import answering, stretches
 from .model import RigModel
 from .rig import Calibrated
 from .study import Array
@@ -20,8 +21,6 @@ __all__ = ["any_law"]
 _SIZES = 0.02 * 2.0 ** np.arange(12)
 # Memories of the rod and of what warms up [s], and share of the fastest rate at which a force turns.
 _SHORT, _LONG, _TURNS = (0.005, 0.03), (0.2, 1.0), 0.1
-# Ticks after a contact in which the sensor still answers to it.
-_AFTER = 12
 
 
 def any_law(
@@ -80,7 +79,7 @@ def _shapes(model: RigModel, index: int, fit: Fit) -> Array:
         found += [touches * _deepest_yet(u), *(touches * _faded(u, tick, memory) for memory in _SHORT)]
         found += [u * one for one in warm]
     contact = _sensed(np.array(found), p, tick)
-    flies = np.convolve(load > 0.0, np.ones(_AFTER + 1))[: len(load)] < 0.5
+    flies = ~answering(load > 0.0)
     contact[:, flies] = 0.0
     return np.concatenate([contact, np.array(flown) * flies])
 
@@ -94,9 +93,8 @@ def _faded(u: Array, tick: float, memory: float) -> Array:
 def _deepest_yet(u: Array) -> Array:
     """The largest value since the contact began."""
     found = np.zeros(len(u))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (u > 0.0).astype(int), [0]])))
-    for a, b in edges.reshape(-1, 2):
-        found[a:b] = np.maximum.accumulate(u[a:b])
+    for contact in stretches(u > 0.0):
+        found[contact] = np.maximum.accumulate(u[contact])
     return found
 
 

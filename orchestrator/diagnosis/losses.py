@@ -70,19 +70,24 @@ def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
     beside = [(slow, math.exp(-SLOW * tick)) for slow in STRAYS]
     alone = [_plainly(left, slow) for slow in beside]
     found = [_found(left, asked, slow) for slow in beside]
-    told = [one.log_evidence + plain for one, plain in zip(found, alone, strict=True)]
-    best = found[int(np.argmax(told))]
+    told = [one.log_evidence + plain for (one, *_), plain in zip(found, alone, strict=True)]
+    best, at, shows = found[int(np.argmax(told))]
     return best._replace(
-        log_evidence=max(told) - max(alone), moved=tuple(noise * moved for moved in best.moved)
+        log_evidence=max(told) - max(alone),
+        moved=tuple(noise * moved for moved in best.moved),
+        regular=_regular(at, shows),
     )
 
 
-def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tuple[float, float]) -> Losses:
+def _found(
+    left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tuple[float, float]
+) -> tuple[Losses, list[Array], list[Array]]:
     """Losses beside a slow error, see `_power`; what they move is normalised.
 
     Args:
         asked: by how much a loss makes each command shorter [m], and what the robot answers to one of 1 m,
             over the noise, by run.
+    Returns: them, but for `regular`, and what that is made of.
     """
     rest, missing = list(left), [np.zeros(len(r)) for r in left]
     gains, expected = zip(*(_gain(r, *one, slow) for r, one in zip(rest, asked, strict=True)), strict=True)
@@ -112,7 +117,7 @@ def _found(left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tu
     moved = tuple(before - after for before, after in zip(left, rest, strict=True))
     # A loss is found where its log likelihood, which is normal about what is expected, pays for it.
     shows = [ndtr((one + math.log(chance)) / np.sqrt(2.0 * one + 1e-9)) for one in expected]
-    return Losses(evidence, chance, moved, tuple(missing), _regular(first, shows))
+    return Losses(evidence, chance, moved, tuple(missing), 0.0), first, shows
 
 
 def _gain(r: Array, shorter: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from .study import Array
 
-__all__ = ["hum", "in_contact", "louder", "uneven", "unexplained", "wave"]
+__all__ = ["answering", "hum", "in_contact", "louder", "stretches", "uneven", "unexplained", "wave"]
 
 _BLOCKS = (1, 4, 16, 64, 256)
 # Of noise's square over what is specified.
@@ -23,6 +23,17 @@ _FREEDOMS, _ROUNDS, _FEWEST = (1.0, 2.0, 4.0, 8.0), 20, 20
 _TURNS = 2.0
 # Of encoders' scales and interpolators [m]: as fine as ways of a centimetre tell apart.
 _PITCHES = 3e-4 * 1.01 ** np.arange(300)
+
+
+def stretches(where: Array) -> list[slice]:
+    """Where a condition holds without a break, from whether it does at each tick, shape (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(where, int), [0]])))
+    return [slice(a, b) for a, b in edges.reshape(-1, 2).tolist()]
+
+
+def answering(touching: Array) -> Array:
+    """Whether the sensor answers to a contact, for some ticks after it, too; shapes (n,)."""
+    return np.convolve(touching, np.ones(_AFTER + 1))[: len(touching)] > 0.5
 
 
 def louder(n: int, q: float) -> float:
@@ -73,13 +84,12 @@ def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
     """
     parts = []
     for r, touched in zip(channels, touching, strict=True):
-        within = np.convolve(touched, np.ones(_AFTER + 1))[: len(r)] > 0.5
+        within = answering(touched)[: len(r)]
         if not np.isfinite(r).all():
             return math.inf
         out = r[~within]
         noise = math.sqrt(max(float(np.mean(out**2)), 1.0)) if len(out) > 100 else 1.0
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], within.astype(int), [0]])))
-        parts += [r[a:b] / noise for a, b in edges.reshape(-1, 2) if b - a >= _SHORTEST]
+        parts += [part / noise for part in (r[one] for one in stretches(within)) if len(part) >= _SHORTEST]
     gains = [0.0]
     for length in _WITHIN:
         sums = [_sums(part, length) for part in parts]

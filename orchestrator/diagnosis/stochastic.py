@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 from .colour import COLOUR, coloured, small_colour
 from .dropout import held_longer, lost_in_contact, lost_in_flight
 from .fit import Fit
-from .misfit import hum, uneven
+from .misfit import hum, stretches, uneven
 from .model import RigModel
 from .rig import HISTORY, Calibrated, _transition
 from .study import Array
@@ -32,6 +32,8 @@ __all__ = [
 
 # Ticks about a contact that count with it.
 _MARGIN = 40
+# Shorter flights tell nothing.
+_FLIGHT = 40
 # A hundred particles take one kind of random arrival for the other now and then.
 _PARTICLES = 300
 # Kinds of random arrival are weighed at these times the deviation found: particles starve where a kind is
@@ -70,8 +72,7 @@ def flights(touching: Array) -> list[slice]:
     """Stretches without contact, from whether a replay touches at each tick, shape (n,)."""
     touched = np.convolve(touching, np.ones(2 * _MARGIN + 1), "same") > 0.5
     touched[:20] = True
-    edges = np.flatnonzero(np.diff(np.concatenate([[1], touched.astype(int), [1]])))
-    return [slice(a, b) for a, b in edges.reshape(-1, 2) if b - a >= 40]
+    return [one for one in stretches(~touched) if one.stop - one.start >= _FLIGHT]
 
 
 @dataclass(frozen=True)
