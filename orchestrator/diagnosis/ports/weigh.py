@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ...system import Port
 from ..answers import Answer, simplest, tied
-from ..effect import Effect
+from ..effect import Effect, by_effect
 from ..finding import Augmented, Candidate, Finding
 from ..fit import Fit, Fitter
 from ..search import Search, search
@@ -28,6 +28,8 @@ __all__ = ["Weighed", "carries", "weigh_ports"]
 _KEPT = 12
 # Excess counts where it is this part of the noise at least.
 _EXCESS = 0.5
+# Answers of a larger probability tell which of their effects counts most.
+_WORTH = 0.01
 # How many effects an answer may hold.
 _LONGEST = 4
 # Tolerances by which a calibrated number may stray.
@@ -153,7 +155,6 @@ def _answers(fitter: Fitter, found: Search, check: _Check, effects: Sequence[Eff
 
     def answer(fit: Fit) -> Answer:
         gain = found.gain(fit) + 0.5 * (before - check.square(fit))
-        # In the order in which they were found: what explains most stands first.
         return Answer(tuple(one.id for one in fit.effects), gain, 0.0, fit)
 
     made = [one for one in map(answer, found.fits[:_KEPT]) if math.isfinite(one.gain)]
@@ -210,7 +211,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     made = [_candidate(one, float(p)) for one, p in zip(answers, probabilities[:-1], strict=True)]
     made.append(Candidate(("outside",), float(probabilities[-1]), {}, (), 0.0))
     made.sort(key=lambda one: -one.probability)
-    made = _folded(made)
+    made = [_ordered(by, one) if one.probability > _WORTH else one for one in _folded(made)]
     first = made[0]
     place = max(left, key=lambda port: left[port]).partition(".")[0] if left else ""
     places = {place} if first.effects == ("outside",) else {one.partition(".")[0] for one in first.effects}
@@ -254,6 +255,25 @@ def _folded(made: list[Candidate]) -> list[Candidate]:
 
     together = first.probability + sum(one.probability for one in rest if same(one))
     return [replace(first, probability=together), *(one for one in rest if not same(one))]
+
+
+def _ordered(by: _Made, one: Candidate) -> Candidate:
+    """An answer whose effects stand in order: without the first, train runs would fit worst."""
+    model = one.model
+    if model is None or len(one.effects) < 2:
+        return one
+    parts = dict(by_effect(model.effects, model.theta))
+    ports = [port for run in by.replay.runs for port in by.replay.compared(run)]
+
+    def square(gone: Effect) -> float:
+        kept = [effect for effect in parts if effect is not gone]
+        theta = np.concatenate([parts[effect] for effect in kept])
+        found = by.replay.residuals(model.calibrated, tuple(kept), theta)
+        total = sum(by.weights[port] ** 2 * float(r @ r) for port, r in zip(ports, found, strict=True))
+        return total if math.isfinite(total) else math.inf
+
+    order = sorted(parts, key=square, reverse=True)
+    return replace(one, effects=tuple(effect.id for effect in order))
 
 
 def _candidate(answer: Answer, probability: float) -> Candidate:
