@@ -12,13 +12,13 @@ from ports_bench import friction, study
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.diagnose import diagnose
-from orchestrator.diagnosis.finding import Augmented
+from orchestrator.diagnosis.finding import Augmented, Candidate
 from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.closure import NOMINAL
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
 from orchestrator.diagnosis.ports.study import Role
-from orchestrator.diagnosis.ports.weigh import carries, weigh_ports
+from orchestrator.diagnosis.ports.weigh import carries, foremost, weigh_ports
 from orchestrator.diagnosis.verdict import read_diagnosis
 from orchestrator.errors import ConfigError
 from orchestrator.run import run
@@ -121,6 +121,21 @@ def test_a_hidden_effect_on_a_connection_is_found(tmp_path):
     assert weighed.finding.effects == ("drive.voltage.dead-band",)
     parameters = weighed.finding.candidates[0].parameters
     assert parameters["drive.voltage.dead-band.threshold"] == pytest.approx(0.2, rel=0.05)
+
+
+def test_what_counts_most_stands_first(tmp_path):
+    found = load_port_study(study(tmp_path, [COULOMB], seed=None))
+    replay = PortReplay(found, found.of(Role.TRAIN))
+    named = {one.id: one for one in candidates(found, measure(found, replay.runs[0]))}
+    viscous, coulomb = named["drive.viscous"], named["drive.coulomb"]
+    one = Candidate(
+        (viscous.id, coulomb.id), 0.9, {}, (), 0.0, Augmented({}, (viscous, coulomb), np.array([0.1, 12.0]))
+    )
+    weights = {POSITION: 1.0, VOLTAGE: 1.0}
+    ordered = foremost(replay, weights, one)
+    assert ordered.effects == (coulomb.id, viscous.id) and ordered.model is one.model
+    alone = replace(one, effects=(viscous.id,), model=None)
+    assert foremost(replay, weights, alone) is alone
 
 
 @pytest.mark.parametrize("seed", [1, 2])

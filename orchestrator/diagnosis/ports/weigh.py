@@ -22,7 +22,7 @@ from .study import PortStudy, Role
 from .tempering import Tempering
 from .ties import alike
 
-__all__ = ["Weighed", "carries", "weigh_ports"]
+__all__ = ["Weighed", "carries", "foremost", "weigh_ports"]
 
 # Answers that are told.
 _KEPT = 12
@@ -211,7 +211,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     made = [_candidate(one, float(p)) for one, p in zip(answers, probabilities[:-1], strict=True)]
     made.append(Candidate(("outside",), float(probabilities[-1]), {}, (), 0.0))
     made.sort(key=lambda one: -one.probability)
-    made = [_ordered(by, one) if one.probability > _WORTH else one for one in _folded(made)]
+    made = [foremost(replay, by.weights, one) if one.probability > _WORTH else one for one in _folded(made)]
     first = made[0]
     place = max(left, key=lambda port: left[port]).partition(".")[0] if left else ""
     places = {place} if first.effects == ("outside",) else {one.partition(".")[0] for one in first.effects}
@@ -257,19 +257,23 @@ def _folded(made: list[Candidate]) -> list[Candidate]:
     return [replace(first, probability=together), *(one for one in rest if not same(one))]
 
 
-def _ordered(by: _Made, one: Candidate) -> Candidate:
-    """An answer whose effects stand in order: without the first, train runs would fit worst."""
+def foremost(replay: PortReplay, weights: Mapping[Port, float], one: Candidate) -> Candidate:
+    """An answer whose effects stand in order: without the first of them, runs would fit worst.
+
+    Args:
+        weights: of the compared ports' residuals.
+    """
     model = one.model
     if model is None or len(one.effects) < 2:
         return one
     parts = dict(by_effect(model.effects, model.theta))
-    ports = [port for run in by.replay.runs for port in by.replay.compared(run)]
+    ports = [port for run in replay.runs for port in replay.compared(run)]
 
     def square(gone: Effect) -> float:
         kept = [effect for effect in parts if effect is not gone]
         theta = np.concatenate([parts[effect] for effect in kept])
-        found = by.replay.residuals(model.calibrated, tuple(kept), theta)
-        total = sum(by.weights[port] ** 2 * float(r @ r) for port, r in zip(ports, found, strict=True))
+        found = replay.residuals(model.calibrated, tuple(kept), theta)
+        total = sum(weights[port] ** 2 * float(r @ r) for port, r in zip(ports, found, strict=True))
         return total if math.isfinite(total) else math.inf
 
     order = sorted(parts, key=square, reverse=True)
