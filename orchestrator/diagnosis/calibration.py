@@ -64,7 +64,8 @@ class Calibration:
     log evidence, in the last term no more than a million: a real effect's form is not quite the catalogue's,
     and what another effect mends of that grows with the first one. Effects that the logs speak for have a
     price: the first of them `first`, the second `second`, each further one `further`. One that is too small
-    to be seen costs `hidden`, beside another one `beside`, and more the seldomer it stays unseen. Something
+    to be seen costs `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it stays
+    unseen. Something
     outside the catalogue scores what the best answer of its group has, less `outside`, plus `slope` times
     ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`), plus the log likelihood that
     what the best answer holds to be random is not, plus `several` for a second effect that it sees, and
@@ -104,7 +105,7 @@ class Calibration:
     roughness: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def price(self, seen: int | Array, unseen: int | Array = 0, rarity: float | Array = 0.0) -> float | Array:
-        """What effects cost, in all groups of logs together.
+        """What effects cost, in all groups of logs together: beyond two, each `further`, seen or not.
 
         Args:
             seen, unseen: how many effects the logs speak for, and how many are too small for that.
@@ -112,8 +113,10 @@ class Calibration:
         """
         cost = self.first * np.minimum(seen, 1) + self.second * np.clip(np.subtract(seen, 1), 0, 1)
         cost = cost + self.further * np.maximum(np.subtract(seen, 2), 0)
-        alone = np.where(np.equal(seen, 0), self.hidden, self.beside) * np.minimum(unseen, 1)
-        return cost + alone + self.beside * np.maximum(np.subtract(unseen, 1), 0) + rarity
+        few = np.minimum(unseen, np.maximum(np.subtract(2, seen), 0))
+        alone = np.where(np.equal(seen, 0), self.hidden, self.beside) * np.minimum(few, 1)
+        cost = cost + alone + self.beside * np.maximum(few - 1, 0)
+        return cost + self.further * np.subtract(unseen, few) + rarity
 
     def rarity(self, unseen: Collection[str]) -> float:
         """How seldom just these effects are what stays unseen [nats]."""

@@ -204,6 +204,15 @@ def test_effects_of_software_and_rig_share_one_price():
     assert ratio == pytest.approx(np.exp(5.5 - _SIMPLE.first), rel=0.02)
 
 
+def test_beyond_two_an_effect_costs_as_much_unseen():
+    one = _SIMPLE
+    assert one.price(0, 2) == one.hidden + one.beside and one.price(1, 1) == one.first + one.beside
+    assert one.price(2, 1) == one.price(3) == one.first + one.second + one.further
+    assert one.price(1, 2) == one.first + one.beside + one.further
+    seen, unseen = np.array([0, 2, 1]), np.array([1, 0, 1])
+    assert one.price(seen, unseen).tolist() == [one.price(*each) for each in zip(seen, unseen, strict=True)]
+
+
 def test_the_set_holds_effects_that_the_logs_do_not_exclude():
     found = named(own_study())
     assert found.effects == ()
