@@ -64,13 +64,12 @@ class Calibration:
     log evidence, in the last term no more than a million: a real effect's form is not quite the catalogue's,
     and what another effect mends of that grows with the first one. Effects that the logs speak for have a
     price: the first of them `first`, the second `second`, each further one `further`. One that is too small
-    to be seen costs `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it stays
-    unseen. Something
-    outside the catalogue scores what the best answer of its group has, less `outside`, plus `slope` times
-    ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`), plus the log likelihood that
-    what the best answer holds to be random is not, plus `several` for a second effect that it sees, and
-    `many` for each beyond it: combinations rarely are what they imitate. A share `floor` of the probability
-    is spread evenly.
+    to be seen costs `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it
+    stays unseen. Something outside the catalogue scores what the best answer of its group has, less
+    `outside`, plus `slope` times ln(1 + u), u the unexplained log likelihood over what is usual (see
+    `usual`), plus the log likelihood that what the best answer holds to be random is not, plus `several` for
+    a second effect that it sees, and `many` for each beyond it: combinations rarely are what they imitate. A
+    share `floor` of the probability is spread evenly.
 
     A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
     not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
