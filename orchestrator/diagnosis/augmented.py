@@ -22,7 +22,7 @@ from .effect import Effect
 from .finding import Finding
 from .model import apply_changes, begin_state, nominal_parameters
 from .rig import Calibrated, State
-from .study import Array, Role, Run, Study
+from .study import UNITS, Array, Role, Run, Study
 from .written import LOAD, READING, Written, merged, through, with_unit
 
 __all__ = ["NAME", "STEP", "SYSTEM", "AugmentedConfig", "augmented_config", "is_docking_lab"]
@@ -133,14 +133,16 @@ def _written(
 
 def _changes(nominal: Array, p: Array, written: Written) -> tuple[str, ...]:
     """What differs from the rig as its lab believes it to be, in words."""
-    told = [
-        f"{one.name.lower().replace('_', ' ')}: {p[one]:.6g} instead of {nominal[one]:.6g} (SI)"
-        for one in Calibrated
-        if p[one] != nominal[one] and one is not Calibrated.FORCE_BIAS
-    ]
+    told = []
+    for one in Calibrated:
+        if p[one] != nominal[one] and one is not Calibrated.FORCE_BIAS:
+            name = one.name.lower()
+            unit = UNITS.get(name, "1").removeprefix("1")
+            text = f"{name.replace('_', ' ')}: {p[one]:.6g} instead of {nominal[one]:.6g} {unit}"
+            told.append(text.rstrip())
     for instance, values in written.start.items():
         listed = ", ".join(f"{name} {_short(value)}" for name, value in values.items())
-        told.append(f"{instance}: {listed}")
+        told.append(f"{instance}: {listed or f'{_MORE[instance][0]}, which gives what the effects read'}")
     told += [f"{connection}: connected" for connection in written.adds]
     for connection, effects in written.through.items():
         listed = ", then ".join(

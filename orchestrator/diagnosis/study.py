@@ -20,7 +20,7 @@ from ..quantities import Measure, quantity
 from ..units import UnitError, convert, parse_unit
 from .mapping import Column, columns_of, read_mapping
 
-__all__ = ["Nominal", "Role", "Run", "Study", "load_study"]
+__all__ = ["UNITS", "Nominal", "Role", "Run", "Study", "load_study"]
 
 Array = NDArray[np.float64]
 
@@ -36,7 +36,8 @@ _COLUMNS = {
 }
 # What a study may say of an experiment that its lab can make: a contact with other numbers.
 _EXPERIMENT = {"mass": "kg", "approach_speed": "m/s", "rod": "1", "tracker": "m", "ticks": "1"}
-_NOMINAL = {
+# Units of what a study states of its rig.
+UNITS = {
     "contact_stiffness": "N/m",
     "contact_damping": "N.s/m",
     "front_wall": "m",
@@ -192,20 +193,18 @@ def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> di
     found = {}
     for name, entry in data.items():
         place = f"{path}: nominal.{name}"
-        if name not in _NOMINAL:
-            problems.append(
-                Problem(place, "unknown", listed(tuple(_NOMINAL)), nearest(name, tuple(_NOMINAL)))
-            )
+        if name not in UNITS:
+            problems.append(Problem(place, "unknown", listed(tuple(UNITS)), nearest(name, tuple(UNITS))))
             continue
         try:
-            if str(entry["unit"]) == "Hz" and _NOMINAL[name] == "rad/s":
+            if str(entry["unit"]) == "Hz" and UNITS[name] == "rad/s":
                 factor = 2.0 * np.pi  # frequencies of oscillations and filters, which turn once per period
             else:
-                factor = convert(parse_unit(str(entry["unit"])), parse_unit(_NOMINAL[name]))[0]
+                factor = convert(parse_unit(str(entry["unit"])), parse_unit(UNITS[name]))[0]
             found[name] = Nominal(float(entry["value"]) * factor, float(entry.get("tolerance", 0)) * factor)
         except (KeyError, TypeError, ValueError, UnitError) as error:
             problems.append(Problem(place, str(error), "value, unit and tolerance"))
-    problems += [Problem(f"{path}: nominal", f"{name} is missing") for name in _NOMINAL if name not in data]
+    problems += [Problem(f"{path}: nominal", f"{name} is missing") for name in UNITS if name not in data]
     return found
 
 

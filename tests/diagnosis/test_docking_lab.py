@@ -84,7 +84,8 @@ def test_several_effects_and_calibrated_numbers(tmp_path):
     theta = np.concatenate(
         [[1.5], [0.1], [0.1], [one.starts[0] if one.starts else 0.1 for one in effects[3].parameters]]
     )
-    model = Augmented({"natural_frequency": 480.0, "force_bias": 0.25}, effects, theta)
+    numbers = {"natural_frequency": 480.0, "damping_ratio": 0.75, "force_bias": 0.25}
+    model = Augmented(numbers, effects, theta)
     made = augmented_config(own_study(ticks=TICKS), finding(model, names))
     assert made.left_out == {}
     data = loaded(made.text, tmp_path)
@@ -92,7 +93,8 @@ def test_several_effects_and_calibrated_numbers(tmp_path):
     assert data["instances"]["satellite"]["start"]["mass"] == f"{279.07 * 1.1!r} kg"
     assert data["instances"]["contact"]["fmu"] == "LabContact"
     assert data["instances"]["contact"]["start"]["hertz_exponent"] == 0.2
-    assert "natural frequency: 480 instead of 471.239 (SI)" in made.changed
+    assert "natural frequency: 480 instead of 471.239 rad/s" in made.changed
+    assert "damping ratio: 0.75 instead of 0.8" in made.changed
     assert "contact: hertz_exponent 0.2, hertz_depth 0.0005 m" in made.changed
     (reading,) = [one for one in data["connections"] if "sensor.measured_force" in str(one)]
     assert reading["through"] == [{"offset": "1.75 N"}, {"gain": 1.1}], "the bias first, as in the rig"
@@ -105,6 +107,15 @@ def loaded(text, folder):
     config = load_config(path)
     assert len(load_system(config).instances) == 5
     return config.model.to_data()
+
+
+def test_an_fmu_that_only_gives_more_is_told(tmp_path):
+    inertia = catalogue()["sensor.tool-inertia"]
+    made = augmented_config(
+        own_study(ticks=TICKS), finding(Augmented({}, (inertia,), np.array([0.4])), (inertia.id,))
+    )
+    assert loaded(made.text, tmp_path)["instances"]["robot"]["fmu"] == "LabRobot"
+    assert "robot: LabRobot, which gives what the effects read" in made.changed
 
 
 def test_what_statistics_know_and_what_nobody_knows(tmp_path):
