@@ -124,9 +124,11 @@ class Calibration:
 
     def usual(self, answer: Weighable) -> float:
         """Log likelihood that an answer as good as this leaves unexplained on rigs [nats]."""
-        seen = [name for name in answer.effects if name not in answer.unseen]
-        share = max((self.leaves.get(name, LEAVES) for name in seen), default=0.0)
-        return 1.0 + share * min(max(answer.gain, 0.0), _RUNAWAY)
+        gain = max(answer.gain, 0.0)
+        # A replay that runs away without an effect strays in proportion with it; software's own form is exact.
+        known = [self.leaves[name] * gain for name in answer.seen if name in self.leaves]
+        others = [LEAVES * min(gain, _RUNAWAY) for name in answer.seen if name not in self.leaves]
+        return 1.0 + max([*known, *others], default=0.0)
 
     def table(self, answers: Sequence[Weighable]) -> Table:
         """What scores are made of."""
