@@ -125,7 +125,7 @@ class Calibration:
     def usual(self, answer: Weighable) -> float:
         """Log likelihood that an answer as good as this leaves unexplained on rigs [nats]."""
         gain = max(answer.gain, 0.0)
-        # A replay that runs away without an effect strays in proportion with it; software's own form is exact.
+        # A replay that runs away without an effect strays in proportion with it; software has its exact form.
         known = [self.leaves[name] * gain for name in answer.seen if name in self.leaves]
         others = [LEAVES * min(gain, _RUNAWAY) for name in answer.seen if name not in self.leaves]
         return 1.0 + max([*known, *others], default=0.0)

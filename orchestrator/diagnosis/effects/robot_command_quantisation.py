@@ -103,7 +103,7 @@ def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
     across = np.linspace(-1.0, 1.0, 41)
     for _, step in sorted(found, reverse=True)[:2]:
         phase = 0.0
-        for wide, narrow in ((0.5, 0.05), (0.05, 0.02), (0.01, 0.005), (0.002, 0.001)):
+        for wide, narrow in ((0.5, 0.05), (0.05, 0.02), (0.01, 0.005), (0.002, 0.001), (0.001, 0.0005)):
             phases = np.clip(phase + wide * across, -0.5, 0.5)
             phase = float(phases[int(np.argmax(explained(np.full(41, step), phases)))])
             near = 1.0 / (1.0 / step + narrow / farthest * across)
