@@ -35,6 +35,11 @@ class Weighable(Protocol):
     unseen: tuple[str, ...]
     odd: float
 
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """See `answers.Answer`."""
+        ...
+
 
 @dataclass(frozen=True)
 class Table:

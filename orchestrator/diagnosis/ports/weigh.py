@@ -112,9 +112,10 @@ def weigh_ports(study: PortStudy, tempering: Tempering | None = None) -> Weighed
         near = {one.id for fit in explored.fits for one in fit.effects}
         found = search(fitter, [one for one in effects if one.id in near], longest=_LONGEST, workers=1)
         checked = PortReplay(study, validation)
-        answers = _answers(fitter, found, _Check(checked, fitter), effects)
-    assert isinstance(fitter.replay, Weighted)
-    made = _Made(study, replay, checked, effects, fitter.replay.by_port)
+        assert isinstance(fitter.replay, Weighted)
+        by_port = fitter.replay.by_port
+        answers = _answers(fitter, found, lambda fit: _squares(checked, by_port, fit), effects)
+    made = _Made(study, replay, checked, effects, by_port)
     return _conclude(made, found, answers, tempering or Tempering())
 
 
@@ -133,28 +134,26 @@ def _weights(
     return [1.0 / math.sqrt(float(np.mean(kept[port]))) for port in ports]
 
 
-class _Check:
-    """What fits gain on validation runs."""
-
-    def __init__(self, replay: PortReplay, fitter: Fitter) -> None:
-        self.replay = replay
-        assert isinstance(fitter.replay, Weighted)
-        by_port = fitter.replay.by_port
-        self.weights = [by_port.get(p, 0.0) for run in replay.runs for p in replay.compared(run)]
-
-    def square(self, fit: Fit) -> float:
-        """Sum of squares of the weighed residuals."""
-        found = self.replay.residuals(fit.calibrated, fit.effects, fit.theta)
-        total = sum(weight**2 * float(r @ r) for r, weight in zip(found, self.weights, strict=True))
-        return total if math.isfinite(total) else math.inf
+def _squares(replay: PortReplay, weights: Mapping[Port, float], model: Fit | Augmented) -> float:
+    """Sum of squares of the weighed residuals; infinite where the model runs away."""
+    ports = [port for run in replay.runs for port in replay.compared(run)]
+    found = replay.residuals(model.calibrated, model.effects, model.theta)
+    total = sum(weights.get(port, 0.0) ** 2 * float(r @ r) for port, r in zip(ports, found, strict=True))
+    return total if math.isfinite(total) else math.inf
 
 
-def _answers(fitter: Fitter, found: Search, check: _Check, effects: Sequence[Effect]) -> list[Answer]:
-    """None first, then by falling evidence."""
-    before = check.square(found.none)
+def _answers(
+    fitter: Fitter, found: Search, check: Callable[[Fit], float], effects: Sequence[Effect]
+) -> list[Answer]:
+    """None first, then by falling evidence.
+
+    Args:
+        check: sum of squares that a fit leaves of the validation runs.
+    """
+    before = check(found.none)
 
     def answer(fit: Fit) -> Answer:
-        gain = found.gain(fit) + 0.5 * (before - check.square(fit))
+        gain = found.gain(fit) + 0.5 * (before - check(fit))
         return Answer(tuple(one.id for one in fit.effects), gain, 0.0, fit)
 
     made = [one for one in map(answer, found.fits[:_KEPT]) if math.isfinite(one.gain)]
@@ -267,14 +266,11 @@ def foremost(replay: PortReplay, weights: Mapping[Port, float], one: Candidate) 
     if model is None or len(one.effects) < 2:
         return one
     parts = dict(by_effect(model.effects, model.theta))
-    ports = [port for run in replay.runs for port in replay.compared(run)]
 
     def square(gone: Effect) -> float:
         kept = [effect for effect in parts if effect is not gone]
         theta = np.concatenate([parts[effect] for effect in kept])
-        found = replay.residuals(model.calibrated, tuple(kept), theta)
-        total = sum(weights[port] ** 2 * float(r @ r) for port, r in zip(ports, found, strict=True))
-        return total if math.isfinite(total) else math.inf
+        return _squares(replay, weights, Augmented(model.calibrated, tuple(kept), theta))
 
     order = sorted(parts, key=square, reverse=True)
     return replace(one, effects=tuple(effect.id for effect in order))
