@@ -67,6 +67,7 @@ def _again(study: Study, finding: Finding, first: Candidate) -> dict[str, Any]:
         "between": [" + ".join(first.effects), name],
         "evidence": {name: float(evidence)},
         "menu": {},
+        "leaves": [],
         "then": "",
     }
 
@@ -83,6 +84,7 @@ def _alone(place: str, between: list[str], among: Sequence[Experiment]) -> dict[
         "between": between,
         "evidence": {},
         "menu": {},
+        "leaves": [],
         "then": chosen[1].name if len(chosen) > 1 else "",
     }
 

@@ -66,17 +66,16 @@ def _in_software(one: Posterior) -> bool:
 def next_experiment(
     study: Study, finding: Finding, among: Sequence[Experiment] | None = None
 ) -> dict[str, Any] | None:
-    """The experiment with the largest expected evidence between the first candidate and its closest rival.
+    """The experiment with the largest expected evidence between the first candidate and its rivals.
 
-    Of those within 5 % of it, the first of the menu, which is in order of effort. Rivals are its ties, and
-    other candidates of at least 1 % probability; at most four.
+    Rivals are its ties, and other candidates of at least 1 % probability; at most four. See
+    `outlook.chosen` for how the evidence between them counts.
 
     Args:
-        among: to choose from; by default the menu, with those of installed packages and of the study.
-    Returns: name, description, expected_evidence [nats] over the rival that is told apart least, between
-        (the tied effects, the first candidate's first), evidence by rival, `menu` with the number of each
-        experiment, and `then`, the best one for what the first one leaves tied, "" if there is none. Where
-        the first candidate has no rival that the rig's model holds, see `doubt.without_rival`.
+        among: to choose from, in order of effort; by default the menu, with those of installed packages and
+            of the study.
+    Returns: as `outlook.chosen`; where the first candidate has no rival that the rig's model holds, see
+        `doubt.without_rival`.
     Raises: ValueError if there is nothing to choose from.
     """
     among = menu_of(study) if among is None else among
@@ -87,12 +86,13 @@ def next_experiment(
         return without_rival(study, finding, among)
     places = {effect.place for model in tied.values() for effect in model.effects}
     inflation = max([1.0, *(finding.misfit.get(place, 1.0) for place in places)])
-    cause, *rivals = (posterior(study, model, inflation) for model in tied.values())
-    expected = {
-        one.name: np.array([expected_evidence(study, one, cause, rival, inflation) for rival in rivals])
-        for one in among
-    }
-    return chosen({one.name: one.description for one in among}, expected, list(tied))
+    candidates = [posterior(study, model, inflation) for model in tied.values()]
+    offered = {one.name: one for one in among}
+
+    def evidence(name: str, cause: int, rival: int) -> float:
+        return expected_evidence(study, offered[name], candidates[cause], candidates[rival], inflation)
+
+    return chosen({one.name: one.description for one in among}, list(tied), evidence)
 
 
 def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .catalogue import catalogue
-from .verdict import Diagnosis, Which
+from .verdict import Diagnosis, Experiment, Which
 
-__all__ = ["TELLS", "given", "headline", "listed_or", "nats", "percent"]
+__all__ = ["TELLS", "given", "headline", "leaves_in_words", "listed_or", "nats", "percent"]
 
 # An answer that is likelier than this is named alone, its ties after it.
 _SURE = 0.8
@@ -65,6 +65,12 @@ def given(diagnosis: Diagnosis) -> Which:
     """The answer that the verdict gives."""
     effects = set(diagnosis.verdict.effects)
     return next((one for one in diagnosis.which if set(one.effects) == effects), diagnosis.which[0])
+
+
+def leaves_in_words(one: Experiment) -> str:
+    """Pairs that an experiment does not tell apart, and what would."""
+    pairs = "; ".join(" from ".join(pair) for pair in one.leaves)
+    return f"It does not tell {pairs}" + (f": {one.then} does." if one.then else ".")
 
 
 def listed_or(names: Sequence[str]) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import sqrt
 from typing import Any
 
@@ -101,29 +102,54 @@ def evidence_over(fitter: Fitter, rival: Posterior, places: Sequence[int]) -> fl
     return 0.5 * cost if np.isfinite(cost) else 0.0
 
 
-def chosen(menu: Mapping[str, str], expected: Mapping[str, Array], between: Sequence[str]) -> dict[str, Any]:
+def chosen(
+    menu: Mapping[str, str], between: Sequence[str], evidence: Callable[[str, int, int], float]
+) -> dict[str, Any]:
     """The experiment that tells a candidate from its rivals best; of those as good, the first.
 
+    Where several tell the first candidate from all its rivals, that counts which tells the rivals from each
+    other best: one of them may be right. Pairs that none of these tells apart do not count.
+
     Args:
-        menu: descriptions by name, in order of effort; expected: evidence over each rival [nats], by name.
+        menu: descriptions by name, in order of effort.
         between: the candidates, the first one's rivals after it.
-    Returns: name, description, expected_evidence [nats] over the rival that is told apart least, between,
-        evidence by rival, `menu` with the number of each experiment, and `then`, the best one for what the
-        first one leaves tied, "" if there is none.
+        evidence: that an experiment, by name, is expected to give for one candidate over another, by their
+            places in `between` [nats].
+    Returns: name, description, expected_evidence [nats] between the two told apart least, of the pairs that
+        count, `between`, evidence by rival of the first, `menu` with the least evidence over a rival of each
+        experiment, `leaves`, pairs that stay tied, and `then`, the best experiment for these, "" if there is
+        none.
     """
-    least_told = {name: float(values.min()) for name, values in expected.items()}
+    rivals = range(1, len(between))
+    others = list(combinations(rivals, 2))
+    told = {name: {(0, rival): evidence(name, 0, rival) for rival in rivals} for name in menu}
+    first = {name: min(pairs.values()) for name, pairs in told.items()}
+    able = [name for name in menu if first[name] >= _TOLD_APART]
+    for name in able:
+        told[name] |= {pair: evidence(name, *pair) for pair in others}
+    counted = [pair for pair in others if any(told[name][pair] >= _TOLD_APART for name in able)]
+    least_told = first
+    if able:
+        least_told = {name: min([first[name], *(told[name][pair] for pair in counted)]) for name in able}
     best = _cheapest(least_told)
-    left = np.flatnonzero(expected[best] < _TOLD_APART)
-    further = {name: float(values[left].min()) for name, values in expected.items()} if left.size else {}
-    then = _cheapest(further) if further else ""
+    left = [pair for pair, value in told[best].items() if value < _TOLD_APART]
+    then = ""
+    if left:
+        again = {
+            name: min(pairs[pair] if pair in pairs else evidence(name, *pair) for pair in left)
+            for name, pairs in told.items()
+        }
+        further = _cheapest(again)
+        then = further if again[further] >= _TOLD_APART else ""
     return {
         "name": best,
         "description": menu[best],
         "expected_evidence": least_told[best],
         "between": list(between),
-        "evidence": dict(zip(between[1:], expected[best].tolist(), strict=True)),
-        "menu": least_told,
-        "then": then if then != best else "",
+        "evidence": {between[rival]: told[best][0, rival] for rival in rivals},
+        "menu": first,
+        "leaves": [[between[one], between[other]] for one, other in left],
+        "then": then,
     }
 
 

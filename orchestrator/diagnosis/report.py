@@ -12,7 +12,7 @@ from .catalogue import catalogue, in_words
 from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
-from .headline import TELLS, given, headline, listed_or, nats, percent
+from .headline import TELLS, given, headline, leaves_in_words, listed_or, nats, percent
 from .study import Role, Study
 from .verdict import Diagnosis, Gap
 
@@ -165,6 +165,8 @@ def _next(diagnosis: Diagnosis) -> str:
         if one.expected_evidence is not None:
             text += f": {nats(one.expected_evidence)} of evidence expected"
         text += ".</p>"
+    if one.leaves and one.expected_evidence is not None and one.expected_evidence >= TELLS:
+        text += f"<p class=note>{escape(leaves_in_words(one))}</p>"
     return text
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .diagnose import Diagnosed
-from .headline import TELLS, headline, nats, percent
+from .headline import TELLS, headline, leaves_in_words, nats, percent
 
 __all__ = ["text"]
 
@@ -29,6 +29,8 @@ def text(made: Diagnosed) -> str:
             lines.append("  next: no experiment of the menu tells these answers apart")
         else:
             lines.append(f"  next: {found.next_experiment.name}{expected}")
+            if found.next_experiment.leaves:
+                lines.append(f"        {leaves_in_words(found.next_experiment)}")
     lines += [f"  data: {one.place}: {one.what}" for one in found.data]
     lines += [f"  left out: {name.replace('_', ' ')}: {why}" for name, why in found.left_out.items()]
     if made.folder is not None:

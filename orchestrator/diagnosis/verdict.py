@@ -103,12 +103,19 @@ class HowFar(Gap):
 
 
 class Experiment(_Open):
-    """What to run next, and the evidence that it is expected to give between the tied candidates [nats]."""
+    """What to run next, and the evidence that it is expected to give between the tied candidates [nats].
+
+    Attributes:
+        leaves: pairs of them that it does not tell apart.
+        then: the experiment for these, "" if there is none.
+    """
 
     name: str
     description: str
     expected_evidence: Number | None
     between: list[str]
+    leaves: list[list[str]] = []
+    then: str = ""
 
 
 class Numerics(_Open):

@@ -14,6 +14,7 @@ from orchestrator.diagnosis.experiments import expected_evidence, next_experimen
 from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.menu import MENU, Experiment, menu, menu_of
+from orchestrator.diagnosis.outlook import chosen
 from orchestrator.diagnosis.study import Role, _experiments
 from orchestrator.diagnosis.trial import Chain, Trial
 from orchestrator.errors import ConfigError
@@ -118,6 +119,42 @@ def test_what_stays_tied_is_told_with_the_experiment_for_it():
     told = next_experiment(study, finding, some)
     assert told["evidence"]["contact.stiffness"] < 10.0
     assert told["expected_evidence"] < 10.0
+    assert told["leaves"] == [["structure.compliance", "contact.stiffness"]] and told["then"] == ""
+
+
+def test_rivals_are_told_from_each_other_too():
+    """One of them may be right, and the first candidate wrong."""
+    ids, theta = ("sensor.gain",), (-0.1,)
+    study, finding = lab(ids, theta), found(ids, theta, ("structure.compliance", "contact.stiffness"))
+    weights, laser, both = map(_named, ("dead weights", "tip tracker", "dead weights with tip tracker"))
+    told = next_experiment(study, finding, [weights, laser, both])
+    assert told["name"] == both.name and told["leaves"] == [] and told["then"] == ""
+    told = next_experiment(study, finding, [weights, laser])
+    assert told["name"] == weights.name and told["then"] == laser.name
+    assert told["leaves"] == [["structure.compliance", "contact.stiffness"]]
+
+
+def test_what_no_experiment_tells_apart_does_not_count():
+    """Of three candidates the last two are the same in all experiments, and the first in one of them."""
+    table = {
+        "cheap": {(0, 1): 30.0, (0, 2): 20.0, (1, 2): 1.0},
+        "dear": {(0, 1): 90.0, (0, 2): 80.0, (1, 2): 2.0},
+    }
+    asked = []
+
+    def evidence(name, one, other):
+        asked.append((name, one, other))
+        return table[name][one, other]
+
+    told = chosen({"cheap": "a", "dear": "b"}, ["x", "y", "z"], evidence)
+    assert told["name"] == "dear" and told["expected_evidence"] == 80.0
+    assert told["evidence"] == {"y": 90.0, "z": 80.0} and told["menu"] == {"cheap": 20.0, "dear": 80.0}
+    assert told["leaves"] == [["y", "z"]] and told["then"] == ""
+    # Nothing is asked twice.
+    assert len(asked) == len(set(asked)) == 6
+    table["cheap"][1, 2] = 15.0
+    told = chosen({"cheap": "a", "dear": "b"}, ["x", "y", "z"], evidence)
+    assert told["name"] == "cheap" and told["expected_evidence"] == 15.0 and told["leaves"] == []
 
 
 def test_a_candidate_has_no_evidence_over_itself():

@@ -14,7 +14,7 @@ from ..effect import Effect
 from ..finding import Augmented, Finding
 from ..fit import Fitter
 from ..outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace, named
-from ..study import Array, Nominal
+from ..study import Nominal
 from .replay import PortReplay, Weighted
 from .study import PortRun, PortStudy, Role, Trial
 
@@ -74,7 +74,7 @@ def predicted(study: PortStudy, cause: Augmented) -> PortRun:
 def next_experiment(
     study: PortStudy, finding: Finding, weights: Mapping[Port, float], effects: tuple[Effect, ...]
 ) -> dict[str, Any] | None:
-    """The experiment with the largest expected evidence between the first candidate and its closest rival.
+    """The experiment with the largest expected evidence between the first candidate and its rivals.
 
     Each is simulated as the first candidate predicts it, and each rival fitted to that, held by what the
     train runs tell of its parameters; see `outlook.evidence_over`.
@@ -89,13 +89,13 @@ def next_experiment(
         return None
     train = PortReplay(study, study.of(Role.TRAIN))
     with threadpool_limits(limits=1, user_api="blas"):
-        cause, *rivals = (laplace(Fitter(Weighted.of(train, weights)), one) for one in models.values())
-        expected: dict[str, Array] = {}
-        for trial in study.trials:
-            then = tried(study, trial)
-            told = [_expected(study, then, cause, rival, weights) for rival in rivals]
-            expected[trial.name] = np.array(told)
-    return chosen({one.name: one.description for one in study.trials}, expected, list(models))
+        candidates = [laplace(Fitter(Weighted.of(train, weights)), one) for one in models.values()]
+        trials = {trial.name: tried(study, trial) for trial in study.trials}
+
+        def evidence(name: str, cause: int, rival: int) -> float:
+            return _expected(study, trials[name], candidates[cause], candidates[rival], weights)
+
+        return chosen({one.name: one.description for one in study.trials}, list(models), evidence)
 
 
 def _expected(
