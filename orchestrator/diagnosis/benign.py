@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +17,7 @@ from .rig import Calibrated
 from .search import roughness
 from .study import Array
 
-__all__ = ["SETTLED", "WIDER", "Weighted", "Widened", "scatter", "settled", "touching", "waves", "weighted"]
+__all__ = ["SETTLED", "WIDER", "Weighing", "Weighted", "Widened", "scatter", "settled", "touching", "waves"]
 
 # Standard deviation of where a contact begins, from one to the next, on every rig [m].
 _SCATTER = 1e-6
@@ -84,25 +85,41 @@ def touching(model: RigModel, fit: Fit) -> list[Array]:
     return found
 
 
-def weighted(
-    model: RigModel,
-    weights: Sequence[Array],
-    effects: Sequence[Effect],
-    rough: Mapping[str, Sequence[float]],
-    further: Array | None = None,
-    scattered: Array | None = None,
-) -> Fitter:
-    """A fitter in which roughness along effects, and in further directions, is marginalised.
+@dataclass(frozen=True)
+class Weighing:
+    """What effects of a rig are weighed by.
 
-    Args:
-        weights: by channel, one per sample.
-        rough: see `Calibration.roughness`; further: columns as those of `search.roughness`; scattered: such
-            as are looked at by themselves, too, see `Fitter.strayed`.
+    Attributes:
+        effects: to weigh; roughness along them is marginalised.
+        rough: see `Calibration.roughness`.
+        weights: of the samples, by run and channel; a list, whose arrays are replaced as noise is found.
     """
-    replay = Weighted(model, weights)
-    columns = [roughness(Fitter(replay), effects, rough)]
-    columns += [one for one in (further, scattered) if one is not None]
-    return Fitter(replay, 1.0, np.hstack(columns), 0 if scattered is None else scattered.shape[1])
+
+    model: RigModel
+    effects: tuple[Effect, ...]
+    rough: Mapping[str, Sequence[float]]
+    weights: list[Array]
+
+    @staticmethod
+    def of(model: RigModel, effects: Sequence[Effect], rough: Mapping[str, Sequence[float]]) -> Weighing:
+        """All samples count alike, but those before a run is settled."""
+        weights = [settled(len(run)) for run in model.runs for _ in range(2)]
+        return Weighing(model, tuple(effects), rough, weights)
+
+    def roughness(self) -> Array:
+        """See `search.roughness`."""
+        return roughness(Fitter(Weighted(self.model, self.weights)), self.effects, self.rough)
+
+    def fitter(self, further: Array | None = None, scattered: Array | None = None) -> Fitter:
+        """A fitter in which roughness along effects, and in further directions, is marginalised.
+
+        Args:
+            further: columns as those of `search.roughness`; scattered: such as are looked at by themselves,
+                too, see `Fitter.strayed`.
+        """
+        columns = [self.roughness(), *(one for one in (further, scattered) if one is not None)]
+        apart = 0 if scattered is None else scattered.shape[1]
+        return Fitter(Weighted(self.model, self.weights), 1.0, np.hstack(columns), apart)
 
 
 def scatter(model: RigModel, replay: Replay, fit: Fit) -> Array:

@@ -12,17 +12,18 @@ from scipy.signal import lfilter
 from orchestrator.diagnosis import calibrate
 from orchestrator.diagnosis.answers import Answer, Group, complete
 from orchestrator.diagnosis.any_law import any_law
-from orchestrator.diagnosis.benign import settled, touching, weighted
+from orchestrator.diagnosis.benign import Weighing, touching
 from orchestrator.diagnosis.calibrate import Practice, learn_sure
 from orchestrator.diagnosis.calibration import SET, Calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.hardware import _bent, weigh_rig
+from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import in_contact, uneven, unexplained
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import bare_study, simulated_study
+from orchestrator.diagnosis.remainder import bent
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.weigh import conclude
 from tests.diagnosis.rigs import study
@@ -120,8 +121,8 @@ def test_a_small_law_that_no_catalogue_holds_is_seen_along_its_shapes():
             columns = dict(run.columns, sensor_force=force + noise + size * force * back)
             runs.append(replace(run, columns=columns))
         model = RigModel(replace(own, runs=tuple(runs)), runs)
-        weights = [settled(len(run)) for run in runs for _ in range(2)]
-        fitter = weighted(model, weights, [], {})
+        weighing = Weighing.of(model, [], {})
+        fitter, weights = weighing.fitter(), weighing.weights
         fit = fitter.fit(())
         laws[name] = any_law(model, fitter, fit, weights, (0.0, 0.0))
         beside = any_law(model, fitter, fit, weights, (0.4, 0.95))
@@ -136,7 +137,7 @@ def test_what_only_imitates_bends_the_calibration():
     fit = Fitter(RigModel(study(), study().of(Role.TRAIN))).fit(())
     usual = replace(fit, deviation=dict.fromkeys(fit.deviation, 1.1))
     walls = replace(fit, deviation={**usual.deviation, "front_wall": 3.5, "rear_wall": -4.7})
-    assert _bent(usual) == 0.0 and _bent(walls) > 8.0
+    assert bent(usual) == 0.0 and bent(walls) > 8.0
 
 
 def test_sets_hold_more_where_nothing_is_seen():

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.benign import settled, weighted
+from orchestrator.diagnosis.benign import Weighing
 from orchestrator.diagnosis.calibration import calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.hardware import _periodic, weigh_rig
+from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.links import Arrivals
 from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_case, simulated_study
@@ -24,8 +25,7 @@ _RIVALS = ("robot.bandwidth", "robot.damping", "robot.delay", "link.clock-skew",
 def fitter_of(own):
     model = RigModel(own, own.of(Role.TRAIN))
     known = [catalogue()[one] for one in _RIVALS]
-    weights = [settled(len(run)) for run in model.runs for _ in range(2)]
-    return model, weighted(model, weights, known, calibration().roughness)
+    return model, Weighing.of(model, known, calibration().roughness).fitter()
 
 
 def hiding(name, size, seed=6, number=3):
@@ -98,8 +98,9 @@ def test_losses_that_keep_a_period_are_not_by_chance():
 
 
 def test_losses_too_few_for_chance_are_told_by_their_period():
-    def told(by_chance, period):
-        return _periodic(Losses(by_chance, 0.01, (), (), period))
+    def told(by_chance, period, arrivals=0.0):
+        return Arrivals(arrivals, 0.0, 0.0, [], Losses(by_chance, 0.01, (), (), period)).periodic
 
     assert told(12.0, 9.0) == 21.0
-    assert told(30.0, 0.0) == told(3.0, 9.0) == told(-4.0, 0.0) == _periodic(None) == 0.0
+    assert told(30.0, 0.0) == told(3.0, 9.0) == told(-4.0, 0.0) == told(12.0, 9.0, arrivals=6.0) == 0.0
+    assert Arrivals(0.0, 0.0, 0.0, []).periodic == 0.0

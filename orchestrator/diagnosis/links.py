@@ -1,0 +1,165 @@
+"""Commands that the link loses or delays at random, as the encoder shows them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from .answers import Answer
+from .benign import Weighing, Weighted
+from .effect import Effect
+from .fit import Fit, Fitter, inflation
+from .losses import Losses, lost_commands
+from .model import RigModel
+from .search import Search, search
+from .stochastic import Noise, arrival_innovations, link_noise, random_arrival
+from .study import Array
+
+__all__ = ["JITTER", "PACKETS", "Arrivals", "arrivals", "other_link", "random_links", "search_behind"]
+
+PACKETS, JITTER = "link.packet-loss", "link.jitter"
+# Log evidence of commands lost or delayed at random from which they are weighed [nats].
+_CLEAR = 5.0
+# The same of commands lost one by one, of which a few may be chance.
+_LOSSES_CLEAR = 15.0
+# Log evidence of lost commands that stand apart, over that of random arrivals, at which they are what these
+# are; and of it the share that may be left when they are taken away.
+_LIKELIER, _REST = 2.0, 0.1
+
+
+class Arrivals(NamedTuple):
+    """What the encoder tells of commands that arrive at random, beside a fit.
+
+    Attributes:
+        seen: log evidence of random arrivals over none [nats].
+        log_evidence: the same, less what they do not foresee: they take up what the encoder strays, whatever
+            it is, but then what is left is not white. Zero where nothing is clear.
+        deviation: of them [s].
+        unforeseen: what they leave of the encoder, normalised, by run; nothing where nothing is clear.
+        losses: commands lost one by one, where these were sought.
+        apart: whether losses are what arrivals are, one by one.
+    """
+
+    seen: float
+    log_evidence: float
+    deviation: float
+    unforeseen: list[Array]
+    losses: Losses | None = None
+    apart: bool = False
+
+    @property
+    def regular(self) -> float:
+        """Log likelihood that losses keep a period, which chance does not [nats]."""
+        return self.losses.regular if self.losses is not None else 0.0
+
+    @property
+    def periodic(self) -> float:
+        """Log evidence of losses that keep a period, too few to be told as lost by chance [nats].
+
+        Chance keeps none, so that they are believed from as much evidence on as its losses, the period's
+        added.
+        """
+        if self.losses is None or self.regular == 0.0 or self.seen > _CLEAR:
+            return 0.0
+        told = self.losses.log_evidence + self.regular
+        return told if told > _LOSSES_CLEAR else 0.0
+
+
+def arrivals(model: RigModel, fit: Fit, left: Sequence[Array], seek_losses: bool) -> Arrivals:
+    """What the encoder tells of random arrivals beside a fit.
+
+    Args:
+        left: the fit's residuals of the encoder, normalised, by run.
+        seek_losses: whether commands may be lost one by one, too.
+    """
+    seen, deviation = random_arrival(model, fit, left)
+    losses = lost_commands(model, fit, left) if seek_losses else None
+    if losses is not None and _told_apart(model, fit, left, losses, seen):
+        return Arrivals(seen, 0.0, deviation, [], losses, apart=True)
+    if seen <= _CLEAR:
+        return Arrivals(seen, 0.0, deviation, [], losses)
+    unforeseen = arrival_innovations(model, fit, left, deviation)
+    log_evidence = seen / inflation(unforeseen)
+    return Arrivals(seen, log_evidence if log_evidence > _CLEAR else 0.0, deviation, unforeseen, losses)
+
+
+def _told_apart(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses, arrival: float) -> bool:
+    """Whether losses explain the encoder better than random arrivals do, and one by one.
+
+    Not where they are so many that they run into each other.
+
+    Args:
+        arrival: log evidence of random arrivals [nats].
+    """
+    if losses.log_evidence < max(_LOSSES_CLEAR, _LIKELIER * arrival):
+        return False
+    rest = [r - moved / model.noise[0] for r, moved in zip(left, losses.moved, strict=True)]
+    after, _ = random_arrival(model, fit, rest)
+    return after < max(_REST * losses.log_evidence, _CLEAR)
+
+
+def random_links(model: RigModel, none: Fit, found: Arrivals, without: Collection[str]) -> list[Noise]:
+    """Commands lost or delayed at random, the one that explains the encoder better first.
+
+    That has the evidence of random arrivals, the other less by what it explains less.
+
+    Args:
+        none: the fit of the calibration alone; without: ids that are not sought.
+    """
+    if found.log_evidence == 0.0:
+        return []
+    at = none.calibrated
+    lag = 2.0 * at["damping_ratio"] / at["natural_frequency"] + at["response_delay"]
+    links = [one for one in link_noise(model, lag, found.deviation) if one.id not in without]
+    # Random delays leave lost commands, sought one by one, far below random arrivals.
+    surplus = found.losses.log_evidence - found.seen if found.losses is not None else 0.0
+    if surplus > 0.0:
+        links = [replace(one, log_evidence=surplus if one.id == PACKETS else 0.0) for one in links]
+    links.sort(key=lambda one: -one.log_evidence)
+    return [
+        replace(one, log_evidence=found.log_evidence + one.log_evidence - links[0].log_evidence, scale=1.0)
+        for one in links
+    ]
+
+
+def search_behind(weighing: Weighing, always: tuple[Effect, ...]) -> tuple[Fitter, Search]:
+    """Search again where the encoder's residuals are mostly the link's.
+
+    They count less, and no more in the contact, which is given the position that was measured: the
+    weighing's weights and its model's correction are changed.
+
+    Args:
+        always: the link's effect.
+    """
+    model, weights = weighing.model, weighing.weights
+    fit = Fitter(Weighted(model, weights)).fit(always, None, Fitter(model).starts(always[0])[0])
+    for index, run in enumerate(model.runs):
+        out = model.replay(index, fit.calibrated, fit.effects, fit.theta)
+        smooth = gaussian_filter1d(run["encoder_position"] - out[2], 3.0)
+        model.correction[index][:] = np.append(smooth, smooth[-1])
+    for index in range(len(model.runs)):
+        r = fit.residuals[2 * index]
+        n = len(r) // 16
+        sums = r[: 16 * n].reshape(n, 16).sum(axis=1)
+        noise = max(1.0, math.sqrt(float(np.mean(sums**2)) / 16.0), float(r.std()))
+        weights[2 * index] = weights[2 * index] / noise
+        weights[2 * index + 1] = 0.5 * weights[2 * index + 1]
+    fitter = weighing.fitter()
+    return fitter, search(fitter, weighing.effects, always)
+
+
+def other_link(answers: Sequence[Answer], links: Sequence[Noise]) -> list[Answer]:
+    """The best answers with the other kind of randomness instead, which was not fitted."""
+    found = []
+    for other in links[1:]:
+        for answer in answers[:3]:
+            names = {*answer.effects} - {links[0].id} | {other.id}
+            noises = (*(one for one in answer.noises if one is not links[0]), other)
+            gain = answer.gain - links[0].log_evidence + other.log_evidence
+            found.append(replace(answer, effects=tuple(sorted(names)), gain=gain, noises=noises, fit=None))
+    return found
