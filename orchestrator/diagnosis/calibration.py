@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from scipy.special import logsumexp
 
 from .study import Array
 
@@ -71,10 +72,12 @@ class Calibration:
     price: the first of them `first`, the second `second`, each further one `further`. One that is too small
     to be seen costs `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it
     stays unseen. Something outside the catalogue scores what the best answer of its group has, less
-    `outside`, plus `slope` times ln(1 + u), u the unexplained log likelihood over what is usual (see
-    `usual`), plus the log likelihood that what the best answer holds to be random is not, plus `several` for
-    a second effect that it sees, and `many` for each beyond it: combinations rarely are what they imitate. A
-    share `floor` of the probability is spread evenly.
+    `outside`, plus what answers lack: `slope` times ln(1 + u), u the unexplained log likelihood over what is
+    usual (see `usual`), plus the log likelihood that what an answer holds to be random is not, plus `several`
+    for a second effect that it sees, and `many` for each beyond it: combinations rarely are what they
+    imitate. Of the odds of outside over answers that lack so much the harmonic mean counts, weighted by their
+    probabilities: one likely answer that lacks nothing speaks against outside. A share `floor` of the
+    probability is spread evenly.
 
     A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
     not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
@@ -164,14 +167,14 @@ class Calibration:
         scores = of.gain / (self.temperature + self.growth * best**self.power + form)
         prices = self.price(of.seen, of.unseen, of.rarity)
         priced = np.where(of.unseen > 0, -np.inf, scores - prices)
-        top = np.argmax(priced, -1, keepdims=True)
-        more = np.take_along_axis(of.seen, top, -1) - 1.0
-        left = np.take_along_axis(of.left, top, -1)
+        top = priced.max(-1, keepdims=True)
+        more = of.seen - 1.0
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
-        u = (left + np.expand_dims(beside, -1)) / np.take_along_axis(of.usual, top, -1)
-        outside = np.take_along_axis(priced, top, -1) - self.outside + self.slope * np.log1p(u)
-        outside = outside + np.take_along_axis(of.odd, top, -1)
-        outside = outside + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
+        u = (of.left + np.expand_dims(beside, -1)) / of.usual
+        lacks = self.slope * np.log1p(u) + of.odd
+        lacks = lacks + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
+        outside = logsumexp(priced, -1, keepdims=True) - logsumexp(priced - lacks, -1, keepdims=True)
+        outside = outside + top - self.outside
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 
     def probabilities(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> Array:
@@ -196,7 +199,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/8", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/9", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 
