@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,50 @@ _SIZES, _NEAREST = (1.0, 0.3, 0.1), 3
 _LEAST, _MOST, _LOOSE = 0.02, 5.0, 1e-4
 
 
+@dataclass(frozen=True)
+class _Place:
+    """A rig, and how its knobs may stray.
+
+    Attributes:
+        knobs: from where they stray; free: by what they may.
+        at: how far they do; firm: what their strays cost, each of shape (free,).
+    """
+
+    knobs: Mapping[str, float]
+    free: Mapping[str, float]
+    at: Array
+    firm: Array
+
+    @staticmethod
+    def of(knobs: Mapping[str, float], free: Mapping[str, float]) -> _Place:
+        """As believed, with strays as usual."""
+        return _Place(knobs, free, np.zeros(len(free)), np.ones(len(free)))
+
+    @property
+    def strayed(self) -> dict[str, float]:
+        """The knobs there."""
+        moved = {
+            knob: self.knobs[knob] + size * by
+            for (knob, size), by in zip(self.free.items(), self.at, strict=True)
+        }
+        return {**self.knobs, **moved}
+
+
+@dataclass(frozen=True)
+class Imitation:
+    """How near other effects come to what is hidden.
+
+    Attributes:
+        beyond: log evidence for what is hidden over them [nats].
+        like: their ids; fewer than were asked for where a further one brings nothing nearer.
+        place: the rig that has them.
+    """
+
+    beyond: float
+    like: tuple[str, ...]
+    place: _Place
+
+
 def visibility(
     case: Case, logs: list[Array], without: Mapping[str, float] | None = None, chance: bool = False
 ) -> float:
@@ -53,7 +97,7 @@ def visibility(
     """
     aim = _measured(case, logs, case.values)
     rest = case.plain if without is None else without
-    told, left, _ = _least(_linear(case, logs, rest, _usual(case)), np.concatenate(aim))
+    told, left, _ = _least(case, logs, _Place.of(rest, _usual(case)), np.concatenate(aim))
     if not chance:
         return told
     lengths = [len(one) for one in aim]
@@ -79,9 +123,8 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int 
     Returns: one for each number of rivals from one on.
     """
     target = np.concatenate(_measured(case, logs, case.values))
-    usual = _usual(case)
-    told, _, at = _least(_linear(case, logs, case.plain, usual), target)
-    best = Imitation(told, (), case.plain, usual, at, np.ones(len(usual)))
+    told, _, place = _least(case, logs, _Place.of(case.plain, _usual(case)), target)
+    best = Imitation(told, (), place)
     found = []
     for _ in range(most):
         others = [one for one in rivals if one.id not in best.like]
@@ -90,36 +133,16 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int 
     return found
 
 
-@dataclass(frozen=True)
-class Imitation:
-    """How near other effects come to what is hidden.
-
-    Attributes:
-        beyond: log evidence for what is hidden over them [nats].
-        like: their ids; fewer than were asked for where a further one brings nothing nearer.
-        knobs: of the rig that has them, as it is sought from.
-        free: by what knobs may stray from there; at: how far they do; firm: what their strays cost, each of
-            shape (free,).
-    """
-
-    beyond: float
-    like: tuple[str, ...]
-    knobs: Mapping[str, float]
-    free: Mapping[str, float]
-    at: Array
-    firm: Array
-
-
 def _nearer(
     case: Case, logs: list[Array], target: Array, before: Imitation, rivals: Sequence[Hidden]
 ) -> Imitation:
     """An imitation with the further rival that brings it nearest."""
-    here = _strayed(before.knobs, before.free, before.at)
-    linear = _linear(case, logs, before.knobs, before.free, before.at, before.firm)
-    plain, jacobian = linear.plain, linear.jacobian
-    inner = np.linalg.inv(np.diag(before.firm) + jacobian.T @ jacobian)
+    place = before.place
+    here = place.strayed
+    plain, jacobian = _linear(case, logs, place)
+    inner = np.linalg.inv(np.diag(place.firm) + jacobian.T @ jacobian)
     off = target - plain
-    rest = jacobian.T @ off - before.firm * before.at
+    rest = jacobian.T @ off - place.firm * place.at
     near: list[tuple[float, Hidden, dict[str, float]]] = []
     for rival in rivals:
         rng = np.random.default_rng(zlib.crc32(rival.id.encode()))
@@ -135,22 +158,22 @@ def _nearer(
         near += sorted(tries, key=lambda one: one[0])[:1]
     best = before
     for _, rival, drawn in sorted(near, key=lambda one: one[0])[:_NEAREST]:
-        knobs = changed(before.knobs, rival, drawn)
-        own = {knob: abs(knobs[knob] - before.knobs.get(knob, 0.0)) for knob in drawn}
-        free = {**before.free, **{knob: one for knob, one in own.items() if one}}
+        knobs = changed(place.knobs, rival, drawn)
+        own = {knob: abs(knobs[knob] - place.knobs.get(knob, 0.0)) for knob in drawn}
+        free = {**place.free, **{knob: one for knob, one in own.items() if one}}
         start, firm = np.zeros(len(free)), np.ones(len(free))
-        start[: len(before.at)], firm[: len(before.at)] = before.at, before.firm
+        start[: len(place.at)], firm[: len(place.at)] = place.at, place.firm
         # A rival may have any size and shape, whatever its knob is calibrated to.
         moved = [name in own for name in free]
         start[moved], firm[moved] = 0.0, _LOOSE
-        left, _, at = _least(_linear(case, logs, knobs, free, start, firm), target)
+        left, _, reached = _least(case, logs, _Place(knobs, free, start, firm), target)
         if left < best.beyond:
-            best = Imitation(left, (*before.like, rival.id), knobs, free, at, firm)
+            best = Imitation(left, (*before.like, rival.id), reached)
     if best is before:
         return best
     # Once more from there, with derivatives of that place.
-    left, _, at = _least(_linear(case, logs, best.knobs, best.free, best.at, best.firm), target)
-    return replace(best, beyond=min(left, best.beyond), at=at)
+    left, _, reached = _least(case, logs, best.place, target)
+    return replace(best, beyond=min(left, best.beyond), place=reached)
 
 
 def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
@@ -165,62 +188,36 @@ def _usual(case: Case) -> dict[str, float]:
     return {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
 
 
-@dataclass(frozen=True)
-class _Linear:
-    """What is measured of a rig, about some knobs.
+def _linear(case: Case, logs: list[Array], place: _Place) -> tuple[Array, Array]:
+    """What is measured at a place, shape (measured,), and its derivatives, shape (measured, free)."""
 
-    Attributes:
-        strayed: what is measured where knobs stray, by what they may, shape (measured,).
-        at: how far they stray; firm: what straying costs, each of shape (knobs,).
-        plain: what is measured there; jacobian: its derivatives there, shape (measured, knobs).
+    def measured(z: Array) -> Array:
+        return np.concatenate(_measured(case, logs, replace(place, at=z).strayed))
+
+    plain = measured(place.at)
+    steps = _STEP * np.eye(len(place.at))
+    return plain, np.stack([(measured(place.at + one) - plain) / _STEP for one in steps], axis=1)
+
+
+def _least(case: Case, logs: list[Array], place: _Place, target: Array) -> tuple[float, Array, _Place]:
+    """Half the least d'd + z'z from a place on, see `visibility`.
+
+    Gauss-Newton steps with the derivatives of that place.
+
+    Returns: it, d and the place there.
     """
-
-    strayed: Callable[[Array], Array]
-    at: Array
-    firm: Array
-    plain: Array
-    jacobian: Array
-
-
-def _strayed(rest: Mapping[str, float], free: Mapping[str, float], z: Array) -> dict[str, float]:
-    return {
-        **rest,
-        **{knob: rest[knob] + size * by for (knob, size), by in zip(free.items(), z, strict=True)},
-    }
-
-
-def _linear(
-    case: Case,
-    logs: list[Array],
-    rest: Mapping[str, float],
-    usual: Mapping[str, float],
-    at: Array | None = None,
-    firm: Array | None = None,
-) -> _Linear:
-    def strayed(z: Array) -> Array:
-        return np.concatenate(_measured(case, logs, _strayed(rest, usual, z)))
-
-    at = np.zeros(len(usual)) if at is None else at
-    plain = strayed(at)
-    steps = _STEP * np.eye(len(usual))
-    jacobian = np.stack([(strayed(at + one) - plain) / _STEP for one in steps], axis=1)
-    return _Linear(strayed, at, np.ones(len(usual)) if firm is None else firm, plain, jacobian)
-
-
-def _least(of: _Linear, target: Array) -> tuple[float, Array, Array]:
-    """Half the least d'd + z'z, see `visibility`, d and z there, by Gauss-Newton with kept derivatives."""
-    here = of.at
-    inner = np.diag(of.firm) + of.jacobian.T @ of.jacobian
-    best, left, reached = math.inf, target - of.plain, here
-    difference = left
+    plain, jacobian = _linear(case, logs, place)
+    inner = np.diag(place.firm) + jacobian.T @ jacobian
+    here, difference = place.at, target - plain
+    best, left, reached = math.inf, difference, here
     for _ in range(_ROUNDS):
-        cost = 0.5 * float(difference @ difference + of.firm * here @ here)
+        cost = 0.5 * float(difference @ difference + place.firm * here @ here)
         if not cost < best:
             break
         best, left, reached = cost, difference, here
-        here = here + np.linalg.solve(inner, of.jacobian.T @ difference - of.firm * here)
-        difference = target - of.strayed(here)
-    return best, left, reached
+        here = here + np.linalg.solve(inner, jacobian.T @ difference - place.firm * here)
+        difference = target - np.concatenate(_measured(case, logs, replace(place, at=here).strayed))
+    return best, left, replace(place, at=reached)
 
 
 def _told_by_spectrum(
