@@ -143,9 +143,11 @@ def hum(channels: Sequence[Array], windows: Sequence[Sequence[slice]]) -> tuple[
     for r, some in zip(channels, windows, strict=True):
         inside = np.zeros(len(r))
         for window in some:
-            inside[window] = r[window] - r[window].mean()
+            telling = r[window] != 0.0
+            inside[window] = telling * (r[window] - r[window].sum() / max(np.count_nonzero(telling), 1))
         by_run.append(inside)
     by_window = [r[window] for r, some in zip(by_run, windows, strict=True) for window in some]
+    by_window = [one for one in by_window if one.any()]
     if not by_window:
         return 0.0, 0.0
     # What is slower than a window may be anything that goes from one to the next.
