@@ -103,7 +103,8 @@ def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
     first = modelled[0]
     found = {named(first.effects): first.model or finding.recalibrated}
     alone = {one.effects[0]: one for one in modelled if len(one.effects) == 1}
-    for tie in first.ties:
+    # What is tied with one effect of several stands, with the others, among the candidates.
+    for tie in first.ties if len(first.effects) == 1 else ():
         if tie in alone:
             found[tie] = alone[tie].model or finding.recalibrated
         elif tie in catalogue() and not catalogue()[tie].statistic:

@@ -19,6 +19,7 @@ from orchestrator.diagnosis.diagnose import STAGES, diagnose
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.headline import headline, nats, percent
 from orchestrator.diagnosis.parts import Parts
+from orchestrator.diagnosis.report_text import text as in_lines
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.verdict import read_diagnosis
 from orchestrator.errors import ConfigError, OrchestratorError
@@ -155,6 +156,19 @@ def test_the_page_stands_alone_and_tells_all(study, tmp_path):
     )
     assert before > 5.0
     assert after < 1.2
+
+
+def test_what_an_experiment_leaves_tied_is_told(study, tmp_path):
+    told = {
+        "name": "dead weights", "description": "Hang weights.", "expected_evidence": 40.0,
+        "between": ["sensor.gain", "contact.stiffness", "structure.compliance"],
+        "leaves": [["contact.stiffness", "structure.compliance"]], "then": "tip tracker",
+    }  # fmt: skip
+    made = diagnose(study, tmp_path, parts=parts(next_experiment=lambda study, found: told)[0])
+    words = "It does not tell contact.stiffness from structure.compliance: tip tracker does."
+    assert words in (tmp_path / "report.html").read_text() and words in in_lines(made)
+    made = diagnose(study, parts=parts(next_experiment=lambda study, found: told | {"then": ""})[0])
+    assert "from structure.compliance." in in_lines(made)
 
 
 def test_the_same_study_gives_the_same_page(study, tmp_path):

@@ -134,6 +134,18 @@ def test_rivals_are_told_from_each_other_too():
     assert told["leaves"] == [["structure.compliance", "contact.stiffness"]]
 
 
+def test_what_is_tied_with_one_effect_of_two_stands_with_the_other_one():
+    ids, theta = ("robot.delay", "sensor.gain"), (0.0005, -0.1)
+    study, finding = lab(ids, theta), found(ids, theta, ("contact.stiffness",))
+    assert next_experiment(study, finding) is None
+    other = ("contact.stiffness", "robot.delay")
+    rival = replace(
+        finding.candidates[0], effects=other, probability=0.3, model=model(other, (-0.1, 0.0005)), ties=()
+    )
+    told = next_experiment(study, replace(finding, candidates=(*finding.candidates, rival)))
+    assert told["between"] == ["robot.delay + sensor.gain", "contact.stiffness + robot.delay"]
+
+
 def test_what_no_experiment_tells_apart_does_not_count():
     """Of three candidates the last two are the same in all experiments, and the first in one of them."""
     table = {
