@@ -31,7 +31,8 @@ class Answer:
 
     Attributes:
         effects: ids, or ("outside",), or none.
-        gain: log evidence over none [nats]; of none, that of wider tolerances.
+        gain: log evidence over none [nats]; of none, that of wider tolerances. random: what of it tells of
+            effects that draw; their form is not that of an equation, which others could mend.
         left: unexplained by it [nats]; odd: log likelihood that what it holds to be random is not [nats].
         fit: the model; None for outside, and for what was not fitted itself.
         noises: stochastic effects among the effects.
@@ -46,6 +47,7 @@ class Answer:
     noises: tuple[Noise, ...] = ()
     unseen: tuple[str, ...] = ()
     odd: float = 0.0
+    random: float = 0.0
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -125,7 +127,7 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
         better = max(within, key=lambda one: one.gain, default=answer)
         if better.gain > answer.gain:
             added = tuple(one for one in answer.effects if one not in better.seen)
-            answer = replace(answer, gain=better.gain, unseen=added)
+            answer = replace(answer, gain=better.gain, random=better.random, unseen=added)
         found[frozenset(answer.effects)] = answer
     best = max(one.gain for one in found.values())
     bases = [

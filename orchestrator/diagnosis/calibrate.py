@@ -134,7 +134,9 @@ class _Lesson:
         for case in cases:
             outside, own = case.truth == ("outside",), {}
             of = learned.table(case.answers)
-            columns = [one.tolist() for one in (of.gain, of.left, of.odd, of.usual, of.seen, of.unseen)]
+            columns = [
+                one.tolist() for one in (of.gain, of.formed, of.left, of.odd, of.usual, of.seen, of.unseen)
+            ]
             spread = np.exp(-of.rarity).tolist()
             for *key, weight, answer in zip(*columns, spread, case.answers, strict=True):
                 found = own.setdefault(tuple(key), [0.0, 0.0, 0.0, 0.0])
@@ -146,7 +148,7 @@ class _Lesson:
             alike.append(own)
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
-        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 1.0, 1.0, 0.0)]
+        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)]
         common, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):
@@ -364,15 +366,19 @@ def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[
 
 def _written(one: Practice) -> list[Any]:
     """Without answers of two unseen effects, which `_read` adds again."""
-    answers = [[a.effects, a.gain, a.left, a.ties, a.unseen, a.odd] for a in one.answers if len(a.unseen) < 2]
+    answers = [
+        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random]
+        for a in one.answers
+        if len(a.unseen) < 2
+    ]
     return [one.truth, one.magnitude, answers, one.beside]
 
 
 def _read(data: list[Any]) -> Practice:
     truth, magnitude, answers, beside = data
     made = [
-        Answer(tuple(effects), gain, left, ties=tuple(ties), unseen=tuple(unseen), odd=odd)
-        for effects, gain, left, ties, unseen, odd in answers
+        Answer(tuple(effects), gain, left, ties=tuple(ties), unseen=tuple(unseen), odd=odd, random=random)
+        for effects, gain, left, ties, unseen, odd, random in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
     return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)

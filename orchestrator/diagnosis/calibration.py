@@ -35,6 +35,7 @@ class Weighable(Protocol):
     left: float
     unseen: tuple[str, ...]
     odd: float
+    random: float
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -47,13 +48,14 @@ class Table:
     """Answers of a group in arrays: see `Calibration.table`.
 
     Attributes:
-        gain, left, odd: see `answers.Answer`.
+        gain, left, odd: see `answers.Answer`; formed: the gain but for what is random.
         seen, unseen: how many effects the logs speak for, and how many not.
         usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
             Each of shape (answers,), or (groups, answers).
     """
 
     gain: Array
+    formed: Array
     left: Array
     odd: Array
     usual: Array
@@ -67,17 +69,17 @@ class Calibration:
     """How log evidences become probabilities.
 
     The score of an answer is its log evidence over T = temperature + growth b^`power` + form b, b the best
-    log evidence, in the last term no more than a million: a real effect's form is not quite the catalogue's,
-    and what another effect mends of that grows with the first one. Effects that the logs speak for have a
-    price: the first of them `first`, the second `second`, each further one `further`. One that is too small
-    to be seen costs `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it
-    stays unseen. Something outside the catalogue scores what the best answer of its group has, less
-    `outside`, plus what answers lack: `slope` times ln(1 + u), u the unexplained log likelihood over what is
-    usual (see `usual`), plus the log likelihood that what an answer holds to be random is not, plus `several`
-    for a second effect that it sees, and `many` for each beyond it: combinations rarely are what they
-    imitate. Of the odds of outside over answers that lack so much the harmonic mean counts, weighted by their
-    probabilities: one likely answer that lacks nothing speaks against outside. A share `floor` of the
-    probability is spread evenly.
+    log evidence but for what is random in it, in the last term no more than a million: a real effect's form
+    is not quite the catalogue's, and what another effect mends of that grows with the first one. Effects that
+    the logs speak for have a price: the first of them `first`, the second `second`, each further one
+    `further`. One that is too small to be seen costs `hidden`, beside another one `beside`, as a third
+    `further`, and more the seldomer it stays unseen. Something outside the catalogue scores what the best
+    answer of its group has, less `outside`, plus what answers lack: `slope` times ln(1 + u), u the
+    unexplained log likelihood over what is usual (see `usual`), plus the log likelihood that what an answer
+    holds to be random is not, plus `several` for a second effect that it sees, and `many` for each beyond it:
+    combinations rarely are what they imitate. Of the odds of outside over answers that lack so much the
+    harmonic mean counts, weighted by their probabilities: one likely answer that lacks nothing speaks against
+    outside. A share `floor` of the probability is spread evenly.
 
     A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
     not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
@@ -143,6 +145,7 @@ class Calibration:
         unseen = np.array([len(one.unseen) for one in answers])
         return Table(
             np.array([one.gain for one in answers]),
+            np.array([one.gain - one.random for one in answers]),
             np.array([one.left for one in answers]),
             np.array([one.odd for one in answers]),
             np.array([self.usual(one) for one in answers]),
@@ -162,7 +165,8 @@ class Calibration:
             (answers + 1,), and where a table is of several groups, so many of them.
         """
         of = answers if isinstance(answers, Table) else self.table(answers)
-        best = np.maximum(of.gain.max(-1, keepdims=True), 0.0)
+        at = np.argmax(of.gain, -1, keepdims=True)
+        best = np.maximum(np.take_along_axis(of.formed, at, -1), 0.0)
         form = self.form * np.minimum(best, _RUNAWAY)
         scores = of.gain / (self.temperature + self.growth * best**self.power + form)
         prices = self.price(of.seen, of.unseen, of.rarity)

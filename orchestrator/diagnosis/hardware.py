@@ -258,11 +258,11 @@ def _answers(
         names = [one.id for one in fit.effects if one.id not in hidden]
         over, rest = fitter.log_evidence(fit, by) - least, remains(weighing, fitter, fit, colour)
         for some in _subsets(noises, always):
-            gain = over + sum(one.log_evidence for one in some)
+            random = sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
                 odd = sum(one.uneven for one in some)
-                answers.append(Answer(every, gain, rest, fit, (), some, odd=odd))
+                answers.append(Answer(every, over + random, rest, fit, (), some, odd=odd, random=random))
     return simplest(answers)
 
 

@@ -160,6 +160,7 @@ def other_link(answers: Sequence[Answer], links: Sequence[Noise]) -> list[Answer
         for answer in answers[:3]:
             names = {*answer.effects} - {links[0].id} | {other.id}
             noises = (*(one for one in answer.noises if one is not links[0]), other)
-            gain = answer.gain - links[0].log_evidence + other.log_evidence
-            found.append(replace(answer, effects=tuple(sorted(names)), gain=gain, noises=noises, fit=None))
+            worse = links[0].log_evidence - other.log_evidence
+            changed = {"gain": answer.gain - worse, "random": answer.random - worse, "noises": noises}
+            found.append(replace(answer, effects=tuple(sorted(names)), fit=None, **changed))
     return found
