@@ -232,6 +232,24 @@ def test_coloured_noise_of_the_force_hides_what_is_slow():
     assert told[0.0] / told[0.1] == pytest.approx(power, rel=0.1)
 
 
+def test_what_is_hidden_beside_noise_tells_no_more_than_the_noise_lets_it():
+    bias, steps, coloured, drift = (
+        HIDDEN[f"sensor.{name}"] for name in ("bias", "quantisation", "coloured-noise", "drift")
+    )
+    plan = Plan("pair", (bias, steps), 1.0)
+    case, rest = draw_case(plan, 3, 4), draw_case(replace(plan, effects=(steps,)), 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    # Nobody knows the noise that carries a reading across a step: a bias is as good as a calibration's error.
+    strayed = case.hidden["sensor.bias"]["bias"] / tolerances(case.lab)["force_bias"]
+    assert visibility(case, logs, rest.values) == pytest.approx(0.5 * strayed**2, rel=0.1)
+    told = []
+    for beside in ((), (coloured,)):
+        plan = Plan("single", (drift, *beside), 0.3)
+        case, rest = draw_case(plan, 3, 4), draw_case(replace(plan, effects=beside), 3, 4)
+        told.append(visibility(case, [make_run(case, index) for index in range(3)], rest.values))
+    assert told[0] > 5.0 * told[1] > 0.0
+
+
 def test_an_effect_imitates_itself():
     case = draw_case(Plan("single", (HIDDEN["contact.asymmetry"],), 0.4), 3, 4)
     logs = [make_run(case, index) for index in range(3)]

@@ -26,11 +26,66 @@ _ROUNDS = 5
 # Blocks of a run, and which of them is the force; coloured noise that rigs have, over the white one, and what
 # a sample keeps of it (see `draw`).
 _CHANNELS, _FORCE = 5, 2
-_FORCE_NOISE = math.hypot(NOISE[1], FORCE_RESOLUTION / math.sqrt(12.0))
 _COLOURS = tuple(itertools.product((0.15, 0.2, 0.25), (0.8, 0.88, 0.95)))
 # Sizes in which a rival is tried, how many rivals are fitted, and factors by which they are sized for that.
 _SIZES, _NEAREST = (1.0, 0.3, 0.1), 3
 _LEAST, _MOST, _LOOSE = 0.02, 5.0, 1e-4
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """What the logs of a case show of blocks that they drive, over the noise of each channel.
+
+    The force's noise is that of a rig without what is weighed: coarse steps and coloured noise that are there
+    anyway hide some of it. Steps count as noise of their own; what noise carries across them is not known.
+
+    Attributes:
+        without: knobs of that rig.
+    """
+
+    case: Case
+    logs: list[Array]
+    without: Mapping[str, float]
+
+    @property
+    def force_noise(self) -> float:
+        """Deviation of the force's white noise [N]."""
+        return math.hypot(
+            NOISE[1], max(FORCE_RESOLUTION, self.without.get("force_step", 0.0)) / math.sqrt(12.0)
+        )
+
+    @property
+    def colour(self) -> tuple[float, float]:
+        """Deviation of coloured noise over that of the white noise, and what a sample keeps of it."""
+        kind = "coloured" if self.without.get("coloured", 0.0) > self.without["colour"] else "colour"
+        return self.without[kind] / self.force_noise, self.without[f"{kind}_keep"]
+
+    def measured(self, values: Mapping[str, float]) -> Array:
+        """What is measured of a rig with some knobs in the training runs, in a row."""
+        return np.concatenate(self.parts(values))
+
+    def parts(self, values: Mapping[str, float]) -> list[Array]:
+        """The same by run and channel."""
+        if self.without.get("force_step", 0.0) > 0.0:
+            values = {**values, "force_step": 0.0}
+        train = [index for index, plan in enumerate(RUNS) if plan.role == "train"]
+        return [part for index in train for part in self._blocks(index, values)]
+
+    def _blocks(self, index: int, values: Mapping[str, float]) -> list[Array]:
+        """What the blocks give of a run."""
+        case, plan = self.case, RUNS[index]
+        series = run_series(case, index, values)
+        out = drive(case.lab, values, plan.mass, plan.speed, self.logs[index], series)
+        n = out.shape[1]
+        velocity = np.hypot(_VELOCITY_DIGITS / np.sqrt(6.0), TICK / plan.mass * _FORCE_DIGITS / np.sqrt(12.0))
+        return [
+            out[1, : n - 1] / velocity,
+            out[2] / np.hypot(NOISE[0], POSITION_RESOLUTION / np.sqrt(12.0)),
+            _whitened(out[3] / self.force_noise, *self.colour),
+            # Rounded inputs pass through the controller's differences: not all of its digits count.
+            out[4] / np.hypot(3.0 * _FORCE_DIGITS, 0.02 * FORCE_RESOLUTION),
+            out[5] / np.hypot(3.0 * _STIFFNESS_DIGITS, 0.02 * FORCE_RESOLUTION / 5e-4),
+        ]
 
 
 @dataclass(frozen=True)
@@ -85,23 +140,25 @@ def visibility(
     Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
     difference of what is measured over its noise, and z what calibrated numbers may stray over their
     tolerances, and roughness over its usual size, the evidence is half the least d'd + z'z: what either may
-    explain does not count. Of an effect that draws anew at each sample nobody knows the draws, but the
-    spectrum at best: with r the power of noise and what is left of d over that of noise alone, it tells
-    r - 1 - ln r at each frequency (Whittle, J. R. Stat. Soc. B 15, 1953); the noise of the force may be as
-    coloured as that of any rig. The force is whitened by the noise that the rig's sensor has.
+    explain does not count. The noise of the force holds what other hidden effects make of it. Of an effect
+    that draws anew at each sample nobody knows the draws, but the spectrum at best: with r the power of noise
+    and what is left of d over that of noise alone, it tells r - 1 - ln r at each frequency (Whittle, J. R.
+    Stat. Soc. B 15, 1953); the noise of the force may be as coloured as that of any rig. The force is
+    whitened by the noise that the rig's sensor has.
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
         without: knobs of the rig to compare with; by default those without any hidden effect.
         chance: whether the effects draw.
     """
-    aim = _measured(case, logs, case.values)
     rest = case.plain if without is None else without
-    told, left, _ = _least(case, logs, _Place.of(rest, _usual(case)), np.concatenate(aim))
+    sight = _Sight(case, logs, rest)
+    aim = sight.parts(case.values)
+    told, left, _ = _least(sight, _Place.of(rest, _usual(case)), np.concatenate(aim))
     if not chance:
         return told
     lengths = [len(one) for one in aim]
-    own = _own_colour(case)
+    own = sight.colour
     total = 0.0
     for index, difference in enumerate(np.split(left, np.cumsum(lengths)[:-1])):
         force = index % _CHANNELS == _FORCE
@@ -122,24 +179,23 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int 
         most: how many of them together.
     Returns: one for each number of rivals from one on.
     """
-    target = np.concatenate(_measured(case, logs, case.values))
-    told, _, place = _least(case, logs, _Place.of(case.plain, _usual(case)), target)
+    sight = _Sight(case, logs, case.plain)
+    target = sight.measured(case.values)
+    told, _, place = _least(sight, _Place.of(case.plain, _usual(case)), target)
     best = Imitation(told, (), place)
     found = []
     for _ in range(most):
         others = [one for one in rivals if one.id not in best.like]
-        best = _nearer(case, logs, target, best, others)
+        best = _nearer(sight, target, best, others)
         found.append(best)
     return found
 
 
-def _nearer(
-    case: Case, logs: list[Array], target: Array, before: Imitation, rivals: Sequence[Hidden]
-) -> Imitation:
+def _nearer(sight: _Sight, target: Array, before: Imitation, rivals: Sequence[Hidden]) -> Imitation:
     """An imitation with the further rival that brings it nearest."""
     place = before.place
     here = place.strayed
-    plain, jacobian = _linear(case, logs, place)
+    plain, jacobian = _linear(sight, place)
     inner = np.linalg.inv(np.diag(place.firm) + jacobian.T @ jacobian)
     off = target - plain
     rest = jacobian.T @ off - place.firm * place.at
@@ -149,7 +205,7 @@ def _nearer(
         tries = []
         for size in _SIZES:
             drawn = rival.draw(rng, size)
-            moved = np.concatenate(_measured(case, logs, changed(here, rival, drawn))) - plain
+            moved = sight.measured(changed(here, rival, drawn)) - plain
             explained = inner @ (jacobian.T @ moved)
             square = float(moved @ moved - (jacobian.T @ moved) @ explained)
             along = float(moved @ off - rest @ explained)
@@ -166,13 +222,13 @@ def _nearer(
         # A rival may have any size and shape, whatever its knob is calibrated to.
         moved = [name in own for name in free]
         start[moved], firm[moved] = 0.0, _LOOSE
-        left, _, reached = _least(case, logs, _Place(knobs, free, start, firm), target)
+        left, _, reached = _least(sight, _Place(knobs, free, start, firm), target)
         if left < best.beyond:
             best = Imitation(left, (*before.like, rival.id), reached)
     if best is before:
         return best
     # Once more from there, with derivatives of that place.
-    left, _, reached = _least(case, logs, best.place, target)
+    left, _, reached = _least(sight, best.place, target)
     return replace(best, beyond=min(left, best.beyond), place=reached)
 
 
@@ -188,25 +244,25 @@ def _usual(case: Case) -> dict[str, float]:
     return {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
 
 
-def _linear(case: Case, logs: list[Array], place: _Place) -> tuple[Array, Array]:
+def _linear(sight: _Sight, place: _Place) -> tuple[Array, Array]:
     """What is measured at a place, shape (measured,), and its derivatives, shape (measured, free)."""
 
     def measured(z: Array) -> Array:
-        return np.concatenate(_measured(case, logs, replace(place, at=z).strayed))
+        return sight.measured(replace(place, at=z).strayed)
 
     plain = measured(place.at)
     steps = _STEP * np.eye(len(place.at))
     return plain, np.stack([(measured(place.at + one) - plain) / _STEP for one in steps], axis=1)
 
 
-def _least(case: Case, logs: list[Array], place: _Place, target: Array) -> tuple[float, Array, _Place]:
+def _least(sight: _Sight, place: _Place, target: Array) -> tuple[float, Array, _Place]:
     """Half the least d'd + z'z from a place on, see `visibility`.
 
     Gauss-Newton steps with the derivatives of that place.
 
     Returns: it, d and the place there.
     """
-    plain, jacobian = _linear(case, logs, place)
+    plain, jacobian = _linear(sight, place)
     inner = np.diag(place.firm) + jacobian.T @ jacobian
     here, difference = place.at, target - plain
     best, left, reached = math.inf, difference, here
@@ -216,7 +272,7 @@ def _least(case: Case, logs: list[Array], place: _Place, target: Array) -> tuple
             break
         best, left, reached = cost, difference, here
         here = here + np.linalg.solve(inner, jacobian.T @ difference - place.firm * here)
-        difference = target - np.concatenate(_measured(case, logs, replace(place, at=here).strayed))
+        difference = target - sight.measured(replace(place, at=here).strayed)
     return best, left, replace(place, at=reached)
 
 
@@ -248,10 +304,6 @@ def _coloured(deviation: float, keep: float) -> Array:
     return power.reshape(-1, _BAND).mean(axis=1)
 
 
-def _own_colour(case: Case) -> tuple[float, float]:
-    return case.plain["colour"] / _FORCE_NOISE, case.plain["colour_keep"]
-
-
 def _whitened(force: Array, deviation: float, keep: float) -> Array:
     """A signal by the filter that makes white noise of one and a first-order process beside it white.
 
@@ -264,24 +316,3 @@ def _whitened(force: Array, deviation: float, keep: float) -> Array:
     half = at_zero / (2.0 * keep)
     t = half - math.sqrt(half**2 - 1.0)
     return lfilter([1.0, -keep], [1.0, -t], force) / math.sqrt(keep / t)
-
-
-def _measured(case: Case, logs: list[Array], values: Mapping[str, float]) -> list[Array]:
-    train = [index for index, plan in enumerate(RUNS) if plan.role == "train"]
-    return [part for index in train for part in _blocks(case, index, logs[index], values)]
-
-
-def _blocks(case: Case, index: int, logged: Array, values: Mapping[str, float]) -> list[Array]:
-    """What the blocks give of a run, over the noise of each channel."""
-    plan = RUNS[index]
-    out = drive(case.lab, values, plan.mass, plan.speed, logged, run_series(case, index, values))
-    n = out.shape[1]
-    velocity = np.hypot(_VELOCITY_DIGITS / np.sqrt(6.0), TICK / plan.mass * _FORCE_DIGITS / np.sqrt(12.0))
-    return [
-        out[1, : n - 1] / velocity,
-        out[2] / np.hypot(NOISE[0], POSITION_RESOLUTION / np.sqrt(12.0)),
-        _whitened(out[3] / _FORCE_NOISE, *_own_colour(case)),
-        # Rounded inputs pass through the controller's differences: not all of its digits count.
-        out[4] / np.hypot(3.0 * _FORCE_DIGITS, 0.02 * FORCE_RESOLUTION),
-        out[5] / np.hypot(3.0 * _STIFFNESS_DIGITS, 0.02 * FORCE_RESOLUTION / 5e-4),
-    ]
