@@ -74,6 +74,30 @@ def test_a_line_that_a_strong_effect_leaves_is_not_outside():
         assert (p[-1] > 0.5) == outside
 
 
+def test_one_likely_answer_that_lacks_nothing_speaks_against_outside():
+    """Also where another one leads by a hair."""
+    none, single, pair = (
+        Answer((), 0.0, 5e3),
+        Answer(("a.x",), 400.0, 2e3),
+        Answer(("a.x", "b.y"), 408.0, 0.0),
+    )
+    alone, both = (
+        Calibration().probabilities(answers, 0.0) for answers in ([none, single], [none, single, pair])
+    )
+    assert alone[-1] > 0.8 and both[1] > both[2] > both[-1] and both[-1] < 0.1
+
+
+def test_the_evidence_of_noise_is_not_held_against_what_others_add():
+    none = Answer((), 0.0, 3e3)
+    noise = Answer(("a.noise",), 3000.0, 0.0, random=3000.0)
+    both = Answer(("a.noise", "b.x"), 3020.0, 0.0, random=3000.0)
+    p = Calibration(form=0.002).probabilities([none, both, noise], 0.0)
+    assert p[1] > 0.9
+    # Of a law another effect mends what its form lacks: there as much is nothing.
+    laws = [replace(one, random=0.0) for one in (none, both, noise)]
+    assert Calibration(form=0.002).probabilities(laws, 0.0)[1] < 0.1
+
+
 def test_a_wave_is_found_by_its_pitch():
     rng = np.random.default_rng(5)
     positions = [0.006 * np.sin(np.arange(3000) / 150.0 + phase) for phase in (0.0, 1.0)]
