@@ -103,7 +103,9 @@ def practise(
     with threadpool_limits(limits=1, user_api="blas"):
         group = weigh_rig(study, rough=roughness)
     answers = tuple(
-        Answer(one.effects, float(one.gain), float(one.left), ties=one.ties, unseen=one.unseen, odd=one.odd)
+        replace(
+            one, gain=float(one.gain), left=float(one.left), random=float(one.random), fit=None, noises=()
+        )
         for one in group.answers
     )
     truth = ("outside",) if plan.kind == "outside" else tuple(sorted(one.id for one in plan.effects))
