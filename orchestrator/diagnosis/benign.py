@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -93,12 +93,14 @@ class Weighing:
         effects: to weigh; roughness along them is marginalised.
         rough: see `Calibration.roughness`.
         weights: of the samples, by run and channel; a list, whose arrays are replaced as noise is found.
+        known: the last roughness, by what it was found with: a weighing asks for it up to four times.
     """
 
     model: RigModel
     effects: tuple[Effect, ...]
     rough: Mapping[str, Sequence[float]]
     weights: list[Array]
+    known: dict[bytes, Array] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
     def of(model: RigModel, effects: Sequence[Effect], rough: Mapping[str, Sequence[float]]) -> Weighing:
@@ -108,7 +110,11 @@ class Weighing:
 
     def roughness(self) -> Array:
         """See `search.roughness`."""
-        return roughness(Fitter(Weighted(self.model, self.weights)), self.effects, self.rough)
+        key = b"".join(one.tobytes() for one in (*self.weights, *self.model.correction))
+        if key not in self.known:
+            self.known.clear()
+            self.known[key] = roughness(Fitter(Weighted(self.model, self.weights)), self.effects, self.rough)
+        return self.known[key]
 
     def fitter(self, further: Array | None = None, scattered: Array | None = None) -> Fitter:
         """A fitter in which roughness along effects, and in further directions, is marginalised.

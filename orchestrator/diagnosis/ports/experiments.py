@@ -76,8 +76,8 @@ def next_experiment(
 ) -> dict[str, Any] | None:
     """The experiment with the largest expected evidence between the first candidate and its rivals.
 
-    Each is simulated as the first candidate predicts it, and each rival fitted to that, held by what the
-    train runs tell of its parameters; see `outlook.evidence_over`.
+    Each is simulated as a candidate predicts it, and a rival fitted to that, held by what the train runs tell
+    of its parameters; see `outlook.evidence_over`, and `outlook.chosen` for how the evidence counts.
 
     Args:
         weights: of the compared ports' residuals, as fits took them.
