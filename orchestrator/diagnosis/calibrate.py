@@ -25,7 +25,7 @@ from ..errors import OrchestratorError
 from ..provenance import origin
 from ..workers import Pool, Work, pool_of
 from .answers import Answer, complete
-from .calibration import FILE, LEAVES, SET, Calibration, Table
+from .calibration import FILE, LEAVES, SET, Calibration, Table, own_gains
 from .challenge.draw import SHARES, Plan
 from .challenge.hidden import HARDWARE, HIDDEN
 from .hardware import weigh_rig
@@ -219,8 +219,8 @@ def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, flo
 def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
     """What effects leave unexplained where they are named rightly: see `Calibration.leaves`.
 
-    Beyond what rigs leave that hide nothing; the shares of all cases of an effect, weighted by their log
-    evidence, and drawn to what is usual of all effects.
+    Beyond what rigs leave that hide nothing; the shares of all cases of an effect, weighted by the log
+    evidence of it beside others, and drawn to what is usual of all effects.
     """
     bare = [one.answers[0].left for one in cases if not one.truth]
     ordinary = float(np.quantile(bare, SET)) if bare else 0.0
@@ -231,8 +231,9 @@ def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
             continue
         best = max(named, key=lambda one: one.gain)
         share = min(max(best.left - ordinary, 0.0) / best.gain, 1.0)
+        own = own_gains(case.answers)[case.answers.index(best)]
         for name in case.truth:
-            found.setdefault(name, []).append((min(best.gain, _TELLING), share))
+            found.setdefault(name, []).append((min(own.get(name, best.gain), _TELLING), share))
     return {
         name: round(
             (sum(weight * share for weight, share in some) + _FEW * LEAVES)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Protocol
 
@@ -15,7 +16,7 @@ from scipy.special import logsumexp
 
 from .study import Array
 
-__all__ = ["FILE", "LEAVES", "SET", "Calibration", "Table", "Weighable", "calibration"]
+__all__ = ["FILE", "LEAVES", "SET", "Calibration", "Table", "Weighable", "calibration", "own_gains"]
 
 # Log evidence of more is none of an effect's form: the model without it ran away [nats].
 _RUNAWAY = 1e6
@@ -132,13 +133,21 @@ class Calibration:
         usual = 1.0 / max(len(self.unseen), 1)
         return -sum(math.log(self.unseen.get(name, usual)) for name in unseen)
 
-    def usual(self, answer: Weighable) -> float:
-        """Log likelihood that an answer as good as this leaves unexplained on rigs [nats]."""
-        gain = max(answer.gain, 0.0)
-        # A replay that runs away without an effect strays in proportion with it; software has its exact form.
-        known = [self.leaves[name] * gain for name in answer.seen if name in self.leaves]
-        others = [LEAVES * min(gain, _RUNAWAY) for name in answer.seen if name not in self.leaves]
-        return 1.0 + max([*known, *others], default=0.0)
+    def usual(self, answers: Sequence[Weighable]) -> Array:
+        """Log likelihood that answers as good as these leave unexplained on rigs [nats], shape (answers,).
+
+        Of several effects each may leave its share of what it gains itself: one that gains little accounts
+        for little, whatever the others gain.
+        """
+
+        def left(name: str, own: float) -> float:
+            # A replay that runs away without an effect strays in proportion with it; software has its exact
+            # form.
+            return self.leaves[name] * own if name in self.leaves else LEAVES * min(own, _RUNAWAY)
+
+        return np.array(
+            [1.0 + max((left(*own) for own in gained.items()), default=0.0) for gained in own_gains(answers)]
+        )
 
     def table(self, answers: Sequence[Weighable]) -> Table:
         """What scores are made of."""
@@ -148,7 +157,7 @@ class Calibration:
             np.array([one.gain - one.random for one in answers]),
             np.array([one.left for one in answers]),
             np.array([one.odd for one in answers]),
-            np.array([self.usual(one) for one in answers]),
+            self.usual(answers),
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
             np.array([self.rarity(one.unseen) for one in answers]),
@@ -205,6 +214,21 @@ class Calibration:
         """Write what was learned, and how."""
         text = json.dumps({"format": "weigh/9", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
+
+
+def own_gains(answers: Sequence[Weighable]) -> list[dict[str, float]]:
+    """What each effect that an answer sees gains beside its others [nats], by id; one mapping per answer.
+
+    That is the answer's log evidence over the best answer with none but the others.
+    """
+    gains = {frozenset(one.effects): one.gain for one in answers if not one.unseen}
+
+    def own(one: Weighable, name: str) -> float:
+        others = [other for other in one.seen if other != name]
+        fewer = chain.from_iterable(combinations(others, size) for size in range(len(one.seen)))
+        return max(one.gain - max(gains.get(frozenset(some), 0.0) for some in fewer), 0.0)
+
+    return [{name: own(one, name) for name in one.seen} for one in answers]
 
 
 @lru_cache(maxsize=1)
