@@ -8,7 +8,7 @@ from __future__ import annotations
 import operator
 
 from pythonfmu import Fmi2Causality, Fmi2Slave
-from shared.arm import JOINT_UNITS, RATE_UNITS, Joints, Quaternion, Vector, in_target, tool, twist
+from shared.arm import JOINT_UNITS, RATE_UNITS, Joints, in_target, tool, twist
 from shared.arm_ports import (
     PARAMETERS,
     POSE,
@@ -24,6 +24,7 @@ from shared.arm_ports import (
     register_frames,
     wrong_frames,
 )
+from shared.space import Quaternion, Vector
 
 
 class ArmForward(Fmi2Slave):

@@ -14,12 +14,7 @@ from shared.arm import (
     RATE_UNITS,
     Joints,
     arm,
-    conjugate,
     in_base,
-    product,
-    subtract,
-    turned,
-    unit,
 )
 from shared.arm_inverse import Solution, inverse, joint_rates, wrist_velocity
 from shared.arm_limits import LIMITS, MARGINS, jumps, singularities, stops, wrong_limits
@@ -40,6 +35,7 @@ from shared.arm_ports import (
     register_frames,
     wrong_frames,
 )
+from shared.space import conjugate, product, subtract, turned, unit
 
 
 class ArmInverse(Fmi2Slave):

@@ -2,10 +2,8 @@
 
 Source of the equations: He, Shen, Gao, Zhang, "Active Compliance Control of a Position-Controlled
 Industrial Robot for Simulating Space Operations", Sections 2.2 and 2.3. A is the service satellite, which
-carries the rod, B the target. README.md beside this file fixes frames and signs and names the misprints.
-
-Vectors are tuples (x, y, z), matrices tuples of rows, quaternions tuples (w, x, y, z) that turn a body's
-coordinates into those of the frame it is given in. Numbers stay plain floats: that traces to native code.
+carries the rod, B the target. README.md beside this file fixes frames and signs and names the misprints;
+the equations are in shared/free_bodies.py.
 """
 
 from __future__ import annotations
@@ -14,342 +12,26 @@ import math
 from typing import Any, NamedTuple
 
 from pythonfmu import Boolean, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Real
+from shared.body_checks import appended, finite_problem, inertia_problem, length_problem, mass_problem
+from shared.free_bodies import (
+    Body,
+    Matrix,
+    Motion,
+    Wrench,
+    advance,
+    attached,
+    composed,
+    detached,
+    inverted,
+    relative,
+    rotation,
+    times,
+    world_times,
+)
+from shared.space import add, cross, dot, scale, unit
 
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-Matrix = tuple[Vector, Vector, Vector]
-
-# Numbers written with seven digits pass, a quaternion that was meant otherwise does not.
-LENGTH_TOLERANCE = 1e-6
-# Of the trace: what is left when a tensor is turned into another frame in double precision, with room.
-INERTIA_TOLERANCE = 1e-9
 # There a step's error comes to some 2e-8 of the energy; it falls with the fifth power of the turn.
 LARGEST_TURN = 0.1
-
-
-class Body(NamedTuple):
-    """What of a satellite does not change: mass [kg]; inertia and its inverse in the COG frame [kg.m2]."""
-
-    mass: float
-    inertia: Matrix
-    inverse: Matrix
-
-
-class Motion(NamedTuple):
-    """Pose and twist, all resolved in the frame that they are given in: [m], [1], [m/s], [rad/s]."""
-
-    position: Vector
-    orientation: Quaternion
-    velocity: Vector
-    angular_velocity: Vector
-
-
-class Wrench(NamedTuple):
-    """Force [N] and torque [N.m] on A about `point` [m], all in B's COG frame, in which they are held."""
-
-    force: Vector
-    torque: Vector
-    point: Vector
-
-
-def add(a: Vector, b: Vector) -> Vector:
-    """a + b."""
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-def subtract(a: Vector, b: Vector) -> Vector:
-    """a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-def scale(factor: float, a: Vector) -> Vector:
-    """factor a."""
-    return (factor * a[0], factor * a[1], factor * a[2])
-
-
-def dot(a: Vector, b: Vector) -> float:
-    """a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-def times(m: Matrix, a: Vector) -> Vector:
-    """Matrix times vector."""
-    return (dot(m[0], a), dot(m[1], a), dot(m[2], a))
-
-
-def transposed_times(m: Matrix, a: Vector) -> Vector:
-    """Transposed matrix times vector: with a rotation matrix, the vector in body coordinates."""
-    return (
-        m[0][0] * a[0] + m[1][0] * a[1] + m[2][0] * a[2],
-        m[0][1] * a[0] + m[1][1] * a[1] + m[2][1] * a[2],
-        m[0][2] * a[0] + m[1][2] * a[1] + m[2][2] * a[2],
-    )
-
-
-def product(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Quaternion product: first q, then p."""
-    return (
-        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
-        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
-        p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
-        p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
-    )
-
-
-def conjugate(q: Quaternion) -> Quaternion:
-    """The opposite rotation."""
-    return (q[0], -q[1], -q[2], -q[3])
-
-
-def length(q: Quaternion) -> float:
-    """Length of a quaternion [1]."""
-    return math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-
-
-def normalised(q: Quaternion) -> Quaternion:
-    """The quaternion at unit length."""
-    size = length(q)
-    return (q[0] / size, q[1] / size, q[2] / size, q[3] / size)
-
-
-def rotation(q: Quaternion) -> Matrix:
-    """Rotation matrix R(q) of a unit quaternion: v in the reference frame = R(q) v in body coordinates."""
-    w, x, y, z = q
-    return (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
-    )
-
-
-def inverse(m: Matrix) -> Matrix:
-    """Inverse of a symmetric matrix, by its cofactors."""
-    (a, b, c), (_, d, e), (_, _, f) = m
-    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
-    determinant = a * aa + b * bb + c * cc
-    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
-    rows = (aa, bb, cc), (bb, dd, ee), (cc, ee, ff)
-    return tuple(tuple(entry / determinant for entry in row) for row in rows)  # type: ignore[return-value]
-
-
-def world_times(m: Matrix, r: Matrix, a: Vector) -> Vector:
-    """R m R' a: a body's tensor, as the source's I_O = R I R', times a vector of the global frame."""
-    return times(r, times(m, transposed_times(r, a)))
-
-
-def rates(y: tuple[float, ...], bodies: tuple[Body, Body], start: tuple[Vector, ...], wrench: Wrench) -> Any:
-    """Time derivative of what is integrated over a step.
-
-    Newton's and Euler's equations, (6) to (9), for momenta: what A gains, B loses. The wrench (F, M) about
-    the sensor's origin r_S, Eqs. (4) and (5), has the moment M + r_S x F about the step's fixed point.
-
-    Args:
-        y: positions of A and B from the fixed point [m], their orientations, and the linear [N.s] and
-            angular [N.m.s] impulse on A since the step began, the latter about the fixed point; shape (20,).
-        start: linear momentum of A and of B, angular momentum of A and of B about the fixed point, all when
-            the step began.
-    Returns: shape (20,).
-    """
-    a, b = bodies
-    r_a, r_b, impulse, moment = y[0:3], y[3:6], y[14:17], y[17:20]
-    q_a, q_b = y[6:10], y[10:14]
-    p_a, p_b = add(start[0], impulse), subtract(start[1], impulse)
-    r = rotation(q_b)
-    omega_a = world_times(a.inverse, rotation(q_a), subtract(add(start[2], moment), cross(r_a, p_a)))
-    omega_b = world_times(b.inverse, r, subtract(subtract(start[3], moment), cross(r_b, p_b)))
-    force = times(r, wrench.force)
-    torque = add(times(r, wrench.torque), cross(add(r_b, times(r, wrench.point)), force))
-    turn_a, turn_b = product((0.0, *omega_a), q_a), product((0.0, *omega_b), q_b)
-    return (
-        *scale(1.0 / a.mass, p_a),
-        *scale(1.0 / b.mass, p_b),
-        *(0.5 * entry for entry in turn_a),
-        *(0.5 * entry for entry in turn_b),
-        *force,
-        *torque,
-    )
-
-
-def stage(y: tuple[float, ...], step: float, slope: tuple[float, ...]) -> tuple[float, ...]:
-    """y + step slope."""
-    return tuple(value + step * rate for value, rate in zip(y, slope, strict=True))
-
-
-def advance(
-    bodies: tuple[Body, Body], motions: tuple[Motion, Motion], wrench: Wrench, step_size: float
-) -> tuple[Motion, Motion]:
-    """Motion of both satellites over a step with a wrench that is constant in B's turning frame.
-
-    The classical Runge-Kutta method of fourth order on positions, orientations and one impulse: B is given
-    the opposite of A's, and angular momenta are kept about one point that stays where it is, so the pair's
-    linear and angular momentum do not depend on the method's error; they are conserved to rounding.
-
-    Args:
-        bodies: A and B.
-        motions: of the COG frames of A and B in the global frame when the step begins.
-        wrench: on A; B feels the opposite, along the same line.
-        step_size: length of the step [s].
-    Returns: motions when the step ends.
-    """
-    a, b = motions
-    fixed = b.position
-    r_a = subtract(a.position, fixed)
-    p_a, p_b = scale(bodies[0].mass, a.velocity), scale(bodies[1].mass, b.velocity)
-    spins = tuple(
-        world_times(body.inertia, rotation(motion.orientation), motion.angular_velocity)
-        for body, motion in zip(bodies, motions, strict=True)
-    )
-    start = (p_a, p_b, add(spins[0], cross(r_a, p_a)), spins[1])
-    y = (*r_a, 0.0, 0.0, 0.0, *a.orientation, *b.orientation, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    k1 = rates(y, bodies, start, wrench)
-    k2 = rates(stage(y, 0.5 * step_size, k1), bodies, start, wrench)
-    k3 = rates(stage(y, 0.5 * step_size, k2), bodies, start, wrench)
-    k4 = rates(stage(y, step_size, k3), bodies, start, wrench)
-    slope = tuple((p + 2.0 * (q + r) + s) / 6.0 for p, q, r, s in zip(k1, k2, k3, k4, strict=True))
-    y = stage(y, step_size, slope)
-    impulse, moment = y[14:17], y[17:20]
-    q_a, q_b = normalised(y[6:10]), normalised(y[10:14])
-    spin_a = subtract(add(start[2], moment), cross(y[0:3], add(p_a, impulse)))
-    spin_b = subtract(subtract(start[3], moment), cross(y[3:6], subtract(p_b, impulse)))
-    return (
-        Motion(
-            add(fixed, y[0:3]),
-            q_a,
-            add(a.velocity, scale(1.0 / bodies[0].mass, impulse)),
-            world_times(bodies[0].inverse, rotation(q_a), spin_a),
-        ),
-        Motion(
-            add(fixed, y[3:6]),
-            q_b,
-            subtract(b.velocity, scale(1.0 / bodies[1].mass, impulse)),
-            world_times(bodies[1].inverse, rotation(q_b), spin_b),
-        ),
-    )
-
-
-def attached(motion: Motion, place: Vector, orientation: Quaternion) -> Motion:
-    """Motion of a frame fixed to a body, Eqs. (10) and (11): place and orientation in the COG frame."""
-    arm = times(rotation(motion.orientation), place)
-    return Motion(
-        add(motion.position, arm),
-        product(motion.orientation, orientation),
-        add(motion.velocity, cross(motion.angular_velocity, arm)),
-        motion.angular_velocity,
-    )
-
-
-def relative(of: Motion, to: Motion) -> Motion:
-    """Motion of one frame as seen from another, Eqs. (12) and (13).
-
-    Eq. (13) prints T_Ai^-1 T_Bi, which is the opposite; T_Bi^-1 T_Ai is meant, as Eq. (14) needs it. Eq. (12)
-    prints v_Ai - v_Bi; the pose of Eq. (13) moves at v_Ai - v_Bi - omega_Bi x (r_Ai - r_Bi).
-    """
-    r = rotation(to.orientation)
-    distance = subtract(of.position, to.position)
-    speed = subtract(subtract(of.velocity, to.velocity), cross(to.angular_velocity, distance))
-    return Motion(
-        transposed_times(r, distance),
-        product(conjugate(to.orientation), of.orientation),
-        transposed_times(r, speed),
-        transposed_times(r, subtract(of.angular_velocity, to.angular_velocity)),
-    )
-
-
-def composed(frame: Motion, within: Motion) -> Motion:
-    """The inverse of `relative`: the global motion of what moves as `within` as seen from `frame`."""
-    r = rotation(frame.orientation)
-    distance = times(r, within.position)
-    speed = add(frame.velocity, cross(frame.angular_velocity, distance))
-    return Motion(
-        add(frame.position, distance),
-        product(frame.orientation, within.orientation),
-        add(speed, times(r, within.velocity)),
-        add(frame.angular_velocity, times(r, within.angular_velocity)),
-    )
-
-
-def detached(motion: Motion, place: Vector, orientation: Quaternion) -> Motion:
-    """The inverse of `attached`: motion of the body's COG frame from that of a frame fixed to it."""
-    q = product(motion.orientation, conjugate(orientation))
-    arm = times(rotation(q), place)
-    velocity = subtract(motion.velocity, cross(motion.angular_velocity, arm))
-    return Motion(subtract(motion.position, arm), q, velocity, motion.angular_velocity)
-
-
-def inertia_problem(name: str, m: Matrix) -> tuple[bool, str]:
-    """What is wrong with an inertia tensor [kg.m2], whether and as a sentence."""
-    (a, b, c), (d, e, f), (g, h, i) = m
-    allowed = INERTIA_TOLERANCE * (abs(a) + abs(e) + abs(i))
-    if not (max(abs(b - d), abs(c - g), abs(f - h)) <= allowed):
-        return True, (
-            f"{name} is not symmetric: [1,2], [1,3], [2,3] are {b!r}, {c!r}, {f!r} kg.m2 and [2,1], [3,1], "
-            f"[3,2] are {d!r}, {g!r}, {h!r} kg.m2; give both of a pair the same value"
-        )
-    trace = a + e + i
-    if not _positive_definite(a, b, c, e, f, i):
-        return True, (
-            f"{name} is not positive definite: diagonal {a!r}, {e!r}, {i!r} kg.m2, [1,2], [1,3], [2,3] "
-            f"{b!r}, {c!r}, {f!r} kg.m2; its three principal moments have to be above 0 kg.m2"
-        )
-    # Principal values of trace/2 E - I are half the excess of two principal moments over the third.
-    half = (0.5 + INERTIA_TOLERANCE) * trace
-    if not _positive_definite(half - a, -b, -c, half - e, -f, half - i):
-        return True, (
-            f"{name} violates the triangle inequality: diagonal {a!r}, {e!r}, {i!r} kg.m2, [1,2], [1,3], "
-            f"[2,3] {b!r}, {c!r}, {f!r} kg.m2; no principal moment of a body is above the sum of the "
-            "other two"
-        )
-    return False, ""
-
-
-def _positive_definite(a: float, b: float, c: float, d: float, e: float, f: float) -> bool:
-    """Whether ((a, b, c), (b, d, e), (c, e, f)) has positive leading minors."""
-    minor = a * d - b * b
-    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
-    return (a > 0.0) & (minor > 0.0) & (determinant > 0.0)
-
-
-def length_problem(name: str, q: Quaternion) -> tuple[bool, str]:
-    """What is wrong with a quaternion, whether and as a sentence."""
-    size = length(q)
-    if abs(size - 1.0) <= LENGTH_TOLERANCE:
-        return False, ""
-    return True, (
-        f"{name} has the length {size!r}; allowed: 1 within {LENGTH_TOLERANCE!r}; divide its elements "
-        f"{q[0]!r}, {q[1]!r}, {q[2]!r}, {q[3]!r} by it"
-    )
-
-
-def mass_problem(name: str, mass: float) -> tuple[bool, str]:
-    """What is wrong with a mass, whether and as a sentence."""
-    if math.isfinite(mass) & (mass > 0.0):
-        return False, ""
-    return True, f"{name} is {mass!r} kg; a finite mass above 0 kg is needed"
-
-
-def appended(wrong: bool, bad: bool, sentence: str) -> str:
-    """What a list of problems grows by; the native form asks at run time whether it does."""
-    if not bad:
-        return ""
-    if wrong:
-        return "; " + sentence
-    return sentence
-
-
-def finite_problem(name: str, unit: str, values: tuple[float, ...]) -> tuple[bool, str]:
-    """What of a tuple is no finite number, whether and as a sentence."""
-    sound = True
-    for value in values:
-        sound = sound & math.isfinite(value)
-    if sound:
-        return False, ""
-    given = ", ".join(repr(value) for value in values)
-    return True, f"{name} is {given} {unit}; finite numbers are needed"
 
 
 class Entry(NamedTuple):
@@ -490,8 +172,8 @@ class SatellitePair(Fmi2Slave):
     def _bodies(self) -> tuple[Body, Body]:
         tensors = _matrix(self.inertia_a), _matrix(self.inertia_b)
         return (
-            Body(self.mass_a[0], tensors[0], inverse(tensors[0])),
-            Body(self.mass_b[0], tensors[1], inverse(tensors[1])),
+            Body(self.mass_a[0], tensors[0], inverted(tensors[0])),
+            Body(self.mass_b[0], tensors[1], inverted(tensors[1])),
         )
 
     def _motions(self) -> tuple[Motion, Motion]:
@@ -553,7 +235,7 @@ class SatellitePair(Fmi2Slave):
             raise ValueError(f"{self.instance_name}: {problems}")
         for entry in ENTRIES:
             if entry.kind in ("parameter", "state") and "orientation" in entry.name:
-                setattr(self, entry.name, normalised(getattr(self, entry.name)))
+                setattr(self, entry.name, unit(getattr(self, entry.name)))
         self._take(self._start_of_a(), self._motions()[1])
         self.placed = True
 
@@ -583,8 +265,8 @@ class SatellitePair(Fmi2Slave):
         Raises: ValueError, which the FMI layer logs and turns into a status, if an input is not finite or a
             satellite would turn too far for the step. (Returning False would ask the master to end.)
         """
-        for name, unit, values in (("force", "N", self.force), ("torque", "N.m", self.torque)):
-            bad, sentence = finite_problem(f"input {name}", unit, values)
+        for name, si, values in (("force", "N", self.force), ("torque", "N.m", self.torque)):
+            bad, sentence = finite_problem(f"input {name}", si, values)
             if bad:
                 raise ValueError(
                     f"{self.instance_name}: in the step from {current_time:.9g} s: {sentence}. Look at what "

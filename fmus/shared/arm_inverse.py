@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from shared.arm import TINY, TURN, Arm, Geometry, Joints, Quaternion, Vector, add, dot, mix, subtract, turned
+from shared.arm import TURN, Arm, Geometry, Joints
+from shared.space import TINY, Quaternion, Vector, add, dot, mix, subtract, turned
 
 
 class Solution(NamedTuple):

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from pythonfmu import Fmi2Causality, Fmi2Initial, Fmi2Variability, Real
-from shared.arm import ORIENTATION_TOLERANCE, Frames, Geometry, Joints, Quaternion, length, tool
+from shared.arm import ORIENTATION_TOLERANCE, Frames, Geometry, Joints, tool
+from shared.space import Quaternion, length
 
 LENGTHS = {
     "d_1": "Height of A2 above the base",

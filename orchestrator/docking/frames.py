@@ -3,7 +3,7 @@
 Names as in the source's Table 1: A service satellite, B target, Ai and Bi their assembly frames, u = 6 the
 robot's end, t the target's assembly frame in the laboratory. A transformation a_T_b takes coordinates of b to
 a; T_b alone takes them to the global frame. Quaternions are scalar first. What FMUs need of this lies in
-fmus/SatellitePair/model.py, whose README.md lists the misprints; here they are corrected alike:
+fmus/shared/free_bodies.py; fmus/SatellitePair/README.md lists the misprints, which are corrected alike here:
 
 - Eq. (13) prints T_Ai^-1 T_Bi, which is Ai_T_Bi. Bi_T_Ai = T_Bi^-1 T_Ai is meant: Eq. (14) needs it.
 - Eqs. (12), (16) print R_B^-1 where R_Bi^-1 is meant, and leave out that Bi turns: its frame carries the

@@ -35,7 +35,7 @@ def bodies(draw):
     spread = points.T @ points / 12.0
     tensor = mass * (np.trace(spread) * np.eye(3) - spread)
     rows = tuple(tuple(map(float, row)) for row in 0.5 * (tensor + tensor.T))
-    return PAIR.Body(mass, rows, PAIR.inverse(rows))
+    return PAIR.Body(mass, rows, PAIR.inverted(rows))
 
 
 def turned(q):
@@ -139,7 +139,7 @@ def test_motion_is_that_of_the_equations_integrated_by_another_method(a, b, one,
 def test_integration_is_of_fourth_order_and_its_error_is_what_the_bound_on_turning_allows():
     """A tumbling body, three unlike moments: halving the step makes the error 16 times smaller."""
     tensor = ((40.0, 2.0, 1.0), (2.0, 55.0, 3.0), (1.0, 3.0, 70.0))
-    body = PAIR.Body(300.0, tensor, PAIR.inverse(tensor))
+    body = PAIR.Body(300.0, tensor, PAIR.inverted(tensor))
     wrench = PAIR.Wrench((0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
 
     def tumble(step, count):
@@ -164,7 +164,7 @@ def test_integration_is_of_fourth_order_and_its_error_is_what_the_bound_on_turni
 def test_wrench_stays_put_in_the_turning_frame_of_the_target():
     """A torque about the axis that B turns about changes nothing else; a fixed direction would."""
     light = PAIR.Body(10.0, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), None)
-    light = light._replace(inverse=PAIR.inverse(light.inertia))
+    light = light._replace(inverse=PAIR.inverted(light.inertia))
     spinning = PAIR.Motion((0.0,) * 3, PAIR.UNIT, (0.0,) * 3, (0.0, 0.0, 1.0))
     still = spinning._replace(angular_velocity=(0.0,) * 3)
     wrench = PAIR.Wrench((1.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3)
