@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .catalogue import catalogue
-from .verdict import Diagnosis, Experiment, Which
+from .verdict import SUSPECTED, Diagnosis, Experiment, Which
 
 __all__ = ["TELLS", "given", "headline", "leaves_in_words", "listed_or", "nats", "percent"]
 
@@ -18,7 +18,19 @@ _DECIDES = 1000.0
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """The verdict in a sentence or two."""
+    """The verdict in a sentence or two, and whether something outside the catalogue may act instead."""
+    text, outside = _answer(diagnosis), _outside(diagnosis)
+    if "outside" in diagnosis.verdict.effects or outside < SUSPECTED or "outside the catalogue" in text:
+        return text
+    return f"{text} It may be something outside the catalogue instead ({percent(outside)})."
+
+
+def _outside(diagnosis: Diagnosis) -> float:
+    """Probability of something outside the catalogue, whatever acts beside it."""
+    return sum(one.probability for one in diagnosis.which if "outside" in one.effects)
+
+
+def _answer(diagnosis: Diagnosis) -> str:
     effects, first = diagnosis.verdict.effects, given(diagnosis)
     chance = f"probability {percent(first.probability)}"
     gap = diagnosis.how_far

@@ -300,6 +300,22 @@ def test_what_the_catalogue_imitates_is_counted_apart():
     assert (found["outside_flagged_own"]["count"], found["outside_flagged_own"]["of"]) == (1, 2)
 
 
+def test_what_is_suspected_is_counted_beside_what_is_flagged():
+    hum, drift, outside = ["sensor.hum"], ["sensor.drift"], ["outside"]
+    found = figures(
+        [
+            marked("outside", hum, [(outside, 0.9, ())]),
+            marked("outside", hum, [(drift, 0.7, ()), (outside, 0.15, ()), ([*outside, *drift], 0.15, ())]),
+            marked("outside", hum, [(drift, 0.9, ()), (outside, 0.1, ())]),
+            marked("single", drift, [(drift, 0.7, ()), (outside, 0.3, ())]),
+            marked("single", drift, [(drift, 1.0, ())]),
+        ]
+    )
+    assert found["outside_flagged"]["count"] == 1 and found["outside_false"]["count"] == 0
+    assert (found["outside_suspected"]["count"], found["outside_suspected"]["of"]) == (2, 3)
+    assert (found["suspected_false"]["count"], found["suspected_false"]["of"]) == (1, 2)
+
+
 def test_a_declared_set_of_answers_is_the_one_scored():
     rows = tuple(
         Answer(frozenset(one), p, frozenset()) for one, p in (((), 0.6), (("a", "b"), 0.39), (("a",), 0.01))

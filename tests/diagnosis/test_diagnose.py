@@ -196,6 +196,12 @@ def test_headlines():
     assert told(replace(hinted, effects=(), candidates=(hint, replace(other, effects=())))) == (
         "No effect is named: the logs hint at sensor.dropout (52 %), but by less than a nat over none (48 %)."
     )
+    hidden = finding(("sensor.drift",), (), 0.7)
+    drift, other = hidden.candidates
+    assert told(replace(hidden, candidates=(drift, replace(other, effects=("outside",)))), how_far=None) == (
+        "sensor.drift causes the gap (probability 70 %). "
+        "It may be something outside the catalogue instead (30 %)."
+    )
     assert told(finding((), (), doubtful_tolerances=True)).startswith(
         "The calibration is farther off than its tolerances allow, and no effect explains it"
     )

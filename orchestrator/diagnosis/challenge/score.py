@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ...errors import ConfigError, Problem
+from ..verdict import SUSPECTED
 from .seal import note_opening, open_truth, truth_digest
 from .verdict import Verdict, names, read_verdict
 
@@ -89,6 +90,12 @@ class Marked:
     def set_size(self) -> int:
         """How many candidates that set holds."""
         return len(self.verdict.answer_set)
+
+    @property
+    def suspects(self) -> bool:
+        """Whether the verdict names something outside the catalogue, or mentions it beside its answer."""
+        chance = sum(one.probability for one in self.verdict.answers if "outside" in one.effects)
+        return "outside" in self.verdict.effects or chance >= SUSPECTED
 
     @property
     def confidence(self) -> float:
@@ -191,6 +198,7 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "outside_flagged": _rate(
             [one for one in outside if one.clear], lambda one: "outside" in one.verdict.effects
         ),
+        "outside_suspected": _rate([one for one in outside if one.clear], lambda one: one.suspects),
         "outside_flagged_own": _rate(
             [one for one in outside if one.its_own], lambda one: "outside" in one.verdict.effects
         ),
@@ -199,6 +207,7 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         ),
         "outside_place_right": _rate([one for one in outside if one.clear], lambda one: one.place_right),
         "outside_false": _rate(inside, lambda one: "outside" in one.verdict.effects),
+        "suspected_false": _rate(inside, lambda one: one.suspects),
         "ece": _ece([(one.confidence, one.first_right) for one in marked]),
         "ece_exact": _ece_exact([one.confidence for one in marked]),
         "doubtful_tight": _rate(tight, lambda one: one.verdict.doubtful),
@@ -307,8 +316,10 @@ _ROWS = (
     ("outside_flagged", "outside flagged"),
     ("outside_flagged_own", "the same, where none imitates it"),
     ("outside_flagged_no_two", "the same, nor two together"),
+    ("outside_suspected", "outside flagged or suspected"),
     ("outside_place_right", "place of outside right"),
     ("outside_false", "outside, though in the catalogue"),
+    ("suspected_false", "the same, or suspected"),
     ("doubtful_tight", "tight tolerances doubted"),
     ("doubtful_false", "sound tolerances doubted"),
     ("coverage", "95 % sets name the truth"),
