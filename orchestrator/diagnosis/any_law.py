@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.special import logsumexp
 
+from .colour import WHITE, Colour
 from .fit import Fit, Fitter
 from .misfit import answering, stretches
 from .model import RigModel
@@ -23,9 +24,7 @@ _SIZES = 0.02 * 2.0 ** np.arange(12)
 _SHORT, _LONG, _TURNS = (0.005, 0.03), (0.2, 1.0), 0.1
 
 
-def any_law(
-    model: RigModel, fitter: Fitter, fit: Fit, weights: Sequence[Array], colour: tuple[float, float]
-) -> float:
+def any_law(model: RigModel, fitter: Fitter, fit: Fit, weights: Sequence[Array], colour: Colour) -> float:
     """Log evidence that a smooth law of depth, rate, side, time and memory is in what a fit leaves [nats].
 
     The mean square of what is left drowns a small law in the noise of all samples; this looks along some
@@ -35,7 +34,8 @@ def any_law(
 
     Args:
         weights: of samples, by run and channel, as the fitter's.
-        colour: small coloured noise of the force, see `colour.whitened`: slow shapes tell less beside it.
+        colour: small coloured noise of the force: slow shapes tell less beside it. It may be a law instead
+            that made the noise appear coloured; then they must tell more than colour does.
     """
     if not all(np.isfinite(r).all() for r in fit.residuals):
         return 0.0
@@ -49,14 +49,19 @@ def any_law(
     columns = np.concatenate([one * weights[2 * run + 1] for run, one in zip(runs, shapes, strict=True)], 1).T
     columns = columns[:, size > 0.0] / size[size > 0.0]
     square, product = fitter.products(fit.residuals, columns, rows)
-    deviation, keep = colour
-    louder = 1.0 + deviation**2 * (1.0 + keep) / (1.0 - keep)
-    spread, turn = np.linalg.eigh(square / louder)
-    spread, along = np.maximum(spread, 0.0), turn.T @ product / louder
-    told = [
-        0.5 * float(np.sum(along**2 / (spread + size**-2.0) - np.log1p(size**2 * spread))) for size in _SIZES
-    ]
+    spread, turn = np.linalg.eigh(square)
+    spread, along = np.maximum(spread, 0.0), turn.T @ product
+    told = []
+    for noise in dict.fromkeys((WHITE, colour)):
+        louder = 1.0 + noise.deviation**2 * (1.0 + noise.keep) / (1.0 - noise.keep)
+        less = colour.log_likelihood - noise.log_likelihood
+        told += [_told(spread / louder, along / louder, size) - less for size in _SIZES]
     return max(float(logsumexp(told)) - math.log(len(told)), 0.0)
+
+
+def _told(spread: Array, along: Array, size: float) -> float:
+    """Log evidence of shapes that do not overlap, by their squares and products, of one size."""
+    return 0.5 * float(np.sum(along**2 / (spread + size**-2.0) - np.log1p(size**2 * spread)))
 
 
 def _shapes(model: RigModel, index: int, fit: Fit) -> Array:

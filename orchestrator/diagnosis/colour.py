@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,12 +13,28 @@ from scipy.optimize import minimize
 
 from .study import Array
 
-__all__ = ["COLOUR", "coloured", "small_colour", "whitened"]
+__all__ = ["COLOUR", "WHITE", "Colour", "coloured", "small_colour", "whitened"]
 
 # Coloured noise of a smaller deviation than this share of the white one is roughness of every rig, from some
 # log likelihood on [nats].
 COLOUR, _COLOURED = 0.4, 4.0
 _COLOURS = tuple(itertools.product((0.1, 0.15, 0.2, 0.25, 0.3), (0.7, 0.8, 0.87, 0.92, 0.95, 0.97)))
+
+
+class Colour(NamedTuple):
+    """Small coloured noise of the force.
+
+    Attributes:
+        deviation: over that of the white noise; keep: what a sample keeps of it.
+        log_likelihood: over white noise alone [nats].
+    """
+
+    deviation: float
+    keep: float
+    log_likelihood: float
+
+
+WHITE = Colour(0.0, 0.0, 0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -64,8 +81,8 @@ def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float]
     return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep
 
 
-def small_colour(parts: Sequence[Array]) -> tuple[float, float, float]:
-    """The most likely of `_COLOURS`, and its log likelihood over white noise; zeros if that is little.
+def small_colour(parts: Sequence[Array]) -> Colour:
+    """The most likely of `_COLOURS`; `WHITE` if its log likelihood over white noise is little.
 
     Args:
         parts: residuals over their noise.
@@ -79,19 +96,18 @@ def small_colour(parts: Sequence[Array]) -> tuple[float, float, float]:
 
     best = max(_COLOURS, key=likelihood)
     gain = likelihood(best) - likelihood((0.0, 0.0))
-    return (*best, gain) if gain > _COLOURED else (0.0, 0.0, 0.0)
+    return Colour(*best, gain) if gain > _COLOURED else WHITE
 
 
-def whitened(left: Sequence[Array], colour: tuple[float, float]) -> list[Array]:
+def whitened(left: Sequence[Array], colour: Colour) -> list[Array]:
     """Residuals without what small coloured noise of theirs predicts of them, over their noise.
 
     Args:
         left: residuals over their noise, by run.
-        colour: deviation of the coloured noise over that of the white one, and what a sample keeps of it.
     """
-    if colour[0] <= 0.0:
+    if colour.deviation <= 0.0:
         return list(left)
     found = [np.empty(len(r)) for r in left]
     for r, out in zip(left, found, strict=True):
-        _ar_likelihood(r, colour[0], colour[1], 1.0, out)
+        _ar_likelihood(r, colour.deviation, colour.keep, 1.0, out)
     return found

@@ -13,7 +13,7 @@ from .answers import Answer, Group, complete, simplest, tied
 from .benign import Weighing, Weighted, Widened, scatter, settled, touching, waves
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
-from .colour import whitened
+from .colour import WHITE, Colour, whitened
 from .effect import Effect
 from .fit import Fit, Fitter, inflation
 from .links import JITTER, PACKETS, Arrivals, arrivals, other_link, random_links, search_behind
@@ -108,7 +108,7 @@ def _weigh(
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
     odd = min(sensor.force.line, last.line) + sensor.force.held
-    colour = last.colour if sensor.coloured == 1.0 else (0.0, 0.0)
+    colour = last.colour if sensor.coloured == 1.0 else WHITE
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
     noises += [lost] if lost is not None else []
@@ -174,7 +174,7 @@ def _linked(
     fitter: Fitter,
     found: Search,
     noises: Sequence[Noise],
-    colour: tuple[float, float],
+    colour: Colour,
     chance: Arrivals,
     without: Collection[str],
 ) -> _Told:
@@ -239,7 +239,7 @@ def _answers(
     fitter: Fitter,
     found: Search,
     noises: Sequence[Noise],
-    colour: tuple[float, float],
+    colour: Colour,
     always: tuple[Effect, ...] = (),
 ) -> list[Answer]:
     """What a search found as answers, largest log evidence first; without none, if nothing is known of noise.
@@ -273,7 +273,7 @@ def _subsets(noises: Sequence[Noise], always: tuple[Effect, ...]) -> list[tuple[
     return [tuple(noises), *(tuple(one for one in noises if one is not gone) for gone in weak)]
 
 
-def _place(left: Sequence[Array], odd: float, colour: tuple[float, float]) -> str:
+def _place(left: Sequence[Array], odd: float, colour: Colour) -> str:
     """Where something outside the catalogue acts."""
     encoder, sensor = unexplained(left[0::2]), unexplained(whitened(left[1::2], colour))
     if odd > _CLEAR and sensor > encoder:

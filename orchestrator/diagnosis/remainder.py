@@ -8,7 +8,7 @@ import numpy as np
 
 from .any_law import any_law
 from .benign import Weighing, touching
-from .colour import whitened
+from .colour import Colour, whitened
 from .fit import Fit, Fitter
 from .misfit import in_contact, louder, unexplained
 
@@ -26,9 +26,7 @@ KINDS = (
 _ROUGHER = 20.0
 
 
-def remains(
-    weighing: Weighing, fitter: Fitter, fit: Fit, colour: tuple[float, float], rougher: bool = True
-) -> float:
+def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, rougher: bool = True) -> float:
     """What a fit leaves unexplained [nats].
 
     Args:

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from scipy.special import logsumexp
 
-from .colour import COLOUR, coloured, small_colour
+from .colour import COLOUR, WHITE, Colour, coloured, small_colour
 from .dropout import held_longer, lost_in_contact, lost_in_flight
 from .fit import Fit
 from .misfit import hum, stretches, uneven
@@ -84,14 +84,14 @@ class Force:
         line: log evidence of a narrow-band line [nats]; held: of samples that repeat in contact more often
             than out of it, as where the sensor saturates. Neither is an effect of the catalogue.
         repeats: which samples repeat the one before, by run.
-        colour: small coloured noise that is no effect, see `whitened`; zeros without any.
+        colour: small coloured noise that is no effect.
     """
 
     noises: tuple[Noise, ...]
     line: float
     held: float
     repeats: tuple[Array, ...]
-    colour: tuple[float, float] = (0.0, 0.0)
+    colour: Colour = WHITE
 
 
 def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array]) -> Force:
@@ -143,16 +143,16 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     line, _ = hum(kept, windows)
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held, repeats)
-    *small, usual = small_colour([part / noise for part in parts])
+    small = small_colour([part / noise for part in parts])
     # Little of it is roughness of every rig; only what that does not explain tells of an effect.
-    evidence -= usual
+    evidence -= small.log_likelihood
     if deviation > COLOUR * noise and 0.3 < keep < _WANDER and evidence > 0.0:
         apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
         scale = math.hypot(1.0, apparent / noise)
         odd = uneven(parts, (_MEMORY, max(_MEMORY, round(1.0 / (1.0 - keep)))))
         found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
         return Force(tuple(found), 0.0, held, repeats)
-    return Force(tuple(found), 0.0, held, repeats, (small[0], small[1]))
+    return Force(tuple(found), 0.0, held, repeats, small)
 
 
 def _lattice(samples: Array, resolution: float) -> float:

@@ -14,10 +14,11 @@ from orchestrator.diagnosis.answers import Answer, Group, complete
 from orchestrator.diagnosis.any_law import any_law
 from orchestrator.diagnosis.benign import Weighing, touching
 from orchestrator.diagnosis.calibrate import Practice, learn_sure
-from orchestrator.diagnosis.calibration import SET, Calibration
+from orchestrator.diagnosis.calibration import SET, Calibration, own_gains
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.colour import WHITE, Colour
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import in_contact, uneven, unexplained
@@ -83,6 +84,24 @@ def test_a_combination_makes_something_outside_likelier_than_one_effect_does():
     assert two / (1.0 - two) == pytest.approx(np.exp(2.0) * one / (1.0 - one), rel=0.05)
 
 
+def test_what_a_weak_effect_leaves_is_a_share_of_its_own_evidence():
+    learned = Calibration(floor=0.0, leaves={"a.strong": 1e-4, "a.weak": 0.03})
+    none, strong = Answer((), 0.0, 4e4), Answer(("a.strong",), 4e4, 1700.0)
+    both = Answer(("a.strong", "a.weak"), 40_200.0, 1500.0)
+    faint = replace(both, effects=("a.faint", *both.effects), unseen=("a.faint",))
+    answers = [none, strong, both, faint]
+    assert own_gains(answers)[1:] == [
+        {"a.strong": 4e4},
+        {"a.strong": 40_200.0, "a.weak": 200.0},
+        {"a.strong": 40_200.0, "a.weak": 200.0},
+    ]
+    assert learned.usual(answers).tolist() == pytest.approx([1.0, 5.0, 7.0, 7.0], rel=0.01)
+    # What is left is not made usual by the weak effect, which accounts for none of it.
+    assert learned.probabilities(answers, 0.0)[-1] > 0.5
+    alone = Answer(("a.weak",), 4e4, 1500.0)
+    assert learned.probabilities([none, alone], 0.0)[-1] < 0.1
+
+
 def test_what_is_odd_counts_whatever_evidence_there_is():
     learned = Calibration(floor=0.0, leaves={"a.x": 0.05})
     none = Answer((), 0.0, 500.0)
@@ -124,12 +143,15 @@ def test_a_small_law_that_no_catalogue_holds_is_seen_along_its_shapes():
         weighing = Weighing.of(model, [], {})
         fitter, weights = weighing.fitter(), weighing.weights
         fit = fitter.fit(())
-        laws[name] = any_law(model, fitter, fit, weights, (0.0, 0.0))
-        beside = any_law(model, fitter, fit, weights, (0.4, 0.95))
+        laws[name] = any_law(model, fitter, fit, weights, WHITE)
+        beside = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 100.0))
+        # The noise is white: a colour that hardly explains more does not hide the law.
+        instead = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 1.0))
         drowned = in_contact(fitter.left(fit.residuals)[1::2], touching(model, fit))
         assert beside <= laws[name]
         if name == "hysteresis":
             assert laws[name] > 2.0 * drowned
+            assert beside < 0.5 * instead and instead > laws[name] - 2.0
     assert laws["none"] < 2.0 and laws["hysteresis"] > 20.0
 
 

@@ -28,7 +28,7 @@ from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import SHARES, Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.colour import coloured, small_colour, whitened
+from orchestrator.diagnosis.colour import WHITE, coloured, small_colour, whitened
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.misfit import hum, unexplained
 from orchestrator.diagnosis.model import RigModel
@@ -253,12 +253,12 @@ def test_a_faint_line_that_keeps_its_phase_is_found_through_short_windows():
 def test_a_little_coloured_noise_is_no_misfit_and_hides_none():
     rng = np.random.default_rng(2)
     white = rng.standard_normal(9000)
-    assert small_colour([white]) == (0.0, 0.0, 0.0)
+    assert small_colour([white]) == WHITE
     fresh = np.sqrt(1.0 - 0.92**2) * 0.25 * rng.standard_normal(9000)
     noise = white + lfilter([1.0], [1.0, -0.92], fresh)
-    *colour, gain = small_colour([noise[:5000], noise[5000:]])
-    assert gain > 20.0
-    assert colour[0] == pytest.approx(0.25, abs=0.06) and 0.86 < colour[1] < 0.96
+    colour = small_colour([noise[:5000], noise[5000:]])
+    assert colour.log_likelihood > 20.0
+    assert colour.deviation == pytest.approx(0.25, abs=0.06) and 0.86 < colour.keep < 0.96
     assert unexplained([noise]) > 20.0
     assert unexplained(whitened([noise], colour)) < 5.0
     bump = np.where((np.arange(9000) // 150) % 3 == 0, 0.6, 0.0)
