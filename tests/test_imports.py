@@ -12,9 +12,9 @@ PACKAGE = ROOT / "orchestrator"
 
 # From the bottom up: a module imports only from layers that stand before its own.
 LAYERS = [
-    "errors", "digests", "bundled", "provenance", "units", "quantities", "effects", "config", "fmi", "graph",
-    "fixed_point", "system", "bonds", "checks", "connecting", "histogram", "external", "assembly",
-    "signals", "wires", "initialisation", "culprits", "instances", "ledger", "master", "native",
+    "errors", "digests", "whole_file", "bundled", "provenance", "units", "quantities", "effects", "config",
+    "fmi", "graph", "fixed_point", "system", "bonds", "checks", "connecting", "histogram", "external",
+    "assembly", "signals", "wires", "initialisation", "culprits", "instances", "ledger", "master", "native",
     "pacing", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",
     "plotting", "page", "folder_lock", "workers", "run_folder", "run", "compare", "table", "fmu_tools",
     "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report",

@@ -350,7 +350,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(learned)
 
 
-def _practised(context: tuple[int, Mapping[str, float]], number: int) -> Practice:
+def _practised(context: tuple[int, Mapping[str, Sequence[float]]], number: int) -> Practice:
     return practise(*context, number)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import Problem
 from .consistency import check_columns
-from .motion import contacts
+from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
 
 __all__ = ["check_logs"]
@@ -21,8 +21,6 @@ _FEWEST_CONTACTS = 3
 _FROZEN = 60
 # So many rows in succession at the highest or lowest value, and so many times as many as just below it.
 _PILED, _PILE = 8, 4
-# Runs are stopped when they leave this way, and then end early for a reason [m].
-_TRAVEL = 0.08
 _MOVING = ("desired_position", "desired_velocity", "encoder_position", "sensor_force", "compensated_force")
 
 
@@ -202,7 +200,7 @@ def _left_early(study: Study) -> list[Problem]:
             remedy="Was it left early? It counts as far as it goes.",
         )
         for run in study.runs
-        if len(run) < 0.7 * longest and np.max(np.abs(run["encoder_position"])) < 0.9 * _TRAVEL
+        if len(run) < 0.7 * longest and np.max(np.abs(run["encoder_position"])) < 0.9 * STOP
     ]
 
 

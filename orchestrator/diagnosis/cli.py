@@ -50,16 +50,15 @@ def main(args: argparse.Namespace) -> int:
 
     A case that fails is told, and the others are done all the same.
 
-    Returns: 0; 1 if some case failed.
-    Raises: ConfigError if the command is wrong, or no case could be read.
+    Returns: 0; 1 if some case failed; 2 if none of several could be read.
+    Raises: ConfigError if the command is wrong, or the only case could not be read.
     """
     folders = _folders(args.cases, args.out)
     # Imported after the command is known to make sense: machine code takes a second to load.
     from .diagnose import STAGES, diagnose
     from .report_text import text
 
-    refused: list[Problem] = []
-    failed = 0
+    refused = failed = 0
     bar = _Bar(len(args.cases) * len(STAGES), shown=not args.quiet)
     for case, folder in zip(args.cases, folders, strict=True):
         bar.begin(case.name or str(case))
@@ -77,7 +76,7 @@ def main(args: argparse.Namespace) -> int:
             raise
         except OrchestratorError as error:
             failed += 1
-            refused += error.problems if isinstance(error, ConfigError) else []
+            refused += isinstance(error, ConfigError)
             if len(args.cases) == 1:
                 bar.close()
                 raise
@@ -90,7 +89,7 @@ def main(args: argparse.Namespace) -> int:
         elif not args.quiet:
             bar.write(text(made), sys.stdout)
     bar.close()
-    if failed == len(args.cases) and len(refused) >= failed:
+    if refused == len(args.cases):
         return 2
     return 1 if failed else 0
 

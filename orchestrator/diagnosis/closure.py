@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from .components import NOMINAL
-from .finding import Augmented, Finding
+from .finding import NOMINAL, Augmented, Finding
 from .model import RigModel
-from .motion import Contact, contacts
-from .restart import Restart
+from .motion import STOP, Contact, contacts, stopped_at
+from .restart import Restart, strayed
 from .rig import SUBSTEPS
 from .study import Array, Role, Run, Study
 
@@ -25,8 +24,6 @@ _WITHIN = 1.5
 _RESAMPLES, _BLOCK, _SEED = 1000, 2, 20190611
 # A whole run is resampled in blocks of this length [ticks].
 _RUN_BLOCK = 250
-# The rig's stop; a model that runs away is held there.
-_STOP = 0.08
 
 
 @dataclass(frozen=True)
@@ -52,12 +49,11 @@ def one_contact_ahead(
     restart = Restart(study, run, model, substeps)
     errors, traces = [], []
     for one in among:
-        span = slice(one.begin, one.end)
         out = restart.ahead(one.begin, one.end - one.begin)
-        force, velocity = run["sensor_force"][span], run["desired_velocity"][span]
-        peak, speed = np.abs(force).max(), velocity[0]
-        trace = np.stack([(out[3] - force) / peak, (out[1] - velocity) / abs(speed)])
-        after, measured = out[1, -1] / speed, velocity[-1] / speed
+        trace = strayed(run, one, out)
+        span = slice(one.begin, one.end)
+        peak, velocity = np.abs(run["sensor_force"][span]).max(), run["desired_velocity"][span]
+        after, measured = out[1, -1] / velocity[0], velocity[-1] / velocity[0]
         errors.append(
             (
                 float(np.sqrt(np.mean(trace**2))),
@@ -249,14 +245,14 @@ _MOVING = ("desired_position", "desired_velocity")
 
 
 def _stopped(out: Array) -> Array:
-    """A run as far as the rig's stop, at rest from there on."""
-    beyond = np.flatnonzero(~(np.abs(out[0]) < _STOP))
-    if beyond.size:
-        held = out.copy()
-        held[:, beyond[0] :] = 0.0
-        held[0, beyond[0] :] = np.sign(out[0, max(beyond[0] - 1, 0)]) * _STOP
-        return held
-    return out
+    """A run as far as the rig's stop, at rest there from then on: a model that runs away is held."""
+    end = stopped_at(out[0])
+    if end == out.shape[1]:
+        return out
+    held = out.copy()
+    held[:, end:] = 0.0
+    held[0, end:] = np.sign(out[0, max(end - 1, 0)]) * STOP
+    return held
 
 
 def _outcome(signals: Array, count: int) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import hypot, sqrt
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from .rig import Inject
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["COMPONENTS", "NOMINAL", "Residuals", "component_of", "correct", "faultless", "residuals_of"]
+__all__ = ["COMPONENTS", "Residuals", "component_of", "correct", "faultless", "residuals_of"]
 
 # What lies between two logged signals, and the places of the catalogue in it.
 COMPONENTS: Mapping[str, tuple[str, ...]] = {
@@ -23,8 +22,6 @@ COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "controller": ("controller",),
     "dynamics": ("dynamics",),
 }
-# The model as its lab believes it to be.
-NOMINAL = Augmented({}, (), np.zeros(0))
 # Power over that of the noise from which a residual counts as more than noise.
 _SIGNIFICANT = 1.5
 # Frequencies whose power is averaged.
@@ -37,7 +34,8 @@ class Residuals:
 
     Attributes:
         values: measured minus replayed, by `Inject`: position [m], force [N], compensated force [N], change
-            of velocity over the tick [m/s]; shape (4, n + 1), the last column zero.
+            of velocity over the tick [m/s]; shape (4, n + 1); the last column is none of
+            the log's.
         noise: standard deviation that each has by itself, shape (4,).
         force: the same as `values`, as forces on the satellite [N]: a position counts by the contact's
             stiffness, a change of velocity by mass over tick; shape (4, n).
@@ -76,8 +74,7 @@ def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:
     nominal = study.nominal
     rig = RigModel(study, [run])
     values = np.zeros((4, n + 1))
-    encoder = hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0))
-    sensor = hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0))
+    encoder, sensor = rig.noise
     position = correct(rig, model)
     values[Inject.POSITION] = rig.correction[0]
     force = run["sensor_force"] - rig.replay(0, model.calibrated, model.effects, model.theta)[3]
@@ -103,11 +100,10 @@ def correct(rig: RigModel, model: Augmented) -> Array:
 
     Returns: measured minus replayed position, shape (n,) [m].
     """
-    (run,), nominal = rig.runs, rig.study.nominal
-    noise = hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0))
+    (run,) = rig.runs
     rig.correction[0] = np.zeros(len(run) + 1)
     residual = run["encoder_position"] - rig.replay(0, model.calibrated, model.effects, model.theta)[2]
-    rig.correction[0][:-1] = significant(residual, noise)
+    rig.correction[0][:-1] = significant(residual, rig.noise[0])
     rig.correction[0][-1] = rig.correction[0][-2]
     return residual
 

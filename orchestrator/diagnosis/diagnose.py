@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +15,8 @@ from ..digests import file_digest
 from ..errors import ConfigError, OrchestratorError, Problem
 from ..formats import strict
 from ..provenance import origin, versions
+from ..run_folder import folder_at
+from ..whole_file import write_text
 from .augmented import NAME as AUGMENTED
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
@@ -134,10 +134,11 @@ def _any_system(
     if out is None:
         return diagnosed
     progress("write")
-    folder = _folder(Path(out))
+    folder = Path(out)
+    folder_at(folder)
     for name, text in made.files.items():
-        _atomically(folder / name, text)
-    _atomically(folder / NAME, _json(made.diagnosis))
+        write_text(folder / name, text)
+    write_text(folder / NAME, _json(made.diagnosis))
     return replace(diagnosed, folder=folder, files=(NAME, *made.files))
 
 
@@ -255,47 +256,20 @@ def _write(
     diagnosed: Diagnosed, out: Path, report: bool, config: AugmentedConfig | None
 ) -> tuple[Path, tuple[str, ...]]:
     """Write everything; diagnosis.json last, so that where it stands the rest does, too."""
-    _folder(out)
+    folder_at(out)
     files = [NAME]
     if config is not None:
-        _atomically(out / AUGMENTED, config.text)
+        write_text(out / AUGMENTED, config.text)
         files.append(AUGMENTED)
     if report:
         # matplotlib takes a third of a second to import.
         from .report import page
 
-        _atomically(out / "report.html", page(diagnosed.study, diagnosed.diagnosis, diagnosed.finding.answer))
+        write_text(out / "report.html", page(diagnosed.study, diagnosed.diagnosis, diagnosed.finding.answer))
         files.append("report.html")
-    _atomically(out / NAME, _json(diagnosed.diagnosis))
+    write_text(out / NAME, _json(diagnosed.diagnosis))
     return out, tuple(files)
-
-
-def _folder(out: Path) -> Path:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError([Problem("", f"cannot make the folder {out} ({error})")]) from error
-    return out
 
 
 def _json(diagnosis: Diagnosis) -> str:
     return json.dumps(diagnosis.data_of(), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def _atomically(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -101,7 +102,7 @@ class Parameter:
         low, high: bounds.
         starts: values that a fit begins from; the effect's size is not convex in all of them.
         shape: whether it only shapes the effect: then zero is nothing special, and `scale` is the standard
-            deviation of its logarithm about the first start.
+            deviation of its logarithm about the middle start.
         whole: whether it is a whole number; then all from `low` to `high` are tried.
         jagged: whether what it does is no smooth function of it, so that no derivative leads from a start to
             the best value: fits leave it where they begin.
@@ -129,6 +130,14 @@ class Parameter:
             raise ValueError(f"parameter {self.name}: {error}") from None
         if not self.scale > 0 or not self.low < self.high:
             raise ValueError(f"parameter {self.name}: scale {self.scale} and bounds {self.low}, {self.high}")
+        if self.shape and not (self.starts and min(self.starts) > 0.0):
+            raise ValueError(
+                f"parameter {self.name}: starts {self.starts}; a shape needs one above 0 or more"
+            )
+        if self.whole and not math.isfinite(self.high - self.low):
+            raise ValueError(
+                f"parameter {self.name}: bounds {self.low}, {self.high}; a whole number needs finite ones"
+            )
 
 
 @dataclass(frozen=True)

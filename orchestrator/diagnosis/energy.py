@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .components import COMPONENTS, NOMINAL
-from .finding import Augmented, Finding
+from .components import COMPONENTS
+from .finding import NOMINAL, Augmented, Finding
 from .model import RigModel
 from .motion import Contact, contacts
 from .restart import Restart

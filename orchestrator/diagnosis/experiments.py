@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from .catalogue import SOFTWARE, catalogue
+from .components import COMPONENTS, component_of
 from .doubt import without_rival
 from .effect import Effect
-from .finding import Augmented, Candidate, Finding
+from .finding import Augmented, Candidate, Finding, named
 from .fit import Fitter
 from .menu import Experiment, menu_of
 from .model import RigModel
-from .outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace, named
+from .outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace
 from .study import Role, Study
 from .trial import Chain, Trial
 
@@ -85,7 +86,7 @@ def next_experiment(
     if len(tied) < 2:
         return without_rival(study, finding, among)
     places = {effect.place for model in tied.values() for effect in model.effects}
-    inflation = max([1.0, *(finding.misfit.get(place, 1.0) for place in places)])
+    inflation = max([1.0, *(_left(finding, place) for place in places)])
     candidates = [posterior(study, model, inflation) for model in tied.values()]
     offered = {one.name: one for one in among}
 
@@ -93,6 +94,12 @@ def next_experiment(
         return expected_evidence(study, offered[name], candidates[cause], candidates[rival], inflation)
 
     return chosen({one.name: one.description for one in among}, list(tied), evidence)
+
+
+def _left(finding: Finding, place: str) -> float:
+    """Mean square that the answer leaves of the logs that a place shows in, over their noise."""
+    alike = COMPONENTS[component_of(place)]
+    return max(finding.misfit.get(one, 1.0) for one in alike)
 
 
 def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:

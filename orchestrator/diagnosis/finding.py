@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from .effect import Effect
 from .study import Array, Nominal
 
-__all__ = ["Augmented", "Candidate", "Finding"]
+__all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "named"]
 
 # Tolerances from which a calibration is no longer believed.
 _BENT = 5.0
@@ -28,6 +28,10 @@ class Augmented:
     calibrated: Mapping[str, float]
     effects: tuple[Effect, ...]
     theta: Array
+
+
+# The model as its lab believes it to be.
+NOMINAL = Augmented({}, (), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -91,5 +95,10 @@ class Finding:
         calibrated = self.answer.calibrated
         for name, value in calibrated.items():
             if abs(value - nominal[name].value) > _BENT * nominal[name].tolerance:
-                return Augmented({}, (), np.zeros(0))
+                return NOMINAL
         return Augmented(calibrated, (), np.zeros(0))
+
+
+def named(effects: Sequence[str]) -> str:
+    """A candidate by its effects."""
+    return " + ".join(effects) or "none"

@@ -48,7 +48,6 @@ class Fit:
         chi2: of the residuals alone.
         log_determinant: of the Hessian in normalised parameters; Laplace's volume.
         residuals: normalised, per run and channel, as the replay gives them.
-        sigma: standard deviations of theta.
         z: all parameters, normalised by their priors.
     """
 
@@ -60,7 +59,6 @@ class Fit:
     chi2: float
     log_determinant: float
     residuals: tuple[Array, ...]
-    sigma: Array
     z: Array
 
     @property
@@ -75,8 +73,8 @@ class Fit:
 def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
     """By which squared residuals overstate what they tell, since neighbours resemble each other.
 
-    The integrated autocorrelation time, 1 + 2 sum rho(k), summed as far as the sum's own lag stays within a
-    sixth of it (Sokal's window), each channel by itself, times the mean square where that is larger than
+    The integrated autocorrelation time, 1 + 2 sum rho(k), summed up to a lag of six times the sum (Sokal's
+    window), each channel by itself, times the mean square where that is larger than
     one; the channels' mean, by their sums of squares. For white residuals of the specified noise it is one.
 
     Args:
@@ -357,9 +355,6 @@ class Fitter:
         hessian = jacobian.T @ jacobian + np.eye(len(z))
         _, log_determinant = np.linalg.slogdet(hessian)
         theta = self._theta(effects, z)
-        scales = [
-            one.scale * (value if one.shape else 1.0) for one, value in zip(parameters, theta, strict=True)
-        ]
         return Fit(
             effects,
             self._calibrated(z),
@@ -369,7 +364,6 @@ class Fitter:
             float(r @ r),
             float(log_determinant),
             tuple(self.residuals(effects, z)),
-            np.sqrt(np.diag(np.linalg.inv(hessian)))[count:] * np.array(scales),
             z,
         )
 

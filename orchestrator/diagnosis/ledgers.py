@@ -31,10 +31,10 @@ def energies(study: Study, run: Run, model: Augmented) -> tuple[Array, Array]:
 
 
 def ledger(study: Study, finding: Finding) -> list[dict[str, Any]]:
-    """Excess residual energy of all runs by component, phase and band, as shares of all of it.
+    """Excess residual energy by component, phase and band, as shares of all of it.
 
-    Residuals are those of the answer's calibration without its effects. Shares add up to 1; those of cells
-    with less energy than noise explains are negative.
+    All runs but repeats count. Residuals are those of the answer's calibration without its effects. Shares
+    add up to 1; those of cells with less energy than noise explains are negative.
 
     Returns: rows with component, phase, band, share. Empty if no energy is in excess.
     """

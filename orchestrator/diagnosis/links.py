@@ -15,7 +15,7 @@ from .benign import Weighing, Weighted
 from .effect import Effect
 from .fit import Fit, Fitter, inflation
 from .losses import Losses, lost_commands
-from .model import RigModel
+from .model import RigModel, ramp_lag
 from .search import Search, search
 from .stochastic import Noise, arrival_innovations, link_noise, random_arrival
 from .study import Array
@@ -113,8 +113,7 @@ def random_links(model: RigModel, none: Fit, found: Arrivals, without: Collectio
     """
     if found.log_evidence == 0.0:
         return []
-    at = none.calibrated
-    lag = 2.0 * at["damping_ratio"] / at["natural_frequency"] + at["response_delay"]
+    lag = ramp_lag(none.calibrated)
     links = [one for one in link_noise(model, lag, found.deviation) if one.id not in without]
     # Random delays leave lost commands, sought one by one, far below random arrivals.
     surplus = found.losses.log_evidence - found.seen if found.losses is not None else 0.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -72,10 +73,18 @@ def _table(table: Any) -> dict[str, Signal]:
         try:
             values = table[header].to_numpy().astype(float)
         except (TypeError, ValueError):
-            continue  # text and dates are no signals
+            # Text and dates are no numbers; a signal with a word in it is still one, and told as such.
+            values = np.array([_number(one) for one in table[header].to_pylist()])
         kept = table.schema.field(header).metadata or {}
         found[name] = Signal(values, unit or kept.get(b"unit", b"").decode())
     return found
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
 
 
 def _csv(path: Path) -> dict[str, Signal]:

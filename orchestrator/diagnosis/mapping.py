@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -146,6 +147,17 @@ def columns_of(
         columns = _aligned(chosen, scaled, mapping)
     else:
         columns = _shifted(scaled, mapping, tick, path, problems)
+    if not len(columns["time"]):
+        problems.append(
+            Problem(
+                str(path),
+                "holds no row that all signals share",
+                "two or more",
+                "Are all of them logged at the same time, and their clocks right?",
+            )
+        )
+        return None
+    columns["time"] = columns["time"] - columns["time"][0]
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         told = ", ".join(f"{name} {length}" for name, length in lengths.items())
@@ -182,7 +194,7 @@ def _aligned(
         name: signal.time - mapping[name].clock for name, signal in signals.items() if signal.time is not None
     }
     leading = "time" if "time" in stamps else next(iter(stamps))
-    begin = max(times[0] for times in stamps.values())
+    begin = max((times[0] if len(times) else math.inf) for times in stamps.values())
     base = stamps[leading][stamps[leading] >= begin - _STAMP]
     columns = {
         name: scaled[name][np.searchsorted(times, base + _STAMP, side="right") - 1]
@@ -190,7 +202,6 @@ def _aligned(
     }
     if "time" not in columns:
         columns["time"] = base
-    columns["time"] = columns["time"] - columns["time"][0]
     return columns
 
 
@@ -216,5 +227,4 @@ def _shifted(
     }
     if "time" not in columns:
         columns["time"] = tick * np.arange(len(next(iter(columns.values()))))
-    columns["time"] = columns["time"] - columns["time"][0]
     return columns

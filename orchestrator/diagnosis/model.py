@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import hypot, sqrt
 
 import numpy as np
 
@@ -53,7 +52,6 @@ class Laws:
         memory: how many numbers they keep; theta: how many parameters all effects have.
     """
 
-    effects: tuple[Effect, ...]
     sites: np.ndarray
     addresses: np.ndarray
     at: np.ndarray
@@ -84,7 +82,6 @@ class Laws:
         order.sort(key=lambda law: law[0])
         firsts = [sum(law[0] < site for law in order) for site in range(len(Site) + 1)]
         return Laws(
-            effects,
             np.array(firsts, np.int64),
             np.array([law[1] for law in order], np.int64),
             np.array([law[2:] for law in order], np.int64).reshape(-1, 2),
@@ -106,12 +103,17 @@ def apply_changes(p: Array, effects: Sequence[Effect], theta: Array) -> None:
                 p[Calibrated[target.upper()]] += values[name]
 
 
+def ramp_lag(calibrated: Mapping[str, float]) -> float:
+    """By how much the robot is behind a steadily moving command [s]."""
+    servo = 2.0 * calibrated["damping_ratio"] / calibrated["natural_frequency"]
+    return servo + calibrated["response_delay"]
+
+
 def begin_state(study: Study, run: Run) -> Array:
     """State at the first tick: the robot already moves at the approach speed."""
     nominal = study.nominal
-    lag = 2.0 * nominal["damping_ratio"].value / nominal["natural_frequency"].value
     state = np.zeros(len(State))
-    state[State.POSITION] = -(lag + nominal["response_delay"].value) * run.approach_speed
+    state[State.POSITION] = -ramp_lag({name: one.value for name, one in nominal.items()}) * run.approach_speed
     state[State.VELOCITY] = run.approach_speed
     state[State.DESIRED_VELOCITY] = run.approach_speed
     state[State.LAST_POSITION] = state[State.POSITION]
@@ -145,11 +147,7 @@ class RigModel:
         self._nominal = [nominal_parameters(study, run) for run in runs]
         self.commands = [self._sent(run) for run in runs]
         self.correction = [np.zeros(len(run) + 1) for run in runs]
-        nominal = study.nominal
-        self.noise = (
-            hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / sqrt(12.0)),
-            hypot(nominal["force_noise"].value, nominal["force_resolution"].value / sqrt(12.0)),
-        )
+        self.noise = study.noise("encoder"), study.noise("force")
 
     def given(self, shorter: Sequence[Array]) -> RigModel:
         """The same of runs whose commands arrived changed, by run, as those of `Seen`, shape (n,) [m]."""
@@ -218,16 +216,9 @@ class RigModel:
             effects, theta: what acts beside, and all their parameters one after the other.
         Returns: channels by `CHANNELS`, shape (8, n); those of the software are zero.
         """
-        laws = Laws.of(effects)
-        theta = np.zeros(laws.theta) if theta is None else theta
-        n = len(self.runs[index])
-        inject, out = np.zeros((4, n + 1)), np.zeros((len(CHANNELS), n))
+        inject = np.zeros((4, len(self.runs[index]) + 1))
         inject[0] = self.correction[index]
-        p = self.parameters(index, calibrated, effects, theta)
-        state = begin_state(self.study, self.runs[index])
-        commands, room = self.commands[index], laws.room(theta)
-        run_rig(p, False, commands, state, laws.table, *room, inject, 0, out, self.substeps)
-        return out
+        return self._driven(index, False, self.commands[index], inject, calibrated, effects, theta)
 
     def closed_loop(
         self,
@@ -241,17 +232,31 @@ class RigModel:
         """Run the whole rig from its start; arguments as in `replay`.
 
         Args:
+            ticks: as many as the run has, by default.
             inject: what is added to the components' outputs, by `Inject`, shape (4, ticks + 1).
-        Returns: channels by `CHANNELS`, shape (8, n).
+        Returns: channels by `CHANNELS`, shape (8, ticks).
         """
-        laws = Laws.of(effects)
-        theta = np.zeros(laws.theta) if theta is None else theta
         n = ticks or len(self.runs[index])
         commands = np.zeros(HISTORY + n)
         commands[:HISTORY] = self.commands[index][:HISTORY]
         inject = np.zeros((4, n + 1)) if inject is None else inject
-        out = np.zeros((len(CHANNELS), n))
+        return self._driven(index, True, commands, inject, calibrated, effects, theta)
+
+    def _driven(
+        self,
+        index: int,
+        closed: bool,
+        commands: Array,
+        inject: Array,
+        calibrated: Mapping[str, float],
+        effects: tuple[Effect, ...],
+        theta: Array | None,
+    ) -> Array:
+        """Run from the start of a run; arguments as those of `run_rig`."""
+        laws = Laws.of(effects)
+        theta = np.zeros(laws.theta) if theta is None else theta
+        out = np.zeros((len(CHANNELS), inject.shape[1] - 1))
         p = self.parameters(index, calibrated, effects, theta)
         state = begin_state(self.study, self.runs[index])
-        run_rig(p, True, commands, state, laws.table, *laws.room(theta), inject, 0, out, self.substeps)
+        run_rig(p, closed, commands, state, laws.table, *laws.room(theta), inject, 0, out, self.substeps)
         return out

@@ -9,7 +9,10 @@ import numpy as np
 
 from .study import Array, Run, Study
 
-__all__ = ["Contact", "Phase", "contacts", "phases"]
+__all__ = ["STOP", "Contact", "Phase", "contacts", "phases", "stopped_at"]
+
+# The rig's stop: runs that leave this way end there [m].
+STOP = 0.08
 
 # Force that counts as a push, in standard deviations of the sensor's noise, and where its flanks end.
 _PUSH, _FLANK = 10.0, 5.0
@@ -98,3 +101,9 @@ def phases(study: Study, run: Run) -> np.ndarray:
         found[one.first - _ONSET : one.first + _ONSET] = Phase.ONSET
         found[one.peak + 1 : one.last + 1] = Phase.RESTITUTION
     return found
+
+
+def stopped_at(position: Array) -> int:
+    """First tick at which a position [m], shape (n,), is at the rig's stop; n if it stays within."""
+    beyond = np.flatnonzero(~(np.abs(position) < STOP))
+    return int(beyond[0]) if beyond.size else len(position)

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from .closure import one_contact_ahead
-from .components import NOMINAL
-from .finding import Finding
+from .finding import NOMINAL, Finding
 from .model import RigModel
 from .motion import contacts
 from .rig import SUBSTEPS
@@ -22,8 +21,9 @@ def numerics(study: Study, finding: Finding) -> dict[str, Any]:
     """What halving the sub-steps changes, as a fraction of the gap.
 
     Returns: `error`, the root mean square change of force over peak and velocity over approach speed, one
-        contact ahead over the held-out contacts; `gap`, that between the model as handed over and the log;
-        `fraction`, of the two; `substeps` per tick. Numbers are None without contacts.
+        contact ahead over the held-out runs, or those of training where there are none; `gap`, that between
+        the model as handed over and the log; `fraction`, of the two; `substeps` per tick. Numbers are None
+        without contacts.
     """
     changes, gaps = [], []
     for run in study.of(Role.HELDOUT) or study.of(Role.TRAIN):

@@ -15,7 +15,7 @@ from .finding import Augmented
 from .fit import Fitter
 from .study import Array
 
-__all__ = ["RIVAL", "RIVALS", "Posterior", "chosen", "evidence_over", "laplace", "least", "named"]
+__all__ = ["RIVAL", "RIVALS", "Posterior", "chosen", "evidence_over", "laplace", "least"]
 
 # Candidates at least this probable are rivals of the first; how many of them an experiment is chosen for.
 RIVAL, RIVALS = 0.01, 4
@@ -157,8 +157,3 @@ def _cheapest(evidence: Mapping[str, float]) -> str:
     """The first of those that are as good as the best."""
     enough = _AS_GOOD * max(evidence.values())
     return next(name for name, value in evidence.items() if value >= enough)
-
-
-def named(effects: tuple[str, ...]) -> str:
-    """A candidate by its effects."""
-    return " + ".join(effects) or "none"

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any
 
-from ..errors import OrchestratorError
 from .finding import Finding
 from .study import Study
 
@@ -49,18 +47,10 @@ class Parts:
 
     @staticmethod
     def standard() -> Parts:
-        """Those of this package; an analysis whose module is not installed is left out.
-
-        Raises: OrchestratorError if there is nothing to weigh effects with.
-        """
-        found = {name: _load(home) for name, home in _HOME.items()}
-        if found["weigh"] is None:
-            raise OrchestratorError("this installation lacks orchestrator.diagnosis.weigh; install it anew")
-        return Parts(**found)
+        """Those of this package."""
+        return Parts(**{name: _load(home) for name, home in _HOME.items()})
 
 
-def _load(home: str) -> Callable[..., Any] | None:
+def _load(home: str) -> Callable[..., Any]:
     module, _, function = home.partition(":")
-    if find_spec(f"{__package__}.{module}") is None:
-        return None
     return getattr(import_module(f".{module}", __package__), function)

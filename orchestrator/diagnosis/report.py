@@ -240,7 +240,7 @@ def _energy(diagnosis: Diagnosis) -> str:
     title, words, whole = (
         "Energy of a contact",
         "CoR^2 - 1, the share of kinetic energy that a contact adds, by the interface at which it enters; "
-        "mean over held-out contacts.",
+        "mean over held-out contacts, or all where no run was held out.",
         "CoR^2 - 1",
     )
     if "unit" in energy:

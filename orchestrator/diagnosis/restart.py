@@ -9,11 +9,12 @@ import numpy as np
 from .components import correct
 from .finding import Augmented
 from .model import Laws, RigModel, begin_state
+from .motion import Contact
 from .rig import CHANNELS, HISTORY, SUBSTEPS, Inject, State, run_rig
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["Restart"]
+__all__ = ["Restart", "strayed"]
 
 _OF_ROBOT = [State.POSITION, State.VELOCITY, State.FILTERED_FORCE]
 
@@ -71,3 +72,14 @@ class Restart:
             self._rig.substeps,
         )  # fmt: skip
         return out
+
+
+def strayed(run: Run, one: Contact, out: Array) -> Array:
+    """How far a model is from the log over a contact: force over its peak, velocity over that before it.
+
+    Args:
+        out: channels from `Restart.ahead` over the contact's window.
+    Returns: shape (2, ticks) [1].
+    """
+    force, velocity = (run[name][one.begin : one.end] for name in ("sensor_force", "desired_velocity"))
+    return np.stack([(out[3] - force) / np.abs(force).max(), (out[1] - velocity) / abs(velocity[0])])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import cmath
 
 import numpy as np
 
@@ -18,7 +18,10 @@ def pulse_response(lag: tuple[float, float, float], tick: float, ticks: int) -> 
         lag: see `Seen`; tick: of the software [s].
     """
     omega, xi, delay = lag
-    root = omega * math.sqrt(max(1.0 - xi * xi, 1e-6))
+    # Both roots of the servo; where they are one, a pair that differs from it by less than shows.
+    apart = 1.0 - xi * xi
+    root = cmath.sqrt(apart if abs(apart) > 1e-6 else 1e-6)
+    first, second = omega * (-xi + 1j * root), omega * (-xi - 1j * root)
     since = np.maximum(tick * np.arange(ticks + 1) - delay, 0.0)
-    held = np.exp(-xi * omega * since) * (np.cos(root * since) + xi * omega / root * np.sin(root * since))
-    return -np.diff(held)
+    held = (first * np.exp(second * since) - second * np.exp(first * since)) / (first - second)
+    return -np.diff(held.real)

@@ -10,7 +10,7 @@ import numpy as np
 from .components import COMPONENTS, component_of, faultless, residuals_of
 from .finding import Augmented, Finding
 from .motion import contacts
-from .restart import Restart
+from .restart import Restart, strayed
 from .sharing import by_place, coalitions, shapley_values
 from .study import Array, Role, Run, Study
 
@@ -56,15 +56,12 @@ def shapley_shares(study: Study, runs: Sequence[Run], model: Augmented) -> Share
         restart = Restart(study, run, model)
         values = residuals_of(study, run, model).values
         for one in contacts(study, run):
-            span = slice(one.begin, one.end)
-            velocity, force = run["desired_velocity"][span], run["sensor_force"][span]
             for number, coalition in enumerate(_COALITIONS):
                 inject = np.zeros((4, one.end - one.begin + 1))
                 for component in coalition:
                     inject[component] = values[component, one.begin : one.end + 1]
                 out = restart.ahead(one.begin, one.end - one.begin, inject)
-                worth[number] += np.mean(((out[1] - velocity) / abs(velocity[0])) ** 2)
-                worth[number] += np.mean(((out[3] - force) / np.abs(force).max()) ** 2)
+                worth[number] += np.mean(strayed(run, one, out) ** 2, axis=1).sum()
             windows += 1
     worth /= max(windows, 1)
     return Shares(shapley_values(worth.tolist(), _COUNT), float(worth[0]), float(worth[-1]), windows)

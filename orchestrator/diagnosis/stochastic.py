@@ -185,7 +185,9 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
     dt = h / subs
     e11, e12, e21, e22, _, _ = _transition(p[0], p[1], dt)
     n = encoder.shape[0]
-    depth = 16
+    # As many commands as a late one may be behind.
+    most = p[2] + (amount if kind == 1 else 0.0)
+    depth = min(max(16, math.ceil(most / h) + 2), HISTORY)
     x, v = np.empty(particles), np.empty(particles)
     received = np.empty((particles, depth))
     for one in range(particles):
@@ -297,26 +299,17 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
 
     Lost commands and random delays alike: to second moments each makes changes of the command arrive early
     or late, with a deviation of `jitter`/sqrt(12), or of sqrt(p)/(1 - p) ticks. Slow errors of the encoder,
-    which every rig has, are weighed against it. It tells
-    sizes far below those that show in the mean square.
+    which every rig has, are weighed against it. It tells sizes far below those that show in the mean square.
 
     Args:
         fit: the best one without such an effect; left: its residuals of the encoder, normalised, by run.
     Returns: its log evidence over none, of its deviations and slow errors the mean [nats]; and the best of
         the deviations of the arrival [s].
     """
-    noise, tick = model.noise[0], model.study.tick
     found = np.zeros((1 + len(_DEVIATIONS), len(STRAYS)))
-    for index, r in enumerate(left):
-        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
-        servo = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
-        delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
-        for row, deviation in enumerate((0.0, *_DEVIATIONS)):
-            for column, slow in enumerate(STRAYS):
-                found[row, column] += _kicked(
-                    noise * r, model.commands[index], deviation, noise * slow, *servo, delay, tick, noise,
-                    np.empty(len(r)),
-                )  # fmt: skip
+    for row, deviation in enumerate((0.0, *_DEVIATIONS)):
+        for column, slow in enumerate(STRAYS):
+            found[row, column], _ = _arriving(model, fit, left, deviation, slow)
     weighed = logsumexp(found, axis=1)
     evidence = float(logsumexp(weighed[1:]) - math.log(len(_DEVIATIONS)) - weighed[0])
     top = min(max(int(np.argmax(weighed[1:])), 1), len(_DEVIATIONS) - 2) + 1
@@ -331,28 +324,30 @@ def arrival_innovations(model: RigModel, fit: Fit, left: Sequence[Array], deviat
 
     Arguments as those of `random_arrival`. It is white where that is what the encoder strays by.
     """
+    return max((_arriving(model, fit, left, deviation, slow) for slow in STRAYS), key=lambda one: one[0])[1]
+
+
+def _arriving(
+    model: RigModel, fit: Fit, left: Sequence[Array], deviation: float, slow: float
+) -> tuple[float, list[Array]]:
+    """Log likelihood of the encoder where commands arrive with a deviation [s], beside a slow error.
+
+    Arguments as those of `random_arrival`; slow: deviation of the error, in the encoder's noise.
+
+    Returns: it, and the normalised innovations by run.
+    """
     noise, tick = model.noise[0], model.study.tick
-    best: tuple[float, list[Array]] = -math.inf, []
-    for slow in STRAYS:
-        total, found = 0.0, []
-        for index, r in enumerate(left):
-            p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
-            servo = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
-            delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
-            found.append(np.empty(len(r)))
-            total += _kicked(
-                noise * r,
-                model.commands[index],
-                deviation,
-                noise * slow,
-                *servo,
-                delay,
-                tick,
-                noise,
-                found[-1],
-            )
-        best = max(best, (total, found), key=lambda one: one[0])
-    return best[1]
+    total, found = 0.0, []
+    for index, r in enumerate(left):
+        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
+        omega, xi = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
+        delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
+        innovations, sent = np.empty(len(r)), model.commands[index]
+        total += _kicked(
+            noise * r, sent, deviation, noise * slow, omega, xi, delay, tick, noise, innovations
+        )  # fmt: skip
+        found.append(innovations)
+    return total, found
 
 
 def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
@@ -367,9 +362,7 @@ def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
     Returns: both, each at the likelier of two strengths, with its log likelihood, which is -chi2/2 where
         nothing is random.
     """
-    nominal = model.study.nominal
-    noise = math.hypot(nominal["encoder_noise"].value, nominal["encoder_resolution"].value / math.sqrt(12.0))
-    tick = model.study.tick
+    noise, tick = model.noise[0], model.study.tick
 
     def likelihood(kind: int, amount: float, mean: float) -> float:
         total = 0.0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
-import re
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -11,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.csv
 import yaml
 from numpy.typing import NDArray
 
@@ -53,6 +51,9 @@ UNITS = {
     "encoder_noise": "m",
     "encoder_resolution": "m",
 }
+# Of these, values of any sign, and such as are divided by.
+_ANY_SIGN = ("front_wall", "rear_wall", "force_bias")
+_POSITIVE = ("contact_stiffness", "natural_frequency", "damping_ratio")
 
 
 class Role(Enum):
@@ -110,6 +111,15 @@ class Study:
     runs: tuple[Run, ...]
     experiments: tuple[Mapping[str, Any], ...] = ()
 
+    def noise(self, signal: str) -> float:
+        """Standard deviation of a sensor's samples, rounding included, SI.
+
+        Args:
+            signal: "encoder" [m] or "force" [N].
+        """
+        step = self.nominal[f"{signal}_resolution"].value
+        return math.hypot(self.nominal[f"{signal}_noise"].value, step / math.sqrt(12.0))
+
     def of(self, role: Role) -> tuple[Run, ...]:
         """The runs of a role."""
         return tuple(run for run in self.runs if run.role is role)
@@ -140,19 +150,31 @@ def load_study(folder: Path) -> Study:
         got = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise ConfigError([Problem(f"{path}: format", f"got {got!r}", listed(_FORMATS))])
     tick = data.get("tick")
-    if not isinstance(tick, int | float) or not tick > 0:
+    if not isinstance(tick, int | float) or not 0 < tick < math.inf:
         problems.append(Problem(f"{path}: tick", f"got {tick!r}", "a positive number of seconds"))
+        tick = 1.0
     nominal = _nominal(data.get("nominal") or {}, path, problems)
-    mapping = None
+    # The logs of a case call the signals as they are called here.
+    mapping = {name: Column(column=name) for name in _COLUMNS}
     if data["format"] == "gap-study/1":
         mapping = read_mapping(data.get("columns"), _COLUMNS, f"{path}: columns", problems)
         if problems:
             raise ConfigError(problems)
-    runs = []
-    for number, entry in enumerate(data.get("runs") or []):
-        run = _run(folder, entry, f"{path}: runs[{number}]", problems, mapping, tick)
-        if run is not None:
-            runs.append(run)
+    entries = data.get("runs") or []
+    if not isinstance(entries, list):
+        problems.append(Problem(f"{path}: runs", f"got {entries!r}", "a list of runs"))
+        entries = []
+    runs: list[Run] = []
+    for number, entry in enumerate(entries):
+        place = f"{path}: runs[{number}]"
+        run = _run(folder, entry, place, problems, mapping, tick)
+        if run is None:
+            continue
+        if any(run.name == other.name for other in runs):
+            problems.append(
+                Problem(f"{place}.file", f"another run is called {run.name}, too", "one name for each run")
+            )
+        runs.append(run)
     experiments = _experiments(data.get("experiments") or [], f"{path}: experiments", problems)
     if not any(run.role is Role.TRAIN for run in runs) and not problems:
         problems.append(Problem(f"{path}: runs", "no run has the role train", "at least one"))
@@ -189,8 +211,11 @@ def _experiments(data: Any, place: str, problems: list[Problem]) -> tuple[dict[s
     return tuple(found)
 
 
-def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> dict[str, Nominal]:
-    found = {}
+def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nominal]:
+    found: dict[str, Nominal] = {}
+    if not isinstance(data, dict):
+        problems.append(Problem(f"{path}: nominal", f"got {data!r}", f"entries for {listed(tuple(UNITS))}"))
+        return found
     for name, entry in data.items():
         place = f"{path}: nominal.{name}"
         if name not in UNITS:
@@ -204,7 +229,21 @@ def _nominal(data: Mapping[str, Any], path: Path, problems: list[Problem]) -> di
             found[name] = Nominal(float(entry["value"]) * factor, float(entry.get("tolerance", 0)) * factor)
         except (KeyError, TypeError, ValueError, UnitError) as error:
             problems.append(Problem(place, str(error), "value, unit and tolerance"))
+            continue
+        value, tolerance = found[name].value, found[name].tolerance
+        least = 0.0 if name not in _ANY_SIGN else -math.inf
+        if not least <= value < math.inf or (name in _POSITIVE and value == 0.0):
+            allowed = "above 0" if name in _POSITIVE else "not below 0" if least == 0.0 else "finite"
+            problems.append(Problem(f"{place}.value", f"got {entry['value']}", f"a number, {allowed}"))
+        if not 0.0 <= tolerance < math.inf:
+            problems.append(
+                Problem(f"{place}.tolerance", f"got {entry['tolerance']}", "a number, not below 0")
+            )
     problems += [Problem(f"{path}: nominal", f"{name} is missing") for name in UNITS if name not in data]
+    for signal in ("encoder", "force"):
+        pair = (f"{signal}_noise", f"{signal}_resolution")
+        if all(name in found and found[name].value == 0.0 for name in pair):
+            problems.append(Problem(f"{path}: nominal", f"{' and '.join(pair)} are 0", "one of them above 0"))
     return found
 
 
@@ -213,7 +252,7 @@ def _run(
     entry: Any,
     place: str,
     problems: list[Problem],
-    mapping: Mapping[str, Column] | None,
+    mapping: Mapping[str, Column],
     tick: float,
 ) -> Run | None:
     try:
@@ -224,48 +263,15 @@ def _run(
             Problem(place, f"{error}", "file, role (train, heldout, repeat), mass, approach_speed")
         )
         return None
-    if not mass > 0:
+    before = len(problems)
+    if not 0.0 < mass < math.inf:
         problems.append(Problem(f"{place}.mass", f"got {mass}", "a positive mass [kg]"))
-        return None
+    if not math.isfinite(speed) or speed == 0.0:
+        problems.append(Problem(f"{place}.approach_speed", f"got {speed}", "a speed other than 0 [m/s]"))
     path = folder / file
     if not path.exists() or path.resolve().parent != folder.resolve():
         problems.append(Problem(f"{place}.file", f"no file {file} in {folder}"))
+    if len(problems) > before:
         return None
-    if mapping is None:
-        columns = _columns(path, problems)
-    else:
-        columns = columns_of(path, mapping, _COLUMNS, tick, problems)
+    columns = columns_of(path, mapping, _COLUMNS, tick, problems)
     return None if columns is None else Run(file.partition(".")[0], role, mass, speed, columns)
-
-
-def _columns(path: Path, problems: list[Problem]) -> dict[str, Array] | None:
-    try:
-        raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
-        table = pyarrow.csv.read_csv(pyarrow.BufferReader(raw))
-    except (OSError, EOFError, pyarrow.ArrowException) as error:
-        problems.append(Problem(str(path), f"cannot be read: {error}"))
-        return None
-    found: dict[str, Array] = {}
-    before = len(problems)
-    for header in table.column_names:
-        match = re.fullmatch(r"\s*(\w+)\s*\[(.+)\]\s*", header)
-        if match is None or match[1] not in _COLUMNS:
-            problems.append(Problem(f"{path}: column {header!r}", "unknown", listed(tuple(_COLUMNS))))
-            continue
-        name, unit = match[1], match[2]
-        try:
-            factor = convert(parse_unit(unit), parse_unit(_COLUMNS[name]))[0]
-        except UnitError as error:
-            problems.append(Problem(f"{path}: column {header!r}", str(error)))
-            continue
-        try:
-            values = table[header].to_numpy().astype(float)
-        except (TypeError, ValueError):
-            problems.append(Problem(f"{path}: column {name}", "holds values that are no numbers"))
-            continue
-        found[name] = values if factor == 1.0 else values * factor
-        if not np.isfinite(values).all():
-            row = int(np.flatnonzero(~np.isfinite(values))[0])
-            problems.append(Problem(f"{path}: column {name}", f"row {row} is not finite"))
-    problems += [Problem(str(path), f"no column {name}") for name in _COLUMNS if name not in found]
-    return found if len(problems) == before else None

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, sqrt
 
 import numpy as np
 
-from .finding import Augmented
+from .finding import NOMINAL, Augmented
 from .model import RigModel
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
@@ -24,7 +23,6 @@ CHANNEL_OF = {
     "controller": "compensated_force",
     "dynamics": "body_force",
 }
-_NONE = Augmented({}, (), np.zeros(0))
 
 
 @dataclass(frozen=True)
@@ -60,21 +58,15 @@ def traces(study: Study, run: Run, model: Augmented) -> dict[str, Trace]:
     rig = RigModel(study, [run])
     found = {}
     before, after = (
-        rig.replay(0, one.calibrated, one.effects, np.asarray(one.theta, float)) for one in (_NONE, model)
+        rig.replay(0, one.calibrated, one.effects, np.asarray(one.theta, float)) for one in (NOMINAL, model)
     )
-    nominal, time = study.nominal, run["time"]
-    for row, (name, unit, sigma, step) in enumerate(
-        (
-            ("encoder_position", "m", "encoder_noise", "encoder_resolution"),
-            ("sensor_force", "N", "force_noise", "force_resolution"),
-        ),
-        start=2,
-    ):
-        noise = hypot(nominal[sigma].value, nominal[step].value / sqrt(12.0))
-        found[name] = Trace(name, unit, time, run[name], before[row], after[row], noise)
+    time = run["time"]
+    signals = (("encoder_position", "m", "encoder"), ("sensor_force", "N", "force"))
+    for row, (name, unit, signal) in enumerate(signals, start=2):
+        found[name] = Trace(name, unit, time, run[name], before[row], after[row], study.noise(signal))
     controller = ControllerReplay(study, [run])
     outputs = [
-        controller.replay(0, one.effects, np.asarray(one.theta, float))[0][0] for one in (_NONE, model)
+        controller.replay(0, one.effects, np.asarray(one.theta, float))[0][0] for one in (NOMINAL, model)
     ]
     found["compensated_force"] = Trace(
         "compensated_force", "N", time, run["compensated_force"], *outputs, controller.noise[0][0]
@@ -89,6 +81,6 @@ def _body(study: Study, run: Run, model: Augmented) -> Trace:
     change = run.mass / study.tick * np.diff(run["desired_velocity"])
     noise = replay.noise[0] * run.mass / study.tick
     left = [
-        replay.residuals({}, one.effects, np.asarray(one.theta, float))[0] * noise for one in (_NONE, model)
+        replay.residuals({}, one.effects, np.asarray(one.theta, float))[0] * noise for one in (NOMINAL, model)
     ]
     return Trace("body_force", "N", run["time"][:-1], change, change - left[0], change - left[1], noise)

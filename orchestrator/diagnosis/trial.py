@@ -13,6 +13,7 @@ from .finding import Augmented
 from .fit import Replay
 from .menu import Experiment
 from .model import RigModel
+from .motion import stopped_at
 from .rig import CHANNELS
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Role, Run, Study
@@ -21,8 +22,6 @@ __all__ = ["Chain", "Trial"]
 
 # Radius of gyration that the catalogue's mass-offset takes [m].
 _GYRATION = 1.0
-# The rig's stop [m].
-_STOP = 0.08
 # How far the tip is moved by a compliance that the catalogue writes as a change of the force: [m] by force.
 _BENDS: Mapping[str, Callable[[Array, Array], Array]] = {
     "structure.compliance": lambda theta, force: theta[0] * force,
@@ -183,7 +182,6 @@ class Trial:
             return replace(run, columns=columns)
         acting, values = self._acting(lever, effects, theta)
         out = RigModel(self.study, [replace(run, columns=columns)]).closed_loop(0, calibrated, acting, values)
-        beyond = np.flatnonzero(~(np.abs(out[0]) < _STOP))
-        end = int(beyond[0]) if beyond.size else ticks
+        end = stopped_at(out[0])
         columns = dict(zip(CHANNELS, out[:6, :end], strict=False)) | {"time": time[:end]}
         return replace(run, columns=columns)

@@ -89,7 +89,7 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     speaks = any(answer.seen for _, answer in next(known, choice))
     answer_set, held = [], 0.0
     for one in candidates:
-        answer_set.append(" + ".join(one.effects) or "none")
+        answer_set.append(named(one.effects))
         held += one.probability
         if held >= learned.enough(speaks):
             break

@@ -23,6 +23,7 @@ from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 from orchestrator.errors import BuildError
+from orchestrator.whole_file import whole_file
 
 FmiVersion = Literal["2.0", "3.0"]
 
@@ -254,23 +255,13 @@ def write_fmu(path: Path, members: Mapping[str, bytes]) -> None:
             or any(part in ("", ".", "..") for part in name.split("/"))
         ):
             raise BuildError(f"{path.name}: {name!r} is no path within an FMU; give a relative path with '/'")
-    handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-            for name in sorted(members):
-                info = zipfile.ZipInfo(name, _ZIP_DATE)
-                info.create_system = 3  # Unix, wherever this runs
-                info.external_attr = 0o100644 << 16
-                info.compress_type = zipfile.ZIP_STORED
-                archive.writestr(info, members[name])
-        # mkstemp gives 0600; an FMU is as readable as any other file the user makes.
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole_file(path) as stream, zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
+        for name in sorted(members):
+            info = zipfile.ZipInfo(name, _ZIP_DATE)
+            info.create_system = 3  # Unix, wherever this runs
+            info.external_attr = 0o100644 << 16
+            info.compress_type = zipfile.ZIP_STORED
+            archive.writestr(info, members[name])
 
 
 def _universal(libraries: Mapping[str, bytes]) -> bytes:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 from ..digests import digest_of, file_digest
 from ..errors import OrchestratorError
+from ..whole_file import whole_file
 
 __all__ = ["cache_folder", "place_of", "put_file"]
 
@@ -39,14 +39,6 @@ def put_file(folder: Path, place: str, data: bytes) -> Path:
         pass
     path.parent.mkdir(parents=True, exist_ok=True)
     # Several workers of a machine may put it at once: each writes its own and moves it into place.
-    number, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
-    try:
-        with os.fdopen(number, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with whole_file(path) as file:
+        file.write(data)
     return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 import re
 from dataclasses import replace
 
@@ -13,7 +14,6 @@ import yaml
 from logged import logged_study, with_column
 
 from orchestrator.__main__ import main
-from orchestrator.diagnosis import diagnose as module
 from orchestrator.diagnosis.catalogue import catalogue, in_words
 from orchestrator.diagnosis.diagnose import STAGES, diagnose
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
@@ -266,7 +266,7 @@ def test_a_verdict_that_cannot_be_written_leaves_nothing_behind(study, tmp_path,
     def fail(*arguments):
         raise OSError("disk full")
 
-    monkeypatch.setattr(module.os, "replace", fail)
+    monkeypatch.setattr(os, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
         diagnose(study, tmp_path, parts=parts()[0])
     assert list(tmp_path.iterdir()) == []

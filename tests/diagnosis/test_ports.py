@@ -12,9 +12,8 @@ from ports_bench import friction, study
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.diagnose import diagnose
-from orchestrator.diagnosis.finding import Augmented, Candidate
+from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate
 from orchestrator.diagnosis.ports.candidates import candidates
-from orchestrator.diagnosis.ports.closure import NOMINAL
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
 from orchestrator.diagnosis.ports.study import Role

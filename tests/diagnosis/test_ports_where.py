@@ -11,10 +11,9 @@ import yaml
 from ports_bench import friction, study
 
 from orchestrator.__main__ import main
-from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
+from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
 from orchestrator.diagnosis.ports.apart import Apart, closed, components, estimates
 from orchestrator.diagnosis.ports.candidates import candidates
-from orchestrator.diagnosis.ports.closure import NOMINAL
 from orchestrator.diagnosis.ports.energy import energy
 from orchestrator.diagnosis.ports.experiments import next_experiment
 from orchestrator.diagnosis.ports.motion import PHASES, phases

@@ -266,11 +266,13 @@ def _least(sight: _Sight, place: _Place, target: Array) -> tuple[float, Array, _
     inner = np.diag(place.firm) + jacobian.T @ jacobian
     here, difference = place.at, target - plain
     best, left, reached = math.inf, difference, here
-    for _ in range(_ROUNDS):
+    for last in (*[False] * (_ROUNDS - 1), True):
         cost = 0.5 * float(difference @ difference + place.firm * here @ here)
         if not cost < best:
             break
         best, left, reached = cost, difference, here
+        if last:
+            break
         here = here + np.linalg.solve(inner, jacobian.T @ difference - place.firm * here)
         difference = target - sight.measured(replace(place, at=here).strayed)
     return best, left, replace(place, at=reached)

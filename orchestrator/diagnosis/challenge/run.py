@@ -35,7 +35,7 @@ def diagnose_all(
     Args:
         verdicts: where <case>/diagnosis.json go.
         by: `module:function`, called with the folder of a case and that of its verdict.
-        progress: called with the name of each case when it is done.
+        progress: called with the name of each case when it is done, or has a verdict already.
         scheduler: a Dask cluster in place of `jobs` processes; its workers have to see both folders.
     Returns: how many were diagnosed, and the name and the error of those that failed.
     Raises: ConfigError if there are no cases, no such function, or no such cluster.
@@ -47,7 +47,10 @@ def diagnose_all(
             [Problem(str(folder), "holds no cases", remedy="Make some by `orchestrator challenge make`.")]
         )
     left = [case for case in cases if not (verdicts / case.name / "diagnosis.json").is_file()]
-    failed = []
+    failed: list[tuple[str, str]] = []
+    for case in cases:
+        if case not in left:
+            progress(case.name)
     if left:
         pool = pool_of(scheduler, min(jobs, len(left)))
         work = Work(_one, payload=(verdicts.resolve(), by))

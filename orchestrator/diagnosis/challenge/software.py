@@ -56,7 +56,7 @@ def first_controller(k, c, position, speed):
 
 @njit(cache=True, error_model="numpy")
 def compensate(p, k, lead, tick, force, position, desired, rate, s):
-    """A tick of the compliance controller: RIG.md, block 4.
+    """A tick of the compliance controller.
 
     Args:
         k: nominal stiffness [N/m], which bounds the estimate; lead: as calibrated [s].

@@ -88,7 +88,7 @@ def read_verdict(path: Path) -> Verdict:
         raise ConfigError([Problem(place, what, "the keys that `orchestrator diagnose` writes")]) from None
     problems = []
     total = sum(one.probability for one in answers)
-    if not answers or abs(total - 1.0) > 1e-3 or min(one.probability for one in answers) < 0.0:
+    if not answers or not abs(total - 1.0) <= 1e-3 or min(one.probability for one in answers) < 0.0:
         problems.append(
             Problem(f"{path}: which", f"probabilities add up to {total:.6g}", "1, none of them negative")
         )

@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 
 from ..closure import closure_of
-from ..finding import Augmented, Finding
+from ..finding import NOMINAL, Finding
 from ..study import Array
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
 
-__all__ = ["NOMINAL", "how_far"]
+__all__ = ["how_far"]
 
-NOMINAL = Augmented({}, (), np.zeros(0))
 # Held-out runs are resampled in blocks of this share of a run.
 _BLOCKS = 50
 

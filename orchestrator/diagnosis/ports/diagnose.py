@@ -14,12 +14,12 @@ from ...formats import strict
 from ...provenance import origin, versions
 from ...system import Port
 from ..effect import by_effect
-from ..finding import Augmented, Finding
+from ..finding import NOMINAL, Augmented, Finding
 from ..verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which
 from .augmented import FMUS, augmented_config
 from .augmented import NAME as AUGMENTED
 from .candidates import candidates
-from .closure import NOMINAL, how_far
+from .closure import how_far
 from .energy import energy
 from .experiments import next_experiment, no_experiment
 from .numerics import doubts, numerics

@@ -8,10 +8,9 @@ from typing import Any
 
 from ...fmi import Causality, Kind
 from ...system import Port
-from ..finding import Augmented, Finding
+from ..finding import NOMINAL, Augmented, Finding
 from ..study import Array
 from .candidates import FORCES
-from .closure import NOMINAL
 from .motion import phases
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role

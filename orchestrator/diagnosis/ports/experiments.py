@@ -11,9 +11,9 @@ from threadpoolctl import threadpool_limits
 
 from ...system import Port
 from ..effect import Effect
-from ..finding import Augmented, Finding
+from ..finding import Augmented, Finding, named
 from ..fit import Fitter
-from ..outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace, named
+from ..outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace
 from ..study import Nominal
 from .replay import PortReplay, Weighted
 from .study import PortRun, PortStudy, Role, Trial

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 
 from ...plotting import COLORS, svg
 from ...system import Port
+from ..finding import NOMINAL
 from ..headline import percent
 from ..report import compose
 from ..study import Array
 from ..verdict import Diagnosis
-from .closure import NOMINAL
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
 from .weigh import Weighed
