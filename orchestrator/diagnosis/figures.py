@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import matplotlib
+from collections.abc import Mapping
+
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..plotting import COLORS, svg
@@ -12,7 +14,7 @@ from .motion import contacts
 from .study import Array, Role, Run, Study
 from .traces import CHANNEL_OF, Trace, traces
 
-__all__ = ["figure_of", "shown_run"]
+__all__ = ["figure_of", "finish", "shown_run"]
 
 _TITLES = {
     "encoder_position": "robot position",
@@ -62,18 +64,23 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
     axes.set_ylabel(f"[{size_unit}]")
     axes.legend(fontsize="x-small", frameon=False)
     _draw_left(grid["left"], trace, span, scale, unit)
-    grid["left"].set_title("residual: logged minus model", fontsize="small", loc="left")
-    for name in ("run", "zoom", "left"):
-        grid[name].grid(alpha=0.25)
-        grid[name].tick_params(labelsize="x-small")
-    for name in ("zoom", "left"):
-        grid[name].set_xlabel("time [s]", fontsize="small")
+    finish(grid)
     before, after = trace.misfit()
     words = (
         f"{_TITLES[trace.name].capitalize()} in {run.name}: the residual is {before:.3g} times the noise "
         f"before and {after:.3g} times after (1: nothing but noise)."
     )
     return svg(figure, f"{place}-{run.name}"), words
+
+
+def finish(grid: Mapping[str, Axes]) -> None:
+    """Grid lines, ticks and axis titles of a figure's parts: the run, what is enlarged, the residual."""
+    grid["left"].set_title("residual: logged minus model", fontsize="small", loc="left")
+    for name in ("run", "zoom", "left"):
+        grid[name].grid(alpha=0.25)
+        grid[name].tick_params(labelsize="x-small")
+    for name in ("zoom", "left"):
+        grid[name].set_xlabel("time [s]", fontsize="small")
 
 
 def _worst(study: Study, run: Run, trace: Trace) -> tuple[int, int, int]:
@@ -96,7 +103,7 @@ def _scale(trace: Trace, values: Array | None = None) -> tuple[float, str]:
     return (1e6, "um") if largest < 1e-3 else (1e3, "mm")
 
 
-def _draw_left(axes: matplotlib.axes.Axes, trace: Trace, span: slice, scale: float, unit: str) -> None:
+def _draw_left(axes: Axes, trace: Trace, span: slice, scale: float, unit: str) -> None:
     time = trace.time[span]
     axes.axhspan(
         -2 * scale * trace.noise, 2 * scale * trace.noise, color=COLORS[2], alpha=0.15, linewidth=0,

@@ -14,20 +14,12 @@ from scipy.signal import lfilter
 
 from .challenge import draw, hidden
 from .challenge.hidden import between
+from .challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
 from .study import Array, Nominal, Role, Run, Study
 
 __all__ = ["ODDITIES", "bare_study", "simulated_case", "simulated_study"]
 
 _DIGITS = (9, 9, 6, 1, 4, 1)
-_COLUMNS = (
-    "desired_position",
-    "desired_velocity",
-    "encoder_position",
-    "sensor_force",
-    "compensated_force",
-    "stiffness_estimate",
-)
-_TICK = 0.001
 # Cases are taken from a plan of so many, so that the first ones do not depend on how many are asked for.
 _PLANNED = 1000
 # Other labs' rigs are smoother or rougher than that of the challenge.
@@ -44,12 +36,12 @@ class _Logged:
 
     @property
     def time(self) -> Array:
-        return _TICK * np.arange(len(self.force))
+        return TICK * np.arange(len(self.force))
 
     @property
     def velocity(self) -> Array:
         """Smoothed [m/s]."""
-        return np.convolve(np.gradient(self.position, _TICK), np.ones(9) / 9.0, "same")
+        return np.convolve(np.gradient(self.position, TICK), np.ones(9) / 9.0, "same")
 
 
 _Deform = Callable[[_Logged, np.random.Generator, float], _Logged]
@@ -63,7 +55,7 @@ def _beat(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
 
 def _ringing(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
     """The sensor's body rings."""
-    omega, damping = 2.0 * np.pi * between(rng, 60.0, 200.0) * _TICK, between(rng, 0.03, 0.1)
+    omega, damping = 2.0 * np.pi * between(rng, 60.0, 200.0) * TICK, between(rng, 0.03, 0.1)
     a = [1.0, -2.0 * np.exp(-damping * omega) * np.cos(omega), np.exp(-2.0 * damping * omega)]
     rung = lfilter([sum(a)], a, log.force)
     return replace(log, force=log.force + size * between(rng, 0.2, 0.6) * (rung - log.force))
@@ -77,7 +69,7 @@ def _tether(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
 def _encoder_walk(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
     """The encoder loses counts at random."""
     n = len(log.position)
-    lost = (log.chance.random(n) < 4.0 * _TICK) * log.chance.standard_normal(n)
+    lost = (log.chance.random(n) < 4.0 * TICK) * log.chance.standard_normal(n)
     return replace(log, position=log.position + size * between(rng, 1.5e-5, 5e-5) * np.cumsum(lost))
 
 
@@ -104,7 +96,7 @@ def _chatter(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
     hit = np.flatnonzero(np.diff((np.abs(log.force) > 6.0).astype(int)) == 1)
     struck = np.zeros(len(log.force))
     struck[hit] = np.sign(log.force[hit])
-    t = np.arange(0.0, 0.15, _TICK)
+    t = np.arange(0.0, 0.15, TICK)
     ring = np.exp(-t / between(rng, 0.01, 0.04)) * np.sin(2.0 * np.pi * between(rng, 60.0, 220.0) * t)
     wave = np.convolve(struck, ring)[: len(struck)]
     return replace(log, force=log.force + size * between(rng, 4.0, 15.0) * wave)
@@ -165,14 +157,14 @@ def simulated_study(
     nominal = {name: Nominal(value, tolerances.get(name, 0.0)) for name, value in case.lab.nominal.items()}
     specified = zip(
         ("encoder_noise", "force_noise", "encoder_resolution", "force_resolution"),
-        (*draw.NOISE, 1e-6, 0.1),
+        (*draw.NOISE, POSITION_RESOLUTION, FORCE_RESOLUTION),
         strict=True,
     )
     nominal |= {name: Nominal(value, 0.0) for name, value in specified}
     plans = [run for run in draw.RUNS if run.role == "train"]
     runs = []
     for run, logged in zip(plans, rows, strict=True):
-        columns = dict(zip(_COLUMNS, logged, strict=True))
+        columns = dict(zip(COLUMNS, logged, strict=True))
         if case.plan.kind == "outside":
             rng = np.random.default_rng(np.random.SeedSequence([seed, number, 4]))
             chance = np.random.default_rng(np.random.SeedSequence([seed, number, 5, len(runs)]))
@@ -182,9 +174,9 @@ def simulated_study(
         columns = {
             name: np.round(row, digits) for (name, row), digits in zip(columns.items(), _DIGITS, strict=True)
         }
-        columns["time"] = _TICK * np.arange(logged.shape[1])
+        columns["time"] = TICK * np.arange(logged.shape[1])
         runs.append(Run(run.name, Role.TRAIN, run.mass, run.speed, columns))
-    return Study(f"case-{number:04d}", _TICK, nominal, tuple(runs)), case.plan
+    return Study(f"case-{number:04d}", TICK, nominal, tuple(runs)), case.plan
 
 
 def bare_study(seed: int, number: int) -> Study:

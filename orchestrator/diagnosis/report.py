@@ -16,7 +16,7 @@ from .headline import TELLS, given, headline, leaves_in_words, listed_or, nats, 
 from .study import Role, Study
 from .verdict import Diagnosis, Gap
 
-__all__ = ["compose", "page"]
+__all__ = ["compose", "page", "remarks"]
 
 # A share of probability below which an answer is not worth a line, and so many lines.
 _WORTH, _LINES = 0.005, 8
@@ -284,13 +284,16 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
         "one outside the catalogue.",
         "Probabilities are calibrated on simulated rigs, not on measured ones.",
     ]
-    if diagnosis.numerics is not None and diagnosis.numerics.fraction is not None:
-        told.append(
-            "The co-simulation's own error, by step halving, is "
-            f"{percent(diagnosis.numerics.fraction)} of the gap."
-        )
-    told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
-    return told
+    return told + remarks(diagnosis)
+
+
+def remarks(diagnosis: Diagnosis) -> list[str]:
+    """What is said of any diagnosis: the numerical error, and what was left out."""
+    told = [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
+    if diagnosis.numerics is None or diagnosis.numerics.fraction is None:
+        return told
+    share = percent(diagnosis.numerics.fraction)
+    return [f"The co-simulation's own error, by step halving, is {share} of the gap.", *told]
 
 
 def _told(assumed: Sequence[str]) -> str:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from .knobs import knobs
 from .plant import contact_force, fresh, integrate, output, past
-from .series import Series
+from .series import HISTORY, TICK, Series
 from .software import compensate, first_controller, first_satellite, move_satellite
 
-__all__ = ["COLUMNS", "FORCE_RESOLUTION", "POSITION_RESOLUTION", "Lab", "drive", "simulate"]
+__all__ = ["COLUMNS", "FORCE_RESOLUTION", "POSITION_RESOLUTION", "TICK", "Lab", "drive", "simulate"]
 
 Array = NDArray[np.float64]
 
@@ -27,12 +27,10 @@ COLUMNS = (
     "compensated_force",
     "stiffness_estimate",
 )
-TICK = 1e-3
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
 _SUBSTEPS = 40  # per tick
 _DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs
-_HISTORY = 64  # ticks before the first, at which the rod moved already
 
 
 @dataclass(frozen=True)
@@ -129,10 +127,10 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
     s[0], s[1] = start, speed
     memory[0] = start
     satellite, controller = first_satellite(speed), first_controller(k, c, start, speed)
-    commands = np.empty(_HISTORY + ticks)
-    for i in range(_HISTORY):
-        commands[i] = _rounded(p, speed * TICK * (i + 1 - _HISTORY))
-    active = _HISTORY - 1
+    commands = np.empty(HISTORY + ticks)
+    for i in range(HISTORY):
+        commands[i] = _rounded(p, speed * TICK * (i + 1 - HISTORY))
+    active = HISTORY - 1
     while active > 0 and arrival[active] > 0.0:
         active -= 1
     count, contact, touching = 0, 0, False
@@ -166,15 +164,15 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
                 sent = logged[0, n + 1]
         if not driven and (abs(satellite[0]) > LIMIT or abs(position) > LIMIT):
             return n + 1
-        commands[_HISTORY + n] = _rounded(p, sent)
+        commands[HISTORY + n] = _rounded(p, sent)
         end = (n + 1) * TICK
         while now < end - 1e-12:
-            for i in range(_HISTORY + n, active, -1):
+            for i in range(HISTORY + n, active, -1):
                 if arrival[i] <= now + 1e-12:
                     active = i
                     break
             stop = end
-            for i in range(active + 1, _HISTORY + n + 1):
+            for i in range(active + 1, HISTORY + n + 1):
                 if now + 1e-12 < arrival[i] < stop:
                     stop = arrival[i]
             command = commands[active] + _cogging(p, commands[active])

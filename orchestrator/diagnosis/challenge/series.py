@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-__all__ = ["Series", "draw_series"]
+__all__ = ["HISTORY", "TICK", "Series", "draw_series"]
 
 Array = NDArray[np.float64]
 
 TICK = 1e-3
+# Ticks before the first, at which the rod moved already.
 HISTORY = 64
 _CONTACTS = 400
 

@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from ...plotting import COLORS, svg
 from ...system import Port
+from ..figures import finish
 from ..finding import NOMINAL
 from ..headline import percent
-from ..report import compose
+from ..report import compose, remarks
 from ..study import Array
 from ..verdict import Diagnosis
 from .replay import PortReplay
@@ -80,12 +81,7 @@ def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Ar
     grid["zoom"].set_title(str(port), fontsize="small", loc="left")
     grid["zoom"].set_ylabel(f"[{unit}]")
     grid["zoom"].legend(fontsize="x-small", frameon=False)
-    grid["left"].set_title("residual: logged minus model", fontsize="small", loc="left")
-    for name in ("run", "zoom", "left"):
-        grid[name].grid(alpha=0.25)
-        grid[name].tick_params(labelsize="x-small")
-    for name in ("zoom", "left"):
-        grid[name].set_xlabel("time [s]", fontsize="small")
+    finish(grid)
     spread = float(log[study.settled :].std()) or noise
     shares = [float(np.std((log - one)[study.settled :])) / spread for one in (before, after)]
     words = (
@@ -111,13 +107,7 @@ def _assumed(
         "Residuals count less where they are larger than the noise, or correlated.",
         _trusted(taught),
     ]
-    if diagnosis.numerics is not None and diagnosis.numerics.fraction is not None:
-        told.append(
-            "The co-simulation's own error, by step halving, is "
-            f"{percent(diagnosis.numerics.fraction)} of the gap."
-        )
-    told += [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
-    return told
+    return told + remarks(diagnosis)
 
 
 def _trusted(taught: Mapping[str, Any]) -> str:
