@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -16,6 +17,9 @@ __all__ = ["check_logs"]
 # Of a tick; stamps are rounded to the log's digits.
 _LATE = 0.5
 _FEWEST_ROWS = 100
+# See `_masses`: runs to compare with at least, by how much these may differ, by how much one has to, and
+# squared correlation of force and acceleration from which they tell a mass.
+_FEWEST_OTHERS, _AGREE, _OFF, _FOLLOWS = 4, 2e-3, 0.02, 0.98
 _FEWEST_CONTACTS = 3
 # A value that stands still for so many rows, while the column moves elsewhere, is frozen.
 _FROZEN = 60
@@ -40,6 +44,9 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
         if not wrong:
             warned += _clipped(run) + _frozen(run)
     warned = _together(warned)
+    refused = _alike(refused)
+    if not refused:
+        refused += _twice(study) + _masses(study)
     if not refused:
         warned += _left_early(study)
         fewest, few = _contacts(study)
@@ -60,6 +67,77 @@ def _together(problems: list[Problem]) -> list[Problem]:
         else same[0]
         for same in kinds.values()
     ]
+
+
+def _alike(problems: list[Problem]) -> list[Problem]:
+    """What is wrong alike in the same column of several runs, once."""
+    kinds: dict[tuple[str, str], list[Problem]] = {}
+    for one in problems:
+        run, _, column = one.place.partition(": ")
+        kinds.setdefault((column or run, one.remedy), []).append(one)
+    return [
+        replace(same[0], what=f"{same[0].what}; the same in {len(same) - 1} more runs")
+        if len(same) > 1 and same[0].remedy.startswith("All fits")
+        else one
+        for same in kinds.values()
+        for one in (same[:1] if same[0].remedy.startswith("All fits") else same)
+    ]
+
+
+def _twice(study: Study) -> list[Problem]:
+    """Runs that hold the same log: what a fit saw would count as what none saw."""
+    return [
+        Problem(
+            f"{one.name}, {other.name}",
+            "hold the same log, to the last digit",
+            "each run once",
+            "Leave one out, or name the file that was meant.",
+        )
+        for one, other in combinations(study.runs, 2)
+        if len(one) == len(other)
+        and all(np.array_equal(one[name], other[name]) for name in ("encoder_position", "sensor_force"))
+    ]
+
+
+def _masses(study: Study) -> list[Problem]:
+    """A run whose satellite moved as with another mass, while all others agree with theirs.
+
+    What an effect does to the mass it does in all runs, as a factor or by an amount: both are fitted to the
+    other runs.
+    """
+    moved = [_mass(study, run) for run in study.runs]
+    stated = np.array([run.mass for run in study.runs])
+    found = []
+    for number, run in enumerate(study.runs):
+        others = [at for at, mass in enumerate(moved) if at != number and mass is not None]
+        mass = moved[number]
+        if mass is None or len(others) < _FEWEST_OTHERS:
+            continue
+        basis = np.stack([stated, np.ones(len(stated))], axis=1)
+        told = np.array([moved[at] for at in others], float)
+        law = np.linalg.lstsq(basis[others], told, rcond=None)[0]
+        expected = basis @ law
+        if np.abs(told / expected[others] - 1.0).max() > _AGREE or abs(mass / expected[number] - 1.0) < _OFF:
+            continue
+        found.append(
+            Problem(
+                f"{run.name}: mass",
+                f"got {run.mass:g} kg, but it moves as with {mass:.6g} kg; the other runs agree with theirs",
+                remedy="Correct its mass, or name the log that was meant.",
+            )
+        )
+    # Where several stray, it is no slip of the pen.
+    return found if len(found) == 1 else []
+
+
+def _mass(study: Study, run: Run) -> float | None:
+    """Mass that the satellite's software moved by [kg]: force over acceleration; None where neither tells."""
+    force = run["compensated_force"][:-1]
+    speed = np.diff(run["desired_velocity"]) / study.tick
+    power = float(speed @ speed)
+    if power == 0.0 or float(force @ speed) ** 2 < _FOLLOWS * power * float(force @ force):
+        return None
+    return float(force @ force) / float(force @ speed)
 
 
 def _time(study: Study, run: Run) -> list[Problem]:

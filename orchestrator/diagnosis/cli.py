@@ -82,6 +82,13 @@ def main(args: argparse.Namespace) -> int:
                 raise
             bar.write(f"orchestrator: {case}: {error}", sys.stderr)
             continue
+        except Exception as error:  # a defect: the other cases go on
+            failed += 1
+            if len(args.cases) == 1 or getattr(args, "debug", False):
+                bar.close()
+                raise
+            bar.write(f"orchestrator: {case}: {type(error).__name__}: {error}", sys.stderr)
+            continue
         finally:
             bar.end(len(STAGES))
         if args.json:

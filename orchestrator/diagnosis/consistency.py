@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -30,6 +30,10 @@ _FACTORS = {
     39.37007874015748: "it is 39.37 times too large, as if logged in inches",
     0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
 }
+_REMEDIES = (
+    "Correct the unit in its header, or give `unit` in a study file.",
+    "Correct its values, or give `sign: -1` in a study file.",
+)
 _SHIFTS = 50
 # In the satellite's sub-steps, velocity first, a tick's way follows its speed at 10/16 of the tick.
 _MEAN = 0.625
@@ -54,8 +58,9 @@ def check_columns(study: Study, run: Run) -> list[Problem]:
     broken = _broken(study, run)
     if not broken:
         return _clock_of_encoder(study, run)
-    for told, mended in _mistakes(run, sorted({name for one in broken for name in one.columns})):
-        if not _broken(study, mended):
+    suspects = sorted({name for one in broken for name in one.columns})
+    for told, believed, mended in chain(_misstated(study, run), _mistakes(study, run, suspects)):
+        if not _broken(believed, mended):
             first = min(one.row for one in broken)
             return [
                 Problem(
@@ -83,13 +88,28 @@ def _broken(study: Study, run: Run) -> list[_Broken]:
     return found
 
 
-def _mistakes(run: Run, suspects: list[str]) -> Iterator[tuple[tuple[str, str], Run]]:
-    """Single mistakes as column and remedy, and the run without them."""
+def _misstated(study: Study, run: Run) -> Iterator[tuple[tuple[str, str], Study, Run]]:
+    """Mistakes in what is said of the rig and the run: place and remedy, and both without them."""
+    stated = study.nominal["contact_stiffness"]
+    for factor in (1e3, 1e-3, 1e6, 1e-6):
+        less = replace(stated, value=stated.value / factor)
+        believed = replace(study, nominal={**study.nominal, "contact_stiffness": less})
+        told = f"All fits if it is {less.value:g} N/m. Correct its unit or value in the study."
+        yield ("nominal.contact_stiffness", told), believed, run
+    speed = float(run["desired_velocity"][0])
+    if speed:
+        told = f"All fits if it is {speed:g} m/s, as desired_velocity begins. Correct it in the study."
+        yield ("approach_speed", told), study, replace(run, approach_speed=speed)
+
+
+def _mistakes(study: Study, run: Run, suspects: list[str]) -> Iterator[tuple[tuple[str, str], Study, Run]]:
+    """Single mistakes in the log as column and remedy, and the study and the run without them."""
     for name in suspects:
         for factor, text in _FACTORS.items():
             mended = {**run.columns, name: run[name] / factor}
             yield (
-                (f"column {name}", f"All fits if {text}. Correct the unit in its header, or its values."),
+                (f"column {name}", f"All fits if {text}. {_REMEDIES[factor < 0.0]}"),
+                study,
                 replace(run, columns=mended),
             )
     names = [name for name in run.columns if name != "time"]
@@ -98,12 +118,13 @@ def _mistakes(run: Run, suspects: list[str]) -> Iterator[tuple[tuple[str, str], 
             mended = {**run.columns, one: run[other], other: run[one]}
             yield (
                 (f"columns {one}, {other}", "All fits if the two are exchanged. Exchange their headers."),
+                study,
                 replace(run, columns=mended),
             )
     for name in suspects:
         for shift in sorted(range(-_SHIFTS, _SHIFTS + 1), key=abs):
             if shift and len(run) > 3 * _SHIFTS:
-                yield (f"column {name}", _clock(shift)), _shifted(run, name, shift)
+                yield (f"column {name}", _clock(shift)), study, _shifted(run, name, shift)
 
 
 def _clock(shift: int) -> str:

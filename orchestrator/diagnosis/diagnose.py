@@ -30,6 +30,8 @@ __all__ = ["STAGES", "Diagnosed", "diagnose"]
 
 # What is shown of a diagnosis under way, in its order.
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
+# What a diagnosis writes, but for practice.json, which the next one may go by.
+_FILES = (NAME, "report.html", AUGMENTED, "augmented-fmus.yaml")
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 # Answers less probable than this are told together with those that are more so, not one by one.
 _SHOWN = 1e-6
@@ -135,7 +137,7 @@ def _any_system(
         return diagnosed
     progress("write")
     folder = Path(out)
-    folder_at(folder)
+    _cleared(folder)
     for name, text in made.files.items():
         write_text(folder / name, text)
     write_text(folder / NAME, _json(made.diagnosis))
@@ -256,7 +258,7 @@ def _write(
     diagnosed: Diagnosed, out: Path, report: bool, config: AugmentedConfig | None
 ) -> tuple[Path, tuple[str, ...]]:
     """Write everything; diagnosis.json last, so that where it stands the rest does, too."""
-    folder_at(out)
+    _cleared(out)
     files = [NAME]
     if config is not None:
         write_text(out / AUGMENTED, config.text)
@@ -269,6 +271,13 @@ def _write(
         files.append("report.html")
     write_text(out / NAME, _json(diagnosed.diagnosis))
     return out, tuple(files)
+
+
+def _cleared(folder: Path) -> None:
+    """Make the folder, without what an earlier diagnosis left there. Raises: ConfigError."""
+    folder_at(folder)
+    for name in _FILES:
+        (folder / name).unlink(missing_ok=True)
 
 
 def _json(diagnosis: Diagnosis) -> str:

@@ -298,6 +298,8 @@ class Fitter:
             known: derivatives of the stacked residuals by the calibration where the fit begins, if at hand,
                 shape (residuals, calibrated).
             aim: a cost; a fit that will not come near it is given up.
+        Returns: of infinite cost where the model runs away from the begin.
+        Raises: ValueError if there are not as many parameters to begin from as the effects have.
         """
         count = len(self._names)
         parameters = [one for effect in effects for one in effect.parameters]
@@ -305,6 +307,8 @@ class Fitter:
         if begin is not None:
             z[:count] = begin
         if start is not None:
+            if len(start) != len(parameters):
+                raise ValueError(f"{len(start)} parameters to begin from, {len(parameters)} to fit")
             z[count:] = start
         free = np.array(
             [place for place in range(len(z)) if place < count or parameters[place - count].smooth],
@@ -312,6 +316,9 @@ class Fitter:
         )
         r = self.stacked(effects, z)
         cost = _cost(r, z)
+        if not math.isfinite(cost):
+            # Where the model runs away, no derivative leads back.
+            return self._fitted(effects, z, r, cost, 0.0)
         jacobian = self.jacobian(effects, z, r, range(len(z)) if known is None else range(count, len(z)))
         if known is not None:
             jacobian[:, :count] = known
@@ -354,15 +361,22 @@ class Fitter:
                 jacobian, fresh, damping = self.jacobian(effects, z, r, range(len(z))), True, 1e-3
         hessian = jacobian.T @ jacobian + np.eye(len(z))
         _, log_determinant = np.linalg.slogdet(hessian)
-        theta = self._theta(effects, z)
+        return self._fitted(effects, z, r, cost, float(log_determinant))
+
+    def _fitted(
+        self, effects: tuple[Effect, ...], z: Array, r: Array, cost: float, log_determinant: float
+    ) -> Fit:
+        """A fit that ended at z, where the stacked residuals are r."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            chi2 = float(r @ r)
         return Fit(
             effects,
             self._calibrated(z),
-            theta,
-            dict(zip(self._names, z[:count].tolist(), strict=True)),
+            self._theta(effects, z),
+            dict(zip(self._names, z[: len(self._names)].tolist(), strict=True)),
             float(cost),
-            float(r @ r),
-            float(log_determinant),
+            chi2,
+            log_determinant,
             tuple(self.residuals(effects, z)),
             z,
         )

@@ -91,7 +91,11 @@ def _csv(path: Path) -> dict[str, Signal]:
     import pyarrow.csv
 
     raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
-    return _table(pyarrow.csv.read_csv(pyarrow.BufferReader(raw)))
+    first = raw.partition(b"\n")[0]
+    # Units hold commas as little as names do: what stands in the header most often parts the columns.
+    delimiter = max(",;\t", key=lambda one: first.count(one.encode()))
+    options = pyarrow.csv.ParseOptions(delimiter=delimiter)
+    return _table(pyarrow.csv.read_csv(pyarrow.BufferReader(raw), parse_options=options))
 
 
 def _parquet(path: Path) -> dict[str, Signal]:

@@ -174,7 +174,9 @@ def _scaled(name: str, signal: Signal, one: Column, unit: str, path: Path, probl
     if not given:
         problems.append(
             Problem(
-                f"{path}: {name}", f"column {one.column} has no unit", remedy="Give `unit` in the study file."
+                f"{path}: {name}",
+                f"column {one.column} has no unit",
+                remedy=f"Write `{one.column} [{unit}]` in its header, or give `unit` in a study file.",
             )
         )
         return signal.values

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -23,6 +23,9 @@ __all__ = ["UNITS", "Nominal", "Role", "Run", "Study", "load_study"]
 Array = NDArray[np.float64]
 
 _FORMATS = ("gap-case/1", "gap-study/1")
+_KEYS = ("format", "rig", "tick", "nominal", "runs", "experiments")
+_NOMINAL_KEYS = ("value", "unit", "tolerance")
+_RUN_KEYS = ("file", "role", "mass", "approach_speed")
 _COLUMNS = {
     "time": "s",
     "desired_position": "m",
@@ -145,10 +148,18 @@ def load_study(folder: Path) -> Study:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.YAMLError as error:
         raise ConfigError([Problem(str(path), f"is no YAML: {error}")]) from None
+    except (OSError, UnicodeDecodeError) as error:
+        told = "is no text" if isinstance(error, UnicodeDecodeError) else f"cannot be read: {error.strerror}"
+        allowed = "a folder with case.yaml and its logs, or a study.yaml"
+        raise ConfigError([Problem(str(path), told, allowed)]) from None
     problems: list[Problem] = []
-    if not isinstance(data, dict) or data.get("format") not in _FORMATS:
-        got = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise ConfigError([Problem(f"{path}: format", f"got {got!r}", listed(_FORMATS))])
+    if not isinstance(data, dict):
+        raise ConfigError([Problem(str(path), "is no study", "keys and their values, `format` among them")])
+    if data.get("format") not in _FORMATS:
+        got = data.get("format")
+        allowed = listed((*_FORMATS, "port-study/1"))
+        raise ConfigError([Problem(f"{path}: format", f"got {got!r}", allowed)])
+    _known(data, (*_KEYS, *(("columns",) if data["format"] == _FORMATS[1] else ())), str(path), problems)
     tick = data.get("tick")
     if not isinstance(tick, int | float) or not 0 < tick < math.inf:
         problems.append(Problem(f"{path}: tick", f"got {tick!r}", "a positive number of seconds"))
@@ -211,6 +222,15 @@ def _experiments(data: Any, place: str, problems: list[Problem]) -> tuple[dict[s
     return tuple(found)
 
 
+def _known(data: Mapping[Any, Any], allowed: Sequence[str], place: str, problems: list[Problem]) -> None:
+    """Refuse keys that mean nothing: most are misspelt."""
+    problems += [
+        Problem(f"{place}: {key}", "unknown", listed(allowed), nearest(str(key), allowed))
+        for key in data
+        if key not in allowed
+    ]
+
+
 def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nominal]:
     found: dict[str, Nominal] = {}
     if not isinstance(data, dict):
@@ -219,16 +239,23 @@ def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nomina
     for name, entry in data.items():
         place = f"{path}: nominal.{name}"
         if name not in UNITS:
-            problems.append(Problem(place, "unknown", listed(tuple(UNITS)), nearest(name, tuple(UNITS))))
+            problems.append(Problem(place, "unknown", listed(tuple(UNITS)), nearest(str(name), tuple(UNITS))))
             continue
+        if not isinstance(entry, dict) or not {"value", "unit"} <= set(entry):
+            problems.append(Problem(place, f"got {entry!r}", f"value and unit (as {UNITS[name]}), tolerance"))
+            continue
+        _known(entry, _NOMINAL_KEYS, place, problems)
         try:
             if str(entry["unit"]) == "Hz" and UNITS[name] == "rad/s":
                 factor = 2.0 * np.pi  # frequencies of oscillations and filters, which turn once per period
             else:
                 factor = convert(parse_unit(str(entry["unit"])), parse_unit(UNITS[name]))[0]
             found[name] = Nominal(float(entry["value"]) * factor, float(entry.get("tolerance", 0)) * factor)
-        except (KeyError, TypeError, ValueError, UnitError) as error:
-            problems.append(Problem(place, str(error), "value, unit and tolerance"))
+        except UnitError as error:
+            problems.append(Problem(f"{place}.unit", str(error), f"a unit such as {UNITS[name]}"))
+            continue
+        except (TypeError, ValueError):
+            problems.append(Problem(place, f"got {entry!r}", "numbers for value and tolerance"))
             continue
         value, tolerance = found[name].value, found[name].tolerance
         least = 0.0 if name not in _ANY_SIGN else -math.inf
@@ -240,6 +267,10 @@ def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nomina
                 Problem(f"{place}.tolerance", f"got {entry['tolerance']}", "a number, not below 0")
             )
     problems += [Problem(f"{path}: nominal", f"{name} is missing") for name in UNITS if name not in data]
+    walls = [found[name].value for name in ("front_wall", "rear_wall") if name in found]
+    if len(walls) == 2 and not walls[0] > walls[1]:
+        what = f"front_wall at {walls[0]:g} m is not before rear_wall at {walls[1]:g} m"
+        problems.append(Problem(f"{path}: nominal", what, "the rod between the two"))
     for signal in ("encoder", "force"):
         pair = (f"{signal}_noise", f"{signal}_resolution")
         if all(name in found and found[name].value == 0.0 for name in pair):
@@ -255,15 +286,24 @@ def _run(
     mapping: Mapping[str, Column],
     tick: float,
 ) -> Run | None:
-    try:
-        file, role = str(entry["file"]), Role(entry["role"])
-        mass, speed = float(entry["mass"]), float(entry["approach_speed"])
-    except (KeyError, TypeError, ValueError) as error:
-        problems.append(
-            Problem(place, f"{error}", "file, role (train, heldout, repeat), mass, approach_speed")
-        )
-        return None
     before = len(problems)
+    if not isinstance(entry, dict):
+        problems.append(Problem(place, f"got {entry!r}", listed(_RUN_KEYS)))
+        return None
+    _known(entry, _RUN_KEYS, place, problems)
+    problems += [
+        Problem(place, f"{key} is missing", listed(_RUN_KEYS)) for key in _RUN_KEYS if key not in entry
+    ]
+    roles = [one.value for one in Role]
+    if "role" in entry and entry["role"] not in roles:
+        problems.append(Problem(f"{place}.role", f"got {entry['role']!r}", listed(roles)))
+    for key in ("mass", "approach_speed"):
+        if key in entry and not isinstance(entry[key], int | float):
+            problems.append(Problem(f"{place}.{key}", f"got {entry[key]!r}", "a number"))
+    if len(problems) > before:
+        return None
+    file, role = str(entry["file"]), Role(entry["role"])
+    mass, speed = float(entry["mass"]), float(entry["approach_speed"])
     if not 0.0 < mass < math.inf:
         problems.append(Problem(f"{place}.mass", f"got {mass}", "a positive mass [kg]"))
     if not math.isfinite(speed) or speed == 0.0:

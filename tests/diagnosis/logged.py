@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 from dataclasses import replace
 
 import numpy as np
+import yaml
 from rigs import NOMINAL
 
 from orchestrator.diagnosis.model import Laws, RigModel, begin_state
@@ -48,3 +50,29 @@ def with_column(study, name, change, run=0):
     columns[name] = change(columns[name].copy())
     runs[run] = replace(runs[run], columns=columns)
     return replace(study, runs=tuple(runs))
+
+
+def write_case(study, folder):
+    """A study as a case folder, as a lab would keep it."""
+    folder.mkdir(parents=True)
+    runs = []
+    for run in study.runs:
+        units = ("s", "m", "m/s", "m", "N", "N", "N/m")
+        names = ("time", "desired_position", "desired_velocity", "encoder_position", "sensor_force",
+                 "compensated_force", "stiffness_estimate")  # fmt: skip
+        text = ",".join(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)) + "\n"
+        rows = np.column_stack([run[name] for name in names])
+        text += "\n".join(",".join(repr(float(value)) for value in row) for row in rows) + "\n"
+        (folder / f"{run.name}.csv.gz").write_bytes(gzip.compress(text.encode()))
+        runs.append({"file": f"{run.name}.csv.gz", "role": run.role.value, "mass": run.mass,
+                     "approach_speed": run.approach_speed})  # fmt: skip
+    unit = {"contact_stiffness": "N/m", "contact_damping": "N.s/m", "damping_ratio": "1", "force_bias": "N",
+            "force_noise": "N", "force_resolution": "N", "natural_frequency": "rad/s",
+            "sensor_cutoff": "rad/s", "response_delay": "s", "sensor_delay": "s"}  # fmt: skip
+    nominal = {
+        name: {"value": float(one.value), "unit": unit.get(name, "m"), "tolerance": float(one.tolerance)}
+        for name, one in study.nominal.items()
+    }
+    data = {"format": "gap-case/1", "rig": "docking-1d", "tick": study.tick, "nominal": nominal, "runs": runs}
+    (folder / "case.yaml").write_text(yaml.safe_dump(data))
+    return folder

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import json
 import os
 import re
@@ -10,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
-from logged import logged_study, with_column
+from logged import logged_study, with_column, write_case
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.catalogue import catalogue, in_words
@@ -74,32 +72,6 @@ def parts(found=None, **other):
 @pytest.fixture(scope="module")
 def study():
     return logged_study((HERTZ,), THETA, ticks=1200)
-
-
-def write_case(study, folder):
-    """A study as a case folder, as a lab would keep it."""
-    folder.mkdir(parents=True)
-    runs = []
-    for run in study.runs:
-        units = ("s", "m", "m/s", "m", "N", "N", "N/m")
-        names = ("time", "desired_position", "desired_velocity", "encoder_position", "sensor_force",
-                 "compensated_force", "stiffness_estimate")  # fmt: skip
-        text = ",".join(f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)) + "\n"
-        rows = np.column_stack([run[name] for name in names])
-        text += "\n".join(",".join(repr(float(value)) for value in row) for row in rows) + "\n"
-        (folder / f"{run.name}.csv.gz").write_bytes(gzip.compress(text.encode()))
-        runs.append({"file": f"{run.name}.csv.gz", "role": run.role.value, "mass": run.mass,
-                     "approach_speed": run.approach_speed})  # fmt: skip
-    unit = {"contact_stiffness": "N/m", "contact_damping": "N.s/m", "damping_ratio": "1", "force_bias": "N",
-            "force_noise": "N", "force_resolution": "N", "natural_frequency": "rad/s",
-            "sensor_cutoff": "rad/s", "response_delay": "s", "sensor_delay": "s"}  # fmt: skip
-    nominal = {
-        name: {"value": float(one.value), "unit": unit.get(name, "m"), "tolerance": float(one.tolerance)}
-        for name, one in study.nominal.items()
-    }
-    data = {"format": "gap-case/1", "rig": "docking-1d", "tick": study.tick, "nominal": nominal, "runs": runs}
-    (folder / "case.yaml").write_text(yaml.safe_dump(data))
-    return folder
 
 
 def test_what_is_written(study, tmp_path):

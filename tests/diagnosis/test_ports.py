@@ -220,7 +220,7 @@ def test_refused_runs_and_patterns(plain):
     data = yaml.safe_load((plain / "study.yaml").read_text())
     data["set"] = ["run.step_size=1 ms"]
     (plain / "step.yaml").write_text(yaml.safe_dump(data))
-    with pytest.raises(ConfigError, match=r"samples are 0\.002 to 0\.002 s apart"):
+    with pytest.raises(ConfigError, match=r"samples are 0\.002 s apart"):
         load_port_study(plain / "step.yaml")
     data["set"] = ["run.step_size=2 ms"]
     data["runs"][0] |= {"from": "1 s", "to": "0.5 s"}
@@ -239,12 +239,36 @@ def test_refused_runs_and_patterns(plain):
         load_port_study(plain / "key.yaml")
 
 
+def test_logs_that_break_off_or_stand_twice_are_refused(plain):
+    data = yaml.safe_load((plain / "study.yaml").read_text())
+    lines = (plain / data["runs"][0]["file"]).read_text().splitlines(keepends=True)
+    (plain / "gap.csv").write_text("".join([*lines[:301], *lines[331:]]))
+    (plain / "copy.csv").write_text("".join(lines))
+    changed = [data["runs"][0] | {"file": "gap.csv"}, *data["runs"][1:]]
+    for name, runs, said in (
+        ("gap", changed, r"gap.csv: time: row 300 comes 0\.062 s after the one before; 1 such in all"),
+        ("copy", [*data["runs"], data["runs"][0] | {"file": "copy.csv"}], "hold the same log"),
+        ("repeat", [*data["runs"], data["runs"][1] | {"repeats": "r9", "name": "again", "to": "1 s"}],
+         "again repeats r9, which is no run"),
+        ("short", [data["runs"][0] | {"to": "0.1 s"}, *data["runs"][1:]], "has 50 samples"),
+    ):  # fmt: skip
+        (plain / f"{name}.yaml").write_text(yaml.safe_dump(data | {"runs": runs}))
+        with pytest.raises(ConfigError, match=said) as caught:
+            load_port_study(plain / f"{name}.yaml")
+        # A run of training that cannot be read is one all the same.
+        assert "no run has the role train" not in str(caught.value)
+
+
 def test_the_command(tmp_path, capsys):
     path = study(tmp_path / "case", candidates={"only": ["controller.voltage.*"]})
+    (tmp_path / "out").mkdir()
+    for name in ("report.html", "notes.txt"):
+        (tmp_path / "out" / name).write_text("old")
     assert main(["diagnose", str(path / "study.yaml"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
     assert "No unmodelled effect is needed" in capsys.readouterr().out
     names = sorted(one.name for one in (tmp_path / "out").iterdir())
-    assert names == ["augmented.yaml", "diagnosis.json"]
+    # The page of an earlier diagnosis would not be this one's; what is not ours stays.
+    assert names == ["augmented.yaml", "diagnosis.json", "notes.txt"]
     data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert data["how_far"]["within_floor"] and set(data["left_out"]) == {
         "energy", "next_experiment"}  # fmt: skip

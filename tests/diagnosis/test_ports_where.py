@@ -186,6 +186,16 @@ def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):
     (same,) = (one.fit for one in ties if one.alien == ("drive.force_per_voltage",))
     # The hidden 8 % lie in a valley as wide as this.
     assert 0.03 < fit.theta[0] < 0.13 and 0.03 < same.theta[0] / 32.5 < 0.13
+    # Beside another effect, too, which keeps its own size.
+    rubbing = known["drive.coulomb"]
+    fit = fitter.fit(
+        (rubbing, known["drive.voltage.gain"]), fit.z[: len(fitter.nominal)], np.array([0.1, 0.2])
+    )
+    ties = alike(
+        fitter, Answer(("drive.coulomb", "drive.voltage.gain"), 100.0, 0.0, fit), list(known.values())
+    )
+    (same,) = (one.fit for one in ties if one.alien == ("drive.force_per_voltage",))
+    assert same.theta[0] == pytest.approx(fit.theta[0], abs=0.2 * rubbing.parameters[0].scale)
 
 
 def test_the_next_experiment_is_told_with_its_evidence(rubbing, effects):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ __all__ = ["load_port_study"]
 
 # Samples may be apart by other than the communication step by this share of it.
 _UNEVEN = 0.01
+# Samples of a run that are compared, at the least.
+_FEWEST = 100
 
 
 def load_port_study(path: Path) -> PortStudy:
@@ -101,7 +104,8 @@ class _Reader:
             raise ConfigError(self.problems)
         runs = [self._run(number, mapping, units) for number in range(len(self.model.runs))]
         found = tuple(run for run in runs if run is not None)
-        if not any(run.role is Role.TRAIN for run in found):
+        self._checked(found, round(settled / self.step))
+        if not any(one.role is Role.TRAIN for one in self.model.runs):
             self.problems.append(Problem(self.place("runs"), "no run has the role train", "at least one"))
         names = [run.name for run in found]
         for run in found:
@@ -267,6 +271,28 @@ class _Reader:
             return 0.0
         return found
 
+    def _checked(self, runs: Sequence[PortRun], settled: int) -> None:
+        """Runs long enough to tell anything, and each with a log of its own."""
+        for run in runs:
+            if len(run) - settled < _FEWEST:
+                what = f"{run.name} has {len(run)} samples, {settled} of them while it settles"
+                self.problems.append(
+                    Problem(
+                        self.place("runs"), what, f"at least {_FEWEST} more", "Log longer, or settle less."
+                    )
+                )
+            if run.repeats is not None and run.repeats not in [one.name for one in runs]:
+                names = [one.name for one in runs if one is not run]
+                what = f"{run.name} repeats {run.repeats}, which is no run"
+                self.problems.append(
+                    Problem(self.place("runs"), what, listed(names), nearest(run.repeats, names))
+                )
+        for one, other in combinations(runs, 2):
+            same = one.logs.keys() == other.logs.keys() and len(one) == len(other)
+            if same and all(np.array_equal(one.logs[port], other.logs[port]) for port in one.logs):
+                what = f"{one.name} and {other.name} hold the same log, to the last digit"
+                self.problems.append(Problem(self.place("runs"), what, "each run once"))
+
     def _run(self, number: int, mapping: Mapping[str, Logged], units: Mapping[str, str]) -> PortRun | None:
         model = self.model.runs[number]
         place = f"runs[{number}]"
@@ -287,14 +313,19 @@ class _Reader:
             return None
         apart = np.diff(found["time"])
         if "time" in mapping and not np.allclose(apart, self.step, rtol=0, atol=_UNEVEN * self.step):
-            self.problems.append(
-                Problem(
-                    f"{path}: time",
-                    f"samples are {apart.min():.6g} to {apart.max():.6g} s apart",
-                    f"the communication step of the system, {self.step:.6g} s",
-                    "Set run.step_size under `set`, or resample the log.",
-                )
+            usual, row = float(np.median(apart)), int(np.argmax(np.abs(apart - np.median(apart))))
+            what, remedy = (
+                f"samples are {usual:.6g} s apart",
+                "Set run.step_size under `set`, or resample the log.",
             )
+            if abs(usual - self.step) <= _UNEVEN * self.step:
+                wrong = int(np.sum(np.abs(apart - self.step) > _UNEVEN * self.step))
+                what = f"row {row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"
+                remedy = (
+                    "Take the run up to there, by `to`, or the one after, by `from`; or resample the log."
+                )
+            allowed = f"the communication step of the system, {self.step:.6g} s"
+            self.problems.append(Problem(f"{path}: time", what, allowed, remedy))
             return None
         first, last = round(begin / self.step), round(min(end / self.step, len(found["time"])))
         if not 0 <= first < last - 2:

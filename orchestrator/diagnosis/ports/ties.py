@@ -62,7 +62,8 @@ def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect]) -> list[Ali
                 promising.append((best[0], effect, best[1]))
         promising.sort(key=lambda one: one[0])
         for _, effect, start in promising[:_FITTED]:
-            fit = fitter.fit((*others, effect), z[: len(fitter.nominal)], start)
+            count = len(fitter.nominal)
+            fit = fitter.fit((*others, effect), z[:count], np.concatenate([z[count:], start]))
             if np.isfinite(fit.cost) and separation(fitter, top, fit) + _bent(fitter, top, fit) < _APART:
                 found.append(Alike(fit, (effect.id,)))
     return found
