@@ -32,6 +32,8 @@ SYSTEM = "docking-lab"
 # Communication steps per tick, as in the bundled system: 0.2 ms at a tick of 1 ms.
 STEP = 5
 
+# Units of what the rig's software goes by.
+_SOFTWARE = {"mass": "kg", "lead": "s", "tick": "s", "nominal_stiffness": "N/m", "nominal_damping": "N.s/m"}
 # What an instance is where effects ask for more than it has, and start values under other names there.
 _MORE: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "robot": ("LabRobot", {"position": "start_position", "velocity": "start_velocity"}),
@@ -137,7 +139,7 @@ def _changes(nominal: Array, p: Array, written: Written) -> tuple[str, ...]:
     for one in Calibrated:
         if p[one] != nominal[one] and one is not Calibrated.FORCE_BIAS:
             name = one.name.lower()
-            unit = UNITS.get(name, "1").removeprefix("1")
+            unit = (UNITS | _SOFTWARE).get(name, "1").removeprefix("1")
             text = f"{name.replace('_', ' ')}: {p[one]:.6g} instead of {nominal[one]:.6g} {unit}"
             told.append(text.rstrip())
     for instance, values in written.start.items():

@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar="N",
-        help="for studies of ports: simulate N cases of the study's own system first, and calibrate "
-        "probabilities on them; written to practice.json, which the study's key `practice` takes",
+        help="for studies of ports: simulate N cases (10 or more) of the study's own system first, and "
+        "calibrate probabilities on them; written to practice.json, which the study's key `practice` takes",
     )
     parser.add_argument("--seed", type=int, default=1, help="of the simulated cases")
     parser.add_argument("--no-report", action="store_true", help="write no report.html")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .catalogue import catalogue
-from .finding import Candidate, Finding, named
+from .finding import Candidate, Finding, name_of
 from .menu import Experiment
 from .study import Role, Study
 
@@ -58,13 +58,13 @@ def _again(study: Study, finding: Finding, first: Candidate) -> dict[str, Any]:
     others = [one for one in finding.candidates[1:] if one.effects != ("outside",)]
     rival = max(others, key=lambda one: one.log_evidence, default=None)
     evidence = first.log_evidence - (rival.log_evidence if rival is not None else 0.0)
-    name = named(rival.effects if rival is not None else ())
+    name = name_of(rival.effects if rival is not None else ())
     ticks = sum(len(run) for run in study.of(Role.TRAIN))
     return {
         "name": "the same runs again",
         "description": f"{ticks} more ticks of the same kind: evidence of what draws grows with its samples",
         "expected_evidence": float(evidence),
-        "between": [named(first.effects), name],
+        "between": [name_of(first.effects), name],
         "evidence": {name: float(evidence)},
         "menu": {},
         "leaves": [],

@@ -12,7 +12,7 @@ from .catalogue import SOFTWARE, catalogue
 from .components import COMPONENTS, component_of
 from .doubt import without_rival
 from .effect import Effect
-from .finding import Augmented, Candidate, Finding, named
+from .finding import Augmented, Candidate, Finding, name_of
 from .fit import Fitter
 from .menu import Experiment, menu_of
 from .model import RigModel
@@ -108,7 +108,7 @@ def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
         return {}
     modelled = [one for one in finding.candidates if _replayable(one)]
     first = modelled[0]
-    found = {named(first.effects): first.model or finding.recalibrated}
+    found = {name_of(first.effects): first.model or finding.recalibrated}
     alone = {one.effects[0]: one for one in modelled if len(one.effects) == 1}
     # What is tied with one effect of several stands, with the others, among the candidates.
     for tie in first.ties if len(first.effects) == 1 else ():
@@ -118,7 +118,7 @@ def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
             found[tie] = _fitted(study, catalogue()[tie])
     for one in modelled[1:]:
         if one.probability >= RIVAL and one.model is not None:
-            found.setdefault(named(one.effects), one.model)
+            found.setdefault(name_of(one.effects), one.model)
     return dict(list(found.items())[: RIVALS + 1])
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from .effect import Effect
 from .study import Array, Nominal
 
-__all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "named"]
+__all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "name_of"]
 
 # Tolerances from which a calibration is no longer believed.
 _BENT = 5.0
@@ -99,6 +99,6 @@ class Finding:
         return Augmented(calibrated, (), np.zeros(0))
 
 
-def named(effects: Sequence[str]) -> str:
+def name_of(effects: Sequence[str]) -> str:
     """A candidate by its effects."""
     return " + ".join(effects) or "none"

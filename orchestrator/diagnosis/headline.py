@@ -64,7 +64,8 @@ def _answer(diagnosis: Diagnosis) -> str:
     text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
     if gap is not None and gap.closure is not None:
         it = "them" if len(effects) > 1 else effects[0] if among else "it"
-        text += f"; adding {it} closes {percent(gap.closure)} of the gap on runs that no fit saw"
+        closed = percent(gap.closure) if gap.closure < 1.0 else "all"
+        text += f"; adding {it} closes {closed} of the gap on runs that no fit saw"
     text += "."
     if first.ties and not among:
         text += (

@@ -159,7 +159,7 @@ def _next(diagnosis: Diagnosis) -> str:
         return "<p>No experiment is needed: no tie is left to break.</p>"
     text = f"<p><b>{escape(one.name)}</b></p><p>{escape(one.description)}</p>"
     if one.expected_evidence is not None and one.expected_evidence < TELLS:
-        text = "<p>No experiment of the menu tells these answers apart. The best of them:</p>" + text
+        return "<p>No experiment of the menu tells these answers apart.</p>"
     if one.between:
         text += f"<p class=note>Between {escape(listed_or(one.between))}"
         if one.expected_evidence is not None:

@@ -17,7 +17,8 @@ def text(made: Diagnosed) -> str:
     for one in found.which[:_LINES]:
         ties = f" (tied with {', '.join(one.ties)})" if one.ties else ""
         lines.append(f"  {percent(one.probability):>12}  {' + '.join(one.effects) or 'no effect'}{ties}")
-    if found.where:
+    # Where nothing is in excess, shares are those of noise.
+    if found.where and (found.verdict.effects or found.doubtful_tolerances):
         told = ", ".join(
             f"{one.place} {percent(one.share)}" for one in found.where if abs(one.share) >= 0.0005
         )

@@ -226,5 +226,6 @@ def problems_of(error: ValidationError, place: str) -> list[Problem]:
     for one in error.errors():
         where: Mapping[str, Any] | tuple[Any, ...] = one["loc"]
         path = ".".join(str(part) for part in where)
-        found.append(Problem(f"{place}: {path}" if path else place, one["msg"]))
+        what = {"extra_forbidden": "unknown", "missing": "is missing"}.get(one["type"], one["msg"])
+        found.append(Problem(f"{place}: {path}" if path else place, what))
     return found

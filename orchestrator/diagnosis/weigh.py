@@ -13,7 +13,7 @@ from .answers import Answer, Group, weigh_software
 from .calibration import Calibration, calibration
 from .catalogue import SOFTWARE, catalogue
 from .effect import Effect, by_effect
-from .finding import Augmented, Candidate, Finding
+from .finding import Augmented, Candidate, Finding, name_of
 from .hardware import weigh_rig
 from .study import Study
 
@@ -89,7 +89,7 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     speaks = any(answer.seen for _, answer in next(known, choice))
     answer_set, held = [], 0.0
     for one in candidates:
-        answer_set.append(named(one.effects))
+        answer_set.append(name_of(one.effects))
         held += one.probability
         if held >= learned.enough(speaks):
             break

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ...system import Port
 from ..effect import Effect
-from ..finding import Augmented, Finding, named
+from ..finding import Augmented, Finding, name_of
 from ..fit import Fitter
 from ..outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace
 from ..study import Nominal
@@ -119,7 +119,7 @@ def _tied(
     first = finding.candidates[0] if finding.candidates else None
     if first is None or first.model is None:
         return {}
-    found = {named(first.effects): first.model}
+    found = {name_of(first.effects): first.model}
     alone = {one.effects[0]: one for one in finding.candidates if len(one.effects) == 1}
     known = {one.id: one for one in effects}
     for tie in first.ties if len(first.effects) == 1 else ():
@@ -127,7 +127,7 @@ def _tied(
         found[tie] = model or _fitted(study, known[tie], weights)
     for one in finding.candidates[1:]:
         if one.probability >= RIVAL and one.model is not None:
-            found.setdefault(named(one.effects), one.model)
+            found.setdefault(name_of(one.effects), one.model)
     return dict(list(found.items())[: RIVALS + 1])
 
 

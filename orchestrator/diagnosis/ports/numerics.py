@@ -63,12 +63,13 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
 def doubts(found: Mapping[str, Any]) -> list[Warned]:
     """What to tell of a step that is too long."""
     fraction = found["fraction"]
-    if fraction is not None and fraction <= _DOUBTFUL:
-        return []
+    runs_away = found["error"] is None
+    if not runs_away and (fraction is None or fraction <= _DOUBTFUL):
+        return []  # without any gap there is none that the step could make
     step = f"{1e3 * found['step_size']:g} ms"
     what = (
         "a model runs away, so that the co-simulation's own error is not known"
-        if fraction is None
+        if runs_away
         else f"halving the step of {step} changes the signals by {100 * fraction:.3g} % of the gap"
     )
     remedy = "Take a shorter step and resample the logs, unless the step is a controller's sample time."

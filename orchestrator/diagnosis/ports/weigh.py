@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from ...system import Port
 from ..answers import Answer, simplest, tied
 from ..effect import Effect, by_effect
-from ..finding import Augmented, Candidate, Finding, named
+from ..finding import Augmented, Candidate, Finding, name_of
 from ..fit import Fit, Fitter
 from ..search import Search, search
 from ..study import Array
@@ -216,7 +216,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     places = {place} if first.effects == ("outside",) else {one.partition(".")[0] for one in first.effects}
     answer_set, held = [], 0.0
     for one in made:
-        answer_set.append(named(one.effects))
+        answer_set.append(name_of(one.effects))
         held += one.probability
         if held >= 0.95:
             break
