@@ -16,11 +16,11 @@ from shared.line import (
     POSITIVE,
     Inputs,
     LineState,
+    inputs_due,
     limits_kept,
     parameter,
     refuse,
     remembered,
-    sample_due,
     sampled,
     set_up,
 )
@@ -167,7 +167,7 @@ class LabController(Fmi2Slave):
         refuse(self, *limits_kept(self.parameters))
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Advance to the end of the step, sampling there if a sample is due. Raises: as `sample_due`."""
-        if sample_due(self, current_time, step_size):
+        """Advance to the end of the step, sampling there if a sample is due. Raises: as `inputs_due`."""
+        if inputs_due(self, current_time, step_size):
             sample(self.parameters, self.state, sampled(self))
         return True

@@ -13,18 +13,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from pythonfmu import Fmi2Slave
+from shared.fields import problem
 from shared.line import (
     POSITIVE,
     Inputs,
     LineParameters,
     LineState,
+    inputs_due,
     limits_kept,
     only_push,
     parameter,
-    problem,
     refuse,
     remembered,
-    sample_due,
     sampled,
     set_up,
 )
@@ -129,7 +129,7 @@ class OsakiCompensation(Fmi2Slave):
         refuse(self, *checked(self.parameters))
 
     def do_step(self, current_time: float, step_size: float) -> bool:
-        """Advance to the end of the step, sampling there if a sample is due. Raises: as `sample_due`."""
-        if sample_due(self, current_time, step_size):
+        """Advance to the end of the step, sampling there if a sample is due. Raises: as `inputs_due`."""
+        if inputs_due(self, current_time, step_size):
             sample(self.parameters, self.state, sampled(self))
         return True

@@ -6,12 +6,10 @@ import math
 from dataclasses import Field, dataclass, fields
 
 from shared.fields import problem, quantity
+from shared.sampling import GRID_TOLERANCE
 
 OFF, LEAD, ACTIVE = 1, 2, 3
 MODES = {"off": OFF, "lead": LEAD, "active": ACTIVE}
-
-# Of a sample period: far above the rounding of a communication point's time, far below any step.
-GRID_TOLERANCE = 1e-6
 
 
 @dataclass

@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from shared.compliance import GRID_TOLERANCE, Parameters, State
+from shared.compliance import Parameters, State
 from shared.sage_husa import SageHusaFilter
+from shared.sampling import GRID_TOLERANCE
 
 # Work is force times distance: near the turning point no force could restore it.
 MINIMUM_SPEED_RATIO = 0.3

@@ -7,9 +7,6 @@ from typing import Any
 
 from pythonfmu import Boolean, Fmi2Causality, Fmi2Initial, Fmi2Variability, Integer, Real
 
-# Annotations of fields that hold several numbers; their variables are name[1], name[2], ...
-LENGTHS = {"Vector": 3, "Quaternion": 4}
-
 
 def quantity(default: Any, unit: str, description: str, kind: str = "local", **limits: str) -> Any:
     """A dataclass field that is an FMI variable: start value, unit, description, causality, min and max."""
@@ -21,9 +18,10 @@ def quantity(default: Any, unit: str, description: str, kind: str = "local", **l
 def register(
     slave: Any, entry: Field, owner: Any, name: str, causality: Fmi2Causality, variability: Fmi2Variability
 ) -> None:
-    """Register a field of `owner` as a variable of the slave; one with several numbers as one each."""
+    """Register a field of `owner` as a variable of the slave; a tuple of numbers as name[1], name[2], ..."""
     kind = {"int": Integer, "bool": Boolean}.get(entry.type, Real)
-    length = LENGTHS.get(entry.type, 0)
+    value = getattr(owner, entry.name)
+    length = len(value) if isinstance(value, tuple) else 0
     initial = None if causality in (Fmi2Causality.parameter, Fmi2Causality.input) else Fmi2Initial.exact
     for place in range(max(length, 1)):
         label = f"{name}[{place + 1}]" if length else name
@@ -48,9 +46,9 @@ def _getter(owner: Any, name: str, place: int | None) -> Any:
 def _setter(owner: Any, name: str, place: int | None) -> Any:
     def store(value: Any) -> None:
         if place is not None:
-            numbers = list(getattr(owner, name))
-            numbers[place] = value
-            value = type(getattr(owner, name))(*numbers)
+            numbers = getattr(owner, name)
+            changed = (*numbers[:place], value, *numbers[place + 1 :])
+            value = changed if type(numbers) is tuple else type(numbers)(*changed)
         setattr(owner, name, value)
 
     return store

@@ -10,10 +10,10 @@ import math
 from dataclasses import Field, dataclass, field, fields
 from typing import Any, NamedTuple
 
-from pythonfmu import Fmi2Causality, Fmi2Initial, Fmi2Variability, Integer, Real
+from pythonfmu import Fmi2Causality, Fmi2Variability, Real
+from shared.fields import problem, register
+from shared.sampling import require_finite, sample_due
 
-# Of a sample period: far above the rounding of a communication point's time, far below any step.
-GRID_TOLERANCE = 1e-6
 # What a parameter may be, besides finite.
 ANY, NOT_NEGATIVE, POSITIVE = "", "not negative", "above 0"
 
@@ -82,59 +82,16 @@ def set_up(slave: Any, parameters: Any, state: Any) -> None:
         slave.type_attributes[name] = {"unit": UNITS[place], "nominal": NOMINAL[place]}
         slave.register_variable(Real(name, causality=Fmi2Causality.input, description=MEANING[place]))
     for entry in fields(parameters):
-        _register(slave, entry, parameters, entry.name, Fmi2Causality.parameter, Fmi2Variability.fixed)
+        register(slave, entry, parameters, entry.name, Fmi2Causality.parameter, Fmi2Variability.fixed)
     outputs = []
     for entry in fields(state):
         output = entry.metadata["kind"] == "output"
         name = entry.name if output else f"state.{entry.name}"
         causality = Fmi2Causality.output if output else Fmi2Causality.local
-        _register(slave, entry, state, name, causality, Fmi2Variability.discrete)
+        register(slave, entry, state, name, causality, Fmi2Variability.discrete)
         outputs += [name] if output else []
     # Outputs change at samples, inside a step: at a communication point none follows an input at once.
     slave.dependencies = {name: () for name in outputs}
-
-
-def _register(
-    slave: Any, entry: Field, owner: Any, name: str, causality: Fmi2Causality, variability: Fmi2Variability
-) -> None:
-    """Register a field; a tuple of numbers as one variable each."""
-    value = getattr(owner, entry.name)
-    places = range(len(value)) if isinstance(value, tuple) else (None,)
-    for place in places:
-        label = name if place is None else f"{name}[{place + 1}]"
-        slave.type_attributes[label] = dict(entry.metadata["attributes"])
-        slave.register_variable(
-            (Integer if entry.type == "int" else Real)(
-                label,
-                causality=causality,
-                variability=variability,
-                initial=None if causality is Fmi2Causality.parameter else Fmi2Initial.exact,
-                description=entry.metadata["description"],
-                getter=_getter(owner, entry.name, place),
-                setter=_setter(owner, entry.name, place),
-            )
-        )
-
-
-def _getter(owner: Any, name: str, place: int | None) -> Any:
-    return lambda: getattr(owner, name) if place is None else getattr(owner, name)[place]
-
-
-def _setter(owner: Any, name: str, place: int | None) -> Any:
-    def store(value: Any) -> None:
-        if place is not None:
-            numbers = getattr(owner, name)
-            value = (*numbers[:place], value, *numbers[place + 1 :])
-        setattr(owner, name, value)
-
-    return store
-
-
-def problem(right: bool, sentence: str, wrong: bool = False) -> tuple[bool, str]:
-    """Whether something is wrong by now, and the sentence if it is this; the native form asks at run time."""
-    if right:
-        return wrong, ""
-    return True, f"; {sentence}" if wrong else sentence
 
 
 def limits_kept(parameters: Any) -> tuple[bool, str]:
@@ -163,40 +120,17 @@ def refuse(slave: Any, wrong: bool, text: str) -> None:
         raise ValueError(f"{slave.instance_name}: {text}")
 
 
-def sample_due(slave: Any, current_time: float, step_size: float) -> bool:
+def inputs_due(slave: Any, current_time: float, step_size: float) -> bool:
     """Whether a sample is due at the end of the step.
 
     Raises: ValueError, which the FMI layer logs and turns into a status, if the step leaves out a sample or
         an input is not finite when it is sampled.
     """
-    p, s = slave.parameters, slave.state
-    end = current_time + step_size
-    elapsed = end - s.start_time
-    index = round(elapsed / p.sample_period)
-    on_grid = abs(elapsed - index * p.sample_period) <= GRID_TOLERANCE * p.sample_period
-    reached = index if on_grid else math.floor(elapsed / p.sample_period)
-    if reached <= s.samples:
+    if not sample_due(slave, current_time, step_size):
         return False
-    if not on_grid or reached > s.samples + 1:
-        due = s.start_time + (s.samples + 1) * p.sample_period
-        raise ValueError(
-            f"{slave.instance_name}: the step from {current_time:.9g} s to {end:.9g} s passes over the "
-            f"sample at {due:.9g} s; steps have to end at every multiple of sample_period, "
-            f"{p.sample_period:.9g} s: take a step size that divides it, or set sample_period to the "
-            "step size"
-        )
-    for name, place in INPUTS.items():
-        _require_finite(slave, name, UNITS[place], end)
+    for name in INPUTS:
+        require_finite(slave, name, getattr(slave, name), current_time + step_size)
     return True
-
-
-def _require_finite(slave: Any, name: str, unit: str, time: float) -> None:
-    value = getattr(slave, name)
-    if not math.isfinite(value):
-        raise ValueError(
-            f"{slave.instance_name}: input {name} is {value!r} {unit} at {time:.9g} s; a finite number is "
-            "needed. Look at what is connected to it"
-        )
 
 
 def sampled(slave: Any) -> Inputs:
