@@ -102,7 +102,7 @@ class ArmInverse(Fmi2Slave):
         parts = arm(geometry, found.joints)
         at_wrist = wrist_velocity(parts, place, velocity, angular)
         rail_rate = self.rail_share * velocity[0]
-        return found, joint_rates(geometry, parts, found.joints, rail_rate, at_wrist, angular)
+        return found, joint_rates(parts, found.joints, rail_rate, at_wrist, angular)
 
     def exit_initialization_mode(self) -> None:
         """Check parameters and the first command. Raises: ValueError with all that is wrong."""

@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from shared.arm import TURN, Arm, Geometry, Joints
-from shared.space import TINY, Quaternion, Vector, add, dot, mix, subtract, turned
+from shared.space import TINY, Quaternion, Vector, add, cross, dot, mix, subtract, turned
 
 
 class Solution(NamedTuple):
@@ -134,13 +134,10 @@ def inverse(
     return best
 
 
-def joint_rates(
-    geometry: Geometry, parts: Arm, joints: Joints, rail_rate: float, velocity: Vector, angular: Vector
-) -> Joints:
+def joint_rates(parts: Arm, joints: Joints, rail_rate: float, velocity: Vector, angular: Vector) -> Joints:
     """Rates of the joints for a twist of the flange; exact but at a singularity.
 
     Args:
-        geometry: lengths [m].
         parts: of the arm at `joints`.
         joints: rail [m] and A1 to A6 [rad].
         rail_rate: of the rail [m/s].
@@ -170,6 +167,4 @@ def joint_rates(
 
 def wrist_velocity(parts: Arm, point: Vector, velocity: Vector, angular: Vector) -> Vector:
     """Velocity of the wrist's centre [m/s] from that of another point of the flange, in the base frame."""
-    x, y, z = subtract(parts.wrist, point)
-    a, b, c = angular
-    return add(velocity, (b * z - c * y, c * x - a * z, a * y - b * x))
+    return add(velocity, cross(angular, subtract(parts.wrist, point)))

@@ -48,7 +48,7 @@ def any_law(model: RigModel, fitter: Fitter, fit: Fit, weights: Sequence[Array],
     size = np.sqrt(sum(np.sum(one**2, axis=1) for one in shapes) / acts)
     columns = np.concatenate([one * weights[2 * run + 1] for run, one in zip(runs, shapes, strict=True)], 1).T
     columns = columns[:, size > 0.0] / size[size > 0.0]
-    square, product = fitter.products(fit.residuals, columns, rows)
+    square, product = fitter.marginal.products(fit.residuals, columns, rows)
     spread, turn = np.linalg.eigh(square)
     spread, along = np.maximum(spread, 0.0), turn.T @ product
     told = []

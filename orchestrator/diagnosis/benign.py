@@ -121,7 +121,7 @@ class Weighing:
 
         Args:
             further: columns as those of `search.roughness`; scattered: such as are looked at by themselves,
-                too, see `Fitter.strayed`.
+                too, see `Marginal.strayed`.
         """
         columns = [self.roughness(), *(one for one in (further, scattered) if one is not None)]
         apart = 0 if scattered is None else scattered.shape[1]

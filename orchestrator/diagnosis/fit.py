@@ -11,24 +11,20 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from .effect import Effect, Parameter, Seen
-from .misfit import louder
+from .marginal import Marginal
 from .study import Array
 
-__all__ = ["Base", "Fit", "Fitter", "Replay", "inflation"]
+__all__ = ["Base", "Fit", "Fitter", "Replay"]
 
 _MAX_ITERATIONS = 30
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
 _RUNAWAY = 1e60
 # Differences that move the residuals by more standard deviations tell of another place, not of a derivative.
 _FAR = 20.0
-# Autocorrelation is summed up to so many of the times that the sum gives.
-_WINDOW = 6.0
 # Bases whose costs differ by less are much the same place: effects are screened from the better one alone.
 _ALIKE = 60.0
 # Steps after which derivatives that only followed the steps are taken anew.
 _STALE = 5
-# Directions of roughness that stray by less, in standard deviations of a sample, are left out.
-_SPREAD = 0.1
 # A fit has converged when the cost falls by less.
 _CONVERGED = 0.3
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
@@ -70,33 +66,6 @@ class Fit:
         return -0.5 * self.cost - 0.5 * self.log_determinant
 
 
-def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
-    """By which squared residuals overstate what they tell, since neighbours resemble each other.
-
-    The integrated autocorrelation time, 1 + 2 sum rho(k), summed up to a lag of six times the sum (Sokal's
-    window), each channel by itself, times the mean square where that is larger than
-    one; the channels' mean, by their sums of squares. For white residuals of the specified noise it is one.
-
-    Args:
-        residuals: of the best fit, normalised, per run and channel, as `Fit.residuals`.
-        longest: lag that is looked at.
-    """
-    weighted = total = 0.0
-    for r in residuals:
-        square = float(r @ r)
-        if len(r) < 16 or square == 0.0:
-            continue
-        size = 1 << (2 * len(r) - 1).bit_length()
-        spectrum = np.abs(np.fft.rfft(r, size)) ** 2
-        rho = np.fft.irfft(spectrum, size)[: min(longest, len(r) // 4) + 1]
-        times = 2.0 * np.cumsum(rho / rho[0]) - 1.0
-        enough = np.flatnonzero(np.arange(len(times)) >= _WINDOW * times)
-        time = float(times[enough[0]] if enough.size else times[-1])
-        weighted += square * max(time, 1.0) * max(square / len(r), 1.0)
-        total += square
-    return weighted / total if total > 0.0 else 1.0
-
-
 class Base(NamedTuple):
     """A point about which effects are screened.
 
@@ -134,31 +103,17 @@ class Fitter:
     """Fits effects to replays.
 
     Args:
-        inflation: by which squared residuals are divided: autocorrelated residuals, and what no model holds,
-            carry less information than their number.
-        roughness: directions of stacked residuals in which every rig strays a little, scaled to one standard
-            deviation, shape (residuals, k); they are marginalised in every fit.
-        apart: how many of them, at the end, are looked at by themselves, too: see `strayed`.
+        inflation, roughness, apart: as those of `marginal.Marginal`.
+
+    Attributes:
+        marginal: by which residuals are weighed.
     """
 
     def __init__(
         self, replay: Replay, inflation: float = 1.0, roughness: Array | None = None, apart: int = 0
     ) -> None:
         self.replay = replay
-        self.inflation = inflation
-        self._shrink: tuple[Array, Array] | None = None
-        self._apart: Array | None = None
-        if roughness is not None and roughness.size:
-            # Singular vectors, by the columns' products, which are few; those of no spread change nothing.
-            square, turn = np.linalg.eigh(roughness.T @ roughness / inflation)
-            kept = square > _SPREAD**2
-            spread = np.sqrt(square[kept])
-            directions = np.ascontiguousarray(roughness @ (turn[:, kept] / (spread * math.sqrt(inflation))))
-            # (1 + C C')^(-1/2) r, which is r but along the directions.
-            self._shrink = directions, 1.0 / np.sqrt(1.0 + spread**2) - 1.0
-            if apart:
-                own = self._whitened(roughness[:, roughness.shape[1] - apart :] / math.sqrt(inflation))
-                self._apart = own / np.linalg.norm(own, axis=0)
+        self.marginal = Marginal(inflation, roughness, apart)
         self._names = tuple(replay.tolerances)
         self._centre = np.array([one[0] for one in replay.tolerances.values()])
         self._tolerance = np.array([one[1] for one in replay.tolerances.values()])
@@ -209,67 +164,17 @@ class Fitter:
 
     def stacked(self, effects: tuple[Effect, ...], z: Array) -> Array:
         """All residuals in a row, inflation and roughness accounted for."""
-        return self._whitened(np.concatenate(self.residuals(effects, z)) / math.sqrt(self.inflation))
-
-    def _whitened(self, r: Array) -> Array:
-        """Residuals, or columns of such, over noise and roughness."""
-        if self._shrink is None or not np.isfinite(r).all():
-            return r
-        directions, shrink = self._shrink
-        return r + directions @ (shrink * (directions.T @ r).T).T
+        return self.marginal.stacked(self.residuals(effects, z))
 
     def log_evidence(self, fit: Fit, inflation: Sequence[float]) -> float:
         """Log evidence of a fit where the squares of residuals are inflated, per run and channel [nats].
 
         See `Fit.log_evidence`; the fit itself is taken as it is.
         """
-        r = self._whitened(np.concatenate(fit.residuals) / math.sqrt(self.inflation))
+        r = self.marginal.stacked(fit.residuals)
         parts = np.split(r, np.cumsum([len(one) for one in fit.residuals])[:-1])
         square = sum(float(one @ one) / by for one, by in zip(parts, inflation, strict=True))
         return -0.5 * (square + fit.cost - fit.chi2) - 0.5 * fit.log_determinant
-
-    def left(self, residuals: Iterable[Array]) -> list[Array]:
-        """Residuals less what roughness most probably makes of them."""
-        residuals = list(residuals)
-        if self._shrink is None:
-            return residuals
-        directions, shrink = self._shrink
-        r = np.concatenate(residuals)
-        r = r - directions @ ((1.0 - (1.0 + shrink) ** 2) * (directions.T @ r))
-        return np.split(r, np.cumsum([len(one) for one in residuals])[:-1])
-
-    def products(self, residuals: Iterable[Array], columns: Array, rows: Array) -> tuple[Array, Array]:
-        """Products of columns with each other and with residuals, over noise and roughness.
-
-        Args:
-            columns: of stacked residuals, those of `rows`, shape (rows, m); elsewhere they are zero.
-        Returns: of shapes (m, m) and (m,).
-        """
-        r = np.concatenate(list(residuals)) / math.sqrt(self.inflation)
-        square, product = columns.T @ columns, columns.T @ r[rows]
-        if self._shrink is None:
-            return square, product
-        directions, shrink = self._shrink
-        along, kept = directions[rows].T @ columns, (1.0 + shrink) ** 2 - 1.0
-        return square + along.T @ (kept[:, None] * along), product + along.T @ (kept * (directions.T @ r))
-
-    def strayed(self, residuals: Iterable[Array]) -> float:
-        """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].
-
-        Along each of its directions residuals have the variance that noise and roughness make together; see
-        `misfit.unexplained` for what a larger mean square tells. Some directions count by themselves, if that
-        tells more: among all of them they would drown.
-        """
-        if self._shrink is None:
-            return 0.0
-        directions, shrink = self._shrink
-        r = np.concatenate(list(residuals)) / math.sqrt(self.inflation)
-        sizes = (1.0 + shrink) * (directions.T @ r)
-        found = louder(len(sizes), float(np.mean(sizes**2)))
-        if self._apart is None:
-            return found
-        own = self._apart.T @ self._whitened(r)
-        return max(found, louder(len(own), float(np.mean(own**2))))
 
     def starts(self, effect: Effect) -> list[Array]:
         """Where fits of an effect begin, in normalised parameters."""

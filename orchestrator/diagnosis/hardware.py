@@ -15,8 +15,9 @@ from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import WHITE, Colour, whitened
 from .effect import Effect
-from .fit import Fit, Fitter, inflation
+from .fit import Fit, Fitter
 from .links import JITTER, PACKETS, Arrivals, arrivals, other_link, random_links, search_behind
+from .marginal import inflation
 from .misfit import unexplained
 from .model import RigModel
 from .remainder import KINDS, remains
@@ -95,11 +96,11 @@ def _weigh(
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
     scattered = scatter(model, sensor.fitter.replay, found.best)
     fitter = weighing.fitter(None, scattered)
-    left = fitter.left(found.best.residuals)
+    left = fitter.marginal.left(found.best.residuals)
     waved = waves(model, left, weighing.weights)
     if waved is not None:
         fitter = weighing.fitter(waved, scattered)
-        left = fitter.left(found.best.residuals)
+        left = fitter.marginal.left(found.best.residuals)
     chance = arrivals(model, found.best, left[0::2], lost is None and PACKETS not in without)
     if chance.apart and chance.losses is not None:
         losses = chance.losses
@@ -141,7 +142,7 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
     fitter = weighing.fitter()
     none = fitter.fit(())
     # A small wave that is there without any effect should not be taken for one in the search.
-    waved = waves(model, fitter.left(none.residuals), weights)
+    waved = waves(model, fitter.marginal.left(none.residuals), weights)
     force = _force(model, fitter, none)
     if _coloured(force) > 1.0:
         # It may be an effect that shows in flight, like the tool's inertia: then it goes as that is fitted.
@@ -166,7 +167,7 @@ def _coloured(force: Force) -> float:
 
 
 def _force(model: RigModel, fitter: Fitter, fit: Fit) -> Force:
-    return sensor_noise(model, fitter.left(fit.residuals)[1::2], touching(model, fit))
+    return sensor_noise(model, fitter.marginal.left(fit.residuals)[1::2], touching(model, fit))
 
 
 def _linked(
@@ -183,7 +184,7 @@ def _linked(
     Args:
         noises, colour: as those of `_answers`; without: ids that are not sought.
     """
-    left = fitter.left(found.best.residuals)
+    left = fitter.marginal.left(found.best.residuals)
     answers = _answers(weighing, fitter, found, noises, colour)
     links = random_links(weighing.model, found.none, chance, without)
     if not links:
@@ -199,7 +200,7 @@ def _linked(
     own = tuple(one for one in beside[0].effects if one != links[0].id)
     fit = alone.get(tuple(one for one in own if one not in {noise.id for noise in noises}))
     if fit is not None and own in gains:
-        rest = fitter.left(fit.residuals)[0::2]
+        rest = fitter.marginal.left(fit.residuals)[0::2]
         level = min(level, gains[own] + arrivals(weighing.model, fit, rest, False).log_evidence)
     raised, unforeseen = level - beside[0].gain, unexplained(chance.unforeseen)
     beside = [
@@ -207,7 +208,7 @@ def _linked(
         for one in beside
     ]
     answers = sorted([*answers, *beside, *other_link(beside, links)], key=lambda one: -one.gain)
-    left = behind.left(again.best.residuals) if again.best.effects else left
+    left = behind.marginal.left(again.best.residuals) if again.best.effects else left
     # Lost commands that keep a period are told apart from chance, or beside it, or within what is random.
     return _Told(answers, left, 0.0, chance.regular > 0.0)
 
@@ -249,7 +250,7 @@ def _answers(
         colour: small coloured noise of the force, see `Force`.
         always: effects of every model, which are among the noises.
     """
-    left = fitter.left(found.best.residuals)
+    left = fitter.marginal.left(found.best.residuals)
     by = [inflation(left[0::2]), inflation(left[1::2])] * (len(left) // 2)
     least = fitter.log_evidence(found.none, by)
     hidden = {one.id for one in always}

@@ -13,8 +13,9 @@ from scipy.ndimage import gaussian_filter1d
 from .answers import Answer
 from .benign import Weighing, Weighted
 from .effect import Effect
-from .fit import Fit, Fitter, inflation
+from .fit import Fit, Fitter
 from .losses import Losses, lost_commands
+from .marginal import inflation
 from .model import RigModel, ramp_lag
 from .search import Search, search
 from .stochastic import Noise, arrival_innovations, link_noise, random_arrival

@@ -58,7 +58,7 @@ def least(fitter: Fitter, about: Posterior, z: Array, places: Sequence[int]) -> 
     """
 
     def tried(at: Array) -> tuple[float, Array]:
-        r = np.concatenate(fitter.residuals(about.effects, at)) / sqrt(fitter.inflation)
+        r = np.concatenate(fitter.residuals(about.effects, at)) / sqrt(fitter.marginal.inflation)
         step = at - about.z
         with np.errstate(over="ignore", invalid="ignore"):
             cost = float(r @ r + step @ about.precision @ step)

@@ -34,13 +34,13 @@ def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, roughe
         colour: small coloured noise of the force, see `stochastic.Force`.
         rougher: whether what roughness takes up beyond what it does of rigs counts, too: it is not left.
     """
-    left = fitter.left(fit.residuals)
+    left = fitter.marginal.left(fit.residuals)
     forces = whitened(left[1::2], colour)
     told = unexplained(forces), in_contact(forces, touching(weighing.model, fit))
     law = any_law(weighing.model, fitter, fit, weighing.weights, colour)
     # What an effect only imitates bends the calibration, too. Without any that is for tolerances to tell.
     found = unexplained(left[0::2]) + max(*told, law) + (bent(fit) if fit.effects else 0.0)
-    return found + (max(fitter.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
+    return found + (max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
 
 
 def bent(fit: Fit) -> float:

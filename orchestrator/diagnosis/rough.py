@@ -48,7 +48,10 @@ def strayed(study: Study) -> Strayed:
     replay = Weighted(model, weights)
     none = Fitter(replay).fit(())
     # What is reckoned with besides is none of it: contacts that scatter, waves of the encoder.
-    further = [scatter(model, replay, none), waves(model, Fitter(replay).left(none.residuals), weights)]
+    further = [
+        scatter(model, replay, none),
+        waves(model, Fitter(replay).marginal.left(none.residuals), weights),
+    ]
     fitter = Fitter(replay, 1.0, np.hstack([one for one in further if one is not None]))
     base = fitter.base((), fitter.fit(()).z)
     found = directions(fitter, of_hardware(), base.z)

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numba import njit
 
-from .effect import Effect
+from .effect import Context, Effect
 from .model import Laws, apply_changes, begin_state, nominal_parameters
-from .rig import control, move_body
+from .rig import State, control, move_body
 from .study import Array, Run, Study
 
 __all__ = ["ControllerReplay", "DynamicsReplay", "resolution"]
@@ -24,13 +24,21 @@ def resolution(values: Array) -> float:
     return 1e-15
 
 
+# As machine code takes them.
+_AT, _SPEED, _NUMBER, _OF_MASS = map(int, (Context.POSITION, Context.VELOCITY, Context.TICK, Context.MASS))
+_KNOWN = len(Context)
+_DESIRED, _DESIRED_SPEED, _OUT, _ESTIMATE = map(
+    int, (State.DESIRED_POSITION, State.DESIRED_VELOCITY, State.COMPENSATED_FORCE, State.STIFFNESS)
+)
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def _bodies(force, position, velocity, mass, tick, laws, memory, theta, out):
     """Mean force on the satellite over each tick, laws included, from logged force and motion."""
-    known = np.zeros(16)
-    known[11] = mass
+    known = np.zeros(_KNOWN)
+    known[_OF_MASS] = mass
     for n in range(out.shape[0]):
-        known[0], known[1], known[10] = position[n], velocity[n], n
+        known[_AT], known[_SPEED], known[_NUMBER] = position[n], velocity[n], n
         out[n] = move_body(laws, n * tick, tick, force[n], known, memory, theta)
 
 
@@ -98,9 +106,9 @@ class DynamicsReplay:
 def _controls(p, state, force, position, desired, rate, out):
     """Compensated force and stiffness estimate at each tick, from logged inputs."""
     for n in range(force.shape[0]):
-        state[3], state[4] = desired[n], rate[n]
+        state[_DESIRED], state[_DESIRED_SPEED] = desired[n], rate[n]
         control(p, state, force[n], position[n])
-        out[0, n], out[1, n] = state[16], state[9]
+        out[0, n], out[1, n] = state[_OUT], state[_ESTIMATE]
 
 
 class ControllerReplay:

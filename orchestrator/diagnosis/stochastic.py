@@ -49,6 +49,12 @@ _DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
 STRAYS = (0.0, 0.15, 0.3, 0.6, 1.2)
 SLOW = 2.0 * math.pi * 20.0
 
+# Where machine code finds what it needs of the rig's numbers.
+_OMEGA, _XI, _TAU, _TICK = map(
+    int,
+    (Calibrated.NATURAL_FREQUENCY, Calibrated.DAMPING_RATIO, Calibrated.RESPONSE_DELAY, Calibrated.TICK),
+)
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -180,13 +186,13 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
         commands: sent, shape (HISTORY + n,), as `run_rig` takes them; encoder: shape (n,) [m].
     """
     np.random.seed(seed)
-    h = p[12]
+    h = p[_TICK]
     subs = 5
     dt = h / subs
-    e11, e12, e21, e22, _, _ = _transition(p[0], p[1], dt)
+    e11, e12, e21, e22, _, _ = _transition(p[_OMEGA], p[_XI], dt)
     n = encoder.shape[0]
     # As many commands as a late one may be behind.
-    most = p[2] + (amount if kind == 1 else 0.0)
+    most = p[_TAU] + (amount if kind == 1 else 0.0)
     depth = min(max(16, math.ceil(most / h) + 2), HISTORY)
     x, v = np.empty(particles), np.empty(particles)
     received = np.empty((particles, depth))
@@ -206,7 +212,7 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
                 received[one, back] = received[one, back + 1]
             lost = kind == 0 and np.random.random() < amount
             received[one, depth - 1] = last if lost else commands[HISTORY + i]
-            tau = p[2] + (amount * np.random.random() if kind == 1 else 0.0)
+            tau = p[_TAU] + (amount * np.random.random() if kind == 1 else 0.0)
             for sub in range(subs):
                 since = (sub + 1) * dt - tau
                 ticks = math.floor(since / h)

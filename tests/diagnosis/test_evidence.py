@@ -179,10 +179,10 @@ def test_roughness_that_takes_up_too_much_is_told():
     ends = np.cumsum([len(one) for one in r])[:-1]
     white = rng.standard_normal(size)
     usual, large = (np.split(white + columns @ (by * rng.standard_normal(6)), ends) for by in (1.0, 30.0))
-    assert fitter.strayed(usual) < 5.0 and fitter.strayed(large) > 500.0
+    assert fitter.marginal.strayed(usual) < 5.0 and fitter.marginal.strayed(large) > 500.0
     # Nothing of it shows in what is left.
-    assert unexplained(fitter.left(large)) < 10.0
-    assert plain.strayed(large) == 0.0
+    assert unexplained(fitter.marginal.left(large)) < 10.0
+    assert plain.marginal.strayed(large) == 0.0
 
 
 def test_effects_too_small_to_be_seen_are_answers():

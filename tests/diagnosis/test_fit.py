@@ -9,7 +9,8 @@ import pytest
 
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose as propose_steps
-from orchestrator.diagnosis.fit import Fitter, inflation
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.marginal import inflation
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.rig import HISTORY
 from orchestrator.diagnosis.search import roughness

@@ -147,7 +147,7 @@ def test_a_small_law_that_no_catalogue_holds_is_seen_along_its_shapes():
         beside = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 100.0))
         # The noise is white: a colour that hardly explains more does not hide the law.
         instead = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 1.0))
-        drowned = in_contact(fitter.left(fit.residuals)[1::2], touching(model, fit))
+        drowned = in_contact(fitter.marginal.left(fit.residuals)[1::2], touching(model, fit))
         assert beside <= laws[name]
         if name == "hysteresis":
             assert laws[name] > 2.0 * drowned

@@ -57,7 +57,7 @@ def losses_of(name, size):
     own, values = hiding(name, size)
     model, fitter = fitter_of(own)
     fit = fitter.fit(())
-    left = fitter.left(fit.residuals)[0::2]
+    left = fitter.marginal.left(fit.residuals)[0::2]
     return lost_commands(model, fit, left), random_arrival(model, fit, left)[0], values
 
 
