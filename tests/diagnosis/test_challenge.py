@@ -359,10 +359,12 @@ def say_none(case, out):
 
 
 def fail(case, out):
-    """Fails in the second case."""
+    """Fails in the second case; what it writes for the third is no verdict."""
     if case.name == "case-0002":
         raise ValueError("no contact in train-1")
     say_none(case, out)
+    if case.name == "case-0003":
+        (out / "diagnosis.json").write_text('{"verdict": {"effects": []}}')
 
 
 def test_from_the_command_line(made, challenge, tmp_path, capsys):
@@ -371,12 +373,14 @@ def test_from_the_command_line(made, challenge, tmp_path, capsys):
     own = f"{__name__}:"
     assert main(["challenge", "run", *arguments, "--jobs", "1", "--by", own + "fail"]) == 1
     told = capsys.readouterr()
-    assert "3 cases diagnosed" in told.out
+    assert "2 cases diagnosed" in told.out
     assert "case-0002: ValueError: no contact in train-1" in told.err
+    assert "wrote no verdict, kept as refused.json" in told.err and "'places' is missing" in told.err
+    assert (out / "case-0003" / "refused.json").is_file()
     assert main(["challenge", "score", *arguments]) == 2
-    assert "1 of 4 verdicts are missing: case-0002" in capsys.readouterr().err
+    assert "2 of 4 verdicts are missing: case-0002, case-0003" in capsys.readouterr().err
     assert main(["challenge", "run", *arguments, "--jobs", "1", "--by", own + "say_none"]) == 0
-    assert "1 case diagnosed" in capsys.readouterr().out
+    assert "2 cases diagnosed" in capsys.readouterr().out
     assert main(["challenge", "score", *arguments]) == 0
     told = capsys.readouterr().out
     assert "false alarms (nothing hidden)       0.000 (0/1)" in told and "NOT blind" not in told

@@ -8,10 +8,12 @@ from pathlib import Path
 
 from ...errors import ConfigError, Problem
 from ...workers import Work, pool_of
+from .verdict import read_verdict
 
 __all__ = ["OURS", "diagnose_all"]
 
 OURS = "orchestrator.diagnosis.challenge.run:ours"
+_REFUSED = "refused.json"
 
 
 def ours(case: Path, out: Path) -> None:
@@ -70,8 +72,15 @@ def _one(context: tuple[Path, str], case: Path) -> str:
         _function(by)(case, verdicts / case.name)
     except Exception as error:  # whatever a diagnosis raises: the other cases go on
         return f"{type(error).__name__}: {error}"
-    if not (verdicts / case.name / "diagnosis.json").is_file():
+    path = verdicts / case.name / "diagnosis.json"
+    if not path.is_file():
         return f"{by} wrote no diagnosis.json"
+    try:
+        read_verdict(path)
+    except ConfigError as error:
+        # Kept for who wrote it, but no verdict: the next run diagnoses the case again.
+        path.replace(path.with_name(_REFUSED))
+        return f"{by} wrote no verdict, kept as {_REFUSED}: {error}"
     return ""
 
 
