@@ -11,6 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from .answers import Answer
+from .arrival import arrival_innovations, link_noise, random_arrival
 from .benign import Weighing, Weighted
 from .effect import Effect
 from .fit import Fit, Fitter
@@ -18,7 +19,7 @@ from .losses import Losses, lost_commands
 from .marginal import inflation
 from .model import RigModel, ramp_lag
 from .search import Search, search
-from .stochastic import Noise, arrival_innovations, link_noise, random_arrival
+from .stochastic import Noise
 from .study import Array
 
 __all__ = ["JITTER", "PACKETS", "Arrivals", "arrivals", "other_link", "random_links", "search_behind"]

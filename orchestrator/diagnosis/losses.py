@@ -10,11 +10,11 @@ import numpy as np
 from numba import njit
 from scipy.special import logsumexp, ndtr
 
+from .arrival import SLOW, STRAYS
 from .fit import Fit
 from .model import RigModel
 from .rig import HISTORY, Calibrated
 from .servo import pulse_response
-from .stochastic import SLOW, STRAYS
 from .study import Array
 
 __all__ = ["Losses", "lost_commands"]

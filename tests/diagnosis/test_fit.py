@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from orchestrator.diagnosis.arrival import random_arrival
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose as propose_steps
 from orchestrator.diagnosis.fit import Fitter
@@ -15,7 +16,6 @@ from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.rig import HISTORY
 from orchestrator.diagnosis.search import roughness
 from orchestrator.diagnosis.software import DynamicsReplay
-from orchestrator.diagnosis.stochastic import random_arrival
 from tests.diagnosis.labs import lab
 from tests.diagnosis.rigs import NOMINAL
 
