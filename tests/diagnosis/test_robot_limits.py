@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from orchestrator.diagnosis.arrival import random_arrival
 from orchestrator.diagnosis.benign import Weighing
 from orchestrator.diagnosis.calibration import calibration
 from orchestrator.diagnosis.catalogue import catalogue
@@ -16,7 +17,6 @@ from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_case, simulated_study
 from orchestrator.diagnosis.search import search
-from orchestrator.diagnosis.stochastic import random_arrival
 from orchestrator.diagnosis.study import Role
 
 _RIVALS = ("robot.bandwidth", "robot.damping", "robot.delay", "link.clock-skew", "robot.friction")
