@@ -70,18 +70,19 @@ def _together(problems: list[Problem]) -> list[Problem]:
 
 
 def _alike(problems: list[Problem]) -> list[Problem]:
-    """What is wrong alike in the same column of several runs, once."""
+    """The one mistake that mends everything, told once where it is the same in several runs."""
     kinds: dict[tuple[str, str], list[Problem]] = {}
     for one in problems:
         run, _, column = one.place.partition(": ")
         kinds.setdefault((column or run, one.remedy), []).append(one)
-    return [
-        replace(same[0], what=f"{same[0].what}; the same in {len(same) - 1} more runs")
-        if len(same) > 1 and same[0].remedy.startswith("All fits")
-        else one
-        for same in kinds.values()
-        for one in (same[:1] if same[0].remedy.startswith("All fits") else same)
-    ]
+    found: list[Problem] = []
+    for same in kinds.values():
+        if len(same) > 1 and same[0].remedy.startswith("All fits"):
+            more = f"{same[0].what}; the same in {len(same) - 1} more runs"
+            found.append(replace(same[0], what=more))
+        else:
+            found += same
+    return found
 
 
 def _twice(study: Study) -> list[Problem]:

@@ -135,9 +135,7 @@ def columns_of(
             problems.append(
                 Problem(f"{path}: {name}", f"no column {one.column}", listed(log), nearest(one.column, log))
             )
-    if len(problems) > before:
-        return None
-    chosen = {name: log[one.column] for name, one in mapping.items()}
+    chosen = {name: log[one.column] for name, one in mapping.items() if one.column in log}
     scaled = {
         name: _scaled(name, chosen[name], mapping[name], signals[name], path, problems) for name in chosen
     }
