@@ -169,10 +169,11 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
     Returns: its log evidence over none, of its deviations and slow errors the mean [nats]; and the best of
         the deviations of the arrival [s].
     """
+    servos = _servos(model, fit)
     found = np.zeros((1 + len(_DEVIATIONS), len(STRAYS)))
     for row, deviation in enumerate((0.0, *_DEVIATIONS)):
         for column, slow in enumerate(STRAYS):
-            found[row, column], _ = _arriving(model, fit, left, deviation, slow)
+            found[row, column], _ = _arriving(model, servos, left, deviation, slow)
     weighed = logsumexp(found, axis=1)
     evidence = float(logsumexp(weighed[1:]) - math.log(len(_DEVIATIONS)) - weighed[0])
     top = min(max(int(np.argmax(weighed[1:])), 1), len(_DEVIATIONS) - 2) + 1
@@ -187,25 +188,39 @@ def arrival_innovations(model: RigModel, fit: Fit, left: Sequence[Array], deviat
 
     Arguments as those of `random_arrival`. It is white where that is what the encoder strays by.
     """
-    return max((_arriving(model, fit, left, deviation, slow) for slow in STRAYS), key=lambda one: one[0])[1]
+    servos = _servos(model, fit)
+    weighed = [_arriving(model, servos, left, deviation, slow) for slow in STRAYS]
+    return max(weighed, key=lambda one: one[0])[1]
+
+
+def _servos(model: RigModel, fit: Fit) -> list[tuple[float, float, float]]:
+    """Natural frequency [rad/s], damping ratio and delay [s] of the servo as fitted, by run."""
+    found = []
+    for index in range(len(model.runs)):
+        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
+        delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
+        found.append((p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO], delay))
+    return found
 
 
 def _arriving(
-    model: RigModel, fit: Fit, left: Sequence[Array], deviation: float, slow: float
+    model: RigModel,
+    servos: Sequence[tuple[float, float, float]],
+    left: Sequence[Array],
+    deviation: float,
+    slow: float,
 ) -> tuple[float, list[Array]]:
     """Log likelihood of the encoder where commands arrive with a deviation [s], beside a slow error.
 
-    Arguments as those of `random_arrival`; slow: deviation of the error, in the encoder's noise.
+    Arguments as those of `random_arrival`; servos: see `_servos`; slow: deviation of the error, in the
+    encoder's noise.
 
     Returns: it, and the normalised innovations by run.
     """
     noise, tick = model.noise[0], model.study.tick
     total, found = 0.0, []
-    for index, r in enumerate(left):
-        p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
-        omega, xi = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO]
-        delay = max(float(p[Calibrated.RESPONSE_DELAY]), 0.0)
-        innovations, sent = np.empty(len(r)), model.commands[index]
+    for r, sent, (omega, xi, delay) in zip(left, model.commands, servos, strict=True):
+        innovations = np.empty(len(r))
         total += _kicked(
             noise * r, sent, deviation, noise * slow, omega, xi, delay, tick, noise, innovations
         )  # fmt: skip

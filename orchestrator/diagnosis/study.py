@@ -159,7 +159,7 @@ def load_study(folder: Path) -> Study:
         got = data.get("format")
         allowed = listed((*_FORMATS, "port-study/1"))
         raise ConfigError([Problem(f"{path}: format", f"got {got!r}", allowed)])
-    _known(data, (*_KEYS, *(("columns",) if data["format"] == _FORMATS[1] else ())), str(path), problems)
+    _known(data, (*_KEYS, *(("columns",) if data["format"] == _FORMATS[1] else ())), f"{path}: ", problems)
     tick = data.get("tick")
     if not isinstance(tick, int | float) or not 0 < tick < math.inf:
         problems.append(Problem(f"{path}: tick", f"got {tick!r}", "a positive number of seconds"))
@@ -204,10 +204,9 @@ def _experiments(data: Any, place: str, problems: list[Problem]) -> tuple[dict[s
             problems.append(Problem(where, "needs a name", listed(allowed)))
             continue
         made: dict[str, Any] = {"name": entry["name"], "description": str(entry.get("description", ""))}
+        _known(entry, allowed, f"{where}.", problems)
         for key, value in entry.items():
-            if key not in allowed:
-                problems.append(Problem(f"{where}.{key}", "unknown", listed(allowed), nearest(key, allowed)))
-            elif key in _EXPERIMENT:
+            if key in _EXPERIMENT:
                 unit = _EXPERIMENT[key]
                 size = quantity(key, Measure(unit, parse_unit(unit)), value, f"{where}.{key}")
                 if isinstance(size, Problem):
@@ -223,9 +222,9 @@ def _experiments(data: Any, place: str, problems: list[Problem]) -> tuple[dict[s
 
 
 def _known(data: Mapping[Any, Any], allowed: Sequence[str], place: str, problems: list[Problem]) -> None:
-    """Refuse keys that mean nothing: most are misspelt."""
+    """Refuse keys that mean nothing, most of them misspelt; place ends with what stands before a key."""
     problems += [
-        Problem(f"{place}: {key}", "unknown", listed(allowed), nearest(str(key), allowed))
+        Problem(f"{place}{key}", "unknown", listed(allowed), nearest(str(key), allowed))
         for key in data
         if key not in allowed
     ]
@@ -236,15 +235,15 @@ def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nomina
     if not isinstance(data, dict):
         problems.append(Problem(f"{path}: nominal", f"got {data!r}", f"entries for {listed(tuple(UNITS))}"))
         return found
+    _known(data, tuple(UNITS), f"{path}: nominal.", problems)
     for name, entry in data.items():
         place = f"{path}: nominal.{name}"
         if name not in UNITS:
-            problems.append(Problem(place, "unknown", listed(tuple(UNITS)), nearest(str(name), tuple(UNITS))))
             continue
         if not isinstance(entry, dict) or not {"value", "unit"} <= set(entry):
             problems.append(Problem(place, f"got {entry!r}", f"value and unit (as {UNITS[name]}), tolerance"))
             continue
-        _known(entry, _NOMINAL_KEYS, place, problems)
+        _known(entry, _NOMINAL_KEYS, f"{place}: ", problems)
         try:
             if str(entry["unit"]) == "Hz" and UNITS[name] == "rad/s":
                 factor = 2.0 * np.pi  # frequencies of oscillations and filters, which turn once per period
@@ -290,7 +289,7 @@ def _run(
     if not isinstance(entry, dict):
         problems.append(Problem(place, f"got {entry!r}", listed(_RUN_KEYS)))
         return None
-    _known(entry, _RUN_KEYS, place, problems)
+    _known(entry, _RUN_KEYS, f"{place}: ", problems)
     problems += [
         Problem(place, f"{key} is missing", listed(_RUN_KEYS)) for key in _RUN_KEYS if key not in entry
     ]
