@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -93,6 +93,7 @@ class Weighing:
         effects: to weigh; roughness along them is marginalised.
         rough: see `Calibration.roughness`.
         weights: of the samples, by run and channel; a list, whose arrays are replaced as noise is found.
+        about: the model beside which roughness acts; the nominal one by default.
         known: the last roughness, by what it was found with: a weighing asks for it up to four times.
     """
 
@@ -100,6 +101,7 @@ class Weighing:
     effects: tuple[Effect, ...]
     rough: Mapping[str, Sequence[float]]
     weights: list[Array]
+    about: Fit | None = None
     known: dict[bytes, Array] = field(default_factory=dict, compare=False, repr=False)
 
     @staticmethod
@@ -113,8 +115,13 @@ class Weighing:
         key = b"".join(one.tobytes() for one in (*self.weights, *self.model.correction))
         if key not in self.known:
             self.known.clear()
-            self.known[key] = roughness(Fitter(Weighted(self.model, self.weights)), self.effects, self.rough)
+            replay = Weighted(self.model, self.weights)
+            self.known[key] = roughness(Fitter(replay), self.effects, self.rough, self.about)
         return self.known[key]
+
+    def beside(self, about: Fit) -> Weighing:
+        """The same with roughness as it shows beside a model's effects, of the same samples."""
+        return replace(self, about=about, known={})
 
     def fitter(self, further: Array | None = None, scattered: Array | None = None) -> Fitter:
         """A fitter in which roughness along effects, and in further directions, is marginalised.

@@ -53,7 +53,7 @@ _NUMBERS = tuple(
     if name not in ("sure", "surely", "unseen", "leaves", "roughness")
 )
 # Where the learning of `Calibration.form` begins.
-_FORM = 1e-3
+_FORM = 1.0
 # Sets of answers hold no more of the probability.
 _SUREST, _FOLDS = 0.995, 5
 # Magnitude below which hardly any effect is seen.

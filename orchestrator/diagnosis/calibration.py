@@ -69,9 +69,9 @@ class Table:
 class Calibration:
     """How log evidences become probabilities.
 
-    The score of an answer is its log evidence over T = temperature + growth b^`power` + form b, b the best
-    log evidence but for what is random in it, in the last term no more than a million: a real effect's form
-    is not quite the catalogue's, and what another effect mends of that grows with the first one. Effects that
+    The score of an answer is its log evidence over T = temperature + growth b^`power` + form w, b the best
+    log evidence but for what is random in it, w what that answer usually leaves (see `usual`) beyond one nat:
+    a real effect's form is not quite the catalogue's, and what another effect mends of that is no evidence. Effects that
     the logs speak for have a price: the first of them `first`, the second `second`, each further one
     `further`. One that is too small to be seen costs `hidden`, beside another one `beside`, as a third
     `further`, and more the seldomer it stays unseen. Something outside the catalogue scores what the best
@@ -176,7 +176,7 @@ class Calibration:
         of = answers if isinstance(answers, Table) else self.table(answers)
         at = np.argmax(of.gain, -1, keepdims=True)
         best = np.maximum(np.take_along_axis(of.formed, at, -1), 0.0)
-        form = self.form * np.minimum(best, _RUNAWAY)
+        form = self.form * (np.take_along_axis(of.usual, at, -1) - 1.0)
         scores = of.gain / (self.temperature + self.growth * best**self.power + form)
         prices = self.price(of.seen, of.unseen, of.rarity)
         priced = np.where(of.unseen > 0, -np.inf, scores - prices)
@@ -212,7 +212,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/9", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/10", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

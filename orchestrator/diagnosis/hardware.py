@@ -29,12 +29,16 @@ __all__ = ["weigh_rig"]
 
 # How many fits become answers, and log evidence below which a noise may be chance [nats].
 _KEPT, _WEAK = 12, 40.0
-# Log evidence of a line, or of samples that stay put, from which the sensor is where it comes from [nats].
+# Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
+# [nats].
 _CLEAR = 20.0
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effect,
 # while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a delay, strays in
 # all numbers of its kind.
 _STRAYED, _DOUBTED = 2.0, 2.0
+# Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
+# them [nats].
+_STRONG, _MUCH = 1e3, 20.0
 # Not even wider tolerances make more strays than these ordinary.
 _ORDINARY = 3.0
 
@@ -92,7 +96,7 @@ def _weigh(
     """
     weighing = Weighing.of(model, [one for one in of_hardware() if one.id not in without], rough)
     sensor = _sensed(weighing, without)
-    found = search(sensor.fitter, weighing.effects)
+    weighing, found = _searched(weighing, sensor.fitter)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
     scattered = scatter(model, sensor.fitter.replay, found.best)
     fitter = weighing.fitter(None, scattered)
@@ -108,7 +112,7 @@ def _weigh(
         return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, told)
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
-    odd = min(sensor.force.line, last.line) + sensor.force.held
+    odd = min(sensor.force.line, last.line) + sensor.force.held + min(sensor.force.spiky, last.spiky)
     colour = last.colour if sensor.coloured == 1.0 else WHITE
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
@@ -134,6 +138,19 @@ def _weigh(
         misfit,
         doubtful,
     )
+
+
+def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Search]:
+    """Search with roughness as it shows beside the best fit, where that is strong and leaves much.
+
+    About the nominal rig it tells nothing of motions that only an effect leads to, as far deeper contacts.
+    """
+    found = search(fitter, weighing.effects)
+    left = fitter.marginal.left(found.best.residuals)
+    if found.gain(found.best) < _STRONG or unexplained(left) < _MUCH:
+        return weighing, found
+    weighing = weighing.beside(found.best)
+    return weighing, search(weighing.fitter(), weighing.effects)
 
 
 def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
@@ -277,6 +294,6 @@ def _subsets(noises: Sequence[Noise], always: tuple[Effect, ...]) -> list[tuple[
 def _place(left: Sequence[Array], odd: float, colour: Colour) -> str:
     """Where something outside the catalogue acts."""
     encoder, sensor = unexplained(left[0::2]), unexplained(whitened(left[1::2], colour))
-    if odd > _CLEAR and sensor > encoder:
+    if odd > _CLEAR and sensor + odd > encoder:
         return "sensor"
     return "robot" if encoder > sensor else "contact"

@@ -73,16 +73,21 @@ class Direction(NamedTuple):
 
 
 def roughness(
-    fitter: Fitter, effects: Sequence[Effect], sizes: Mapping[str, Sequence[float]] | None = None
+    fitter: Fitter,
+    effects: Sequence[Effect],
+    sizes: Mapping[str, Sequence[float]] | None = None,
+    about: Fit | None = None,
 ) -> Array:
     """Directions of the stacked residuals in which every rig strays a little, as effects would move them.
 
     Args:
         sizes: standard deviations, as shares of the effect's prior, one per start of its shape, by id.
+        about: of a model with other effects; by default, the nominal one.
     Returns: one column per effect and start, scaled to one standard deviation, shape (residuals, k).
     """
+    at, beside = (None, ()) if about is None else (about.z, about.effects)
     columns = []
-    for effect, place, many, column in directions(fitter, effects):
+    for effect, place, many, column in directions(fitter, effects, at, beside):
         own = (sizes or {}).get(effect.id, ())
         # An effect whose starts are others by now is taken to be as rough along each as before on average.
         usual = math.sqrt(sum(one**2 for one in own) / many) if own else _ROUGH / math.sqrt(many)
@@ -90,23 +95,26 @@ def roughness(
     return np.column_stack(columns) if columns else np.zeros((fitter.stacked((), fitter.nominal).size, 0))
 
 
-def directions(fitter: Fitter, effects: Sequence[Effect], at: Array | None = None) -> list[Direction]:
+def directions(
+    fitter: Fitter, effects: Sequence[Effect], at: Array | None = None, beside: tuple[Effect, ...] = ()
+) -> list[Direction]:
     """Derivatives of the stacked residuals by the sizes of effects, of which there are none yet.
 
     Effects whose size is no continuous parameter that vanishes at zero are left out.
 
     Args:
-        at: normalised calibration; the nominal one by default.
+        at: normalised parameters; the nominal calibration by default.
+        beside: effects that are there.
     """
     z = fitter.nominal if at is None else at
-    r = fitter.stacked((), z)
+    r = fitter.stacked(beside, z)
     found = []
     for effect in effects:
-        if effect.parameters[0].whole or effect.parameters[0].shape or effect.statistic:
+        if effect.parameters[0].whole or effect.parameters[0].shape or effect.statistic or effect in beside:
             continue
         shapes = sorted({tuple(one[1:]) for one in fitter.starts(effect)})
         for place, shape in enumerate(shapes):
-            column = (fitter.stacked((effect,), np.concatenate([z, [_MOVED], shape])) - r) / _MOVED
+            column = (fitter.stacked((*beside, effect), np.concatenate([z, [_MOVED], shape])) - r) / _MOVED
             if np.isfinite(column).all():
                 found.append(Direction(effect, place, len(shapes), column))
     return found

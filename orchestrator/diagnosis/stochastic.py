@@ -63,7 +63,8 @@ class Force:
     Attributes:
         noises: stochastic effects found.
         line: log evidence of a narrow-band line [nats]; held: of samples that repeat in contact more often
-            than out of it, as where the sensor saturates. Neither is an effect of the catalogue.
+            than out of it, as where the sensor saturates; spiky: of single samples that stand out, as no
+            normal noise has. None is an effect of the catalogue.
         repeats: which samples repeat the one before, by run.
         colour: small coloured noise that is no effect.
     """
@@ -73,6 +74,7 @@ class Force:
     held: float
     repeats: tuple[Array, ...]
     colour: Colour = WHITE
+    spiky: float = 0.0
 
 
 def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array]) -> Force:
@@ -133,7 +135,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         odd = uneven(parts, (_MEMORY, max(_MEMORY, round(1.0 / (1.0 - keep)))))
         found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
         return Force(tuple(found), 0.0, held, repeats)
-    return Force(tuple(found), 0.0, held, repeats, small)
+    return Force(tuple(found), 0.0, held, repeats, small, uneven(parts, (1,)))
 
 
 def _lattice(samples: Array, resolution: float) -> float:
