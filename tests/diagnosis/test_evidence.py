@@ -91,11 +91,11 @@ def test_the_evidence_of_noise_is_not_held_against_what_others_add():
     none = Answer((), 0.0, 3e3)
     noise = Answer(("a.noise",), 3000.0, 0.0, random=3000.0)
     both = Answer(("a.noise", "b.x"), 3020.0, 0.0, random=3000.0)
-    p = Calibration(form=0.002).probabilities([none, both, noise], 0.0)
+    p = Calibration(form=1.0).probabilities([none, both, noise], 0.0)
     assert p[1] > 0.9
     # Of a law another effect mends what its form lacks: there as much is nothing.
     laws = [replace(one, random=0.0) for one in (none, both, noise)]
-    assert Calibration(form=0.002).probabilities(laws, 0.0)[1] < 0.1
+    assert Calibration(form=1.0).probabilities(laws, 0.0)[1] < 0.1
 
 
 def test_a_wave_is_found_by_its_pitch():
