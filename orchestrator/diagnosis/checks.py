@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from ..errors import Problem
+from .channels import clipped, frozen
 from .consistency import check_columns
 from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
@@ -21,10 +22,6 @@ _FEWEST_ROWS = 100
 # squared correlation of force and acceleration from which they tell a mass.
 _FEWEST_OTHERS, _AGREE, _OFF, _FOLLOWS = 4, 2e-3, 0.02, 0.98
 _FEWEST_CONTACTS = 3
-# A value that stands still for so many rows, while the column moves elsewhere, is frozen.
-_FROZEN = 60
-# So many rows in succession at the highest or lowest value, and so many times as many as just below it.
-_PILED, _PILE = 8, 4
 _MOVING = ("desired_position", "desired_velocity", "encoder_position", "sensor_force", "compensated_force")
 
 
@@ -42,7 +39,7 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
             wrong = check_columns(study, run)
         refused += wrong
         if not wrong:
-            warned += _clipped(run) + _frozen(run)
+            warned += _stuck(run)
     warned = _together(warned)
     refused = _alike(refused)
     if not refused:
@@ -205,67 +202,16 @@ def _still(run: Run) -> list[Problem]:
     ]
 
 
-def _runs(values: Array) -> tuple[Array, Array]:
-    """First row and length of each stretch of equal values."""
-    firsts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
-    return firsts, np.diff(np.concatenate([firsts, [len(values)]]))
-
-
-def _left_by_jump(values: Array, firsts: Array, lengths: Array) -> Array:
-    """Whether the first value after each stretch is far away, as it is when a channel comes back to life."""
-    ends = firsts + lengths
-    after = values[np.minimum(ends, len(values) - 1)]
-    return np.abs(after - values[firsts]) > 10.0 * np.median(np.abs(np.diff(values)))
-
-
-def _clipped(run: Run) -> list[Problem]:
-    """Channels whose values pile up at an end of their range: the sensor's range, or the logger's."""
-    found = []
-    for name in ("encoder_position", "sensor_force"):
-        values = run[name]
-        firsts, lengths = _runs(values)
-        levels, counts = np.unique(values, return_counts=True)
-        for end, near in ((0, slice(1, 4)), (len(levels) - 1, slice(-4, -1))):
-            at = (values[firsts] == levels[end]) & ~_left_by_jump(values, firsts, lengths)
-            longest = int(lengths[at].max(initial=0))
-            if longest >= _PILED and counts[end] > _PILE * counts[near].max(initial=1):
-                row = int(firsts[at][lengths[at] >= _PILED][0])
-                found.append(
-                    _at(
-                        f"{run.name}: column {name}",
-                        row,
-                        values,
-                        f"clipped: {counts[end]} rows stand at exactly this value, the "
-                        f"{'lowest' if end == 0 else 'highest'}",
-                        "Raise the range of the channel; if this is the sensor's own, the verdict counts it "
-                        "as an effect.",
-                    )
-                )
-    return found
-
-
-def _frozen(run: Run) -> list[Problem]:
-    """Channels that stand still for a while, and nowhere else for nearly as long."""
+def _stuck(run: Run) -> list[Problem]:
+    """Channels that are clipped or frozen for a while."""
     found = []
     for name in _MOVING:
         values = run[name]
-        if name in ("sensor_force", "compensated_force") and np.median(np.abs(np.diff(values))) == 0.0:
-            continue  # coarse steps, or no noise: a force at rest is told by equal values
-        firsts, lengths = _runs(values)
-        order = np.argsort(lengths)[::-1]
-        longest, others = int(lengths[order[0]]), lengths[order[1:11]]
-        extreme = values[firsts[order[0]]] in (values.min(), values.max())
-        jumps = _left_by_jump(values, firsts, lengths)[order[0]]
-        if longest >= _FROZEN and longest > 5 * np.median(others) and (jumps or not extreme):
-            found.append(
-                _at(
-                    f"{run.name}: column {name}",
-                    int(firsts[order[0]]),
-                    values,
-                    f"frozen for {longest} rows",
-                    "The channel stopped; leave the run out, or log it again.",
-                )
-            )
+        stretches = clipped(values) if name in ("encoder_position", "sensor_force") else []
+        # Coarse steps, or no noise: a force at rest is told by equal values.
+        if "force" not in name or np.median(np.abs(np.diff(values))) != 0.0:
+            stretches += frozen(values)
+        found += [Problem(f"{run.name}: column {name}", one.what, remedy=one.remedy) for one in stretches]
     return found
 
 

@@ -17,11 +17,11 @@ from ..errors import Problem
 from .software import ControllerReplay, resolution
 from .study import Array, Run, Study
 
-__all__ = ["check_columns"]
+__all__ = ["FACTORS", "REMEDIES", "check_columns"]
 
 Columns = Mapping[str, Array]
 # What the unit of a column is taken for, by mistake, and the factor that this makes.
-_FACTORS = {
+FACTORS = {
     -1.0: "its sign is reversed",
     1e3: "it is 1000 times too large, as if logged in thousandths of its unit",
     1e-3: "it is 1000 times too small, as if logged in thousands of its unit",
@@ -30,7 +30,7 @@ _FACTORS = {
     39.37007874015748: "it is 39.37 times too large, as if logged in inches",
     0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
 }
-_REMEDIES = (
+REMEDIES = (
     "Correct the unit in its header, or give `unit` in a study file.",
     "Correct its values, or give `sign: -1` in a study file.",
 )
@@ -105,10 +105,10 @@ def _misstated(study: Study, run: Run) -> Iterator[tuple[tuple[str, str], Study,
 def _mistakes(study: Study, run: Run, suspects: list[str]) -> Iterator[tuple[tuple[str, str], Study, Run]]:
     """Single mistakes in the log as column and remedy, and the study and the run without them."""
     for name in suspects:
-        for factor, text in _FACTORS.items():
+        for factor, text in FACTORS.items():
             mended = {**run.columns, name: run[name] / factor}
             yield (
-                (f"column {name}", f"All fits if {text}. {_REMEDIES[factor < 0.0]}"),
+                (f"column {name}", f"All fits if {text}. {REMEDIES[factor < 0.0]}"),
                 study,
                 replace(run, columns=mended),
             )

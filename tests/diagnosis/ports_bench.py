@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,17 @@ STEP = 2e-3
 NOISE = {"drive.position": 2e-6, "controller.voltage": 5e-3}
 UNITS = {"path.position": "m", "drive.position": "m", "controller.voltage": "V"}
 LAWS = "orchestrator.diagnosis.ports.laws"
+
+
+@contextmanager
+def change_log(path: Path) -> Iterator[dict[str, np.ndarray]]:
+    """The columns of a log by their names, units left out; written back as they are in the end."""
+    header = path.read_text().partition("\n")[0].split(",")
+    names = [one.partition(" ")[0] for one in header]
+    columns = dict(zip(names, np.loadtxt(path, delimiter=",", skiprows=1).T.copy(), strict=True))
+    yield columns
+    rows = zip(*(columns[name].tolist() for name in names), strict=True)
+    path.write_text("\n".join([",".join(header), *(",".join(map(repr, row)) for row in rows)]) + "\n")
 
 
 def system(stroke: float, connections: Sequence[Any] = ()) -> dict[str, Any]:

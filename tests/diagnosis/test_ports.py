@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from ports_bench import friction, study
+from ports_bench import change_log, friction, study
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate
 from orchestrator.diagnosis.ports.candidates import candidates
+from orchestrator.diagnosis.ports.diagnose import diagnose_ports
+from orchestrator.diagnosis.ports.given import check_logs
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
 from orchestrator.diagnosis.ports.study import Role
@@ -235,7 +237,9 @@ def test_refused_runs_and_patterns(plain):
         candidates(found, measure(found, found.runs[0]))
     data["runs"][0]["rolle"] = "train"
     (plain / "key.yaml").write_text(yaml.safe_dump(data))
-    with pytest.raises(ConfigError, match=r"runs\.0\.rolle"):
+    with pytest.raises(
+        ConfigError, match=r"(?s)key\.yaml:\d+: runs\[0\]\.rolle: unknown key .*allowed: file, role"
+    ):
         load_port_study(plain / "key.yaml")
 
 
@@ -257,6 +261,43 @@ def test_logs_that_break_off_or_stand_twice_are_refused(plain):
             load_port_study(plain / f"{name}.yaml")
         # A run of training that cannot be read is one all the same.
         assert "no run has the role train" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        ("drive.position", -1.0, "(?s)drive.position: .*All fits if its sign is reversed"),
+        ("path.position", 1e3, "(?s)path.position: .*1000 times too large"),
+        ("controller.voltage", 1e-3, "(?s)controller.voltage: .*1000 times too small"),
+    ],
+)
+def test_a_wrong_sign_or_unit_is_named_although_something_is_hidden(tmp_path, column, factor, said):
+    path = study(tmp_path, [COULOMB])
+    assert check_logs(load_port_study(path)) == ([], [])
+    for log in tmp_path.glob("run-*.csv"):
+        with change_log(log) as columns:
+            columns[column] *= factor
+    with pytest.raises(ConfigError, match=said):
+        diagnose_ports(path, lambda stage: None, report=False)
+
+
+def test_exchanged_and_stuck_columns_are_named(tmp_path):
+    path = study(tmp_path, [COULOMB])
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["controller.voltage"][400:471] = columns["controller.voltage"][400]
+    refused, warned = check_logs(load_port_study(path))
+    assert refused == []
+    assert [(one.place, one.what.partition(": ")[2]) for one in warned] == [
+        ("run-0: controller.voltage", "frozen for 71 rows")
+    ]
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["controller.voltage"], columns["drive.position"] = (
+            columns["drive.position"],
+            columns["controller.voltage"],
+        )
+    refused, _ = check_logs(load_port_study(path))
+    assert [one.place for one in refused] == ["run-0: controller.voltage, drive.position"]
+    assert "exchanged" in refused[0].remedy
 
 
 def test_the_command(tmp_path, capsys):

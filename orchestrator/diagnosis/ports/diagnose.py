@@ -10,18 +10,20 @@ from time import perf_counter
 from typing import Any
 
 from ...digests import file_digest
+from ...errors import ConfigError
 from ...formats import strict
 from ...provenance import origin, versions
 from ...system import Port
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
-from ..verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which
+from ..verdict import Diagnosis, Runnable, Share, Verdict, Which
 from .augmented import FMUS, augmented_config
 from .augmented import NAME as AUGMENTED
 from .candidates import candidates
 from .closure import how_far
 from .energy import energy
 from .experiments import next_experiment, no_experiment
+from .given import check_logs
 from .numerics import doubts, numerics
 from .practice import practise
 from .reader import load_port_study
@@ -78,7 +80,9 @@ def diagnose_ports(
     progress("read")
     study = load_port_study(path)
     progress("check")
-    warned = _warnings(study)
+    refused, warned = check_logs(study)
+    if refused:
+        raise ConfigError(refused)
     # A gap that the step makes is none of the system's: told before anything is blamed.
     own = numerics(study, {"nominal": NOMINAL})
     progress("weigh")
@@ -188,22 +192,6 @@ def _calibration(study: PortStudy, finding: Finding) -> dict[str, dict[str, floa
         }
         for name, one in study.nominal.items()
     }
-
-
-def _warnings(study: PortStudy) -> list[Warned]:
-    """Logs that hold less than they seem to."""
-    found = []
-    for run in study.runs:
-        for port, values in run.logs.items():
-            if values.std() == 0.0 and len(values) > 1:
-                found.append(
-                    Warned(
-                        place=f"{run.name}: {port}",
-                        what=f"the log is constant, {values[0]:g} {study.unit(port)}",
-                        remedy="Check the column.",
-                    )
-                )
-    return found
 
 
 def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> list[str]:

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from pydantic import ValidationError
 
+from ...config import Places, parse, validation_problems
 from ...errors import ConfigError, Problem, listed, nearest
 from ...fmi import Causality, Kind
 from ...quantities import Measure, quantity
@@ -20,7 +20,6 @@ from ...system import Port
 from ...units import parse_unit
 from ..mapping import columns_of, read_mapping
 from ..study import Nominal
-from ..verdict import problems_of
 from .keys import SPEEDS, Logged, Role, StudyModel
 from .study import PortRun, PortStudy, Trial
 
@@ -36,25 +35,26 @@ def load_port_study(path: Path) -> PortStudy:
     """Read a study. Raises: ConfigError with all problems of study, system and logs."""
     file = path / "study.yaml" if path.is_dir() else path
     try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigError([Problem(str(file), f"cannot be read: {error}")]) from None
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Problem(str(file), f"cannot be read: {error.strerror}")]) from None
+    data, places = parse(text, str(file))
     try:
         model = StudyModel.model_validate(data)
     except ValidationError as error:
-        raise ConfigError(problems_of(error, str(file))) from None
+        raise ConfigError(validation_problems(error, places, (), StudyModel)) from None
     own = file.parent / model.system
     prepared = prepare(own if own.is_file() else model.system, model.overrides)
     if prepared.config.model.run.record != "all":
         prepared = prepare(prepared.config, ["run.record=all"])
-    return _Reader(file, model, prepared).study()
+    return _Reader(file, places, model, prepared).study()
 
 
 class _Reader:
     """Reads a study whose system is known; collects problems."""
 
-    def __init__(self, file: Path, model: StudyModel, prepared: Prepared) -> None:
-        self.file, self.model, self.prepared = file, model, prepared
+    def __init__(self, file: Path, places: Places, model: StudyModel, prepared: Prepared) -> None:
+        self.file, self.places, self.model, self.prepared = file, places, model, prepared
         self.problems: list[Problem] = []
         self.step = float(prepared.grid.step_size)
         variables = {
@@ -76,7 +76,7 @@ class _Reader:
         }
 
     def place(self, *parts: object) -> str:
-        return f"{self.file}: {'.'.join(map(str, parts))}"
+        return self.places.text(tuple(one if isinstance(one, int) else str(one) for one in parts))
 
     def study(self) -> PortStudy:
         """Raises: ConfigError with all problems."""
@@ -146,7 +146,7 @@ class _Reader:
             moving = [name for name, one in self.ports.items() if (one.unit_name or "1") in SPEEDS]
             self.problems.append(
                 Problem(
-                    self.place("motion.port"),
+                    self.place("motion", "port"),
                     f"{model.port} is no position or velocity",
                     listed(moving),
                     nearest(model.port, moving),
@@ -155,7 +155,9 @@ class _Reader:
             return None, None
         rest = None
         if model.rest is not None:
-            found = quantity("rest", Measure(rate, parse_unit(rate)), model.rest, self.place("motion.rest"))
+            found = quantity(
+                "rest", Measure(rate, parse_unit(rate)), model.rest, self.place("motion", "rest")
+            )
             if isinstance(found, Problem):
                 self.problems.append(found)
             else:
@@ -166,7 +168,7 @@ class _Reader:
         """The experiments, each with the system as its settings make it."""
         found = []
         for number, one in enumerate(self.model.experiments):
-            place = self.place(f"experiments[{number}]")
+            place = self.place("experiments", number)
             try:
                 prepared = prepare(self.prepared.config, one.overrides)
             except ConfigError as error:
@@ -295,20 +297,22 @@ class _Reader:
 
     def _run(self, number: int, mapping: Mapping[str, Logged], units: Mapping[str, str]) -> PortRun | None:
         model = self.model.runs[number]
-        place = f"runs[{number}]"
+        place = ("runs", number)
         path = self.file.parent / model.file
         if not path.exists():
-            self.problems.append(Problem(self.place(place, "file"), f"no file {model.file} in {path.parent}"))
+            self.problems.append(
+                Problem(self.place(*place, "file"), f"no file {model.file} in {path.parent}")
+            )
             return None
         unknown = [name for name in model.without if name not in mapping]
         if unknown:
             what = f"{listed(unknown)} has no column"
-            self.problems.append(Problem(self.place(place, "without"), what, listed(mapping)))
+            self.problems.append(Problem(self.place(*place, "without"), what, listed(mapping)))
             return None
         wanted = {name: one for name, one in mapping.items() if name not in model.without}
         found = columns_of(path, wanted, {**units, "time": "s"}, self.step, self.problems)
-        begin = self._seconds(model.begin, place, "from")
-        end = self._seconds(model.end, place, "to") if model.end is not None else np.inf
+        begin = self._seconds(model.begin, *place, "from")
+        end = self._seconds(model.end, *place, "to") if model.end is not None else np.inf
         if found is None:
             return None
         apart = np.diff(found["time"])
@@ -331,7 +335,7 @@ class _Reader:
         if not 0 <= first < last - 2:
             self.problems.append(
                 Problem(
-                    self.place(place),
+                    self.place(*place),
                     f"{model.begin} to {model.end} holds no samples",
                     f"up to {found['time'][-1]:g} s",
                 )

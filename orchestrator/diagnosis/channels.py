@@ -1,0 +1,71 @@
+"""Single channels of a log that are clipped, or stand still for a while."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .study import Array
+
+__all__ = ["Stuck", "clipped", "frozen"]
+
+# A value that stands still for so many rows, while the channel moves elsewhere, is frozen.
+_FROZEN = 60
+# So many rows in succession at the highest or lowest value, and so many times as many as just below it.
+_PILED, _PILE = 8, 4
+
+_CLIPPED = "Raise the range of the channel; if this is the sensor's own, the verdict counts it as an effect."
+_STOPPED = "The channel stopped; leave the run out, or log it again."
+
+
+class Stuck(NamedTuple):
+    """What is wrong with a channel, from which row on."""
+
+    what: str
+    remedy: str
+
+
+def clipped(values: Array) -> list[Stuck]:
+    """Values that pile up at an end of the channel's range: the sensor's range, or the logger's."""
+    found = []
+    firsts, lengths = _runs(values)
+    levels, counts = np.unique(values, return_counts=True)
+    for end, near in ((0, slice(1, 4)), (len(levels) - 1, slice(-4, -1))):
+        at = (values[firsts] == levels[end]) & ~_left_by_jump(values, firsts, lengths)
+        longest = int(lengths[at].max(initial=0))
+        if longest >= _PILED and counts[end] > _PILE * counts[near].max(initial=1):
+            row = int(firsts[at][lengths[at] >= _PILED][0])
+            name = "lowest" if end == 0 else "highest"
+            what = f"clipped: {counts[end]} rows stand at exactly this value, the {name}"
+            found.append(_at(row, values, what, _CLIPPED))
+    return found
+
+
+def frozen(values: Array) -> list[Stuck]:
+    """A stretch in which the channel stands still, and nowhere else for nearly as long."""
+    firsts, lengths = _runs(values)
+    order = np.argsort(lengths)[::-1]
+    longest, others = int(lengths[order[0]]), lengths[order[1:11]]
+    extreme = values[firsts[order[0]]] in (values.min(), values.max())
+    jumps = _left_by_jump(values, firsts, lengths)[order[0]]
+    if longest < _FROZEN or longest <= 5 * np.median(others) or (extreme and not jumps):
+        return []
+    return [_at(int(firsts[order[0]]), values, f"frozen for {longest} rows", _STOPPED)]
+
+
+def _at(row: int, values: Array, what: str, remedy: str) -> Stuck:
+    return Stuck(f"row {row} ({values[row]:.9g}): {what}", remedy)
+
+
+def _runs(values: Array) -> tuple[Array, Array]:
+    """First row and length of each stretch of equal values."""
+    firsts = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0]))
+    return firsts, np.diff(np.concatenate([firsts, [len(values)]]))
+
+
+def _left_by_jump(values: Array, firsts: Array, lengths: Array) -> Array:
+    """Whether the first value after each stretch is far away, as it is when a channel comes back to life."""
+    ends = firsts + lengths
+    after = values[np.minimum(ends, len(values) - 1)]
+    return np.abs(after - values[firsts]) > 10.0 * np.median(np.abs(np.diff(values)))

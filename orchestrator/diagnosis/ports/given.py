@@ -1,0 +1,100 @@
+"""Bad data told apart from a bad model: what is wrong with the logs of ports, before anything is blamed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from ...errors import Problem
+from ...system import Port
+from ..channels import clipped, frozen
+from ..consistency import FACTORS, REMEDIES
+from ..verdict import Warned
+from .replay import PortReplay
+from .study import PortRun, PortStudy, Role
+
+__all__ = ["check_logs"]
+
+# Misfit of a port, over the variance of its log, from which on a mistake is sought; what it may be once that
+# is mended, and as what share of the misfit before.
+_WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
+
+
+def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
+    """Check the logs of a study.
+
+    Returns: a column with a wrong sign or unit, or two that were exchanged, if that explains nearly all that
+        the model misses: it forbids a diagnosis; and what a reader should be warned of.
+    """
+    return _mistaken(study), _stuck(study)
+
+
+def _stuck(study: PortStudy) -> list[Warned]:
+    """Channels that are constant, clipped, or frozen for a while."""
+    found = []
+    for run in study.runs:
+        for port, values in run.logs.items():
+            place = f"{run.name}: {port}"
+            if np.ptp(values) == 0.0:
+                what = f"the log is constant, {values[0]:g} {study.unit(port)}"
+                found.append(Warned(place=place, what=what, remedy="Check the column."))
+                continue
+            stretches = [*clipped(values), *frozen(values)] if port in study.compared else []
+            found += [Warned(place=place, what=one.what, remedy=one.remedy) for one in stretches]
+    return found
+
+
+def _mistaken(study: PortStudy) -> list[Problem]:
+    run = study.of(Role.TRAIN)[0]
+    replay = PortReplay(study, [run])
+    before = _misfits(study, replay, run)
+    wrong = [port for port, misfit in before.items() if misfit > _WRONG]
+    if not wrong:
+        return []
+    found = []
+    for port, told, mended in (*_factors(run), *_exchanged(run)):
+        after = _misfits(study, replay, mended)
+        share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
+        if share < _MENDED and max(after.values(), default=np.inf) < _FITS:
+            found.append((share, port, told))
+    if not found:
+        return []
+    _, port, told = min(found, key=lambda one: one[0])
+    worst = max(before, key=lambda one: before[one])
+    what = f"the model misses {worst} by {before[worst] ** 0.5:.3g} times the spread of its log"
+    return [Problem(f"{run.name}: {port}", what, remedy=told)]
+
+
+def _misfits(study: PortStudy, replay: PortReplay, run: PortRun) -> dict[Port, float]:
+    """Mean square of what the nominal model misses at each compared port, over the variance of its log."""
+    given = replay.signals(run, {}, (), np.zeros(0))
+    found = {}
+    for port in replay.compared(run):
+        log = run.logs[port][study.settled :]
+        if np.ptp(log) == 0.0:
+            continue
+        with np.errstate(invalid="ignore", over="ignore"):
+            misfit = float(np.mean((log - given[port][study.settled :]) ** 2) / np.var(log))
+        found[port] = misfit if np.isfinite(misfit) else np.inf
+    return found
+
+
+def _factors(run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
+    """A column's name, the mistake in it as a remedy, and the run without it."""
+    for port, log in run.logs.items():
+        for factor, text in FACTORS.items():
+            told = f"All fits if {text}. {REMEDIES[factor < 0.0]}"
+            yield str(port), told, _with(run, {port: log / factor})
+
+
+def _exchanged(run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
+    told = "All fits if the two are exchanged. Exchange their columns."
+    for one, other in combinations(run.logs, 2):
+        yield f"{one}, {other}", told, _with(run, {one: run.logs[other], other: run.logs[one]})
+
+
+def _with(run: PortRun, logs: Mapping[Port, np.ndarray]) -> PortRun:
+    return replace(run, logs={**run.logs, **logs})
