@@ -41,6 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "calibrate probabilities on them; written to practice.json, which the study's key `practice` takes",
     )
     parser.add_argument("--seed", type=int, default=1, help="of the simulated cases")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        metavar="N",
+        help="processes that weigh simulated cases; as many as cores by default",
+    )
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
 
@@ -70,6 +76,7 @@ def main(args: argparse.Namespace) -> int:
                 progress=bar.stage,
                 practice=args.practice,
                 seed=args.seed,
+                jobs=args.jobs,
             )
         except Interrupted:
             bar.close()
@@ -122,11 +129,12 @@ def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:
 
 
 class _Bar:
-    """A progress bar over the stages of all cases, on a terminal only."""
+    """A progress bar over the stages of all cases, on a terminal; elsewhere how far practice is, in lines."""
 
     def __init__(self, total: int, shown: bool) -> None:
         self._bar: Any = None
         self._stages = 0
+        self._told, self._shown = 0, shown
         if shown and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -142,11 +150,21 @@ class _Bar:
         if name.startswith("practice"):
             if self._bar is not None:
                 self._bar.set_postfix_str(name)
+            else:
+                self._practised(name)
             return
         if self._bar is not None:
             self._bar.update(1 if self._stages else 0)
             self._bar.set_postfix_str(name)
         self._stages += 1
+
+    def _practised(self, name: str) -> None:
+        """A line for each tenth."""
+        done, _, count = name.removeprefix("practice ").partition("/")
+        tenth = 10 * int(done) // int(count)
+        if self._shown and tenth != self._told:
+            self._told = tenth
+            print(f"orchestrator: {name}", file=sys.stderr, flush=True)
 
     def end(self, stages: int) -> None:
         """A case is over, whether all its stages were gone through or not."""

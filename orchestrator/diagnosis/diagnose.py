@@ -32,6 +32,8 @@ __all__ = ["STAGES", "Diagnosed", "diagnose"]
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
 # What a diagnosis writes, but for practice.json, which the next one may go by.
 _FILES = (NAME, "report.html", AUGMENTED, "augmented-fmus.yaml")
+# Cases weighed in a practice that has not come to its end.
+_PRACTISED = "practice-cases.jsonl"
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 # Answers less probable than this are told together with those that are more so, not one by one.
 _SHOWN = 1e-6
@@ -64,6 +66,7 @@ def diagnose(
     progress: Report = lambda stage: None,
     practice: int = 0,
     seed: int = 1,
+    jobs: int | None = None,
 ) -> Diagnosed:
     """Diagnose a sim-to-real gap.
 
@@ -73,12 +76,13 @@ def diagnose(
         parts: the analyses; all of this package by default.
         report: whether to write the page, too.
         progress: is told each of `STAGES` as it begins, and how far practice is, as in "practice 3/60".
-        practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them.
+        practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them;
+            jobs: processes that weigh them. Those weighed are kept in the folder as long as they are not all.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
     """
     begin = perf_counter()
     if not isinstance(study, Study) and is_port_study(Path(study)):
-        return _any_system(Path(study), out, report, progress, practice, seed)
+        return _any_system(Path(study), out, report, progress, (practice, seed, jobs))
     if practice:
         remedy = "The docking rig's calibration comes with the product."
         raise ConfigError([Problem("practice", "is for studies of ports (port-study/1)", remedy=remedy)])
@@ -123,25 +127,27 @@ def diagnose(
 
 
 def _any_system(
-    path: Path, out: Path | str | None, report: bool, progress: Report, practice: int, seed: int
+    path: Path, out: Path | str | None, report: bool, progress: Report, practice: tuple[int, int, int | None]
 ) -> Diagnosed:
-    """The diagnosis of a system of FMUs with logged ports."""
-    from .ports.diagnose import Practise, diagnose_ports
+    """The diagnosis of a system of FMUs with logged ports; practice as cases, seed and jobs."""
+    from .ports.diagnose import diagnose_ports
+    from .ports.practice import Practise
 
-    cases = None
-    if practice:
-        cases = Practise(practice, seed, lambda done: progress(f"practice {done}/{practice}"))
-    made = diagnose_ports(path, progress, report and out is not None, cases)
+    cases, whole = practice[0], folder_at(out)
+    kept = None if whole is None else whole / _PRACTISED
+    order = Practise(*practice, kept, lambda done: progress(f"practice {done}/{cases}")) if cases else None
+    made = diagnose_ports(path, progress, report and out is not None, order)
     diagnosed = Diagnosed(made.study, made.finding, made.diagnosis)
-    if out is None:
+    if whole is None:
         return diagnosed
     progress("write")
-    folder = Path(out)
-    _cleared(folder)
+    _cleared(whole)
     for name, text in made.files.items():
-        write_text(folder / name, text)
-    write_text(folder / NAME, _json(made.diagnosis))
-    return replace(diagnosed, folder=folder, files=(NAME, *made.files))
+        write_text(whole / name, text)
+    if cases:
+        (whole / _PRACTISED).unlink(missing_ok=True)  # practice.json holds them all
+    write_text(whole / NAME, _json(made.diagnosis))
+    return replace(diagnosed, folder=whole, files=(NAME, *made.files))
 
 
 def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:

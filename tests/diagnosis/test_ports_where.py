@@ -18,9 +18,10 @@ from orchestrator.diagnosis.ports.energy import energy
 from orchestrator.diagnosis.ports.experiments import next_experiment
 from orchestrator.diagnosis.ports.motion import PHASES, phases
 from orchestrator.diagnosis.ports.numerics import doubts, numerics
-from orchestrator.diagnosis.ports.practice import Case, _Answer, coverage, learn, simulated
+from orchestrator.diagnosis.ports.practice import Case, Practise, _Answer, coverage, learn, practise
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, Weighted, measure
+from orchestrator.diagnosis.ports.simulated import simulated
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.tempering import Tempering, read_practice
 from orchestrator.diagnosis.ports.ties import alike
@@ -307,3 +308,24 @@ def test_practice_on_the_command_line(tmp_path, capsys):
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
     assert again["which"] == first["which"]
     assert "were calibrated on 10 simulated cases" in (tmp_path / "again" / "report.html").read_text()
+
+
+def test_an_interrupted_practice_goes_on(tmp_path):
+    """What was weighed is not weighed again; the result is that of a practice in one go, on any processes."""
+    path = study(tmp_path / "case", candidates={"only": ["drive.viscous", "drive.voltage.gain"]})
+    kept, told = tmp_path / "kept.jsonl", []
+
+    def stop(done: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        practise(path, Practise(10, jobs=1, kept=kept, progress=stop))
+    with kept.open("a") as file:
+        file.write('{"key": "broken o')
+    whole = practise(path, Practise(10, jobs=2, kept=kept, progress=told.append))
+    assert told[0] == 3 and told[-1] == 10
+    assert whole["cases"] == practise(path, Practise(10, jobs=1))["cases"]
+    # Other draws are other cases.
+    practise(path, Practise(10, seed=2, kept=kept, progress=told.append))
+    assert told[8] == 0

@@ -25,33 +25,20 @@ from .energy import energy
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
 from .numerics import doubts, numerics
-from .practice import practise
+from .practice import Practise, practise
 from .reader import load_port_study
 from .replay import measure
-from .study import PortStudy, Role
+from .study import PortStudy, Role, study_file
 from .tempering import Tempering, read_practice
 from .weigh import Weighed, weigh_ports
 from .where import ledger, no_shares, where
 
-__all__ = ["PRACTICE", "PortDiagnosed", "Practise", "diagnose_ports"]
+__all__ = ["PRACTICE", "PortDiagnosed", "diagnose_ports"]
 
 PRACTICE = "practice.json"
 
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 _SHOWN = 1e-6
-
-
-@dataclass(frozen=True)
-class Practise:
-    """How to practise before a diagnosis.
-
-    Attributes:
-        cases: to simulate; seed: of their draws; progress: is told how many were weighed.
-    """
-
-    cases: int
-    seed: int = 1
-    progress: Callable[[int], None] = lambda done: None
 
 
 @dataclass(frozen=True)
@@ -86,7 +73,7 @@ def diagnose_ports(
     # A gap that the step makes is none of the system's: told before anything is blamed.
     own = numerics(study, {"nominal": NOMINAL})
     progress("weigh")
-    taught, tempering = _taught(study, practice)
+    taught, tempering = _taught(path, study, practice)
     weighed = weigh_ports(study, tempering)
     finding = weighed.finding
     progress("where")
@@ -156,10 +143,10 @@ def diagnose_ports(
     return PortDiagnosed(study, finding, diagnosis, files)
 
 
-def _taught(study: PortStudy, practice: Practise | None) -> tuple[Mapping[str, Any], Tempering]:
+def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Mapping[str, Any], Tempering]:
     """What practice taught, now or before, and the map that it gave; the one that comes along without any."""
     if practice is not None:
-        taught = practise(study, practice.cases, practice.seed, practice.progress)
+        taught = practise(path, practice)
         return taught, Tempering(**taught["tempering"])
     if study.practice is not None:
         effects = candidates(study, measure(study, study.of(Role.TRAIN)[0]))
@@ -214,7 +201,7 @@ def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> l
 
 def _provenance(path: Path, study: PortStudy, weighed: Weighed, begin: float) -> dict[str, Any]:
     folder = path if path.is_dir() else path.parent
-    file = path / "study.yaml" if path.is_dir() else path
+    file = study_file(path)
     files = [file, *dict.fromkeys(run.file for run in study.runs if run.file and run.file.is_file())]
     digests = {
         (one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): file_digest(one)

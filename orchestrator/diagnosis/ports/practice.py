@@ -1,43 +1,60 @@
-"""Practice on simulated cases of a study's own system: what its evidence is worth, and how far that is true.
-
-The system, its feeding and its runs are the study's; what is hidden is drawn: nothing, one candidate or two,
-from strong to nearly none, or a candidate that is struck from the list, which then is outside of it.
-"""
+"""Practice on simulated cases of a study's own system: what evidence is worth, and how far that is true."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
-from ...errors import ConfigError, Problem
-from ...provenance import origin
-from ...system import Port
+from ...digests import file_digest
+from ...errors import ConfigError, OrchestratorError, Problem
+from ...formats import strict
+from ...provenance import origin, versions
+from ...workers import Work, pool_of
 from ..effect import Effect
 from ..study import Array
-from .candidates import PortEffect, candidates
-from .replay import PortReplay, measure
-from .study import PortRun, PortStudy, Role
+from .candidates import candidates
+from .reader import load_port_study
+from .replay import measure
+from .simulated import simulated
+from .study import PortStudy, Role, study_file
 from .tempering import FORMAT, Tempering
 from .weigh import Weighed, weigh_ports
 
-__all__ = ["Case", "coverage", "learn", "practise", "simulated"]
+__all__ = ["Case", "Practise", "coverage", "learn", "practise"]
 
-# Kinds of cases and their shares.
-_KINDS = {"none": 0.25, "one": 0.45, "two": 0.15, "outside": 0.15}
-# Sizes of effects are drawn from so many decades below their prior.
-_DECADES = 2.5
-# An effect whose whole trace in the logs is worth less is none [nats]; the smallest of two that count.
-_SEEN = 3.0
+_PACKAGES = ("orchestrator", "numpy", "numba", "scipy")
+
 # How far the logarithm of each learned number may stray from where it begins, one standard deviation: cases
 # are few, and simulated.
 _STRAY = 0.5
 _LEARNED = ("temperature", "growth", "price", "left", "sharpness", "floor")
 _FOLDS, _FEWEST = 5, 10
 _SET = 0.95
+
+
+@dataclass(frozen=True)
+class Practise:
+    """How to practise.
+
+    Attributes:
+        cases: to simulate; seed: of their draws.
+        jobs: processes; as many as there are cores by default.
+        kept: file that weighed cases are kept in, one a line, and that an interrupted practice goes on from.
+        progress: is told how many are weighed.
+    """
+
+    cases: int
+    seed: int = 1
+    jobs: int | None = None
+    kept: Path | None = None
+    progress: Callable[[int], None] = lambda done: None
 
 
 @dataclass(frozen=True)
@@ -73,113 +90,24 @@ class Case:
         return [*found, outside]
 
 
-def simulated(
-    study: PortStudy, effects: Sequence[Effect], rng: np.random.Generator
-) -> tuple[PortStudy, tuple[str, ...], float]:
-    """The study with logs of its own system, in which something is hidden.
-
-    Calibrated numbers are drawn by their tolerances. Noise is what does not repeat, from a random place on,
-    where runs have repeats, else white as specified.
-
-    Args:
-        effects: to draw from.
-    Returns: the study, train and validation runs only; what is hidden; its trace in the logs [nats].
-    """
-    kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
-    pool = [one for one in effects if isinstance(one, PortEffect)]
-    hidden: list[PortEffect] = []
-    for one in (pool[place] for place in rng.permutation(len(pool))):
-        if len(hidden) == {"none": 0, "two": 2}.get(kind, 1):
-            break
-        if all(not one.family or one.family != other.family for other in hidden):
-            hidden.append(one)
-    theta = np.concatenate([_drawn(one, rng) for one in hidden]) if hidden else np.zeros(0)
-    calibrated = {
-        name: one.value + one.tolerance * float(np.clip(rng.standard_normal(), -2.5, 2.5))
-        for name, one in study.nominal.items()
-    }
-    given = tuple(port for port in study.fed if port not in study.compared)
-    open_study = replace(study, fed=given)
-    runs, trace = [], 0.0
-    for run in study.of(Role.TRAIN, Role.VALIDATION):
-        replay = PortReplay(open_study, [run])
-        signals = replay.signals(run, calibrated, tuple(hidden), theta)
-        bare = replay.signals(run, calibrated, (), np.zeros(0))
-        logs = dict(run.logs)
-        for port in replay.compared(run):
-            noise = float(study.columns[port].noise or 0.0)
-            drawn = _noise(study, port, len(run), noise, rng)
-            scale = max(float(drawn.std()), noise)
-            trace += 0.5 * float(np.sum(((signals[port] - bare[port])[study.settled :] / scale) ** 2))
-            logs[port] = signals[port] + drawn
-        runs.append(replace(run, logs=logs))
-    truth = tuple(sorted(one.id for one in hidden))
-    without = study.without
-    if not np.isfinite(trace):
-        return simulated(study, effects, rng)
-    if kind == "outside":
-        # Its whole family is struck: another form of the same cause would be right.
-        family = hidden[0].family
-        gone = [one.id for one in pool if one.id == hidden[0].id or (family and one.family == family)]
-        without, truth = (*without, *gone), ("outside",)
-    if trace < _SEEN:
-        truth = ()
-    return replace(study, runs=tuple(runs), without=without), truth, trace
-
-
-def _drawn(effect: Effect, rng: np.random.Generator) -> Array:
-    """Parameters of an effect: its size log-uniform below the prior's, its shape from the prior."""
-    values = []
-    for place, one in enumerate(effect.parameters):
-        if one.shape or place > 0:
-            centre = one.starts[len(one.starts) // 2] if one.starts else one.scale
-            value = centre * float(np.exp(0.7 * np.clip(rng.standard_normal(), -2.0, 2.0)))
-        else:
-            value = one.scale * float(10.0 ** -rng.uniform(0.0, _DECADES))
-            value *= -1.0 if one.low < 0.0 and rng.random() < 0.5 else 1.0
-        values.append(min(max(value, one.low), one.high))
-    return np.array(values)
-
-
-def _noise(study: PortStudy, port: Port, n: int, specified: float, rng: np.random.Generator) -> Array:
-    """Noise of a port's log, shape (n,)."""
-    apart = [
-        _apart(run, other, port, study.settled)
-        for other in study.of(Role.REPEAT)
-        for run in study.runs
-        if run.name == other.repeats and port in run.logs and port in other.logs
-    ]
-    if not apart:
-        return specified * rng.standard_normal(n)
-    one = apart[int(rng.integers(len(apart)))]
-    begin = int(rng.integers(len(one)))
-    return float(rng.choice([-1.0, 1.0])) * np.resize(np.roll(one, -begin), n)
-
-
-def _apart(run: PortRun, other: PortRun, port: Port, settled: int) -> Array:
-    """What differs between a run and its repeat, as noise of one of them."""
-    n = min(len(run), len(other))
-    return (run.logs[port][:n] - other.logs[port][:n])[settled:] / np.sqrt(2.0)
-
-
-def practise(study: PortStudy, count: int, seed: int, progress: Callable[[int], None]) -> dict[str, Any]:
+def practise(path: Path, order: Practise) -> dict[str, Any]:
     """Weigh simulated cases of a study, and learn how evidence becomes probabilities.
 
+    Args:
+        path: the study's file or folder.
     Returns: content of practice.json: `tempering`; `coverage` as shipped and as learned, the latter of cases
         that the learning did not see, five times over; `cases`; `seed`; `effects`, ids of the candidates.
-    Raises: ConfigError for less than ten cases: they teach nothing.
+    Raises: ConfigError for less than ten cases: they teach nothing; OrchestratorError if a case fails.
     """
-    if count < _FEWEST:
-        raise ConfigError([Problem("practice", f"got {count} cases", f"at least {_FEWEST}")])
+    if order.cases < _FEWEST:
+        raise ConfigError([Problem("practice", f"got {order.cases} cases", f"at least {_FEWEST}")])
+    if order.jobs is not None and order.jobs < 1:
+        raise ConfigError([Problem("--jobs", f"got {order.jobs}", "at least 1")])
+    study = load_port_study(path)
     effects = candidates(study, measure(study, study.of(Role.TRAIN)[0]))
     if len(effects) < 2:
         raise ConfigError([Problem("practice", f"got {len(effects)} candidates", "at least 2 to tell apart")])
-    cases = []
-    for number in range(count):
-        rng = np.random.default_rng(np.random.SeedSequence([seed, number]))
-        made, truth, trace = simulated(study, effects, rng)
-        cases.append(_case(weigh_ports(made), truth, trace))
-        progress(number + 1)
+    cases = _weighed(path, study, order, [one.id for one in effects])
     start = Tempering()
     unseen: list[tuple[Case, Tempering]] = []
     for fold in range(_FOLDS):
@@ -194,14 +122,80 @@ def practise(study: PortStudy, count: int, seed: int, progress: Callable[[int], 
             "as learned, on unseen cases": coverage(unseen),
         },
         "cases": [
-            {"truth": list(one.truth), "trace": one.trace, "share": one.share,
-             "answers": [[list(a.effects), a.gain, list(a.ties)] for a in one.answers]}
-            for one in cases
+            {name: value for name, value in _written(one).items() if name != "candidates"} for one in cases
         ],
-        "seed": seed,
+        "seed": order.seed,
         "effects": [one.id for one in effects],
         "provenance": origin(),
     }  # fmt: skip
+
+
+def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) -> list[Case]:
+    """The cases in the order of their numbers; each is kept as soon as it is weighed."""
+    logs = [run.file for run in study.runs if run.file is not None and run.file.is_file()]
+    made_of = [
+        order.seed,
+        list(ids),
+        versions(_PACKAGES),
+        [file_digest(one) for one in (study_file(path), *logs)],
+    ]
+    key = hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:16]
+    done = _kept(order.kept, key)
+    order.progress(sum(number < order.cases for number in done))
+    missing = [number for number in range(order.cases) if number not in done]
+    pool = pool_of(None, order.jobs)
+    for outcome in pool.outcomes(Work(_one, _prepared, (path.resolve(), order.seed)), missing):
+        if outcome.failure is not None:
+            raise OrchestratorError(f"simulated case {outcome.task}: {outcome.failure.message}")
+        done[outcome.task] = outcome.value
+        if order.kept is not None:
+            line = {"key": key, "number": outcome.task, **_written(outcome.value)}
+            with order.kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(strict(line)) + "\n")
+        order.progress(sum(number < order.cases for number in done))
+    return [done[number] for number in range(order.cases)]
+
+
+def _prepared(payload: tuple[Path, int], folder: Path) -> tuple[PortStudy, Sequence[Effect], int]:
+    path, seed = payload
+    study = load_port_study(path)
+    return study, candidates(study, measure(study, study.of(Role.TRAIN)[0])), seed
+
+
+def _one(context: tuple[PortStudy, Sequence[Effect], int], number: int) -> Case:
+    study, effects, seed = context
+    made, truth, trace = simulated(
+        study, effects, np.random.default_rng(np.random.SeedSequence([seed, number]))
+    )
+    return _case(weigh_ports(made), truth, trace)
+
+
+def _written(case: Case) -> dict[str, Any]:
+    return {
+        "truth": list(case.truth),
+        "trace": case.trace,
+        "share": case.share,
+        "answers": [[list(one.effects), one.gain, list(one.ties)] for one in case.answers],
+        "candidates": case.candidates,
+    }
+
+
+def _kept(file: Path | None, key: str) -> dict[int, Case]:
+    """Cases that an earlier practice of the same study weighed, by number; a line broken off is none."""
+    if file is None or not file.is_file():
+        return {}
+    found = {}
+    for line in file.read_text(encoding="utf-8").splitlines():
+        try:
+            data = json.loads(line)
+        except ValueError:
+            continue
+        if data["key"] == key:
+            answers = tuple(_Answer(tuple(names), gain, tuple(ties)) for names, gain, ties in data["answers"])
+            found[data["number"]] = Case(
+                tuple(data["truth"]), data["trace"], answers, data["candidates"], data["share"]
+            )
+    return found
 
 
 def _case(weighed: Weighed, truth: tuple[str, ...], trace: float) -> Case:

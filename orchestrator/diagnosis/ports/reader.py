@@ -21,7 +21,7 @@ from ...units import parse_unit
 from ..mapping import columns_of, read_mapping
 from ..study import Nominal
 from .keys import SPEEDS, Logged, Role, StudyModel
-from .study import PortRun, PortStudy, Trial
+from .study import PortRun, PortStudy, Trial, study_file
 
 __all__ = ["load_port_study"]
 
@@ -33,7 +33,7 @@ _FEWEST = 100
 
 def load_port_study(path: Path) -> PortStudy:
     """Read a study. Raises: ConfigError with all problems of study, system and logs."""
-    file = path / "study.yaml" if path.is_dir() else path
+    file = study_file(path)
     try:
         text = file.read_text(encoding="utf-8")
     except OSError as error:

@@ -13,7 +13,7 @@ from ...system import Port
 from ..study import Array, Nominal
 from .keys import FORMAT, Logged, Role
 
-__all__ = ["FORMAT", "Logged", "PortRun", "PortStudy", "Role", "Trial", "is_port_study"]
+__all__ = ["FORMAT", "Logged", "PortRun", "PortStudy", "Role", "Trial", "is_port_study", "study_file"]
 
 
 @dataclass(frozen=True)
@@ -94,9 +94,14 @@ class PortStudy:
         return self.prepared.system.variable(port).unit_name or "1"
 
 
+def study_file(path: Path) -> Path:
+    """The file of a study, given by it or by its folder."""
+    return path / "study.yaml" if path.is_dir() else path
+
+
 def is_port_study(path: Path) -> bool:
     """Whether a file, or the study.yaml of a folder, is a study of ports."""
-    file = path / "study.yaml" if path.is_dir() else path
+    file = study_file(path)
     if not file.is_file() or (path.is_dir() and (path / "case.yaml").is_file()):
         return False
     try:

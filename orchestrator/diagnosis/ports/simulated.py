@@ -1,0 +1,117 @@
+"""Simulated cases of a study's own system.
+
+The system, its feeding and its runs are the study's; what is hidden is drawn: nothing, one candidate or two,
+from strong to nearly none, or a candidate that is struck from the list, which then is outside of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...system import Port
+from ..effect import Effect
+from ..study import Array
+from .candidates import PortEffect
+from .replay import PortReplay
+from .study import PortRun, PortStudy, Role
+
+__all__ = ["simulated"]
+
+# Kinds of cases and their shares.
+_KINDS = {"none": 0.25, "one": 0.45, "two": 0.15, "outside": 0.15}
+# Sizes of effects are drawn from so many decades below their prior.
+_DECADES = 2.5
+# An effect whose whole trace in the logs is worth less is none [nats]; the smallest of two that count.
+_SEEN = 3.0
+
+
+def simulated(
+    study: PortStudy, effects: Sequence[Effect], rng: np.random.Generator
+) -> tuple[PortStudy, tuple[str, ...], float]:
+    """The study with logs of its own system, in which something is hidden.
+
+    Calibrated numbers are drawn by their tolerances. Noise is what does not repeat, from a random place on,
+    where runs have repeats, else white as specified.
+
+    Args:
+        effects: to draw from.
+    Returns: the study, train and validation runs only; what is hidden; its trace in the logs [nats].
+    """
+    kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
+    pool = [one for one in effects if isinstance(one, PortEffect)]
+    hidden: list[PortEffect] = []
+    for one in (pool[place] for place in rng.permutation(len(pool))):
+        if len(hidden) == {"none": 0, "two": 2}.get(kind, 1):
+            break
+        if all(not one.family or one.family != other.family for other in hidden):
+            hidden.append(one)
+    theta = np.concatenate([_drawn(one, rng) for one in hidden]) if hidden else np.zeros(0)
+    calibrated = {
+        name: one.value + one.tolerance * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+        for name, one in study.nominal.items()
+    }
+    given = tuple(port for port in study.fed if port not in study.compared)
+    open_study = replace(study, fed=given)
+    runs, trace = [], 0.0
+    for run in study.of(Role.TRAIN, Role.VALIDATION):
+        replay = PortReplay(open_study, [run])
+        signals = replay.signals(run, calibrated, tuple(hidden), theta)
+        bare = replay.signals(run, calibrated, (), np.zeros(0))
+        logs = dict(run.logs)
+        for port in replay.compared(run):
+            noise = float(study.columns[port].noise or 0.0)
+            drawn = _noise(study, port, len(run), noise, rng)
+            scale = max(float(drawn.std()), noise)
+            trace += 0.5 * float(np.sum(((signals[port] - bare[port])[study.settled :] / scale) ** 2))
+            logs[port] = signals[port] + drawn
+        runs.append(replace(run, logs=logs))
+    truth = tuple(sorted(one.id for one in hidden))
+    without = study.without
+    if not np.isfinite(trace):
+        return simulated(study, effects, rng)
+    if kind == "outside":
+        # Its whole family is struck: another form of the same cause would be right.
+        family = hidden[0].family
+        gone = [one.id for one in pool if one.id == hidden[0].id or (family and one.family == family)]
+        without, truth = (*without, *gone), ("outside",)
+    if trace < _SEEN:
+        truth = ()
+    return replace(study, runs=tuple(runs), without=without), truth, trace
+
+
+def _drawn(effect: Effect, rng: np.random.Generator) -> Array:
+    """Parameters of an effect: its size log-uniform below the prior's, its shape from the prior."""
+    values = []
+    for place, one in enumerate(effect.parameters):
+        if one.shape or place > 0:
+            centre = one.starts[len(one.starts) // 2] if one.starts else one.scale
+            value = centre * float(np.exp(0.7 * np.clip(rng.standard_normal(), -2.0, 2.0)))
+        else:
+            value = one.scale * float(10.0 ** -rng.uniform(0.0, _DECADES))
+            value *= -1.0 if one.low < 0.0 and rng.random() < 0.5 else 1.0
+        values.append(min(max(value, one.low), one.high))
+    return np.array(values)
+
+
+def _noise(study: PortStudy, port: Port, n: int, specified: float, rng: np.random.Generator) -> Array:
+    """Noise of a port's log, shape (n,)."""
+    apart = [
+        _apart(run, other, port, study.settled)
+        for other in study.of(Role.REPEAT)
+        for run in study.runs
+        if run.name == other.repeats and port in run.logs and port in other.logs
+    ]
+    if not apart:
+        return specified * rng.standard_normal(n)
+    one = apart[int(rng.integers(len(apart)))]
+    begin = int(rng.integers(len(one)))
+    return float(rng.choice([-1.0, 1.0])) * np.resize(np.roll(one, -begin), n)
+
+
+def _apart(run: PortRun, other: PortRun, port: Port, settled: int) -> Array:
+    """What differs between a run and its repeat, as noise of one of them."""
+    n = min(len(run), len(other))
+    return (run.logs[port][:n] - other.logs[port][:n])[settled:] / np.sqrt(2.0)
