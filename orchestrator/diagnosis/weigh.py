@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -45,40 +45,9 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
 
     Log evidences of groups add up; the price of effects is that of all of them together.
     """
-    ranked: list[list[tuple[float, Group, Answer]]] = []
-    for group in groups:
-        if group is not groups[-1] and len(group.answers) == 1 and group.outside == 0.0:
-            ranked.append([(0.0, group, group.answers[0])])  # software that replays to the last digit
-            continue
-        options = [*group.answers, _OUTSIDE]
-        scores, prices = learned.scores(group.answers, group.outside)
-        own = scores - prices
-        order = np.argsort(-own, kind="stable")
-        order = order[own[order] > own[order[0]] - _LEAST]
-        if group is not groups[-1]:
-            order = order[:_TOLD_OF_SOFTWARE]
-        ranked.append([(float(scores[place]), group, options[place]) for place in order])
-    scored: dict[tuple[str, ...], list[tuple[float, Choice]]] = {}
-    for choice in product(*ranked):
-        named = {name for _, _, answer in choice for name in answer.effects}
-        known = len(named - {"outside"})
-        standing = [one for one in choice if one[2] is not _OUTSIDE]
-        seen = {name for _, _, answer in standing for name in answer.seen}
-        unseen = [name for _, _, answer in standing for name in answer.unseen]
-        price = float(learned.price(len(seen), len(unseen), learned.rarity(unseen)))
-        # Chance shows in the logs of one group as often, whatever is seen in those of another.
-        afresh = sum(bool(one[2].seen) for one in standing) - 1
-        price += max(afresh, 0) * max(learned.first - learned.second, 0.0)
-        beside = sum(one[2] is _OUTSIDE for one in choice) - 1 + (known > 0)
-        price += max(beside, 0) * learned.second if "outside" in named else 0.0
-        score = sum(one[0] for one in choice) - price
-        scored.setdefault(tuple(sorted(named)), []).append((score, tuple(one[1:] for one in choice)))
-    # Something outside may act in one group or another: it is one answer.
-    joint = [
-        (float(np.logaddexp.reduce([one[0] for one in same])), max(same, key=lambda one: one[0])[1])
-        for same in scored.values()
-    ]
-    p = learned.spread(np.array([one[0] for one in joint]))
+    ranked = [_ranked(group, group is groups[-1], learned) for group in groups]
+    joint = _joint(ranked, learned)
+    p = learned.spread(np.array([score for score, _ in joint]))
     order = np.argsort(-p, kind="stable")
     candidates = tuple(_candidate(float(p[place]), joint[place][1]) for place in order)
     first, choice = _given([(one, joint[place][1]) for one, place in zip(candidates, order, strict=True)])
@@ -87,12 +56,6 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     known = (joint[place][1] for place in order if all(one[1] is not _OUTSIDE for one in joint[place][1]))
     # Where nothing but something outside is worth a word, the logs speak for that.
     speaks = any(answer.seen for _, answer in next(known, choice))
-    answer_set, held = [], 0.0
-    for one in candidates:
-        answer_set.append(name_of(one.effects))
-        held += one.probability
-        if held >= learned.enough(speaks):
-            break
     rig = groups[-1]
     assert rig.none is not None
     misfit = {place: value for group in groups for place, value in (group.misfit or {}).items()}
@@ -102,11 +65,69 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
         first.effects,
         tuple(sorted(places)),
         outside,
-        tuple(answer_set),
+        _answer_set(candidates, learned.enough(speaks)),
         Augmented(rig.none.calibrated, (), np.zeros(0)),
         doubtful,
         misfit,
     )
+
+
+def _ranked(group: Group, last: bool, learned: Calibration) -> list[tuple[float, Group, Answer]]:
+    """Answers of a group that are worth a word, and something outside, with their scores, best first."""
+    if not last and len(group.answers) == 1 and group.outside == 0.0:
+        return [(0.0, group, group.answers[0])]  # software that replays to the last digit
+    options = [*group.answers, _OUTSIDE]
+    scores, prices = learned.scores(group.answers, group.outside)
+    own = scores - prices
+    order = np.argsort(-own, kind="stable")
+    order = order[own[order] > own[order[0]] - _LEAST]
+    return [
+        (float(scores[place]), group, options[place])
+        for place in (order if last else order[:_TOLD_OF_SOFTWARE])
+    ]
+
+
+def _joint(
+    ranked: Sequence[Sequence[tuple[float, Group, Answer]]], learned: Calibration
+) -> list[tuple[float, Choice]]:
+    """One answer of each group, in all ways: score, and what was chosen.
+
+    Something outside may act in one group or another: it is one answer, like others that name the same.
+    """
+    scored: dict[tuple[str, ...], list[tuple[float, Choice]]] = {}
+    for choice in product(*ranked):
+        named = {name for _, _, answer in choice for name in answer.effects}
+        score = sum(one[0] for one in choice) - _price([one[2] for one in choice], named, learned)
+        scored.setdefault(tuple(sorted(named)), []).append((score, tuple(one[1:] for one in choice)))
+    return [
+        (float(np.logaddexp.reduce([one[0] for one in same])), max(same, key=lambda one: one[0])[1])
+        for same in scored.values()
+    ]
+
+
+def _price(answers: Sequence[Answer], named: Collection[str], learned: Calibration) -> float:
+    """What the effects of all groups' answers cost together."""
+    known = len(set(named) - {"outside"})
+    standing = [one for one in answers if one is not _OUTSIDE]
+    seen = {name for one in standing for name in one.seen}
+    unseen = [name for one in standing for name in one.unseen]
+    price = float(learned.price(len(seen), len(unseen), learned.rarity(unseen)))
+    # Chance shows in the logs of one group as often, whatever is seen in those of another.
+    afresh = sum(bool(one.seen) for one in standing) - 1
+    price += max(afresh, 0) * max(learned.first - learned.second, 0.0)
+    beside = sum(one is _OUTSIDE for one in answers) - 1 + (known > 0)
+    return price + (max(beside, 0) * learned.second if "outside" in named else 0.0)
+
+
+def _answer_set(candidates: Sequence[Candidate], enough: float) -> tuple[str, ...]:
+    """The most probable answers, until they hold as much probability."""
+    found, held = [], 0.0
+    for one in candidates:
+        found.append(name_of(one.effects))
+        held += one.probability
+        if held >= enough:
+            break
+    return tuple(found)
 
 
 def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:

@@ -67,9 +67,9 @@ def broken(study: Study, truth: str, seed: int) -> tuple[str, float] | None:
         fitter = Fitter(chain)
         (effect,) = model.effects
         count = len(fitter.replay.tolerances)
-        starts = [fitter.normalised(model.calibrated, model.effects, model.theta)[count:]]
-        starts += fitter.starts(effect)
-        costs[name] = min(fitter.fit(model.effects, None, start).cost for start in starts)
+        z = fitter.normalised(model.calibrated, model.effects, model.theta)
+        begins = [(z[:count], z[count:]), *((None, start) for start in (z[count:], *fitter.starts(effect)))]
+        costs[name] = min(fitter.fit(model.effects, *begin).cost for begin in begins)
     lead = min(0.5 * (cost - costs[truth]) for name, cost in costs.items() if name != truth)
     return told["name"], lead
 
