@@ -37,8 +37,8 @@ _CLEAR = 20.0
 # all numbers of its kind.
 _STRAYED, _DOUBTED = 2.0, 2.0
 # Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
-# them [nats].
-_STRONG, _MUCH = 1e3, 20.0
+# them [nats], and the share of the evidence that has to stay.
+_STRONG, _MUCH, _KEEPS = 1e4, 200.0, 0.5
 # Not even wider tolerances make more strays than these ordinary.
 _ORDINARY = 3.0
 
@@ -144,13 +144,17 @@ def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Search]:
     """Search with roughness as it shows beside the best fit, where that is strong and leaves much.
 
     About the nominal rig it tells nothing of motions that only an effect leads to, as far deeper contacts.
+    It may take up what the effect itself does, too: then it is none.
     """
     found = search(fitter, weighing.effects)
     left = fitter.marginal.left(found.best.residuals)
     if found.gain(found.best) < _STRONG or unexplained(left) < _MUCH:
         return weighing, found
-    weighing = weighing.beside(found.best)
-    return weighing, search(weighing.fitter(), weighing.effects)
+    beside = weighing.beside(found.best)
+    again = search(beside.fitter(), weighing.effects)
+    if again.gain(again.best) < _KEEPS * found.gain(found.best):
+        return weighing, found
+    return beside, again
 
 
 def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
