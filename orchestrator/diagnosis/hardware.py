@@ -38,7 +38,7 @@ _CLEAR = 20.0
 _STRAYED, _DOUBTED = 2.0, 2.0
 # Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
 # them [nats], and the share of the evidence that has to stay.
-_STRONG, _MUCH, _KEEPS = 1e4, 200.0, 0.5
+_STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
 # Not even wider tolerances make more strays than these ordinary.
 _ORDINARY = 3.0
 
