@@ -98,6 +98,15 @@ def test_the_evidence_of_noise_is_not_held_against_what_others_add():
     assert Calibration(form=1.0).probabilities(laws, 0.0)[1] < 0.1
 
 
+def test_a_second_effect_counts_by_what_the_first_usually_leaves():
+    none = Answer((), 0.0, 1e5)
+    for leaves, believed in ((1e-5, True), (1e-2, False)):
+        learned = Calibration(form=1.0, leaves={"a.x": leaves})
+        alone, both = Answer(("a.x",), 1e5, 50.0), Answer(("a.x", "b.y"), 1e5 + 200.0, 2.0)
+        p = learned.probabilities([none, alone, both], 0.0)
+        assert (p[2] > 0.9) == believed and (p[1] > p[2]) != believed
+
+
 def test_a_wave_is_found_by_its_pitch():
     rng = np.random.default_rng(5)
     positions = [0.006 * np.sin(np.arange(3000) / 150.0 + phase) for phase in (0.0, 1.0)]
@@ -166,6 +175,24 @@ def test_a_force_that_stays_put_in_contact_only_has_lost_nothing(monkeypatch):
     assert (
         "sensor.dropout" not in {one.id for one in found["clipped"].noises} and found["clipped"].held > 50.0
     )
+
+
+def test_samples_that_stand_out_of_the_force_are_no_noise(monkeypatch):
+    model = RigModel(study(), study().of(Role.TRAIN))
+    rng = np.random.default_rng(7)
+    white = [rng.standard_normal(len(run)) for run in model.runs]
+    free = [np.zeros(len(run), bool) for run in model.runs]
+    # One in a hundred, of five standard deviations.
+    spiked = [r + 5.0 * (rng.random(len(r)) < 0.01) * rng.choice([-1.0, 1.0], len(r)) for r in white]
+    found = []
+    for left in (white, spiked):
+        runs = [
+            replace(run, columns={**run.columns, "sensor_force": model.noise[1] * r})
+            for run, r in zip(model.runs, left, strict=True)
+        ]
+        monkeypatch.setattr(model, "runs", runs)
+        found.append(sensor_noise(model, left, free).spiky)
+    assert found[0] == 0.0 and found[1] > 20.0
 
 
 def test_roughness_that_takes_up_too_much_is_told():

@@ -53,6 +53,18 @@ def test_a_limit_is_found_wherever_it_lies(name, size, number, knob, near):
     assert best.theta[0] == pytest.approx(values[knob], rel=near)
 
 
+def test_roughness_is_larger_where_a_limit_leads_the_rig():
+    """Deep in the frames the force strays farther by a contact's roughness than without the limit."""
+    own, values = hiding("robot.acceleration-limit", 0.6)
+    model = RigModel(own, own.of(Role.TRAIN))
+    weighing = Weighing.of(model, [catalogue()["contact.cubic"]], calibration().roughness)
+    limit = (catalogue()["robot.acceleration-limit"],)
+    begin = weighing.fitter().normalised({}, limit, np.array([values["acceleration_limit"]]))
+    fit = weighing.fitter().fit(limit, None, begin[-1:])
+    usual, there = (np.linalg.norm(one.roughness()) for one in (weighing, weighing.beside(fit)))
+    assert there > 3.0 * usual > 0.0
+
+
 def losses_of(name, size):
     own, values = hiding(name, size)
     model, fitter = fitter_of(own)
