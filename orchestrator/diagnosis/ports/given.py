@@ -14,7 +14,7 @@ from ..channels import clipped, frozen
 from ..consistency import FACTORS, REMEDIES
 from ..verdict import Warned
 from .replay import PortReplay
-from .study import PortRun, PortStudy, Role
+from .study import PortRun, PortStudy
 
 __all__ = ["check_logs"]
 
@@ -29,7 +29,7 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     Returns: a column with a wrong sign or unit, or two that were exchanged, if that explains nearly all that
         the model misses: it forbids a diagnosis; and what a reader should be warned of.
     """
-    return _mistaken(study), _stuck(study)
+    return _mistakes(study), _stuck(study)
 
 
 def _stuck(study: PortStudy) -> list[Warned]:
@@ -47,13 +47,26 @@ def _stuck(study: PortStudy) -> list[Warned]:
     return found
 
 
-def _mistaken(study: PortStudy) -> list[Problem]:
-    run = study.of(Role.TRAIN)[0]
+def _mistakes(study: PortStudy) -> list[Problem]:
+    """The mistake of each run that explains it; the same one in several runs is told once."""
+    found: dict[tuple[str, str], list[Problem]] = {}
+    for run in study.runs:
+        one = _mistake(study, run)
+        if one is not None:
+            found.setdefault((one.place.removeprefix(run.name), one.remedy), []).append(one)
+    return [
+        replace(first, what=f"{first.what}; the same in {len(more)} more runs") if more else first
+        for first, *more in found.values()
+    ]
+
+
+def _mistake(study: PortStudy, run: PortRun) -> Problem | None:
+    """The single mistake without which the model misses hardly anything, if there is one."""
     replay = PortReplay(study, [run])
     before = _misfits(study, replay, run)
     wrong = [port for port, misfit in before.items() if misfit > _WRONG]
     if not wrong:
-        return []
+        return None
     found = []
     for port, told, mended in (*_factors(run), *_exchanged(run)):
         after = _misfits(study, replay, mended)
@@ -61,11 +74,11 @@ def _mistaken(study: PortStudy) -> list[Problem]:
         if share < _MENDED and max(after.values(), default=np.inf) < _FITS:
             found.append((share, port, told))
     if not found:
-        return []
+        return None
     _, port, told = min(found, key=lambda one: one[0])
     worst = max(before, key=lambda one: before[one])
     what = f"the model misses {worst} by {before[worst] ** 0.5:.3g} times the spread of its log"
-    return [Problem(f"{run.name}: {port}", what, remedy=told)]
+    return Problem(f"{run.name}: {port}", what, remedy=told)
 
 
 def _misfits(study: PortStudy, replay: PortReplay, run: PortRun) -> dict[Port, float]:
