@@ -241,13 +241,24 @@ def test_what_is_hidden_beside_noise_tells_no_more_than_the_noise_lets_it():
     logs = [make_run(case, index) for index in range(3)]
     # Nobody knows the noise that carries a reading across a step: a bias is as good as a calibration's error.
     strayed = case.hidden["sensor.bias"]["bias"] / tolerances(case.lab)["force_bias"]
-    assert visibility(case, logs, rest.values) == pytest.approx(0.5 * strayed**2, rel=0.1)
+    assert visibility(case, logs, rest) == pytest.approx(0.5 * strayed**2, rel=0.1)
     told = []
     for beside in ((), (coloured,)):
         plan = Plan("single", (drift, *beside), 0.3)
         case, rest = draw_case(plan, 3, 4), draw_case(replace(plan, effects=beside), 3, 4)
-        told.append(visibility(case, [make_run(case, index) for index in range(3)], rest.values))
+        told.append(visibility(case, [make_run(case, index) for index in range(3)], rest))
     assert told[0] > 5.0 * told[1] > 0.0
+
+
+def test_of_a_pair_the_other_effect_may_have_any_size():
+    """What a structure gives way to a force, a frame that softens more does for the most part, too."""
+    plan = Plan("pair", (HIDDEN["contact.softening"], HIDDEN["structure.compliance"]), 0.9)
+    case = draw_case(plan, 3, 4)
+    logs = [make_run(case, index) for index in range(3)]
+    rest = draw_case(replace(plan, effects=plan.effects[:1]), 3, 4)
+    free = visibility(case, logs, rest)
+    held = visibility(case, logs, replace(rest, plan=replace(plan, effects=())))
+    assert 0.0 < free < 0.5 * held
 
 
 def test_an_effect_imitates_itself():

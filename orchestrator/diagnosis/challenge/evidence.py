@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 # Samples of which a spectrum is taken, and frequencies over which it is averaged.
 _WINDOW, _BAND = 64, 8
 _STEP = 0.1  # of a tolerance or a usual size, for differences
-_ROUNDS = 5
+_ROUNDS, _SHARES = 4, (1.0, 0.3, 0.1)
 # Blocks of a run, and which of them is the force; coloured noise that rigs have, over the white one, and what
 # a sample keeps of it (see `draw`).
 _CHANNELS, _FORCE = 5, 2
@@ -132,15 +132,14 @@ class Imitation:
     place: _Place
 
 
-def visibility(
-    case: Case, logs: list[Array], without: Mapping[str, float] | None = None, chance: bool = False
-) -> float:
+def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: bool = False) -> float:
     """Log evidence [nats] for the hidden effects over none, for one who knew their exact size.
 
     Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
     difference of what is measured over its noise, and z what calibrated numbers may stray over their
     tolerances, and roughness over its usual size, the evidence is half the least d'd + z'z: what either may
-    explain does not count. The noise of the force holds what other hidden effects make of it. Of an effect
+    explain does not count, nor what other hidden effects explain in other sizes and shapes than theirs. The
+    noise of the force holds what they make of it. Of an effect
     that draws anew at each sample nobody knows the draws, but the spectrum at best: with r the power of noise
     and what is left of d over that of noise alone, it tells r - 1 - ln r at each frequency (Whittle, J. R.
     Stat. Soc. B 15, 1953); the noise of the force may be as coloured as that of any rig. The force is
@@ -148,13 +147,18 @@ def visibility(
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
-        without: knobs of the rig to compare with; by default those without any hidden effect.
+        rest: the case with the other hidden effects alone, to compare with; by default, there are none.
         chance: whether the effects draw.
     """
-    rest = case.plain if without is None else without
-    sight = _Sight(case, logs, rest)
+    sight = _Sight(case, logs, case.plain if rest is None else rest.values)
     aim = sight.parts(case.values)
-    told, left, _ = _least(sight, _Place.of(rest, _usual(case)), np.concatenate(aim))
+    target = np.concatenate(aim)
+    told, left, place = _least(sight, _Place.of(sight.without, _usual(case)), target)
+    others = () if rest is None else tuple(one for one in rest.plan.effects if not one.chance)
+    if rest is not None and others:
+        for one in others:
+            place = _with_any_size(place, place.knobs, rest.plain, rest.hidden[one.id])
+        told, left = min((told, left), _least(sight, place, target)[:2], key=lambda found: found[0])
     if not chance:
         return told
     lengths = [len(one) for one in aim]
@@ -214,15 +218,8 @@ def _nearer(sight: _Sight, target: Array, before: Imitation, rivals: Sequence[Hi
         near += sorted(tries, key=lambda one: one[0])[:1]
     best = before
     for _, rival, drawn in sorted(near, key=lambda one: one[0])[:_NEAREST]:
-        knobs = changed(place.knobs, rival, drawn)
-        own = {knob: abs(knobs[knob] - place.knobs.get(knob, 0.0)) for knob in drawn}
-        free = {**place.free, **{knob: one for knob, one in own.items() if one}}
-        start, firm = np.zeros(len(free)), np.ones(len(free))
-        start[: len(place.at)], firm[: len(place.at)] = place.at, place.firm
-        # A rival may have any size and shape, whatever its knob is calibrated to.
-        moved = [name in own for name in free]
-        start[moved], firm[moved] = 0.0, _LOOSE
-        left, _, reached = _least(sight, _Place(knobs, free, start, firm), target)
+        beside = _with_any_size(place, changed(place.knobs, rival, drawn), place.knobs, drawn)
+        left, _, reached = _least(sight, beside, target)
         if left < best.beyond:
             best = Imitation(left, (*before.like, rival.id), reached)
     if best is before:
@@ -230,6 +227,24 @@ def _nearer(sight: _Sight, target: Array, before: Imitation, rivals: Sequence[Hi
     # Once more from there, with derivatives of that place.
     left, _, reached = _least(sight, best.place, target)
     return replace(best, beyond=min(left, best.beyond), place=reached)
+
+
+def _with_any_size(
+    place: _Place, knobs: Mapping[str, float], before: Mapping[str, float], drawn: Collection[str]
+) -> _Place:
+    """A place with an effect that may have any size and shape, whatever its knobs are calibrated to.
+
+    Args:
+        knobs: with the effect; before: without it.
+        drawn: its knobs.
+    """
+    own = {knob: abs(knobs[knob] - before.get(knob, 0.0)) for knob in drawn}
+    free = {**place.free, **{knob: one for knob, one in own.items() if one}}
+    start, firm = np.zeros(len(free)), np.ones(len(free))
+    start[: len(place.at)], firm[: len(place.at)] = place.at, place.firm
+    moved = [name in own for name in free]
+    start[moved], firm[moved] = 0.0, _LOOSE
+    return _Place(knobs, free, start, firm)
 
 
 def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
@@ -258,24 +273,31 @@ def _linear(sight: _Sight, place: _Place) -> tuple[Array, Array]:
 def _least(sight: _Sight, place: _Place, target: Array) -> tuple[float, Array, _Place]:
     """Half the least d'd + z'z from a place on, see `visibility`.
 
-    Gauss-Newton steps with the derivatives of that place.
+    Gauss-Newton steps with the derivatives of that place, shorter ones where they go too far.
 
     Returns: it, d and the place there.
     """
     plain, jacobian = _linear(sight, place)
     inner = np.diag(place.firm) + jacobian.T @ jacobian
-    here, difference = place.at, target - plain
-    best, left, reached = math.inf, difference, here
-    for last in (*[False] * (_ROUNDS - 1), True):
-        cost = 0.5 * float(difference @ difference + place.firm * here @ here)
-        if not cost < best:
+
+    def costs(at: Array, left: Array) -> float:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return 0.5 * float(left @ left + place.firm * at @ at)
+
+    here, left = place.at, target - plain
+    best = costs(here, left)
+    for _ in range(_ROUNDS):
+        step = np.linalg.solve(inner, jacobian.T @ left - place.firm * here)
+        for share in _SHARES:
+            ahead = here + share * step
+            off = target - sight.measured(replace(place, at=ahead).strayed)
+            cost = costs(ahead, off)
+            if cost < best:
+                here, left, best = ahead, off, cost
+                break
+        else:
             break
-        best, left, reached = cost, difference, here
-        if last:
-            break
-        here = here + np.linalg.solve(inner, jacobian.T @ difference - place.firm * here)
-        difference = target - sight.measured(replace(place, at=here).strayed)
-    return best, left, replace(place, at=reached)
+    return best, left, replace(place, at=here)
 
 
 def _told_by_spectrum(

@@ -117,7 +117,7 @@ def _evidence(case: Case, logs: list[Array], tight: float) -> float:
     for one in case.plan.effects:
         others = tuple(other for other in case.plan.effects if other is not one)
         rest = draw_case(replace(case.plan, effects=others), case.seed, case.number, tight=tight)
-        found.append(visibility(case, logs, rest.values, one.chance))
+        found.append(visibility(case, logs, rest, one.chance))
     return min(found, default=0.0)
 
 
