@@ -32,10 +32,10 @@ _KEPT, _WEAK = 12, 40.0
 # Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
 # [nats].
 _CLEAR = 20.0
-# Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effect,
-# while calibrated numbers of several kinds stray by more than `_STRAYED`: one effect, as a delay, strays in
-# all numbers of its kind.
-_STRAYED, _DOUBTED = 2.0, 2.0
+# Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
+# each of which is one of many and costs `_EACH`, while calibrated numbers of several kinds stray by more than
+# `_STRAYED`: one effect, as a delay, strays in all numbers of its kind.
+_STRAYED, _DOUBTED, _EACH = 2.0, 2.0, 2.0
 # Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
 # them [nats], and the share of the evidence that has to stay.
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
@@ -121,7 +121,7 @@ def _weigh(
     answers, left, periodic, linked = _linked(weighing, fitter, found, noises, colour, chance, without)
     linked = linked or (lost is not None and lost.uneven > 0.0)
     answers = tied(fitter, simplest(answers))
-    doubtful = doubt > max([_DOUBTED, *(one.gain for one in answers)])
+    doubtful = doubt > max([_DOUBTED, *(one.gain - _EACH * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
     rest = remains(weighing, fitter, found.none, colour, rougher=not doubtful)
     nothing = Answer((), doubt if doubtful else 0.0, rest, found.none)
