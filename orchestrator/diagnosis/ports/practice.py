@@ -137,9 +137,10 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
         order.seed,
         list(ids),
         versions(_PACKAGES),
+        study.prepared.config.model.to_data(),
         [file_digest(one) for one in (study_file(path), *logs)],
     ]
-    key = hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:16]
+    key = hashlib.sha256(json.dumps(made_of, default=str).encode()).hexdigest()[:16]
     done = _kept(order.kept, key)
     order.progress(sum(number < order.cases for number in done))
     missing = [number for number in range(order.cases) if number not in done]
