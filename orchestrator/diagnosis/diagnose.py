@@ -133,7 +133,7 @@ def _any_system(
     from .ports.diagnose import diagnose_ports
     from .ports.practice import Practise
 
-    cases, whole = practice[0], folder_at(out)
+    cases, whole = practice[0], None if out is None else Path(out)
     kept = None if whole is None else whole / _PRACTISED
     order = Practise(*practice, kept, lambda done: progress(f"practice {done}/{cases}")) if cases else None
     made = diagnose_ports(path, progress, report and out is not None, order)

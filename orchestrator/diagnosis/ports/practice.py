@@ -16,6 +16,7 @@ from ...digests import file_digest
 from ...errors import ConfigError, OrchestratorError, Problem
 from ...formats import strict
 from ...provenance import origin, versions
+from ...run_folder import folder_at
 from ...workers import Work, pool_of
 from ..effect import Effect
 from ..study import Array
@@ -151,6 +152,7 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
         done[outcome.task] = outcome.value
         if order.kept is not None:
             line = {"key": key, "number": outcome.task, **_written(outcome.value)}
+            folder_at(order.kept.parent)  # not before: what is refused leaves no folder
             with order.kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(strict(line)) + "\n")
         order.progress(sum(number < order.cases for number in done))
