@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import Problem
 from .channels import clipped, frozen
-from .consistency import check_columns
+from .consistency import check_columns, told_once
 from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
 
@@ -41,7 +41,7 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
         if not wrong:
             warned += _stuck(run)
     warned = _together(warned)
-    refused = _alike(refused)
+    refused = told_once(refused)
     if not refused:
         refused += _twice(study) + _masses(study)
     if not refused:
@@ -64,22 +64,6 @@ def _together(problems: list[Problem]) -> list[Problem]:
         else same[0]
         for same in kinds.values()
     ]
-
-
-def _alike(problems: list[Problem]) -> list[Problem]:
-    """The one mistake that mends everything, told once where it is the same in several runs."""
-    kinds: dict[tuple[str, str], list[Problem]] = {}
-    for one in problems:
-        run, _, column = one.place.partition(": ")
-        kinds.setdefault((column or run, one.remedy), []).append(one)
-    found: list[Problem] = []
-    for same in kinds.values():
-        if len(same) > 1 and same[0].remedy.startswith("All fits"):
-            more = f"{same[0].what}; the same in {len(same) - 1} more runs"
-            found.append(replace(same[0], what=more))
-        else:
-            found += same
-    return found
 
 
 def _twice(study: Study) -> list[Problem]:

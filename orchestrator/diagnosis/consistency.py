@@ -17,11 +17,11 @@ from ..errors import Problem
 from .software import ControllerReplay, resolution
 from .study import Array, Run, Study
 
-__all__ = ["FACTORS", "REMEDIES", "check_columns"]
+__all__ = ["check_columns", "told_once", "wrong_factors"]
 
 Columns = Mapping[str, Array]
 # What the unit of a column is taken for, by mistake, and the factor that this makes.
-FACTORS = {
+_FACTORS = {
     -1.0: "its sign is reversed",
     1e3: "it is 1000 times too large, as if logged in thousandths of its unit",
     1e-3: "it is 1000 times too small, as if logged in thousands of its unit",
@@ -30,7 +30,7 @@ FACTORS = {
     39.37007874015748: "it is 39.37 times too large, as if logged in inches",
     0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
 }
-REMEDIES = (
+_REMEDIES = (
     "Correct the unit in its header, or give `unit` in a study file.",
     "Correct its values, or give `sign: -1` in a study file.",
 )
@@ -79,6 +79,28 @@ def check_columns(study: Study, run: Run) -> list[Problem]:
     ]
 
 
+def wrong_factors() -> Iterator[tuple[float, str]]:
+    """What a column may be too large by, its sign included, each with what to do."""
+    for factor, text in _FACTORS.items():
+        yield factor, f"All fits if {text}. {_REMEDIES[factor < 0.0]}"
+
+
+def told_once(problems: list[Problem]) -> list[Problem]:
+    """The one mistake that mends everything, told once where it is the same in several runs."""
+    kinds: dict[tuple[str, str], list[Problem]] = {}
+    for one in problems:
+        run, _, column = one.place.partition(": ")
+        kinds.setdefault((column or run, one.remedy), []).append(one)
+    found: list[Problem] = []
+    for same in kinds.values():
+        if len(same) > 1 and same[0].remedy.startswith("All fits"):
+            more = f"{same[0].what}; the same in {len(same) - 1} more runs"
+            found.append(replace(same[0], what=more))
+        else:
+            found += same
+    return found
+
+
 def _broken(study: Study, run: Run) -> list[_Broken]:
     found = []
     for relation in _RELATIONS:
@@ -105,13 +127,9 @@ def _misstated(study: Study, run: Run) -> Iterator[tuple[tuple[str, str], Study,
 def _mistakes(study: Study, run: Run, suspects: list[str]) -> Iterator[tuple[tuple[str, str], Study, Run]]:
     """Single mistakes in the log as column and remedy, and the study and the run without them."""
     for name in suspects:
-        for factor, text in FACTORS.items():
+        for factor, told in wrong_factors():
             mended = {**run.columns, name: run[name] / factor}
-            yield (
-                (f"column {name}", f"All fits if {text}. {REMEDIES[factor < 0.0]}"),
-                study,
-                replace(run, columns=mended),
-            )
+            yield (f"column {name}", told), study, replace(run, columns=mended)
     names = [name for name in run.columns if name != "time"]
     for one, other in combinations(names, 2):
         if one in suspects or other in suspects:

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import Problem
 from ...system import Port
 from ..channels import clipped, frozen
-from ..consistency import FACTORS, REMEDIES
+from ..consistency import told_once, wrong_factors
 from ..verdict import Warned
 from .replay import PortReplay
 from .study import PortRun, PortStudy
@@ -29,7 +29,8 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     Returns: a column with a wrong sign or unit, or two that were exchanged, if that explains nearly all that
         the model misses: it forbids a diagnosis; and what a reader should be warned of.
     """
-    return _mistakes(study), _stuck(study)
+    found = [_mistake(study, run) for run in study.runs]
+    return told_once([one for one in found if one is not None]), _stuck(study)
 
 
 def _stuck(study: PortStudy) -> list[Warned]:
@@ -45,19 +46,6 @@ def _stuck(study: PortStudy) -> list[Warned]:
             stretches = [*clipped(values), *frozen(values)] if port in study.compared else []
             found += [Warned(place=place, what=one.what, remedy=one.remedy) for one in stretches]
     return found
-
-
-def _mistakes(study: PortStudy) -> list[Problem]:
-    """The mistake of each run that explains it; the same one in several runs is told once."""
-    found: dict[tuple[str, str], list[Problem]] = {}
-    for run in study.runs:
-        one = _mistake(study, run)
-        if one is not None:
-            found.setdefault((one.place.removeprefix(run.name), one.remedy), []).append(one)
-    return [
-        replace(first, what=f"{first.what}; the same in {len(more)} more runs") if more else first
-        for first, *more in found.values()
-    ]
 
 
 def _mistake(study: PortStudy, run: PortRun) -> Problem | None:
@@ -98,8 +86,7 @@ def _misfits(study: PortStudy, replay: PortReplay, run: PortRun) -> dict[Port, f
 def _factors(run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
     """A column's name, the mistake in it as a remedy, and the run without it."""
     for port, log in run.logs.items():
-        for factor, text in FACTORS.items():
-            told = f"All fits if {text}. {REMEDIES[factor < 0.0]}"
+        for factor, told in wrong_factors():
             yield str(port), told, _with(run, {port: log / factor})
 
 
