@@ -14,7 +14,7 @@ from .effect import Effect, Parameter, Seen
 from .marginal import Marginal
 from .study import Array
 
-__all__ = ["Base", "Fit", "Fitter", "Replay"]
+__all__ = ["Base", "Fit", "Fitter", "Replay", "cost_of"]
 
 _MAX_ITERATIONS = 30
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
@@ -220,7 +220,7 @@ class Fitter:
             np.intp,
         )
         r = self.stacked(effects, z)
-        cost = _cost(r, z)
+        cost = cost_of(r, z)
         if not math.isfinite(cost):
             # Where the model runs away, no derivative leads back.
             return self._fitted(effects, z, r, cost, 0.0)
@@ -238,14 +238,14 @@ class Fitter:
                 damped = (hessian + damping * np.diag(np.diag(hessian)))[np.ix_(free, free)]
                 ahead = self._bounded(effects, _less(z, free, np.linalg.solve(damped, slope[free])))
                 r_ahead = self.stacked(effects, ahead)
-                cost_ahead = _cost(r_ahead, ahead)
+                cost_ahead = cost_of(r_ahead, ahead)
                 if cost < cost_ahead < math.inf:
                     # Along a valley, as of two numbers that only count by their sum, a long step is right but
                     # for a little across: the valley is steep, and no shorter step would go far along it.
                     back = np.linalg.solve(damped, (jacobian.T @ r_ahead + ahead)[free])
                     second = self._bounded(effects, _less(ahead, free, back))
                     r_second = self.stacked(effects, second)
-                    cost_second = _cost(r_second, second)
+                    cost_second = cost_of(r_second, second)
                     if cost_second < cost:
                         ahead, r_ahead, cost_ahead = second, r_second, cost_second
                 if cost_ahead < cost:
@@ -312,34 +312,34 @@ class Fitter:
         Returns: the least cost, the base and the start that give it.
         """
         best: tuple[float, Base, Array] | None = None
-        costs = [_cost(base.r, base.z) for base in bases]
+        costs = [cost_of(base.r, base.z) for base in bases]
         least = min(costs)
         best_base = bases[costs.index(least)]
         others = [base for base, cost in zip(bases, costs, strict=True) if cost > least + _ALIKE]
         proposed = self._proposed(effect, best_base)
         for base in [*others, best_base]:
-            effects = (*base.effects, effect)
             for start in [*self.starts(effect), *proposed]:
-                z = np.concatenate([base.z, start])
-                r = self.stacked(effects, z)
-                if not np.isfinite(r).all():
-                    continue
-                columns = base.jacobian
-                offset = z.copy()
-                if not effect.parameters[0].whole and not effect.parameters[0].shape:
-                    # The first parameter is the size; the replay without the effect gives the derivative.
-                    amplitude = (r - base.r) / start[0]
-                    columns = np.column_stack([columns, amplitude])
-                    offset = z[: columns.shape[1]]
-                hessian = columns.T @ columns + np.eye(columns.shape[1])
-                offset = offset[: columns.shape[1]]
-                slope = columns.T @ r + offset
-                cost = _cost(r, z) - float(slope @ np.linalg.solve(hessian, slope))
-                if best is None or cost < best[0]:
+                cost = self._promise(effect, base, start)
+                if math.isfinite(cost) and (best is None or cost < best[0]):
                     best = cost, base, start
         if best is None:
             return math.inf, bases[0], self.starts(effect)[0]
         return best
+
+    def _promise(self, effect: Effect, base: Base, start: Array) -> float:
+        """Cost of the problem linearised about a base with an effect at its start; inf if it runs away."""
+        z = np.concatenate([base.z, start])
+        r = self.stacked((*base.effects, effect), z)
+        if not np.isfinite(r).all():
+            return math.inf
+        columns = base.jacobian
+        if not effect.parameters[0].whole and not effect.parameters[0].shape:
+            # The first parameter is the size; the replay without the effect gives the derivative.
+            columns = np.column_stack([columns, (r - base.r) / start[0]])
+        offset = z[: columns.shape[1]]
+        hessian = columns.T @ columns + np.eye(columns.shape[1])
+        slope = columns.T @ r + offset
+        return cost_of(r, z) - float(slope @ np.linalg.solve(hessian, slope))
 
     def _proposed(self, effect: Effect, base: Base) -> list[Array]:
         """Starts that the runs themselves show, in normalised parameters."""
@@ -366,7 +366,8 @@ class Fitter:
         return z
 
 
-def _cost(r: Array, z: Array) -> float:
+def cost_of(r: Array, z: Array) -> float:
+    """Sum of squares of normalised residuals and parameters; infinite where a model runs away."""
     with np.errstate(over="ignore", invalid="ignore"):
         cost = float(r @ r + z @ z)
     return cost if math.isfinite(cost) else math.inf

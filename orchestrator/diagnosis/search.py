@@ -14,7 +14,7 @@ from .effect import Effect
 from .fit import Base, Fit, Fitter
 from .study import Array
 
-__all__ = ["Direction", "Search", "directions", "roughness", "search", "separation"]
+__all__ = ["Direction", "Search", "directions", "exchanged", "roughness", "search", "separation"]
 
 # Effects at this share of their priors are roughness that every rig has, where nothing better was learned.
 _ROUGH = 0.005
@@ -49,6 +49,15 @@ class Search:
     def gain(self, fit: Fit) -> float:
         """Log evidence of a fit over that of none [nats]."""
         return fit.log_evidence - self.none.log_evidence
+
+    def beside(self, fits: Sequence[Fit]) -> Search:
+        """With further fits, of the same effects the ones of least cost."""
+        unique: dict[frozenset[str], Fit] = {}
+        for fit in (*self.fits, *fits):
+            key = _key(fit.effects)
+            if key not in unique or fit.cost < unique[key].cost:
+                unique[key] = fit
+        return Search(self.none, tuple(sorted(unique.values(), key=lambda fit: -fit.log_evidence)))
 
 
 def _each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) -> list[_Out]:
@@ -155,23 +164,32 @@ def search(
         found += level
         if max((fit.log_evidence for fit in level), default=-math.inf) < before.log_evidence + 5.0:
             break
-    unique: dict[frozenset[str], Fit] = {}
-    for fit in found:
-        key = _key(fit.effects)
-        if key not in unique or fit.cost < unique[key].cost:
-            unique[key] = fit
-    best = max(unique.values(), key=lambda fit: fit.log_evidence, default=none)
+    made = Search(none, ()).beside(found)
+    best = made.fits[0] if made.fits else none
     shorter = _without_one(fitter, best, len(always)) if len(best.effects) - len(always) > 2 else []
     top = max([best, *shorter], key=lambda fit: fit.log_evidence)
     others = shorter
     if top is not best or (thorough and len(top.effects) - len(always) > 1):
         # What was not needed led the search astray: others like what is left were never fitted.
         begun = shorter if shorter and top is best else _without_one(fitter, top, len(always))
-        bases = _each(lambda fit: fitter.base(fit.effects, fit.z), begun, workers)
-        others = [*shorter, *_grow(fitter, effects, bases, math.inf, _KEPT_PAIRS, workers)]
-    for fit in others:
-        unique.setdefault(_key(fit.effects), fit)
-    return Search(none, tuple(sorted(unique.values(), key=lambda fit: -fit.log_evidence)))
+        others = [*shorter, *_further(fitter, effects, begun, workers)]
+    known = {_key(fit.effects) for fit in made.fits}
+    return made.beside([fit for fit in others if _key(fit.effects) not in known])
+
+
+def exchanged(fitter: Fitter, effects: Sequence[Effect], fit: Fit, workers: int = 2) -> list[Fit]:
+    """Fits like one, with one or another of its effects exchanged for others.
+
+    Args:
+        effects: to choose from.
+    """
+    return _further(fitter, effects, _without_one(fitter, fit, 0), workers)
+
+
+def _further(fitter: Fitter, effects: Sequence[Effect], begun: Sequence[Fit], workers: int) -> list[Fit]:
+    """Fits with one effect more than those begun with, the most promising ones."""
+    bases = _each(lambda fit: fitter.base(fit.effects, fit.z), begun, workers)
+    return _grow(fitter, effects, bases, math.inf, _KEPT_PAIRS, workers)
 
 
 def _key(effects: Sequence[Effect]) -> frozenset[str]:

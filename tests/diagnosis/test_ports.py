@@ -18,8 +18,9 @@ from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.given import check_logs
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
+from orchestrator.diagnosis.ports.seek import carries
 from orchestrator.diagnosis.ports.study import Role
-from orchestrator.diagnosis.ports.weigh import carries, foremost, weigh_ports
+from orchestrator.diagnosis.ports.weigh import foremost, weigh_ports
 from orchestrator.diagnosis.verdict import read_diagnosis
 from orchestrator.errors import ConfigError
 from orchestrator.run import run

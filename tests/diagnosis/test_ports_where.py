@@ -26,6 +26,7 @@ from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.tempering import Tempering, read_practice
 from orchestrator.diagnosis.ports.ties import alike
 from orchestrator.diagnosis.ports.where import ledger, no_shares, shapley_shares, where
+from orchestrator.diagnosis.study import Nominal
 from orchestrator.errors import ConfigError
 from orchestrator.system import Port
 
@@ -235,10 +236,10 @@ def test_wrong_settings_are_told_at_once(rubbing, tmp_path):
 def test_simulated_cases_hide_what_they_say(rubbing, effects):
     seen = set()
     for number in range(8):
-        made, truth, trace = simulated(rubbing, list(effects.values()), np.random.default_rng(number))
+        made, truth, evidence = simulated(rubbing, list(effects.values()), np.random.default_rng(number))
         assert {run.role for run in made.runs} == {Role.TRAIN, Role.VALIDATION}
         seen.add(len(truth) if truth != ("outside",) else "outside")
-        assert (trace >= 3.0) is bool(truth)
+        assert (evidence >= 10.0) is bool(truth)
         if truth == ("outside",):
             assert len(made.without) > len(rubbing.without)
         log = made.runs[0].logs[POSITION]
@@ -246,6 +247,19 @@ def test_simulated_cases_hide_what_they_say(rubbing, effects):
         rough = np.diff(log, 3) / np.sqrt(20.0)
         assert np.std(rough) == pytest.approx(2e-6, rel=0.5)
     assert len(seen) > 1
+
+
+def test_what_the_calibration_may_be_astray_is_nothing_hidden(rubbing, effects):
+    """With mass and friction, a gain scales what the drive does: within their tolerances it is no effect."""
+    gain = [effects["drive.voltage.gain"]]
+    exact = {name: Nominal(one.value, 1e-6 * one.value) for name, one in rubbing.nominal.items()}
+    unsure = {name: Nominal(one.value, 0.2 * one.value) for name, one in rubbing.nominal.items()}
+
+    def told(nominal):
+        study = replace(rubbing, nominal=nominal)
+        return [simulated(study, gain, np.random.default_rng(seed))[1] for seed in range(6)]
+
+    assert any(told(exact)) and not any(told(unsure))
 
 
 def case(truth, gains, share=0.0):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -25,6 +25,7 @@ from ...system import Instance, Port
 from ..effect import Effect, Parameter
 from ..study import Array
 from . import laws
+from .comb import Comb
 from .player import Inserted
 from .study import PortStudy
 
@@ -32,6 +33,9 @@ __all__ = ["FORCES", "PortEffect", "Sizes", "candidates"]
 
 _VELOCITIES = {"m/s": "m", "rad/s": "rad"}
 _DRY = {"coulomb", "stribeck", "dahl", "lugre", "maxwell-slip", "presliding", "play", "presliding-backlash"}
+# Levels between zero and a signal's peak, of the finest resolution that is looked for; and by how much of a
+# level, or of a period, what is farthest from the begin may be astray.
+_FINEST, _NEAR = 60, 0.25
 FORCES = {"m/s": "N", "rad/s": "N.m"}
 
 
@@ -44,12 +48,14 @@ class PortEffect(Effect):
         make: the effect on connections that it is, of its parameters.
         reads: ports that the effect reads.
         family: effects of one family are forms of one cause, and are not combined; "" for none.
+        comb: where to look for its one parameter, if runs tell it only from very near.
     """
 
     port: Port | None = None
     make: Callable[[Array], ConnectionEffect] | None = None
     reads: tuple[Port, ...] = ()
     family: str = ""
+    comb: Comb | None = None
 
     def __post_init__(self) -> None:
         if (self.port is None) != (self.make is None) or (self.port is None and not self.changes):
@@ -157,6 +163,9 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
     def size(name: str, unit: str, scale: float, *starts: float, high: float = np.inf) -> Parameter:
         return Parameter(name, unit, scale, 0.0, high, tuple(share * scale for share in starts))
 
+    def jagged(name: str, unit: str, scale: float, *starts: float) -> Parameter:
+        return replace(size(name, unit, scale, *starts), jagged=True)
+
     def signed(name: str, unit: str, scale: float) -> Parameter:
         return Parameter(name, unit, scale, starts=(0.05 * scale,))
 
@@ -171,7 +180,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
             "T y' + y = x",
         ),
         "sample-and-hold": (
-            size("period", "s", 20 * step, 0.15, 0.5),
+            jagged("period", "s", 20 * step, 0.15, 0.5),
             lambda p: SampleAndHold(period=p[0]),
             "x at the latest sample",
         ),
@@ -181,7 +190,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
             "|y| at most (1 - cut) of the peak",
         ),
         "quantise": (
-            size("resolution", unit, 0.1 * spread, 0.3, 1.0),
+            jagged("resolution", unit, 0.1 * spread, 0.3, 1.0),
             lambda p: Quantise(resolution=p[0]),
             "the nearest multiple",
         ),
@@ -201,10 +210,28 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
             "what is carried along where the play is used up",
         ),
     }
+    combs = {"quantise": _resolutions(peak), "sample-and-hold": _periods(step)}
     return [
-        PortEffect(f"{port}.{name}", equation, "docs/effects.md", (one,), port=port, make=make)
+        PortEffect(
+            f"{port}.{name}", equation, "docs/effects.md", (one,), port=port, make=make, comb=combs.get(name)
+        )
         for name, (one, make, equation) in made.items()
     ]
+
+
+def _resolutions(peak: float) -> Comb:
+    """Of a signal with that peak: so near that its largest values fall on the right step."""
+    levels = _NEAR * np.arange(1, round(_FINEST / _NEAR) + 1)
+    return Comb(tuple((peak / levels).tolist()), lambda value, time: _NEAR * value**2 / peak)
+
+
+def _periods(step: float) -> Comb:
+    """So near that the last sample of a run is taken when it should be.
+
+    At other periods samples are late by half of it on average, at random: one of three quarters does best.
+    """
+    coarse = tuple((step * np.geomspace(0.3, 60.0, 60)).tolist())
+    return Comb(coarse, lambda value, time: _NEAR * value**2 / time, reach=1.6)
 
 
 def _friction(study: PortStudy, instance: Instance, sizes: Sizes) -> list[Effect]:

@@ -71,12 +71,12 @@ class Case:
 
     Attributes:
         truth: ids; ("outside",); or none.
-        trace: of what is hidden in the logs [nats].
+        evidence: what the logs tell of it over the calibration alone [nats].
         answers: none first; candidates: how many there were; share: see `Weighed.share`.
     """
 
     truth: tuple[str, ...]
-    trace: float
+    evidence: float
     answers: tuple[_Answer, ...]
     candidates: int
     share: float
@@ -167,16 +167,16 @@ def _prepared(payload: tuple[Path, int], folder: Path) -> tuple[PortStudy, Seque
 
 def _one(context: tuple[PortStudy, Sequence[Effect], int], number: int) -> Case:
     study, effects, seed = context
-    made, truth, trace = simulated(
+    made, truth, evidence = simulated(
         study, effects, np.random.default_rng(np.random.SeedSequence([seed, number]))
     )
-    return _case(weigh_ports(made), truth, trace)
+    return _case(weigh_ports(made), truth, evidence)
 
 
 def _written(case: Case) -> dict[str, Any]:
     return {
         "truth": list(case.truth),
-        "trace": case.trace,
+        "evidence": case.evidence,
         "share": case.share,
         "answers": [[list(one.effects), one.gain, list(one.ties)] for one in case.answers],
         "candidates": case.candidates,
@@ -196,14 +196,14 @@ def _kept(file: Path | None, key: str) -> dict[int, Case]:
         if data["key"] == key:
             answers = tuple(_Answer(tuple(names), gain, tuple(ties)) for names, gain, ties in data["answers"])
             found[data["number"]] = Case(
-                tuple(data["truth"]), data["trace"], answers, data["candidates"], data["share"]
+                tuple(data["truth"]), data["evidence"], answers, data["candidates"], data["share"]
             )
     return found
 
 
-def _case(weighed: Weighed, truth: tuple[str, ...], trace: float) -> Case:
+def _case(weighed: Weighed, truth: tuple[str, ...], evidence: float) -> Case:
     answers = tuple(_Answer(one.effects, float(one.gain), one.ties) for one in weighed.answers)
-    return Case(truth, trace, answers, len(weighed.effects), weighed.share)
+    return Case(truth, evidence, answers, len(weighed.effects), weighed.share)
 
 
 def _loss(tempering: Tempering, cases: Sequence[Case]) -> float:

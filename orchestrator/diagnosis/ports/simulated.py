@@ -6,17 +6,21 @@ from strong to nearly none, or a candidate that is struck from the list, which t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...system import Port
 from ..effect import Effect
+from ..fit import Fitter, cost_of
 from ..study import Array
 from .candidates import PortEffect
-from .replay import PortReplay
+from .replay import PortReplay, Weighted
+from .seek import carries
 from .study import PortRun, PortStudy, Role
+from .wary import WaryFitter
 
 __all__ = ["simulated"]
 
@@ -24,8 +28,8 @@ __all__ = ["simulated"]
 _KINDS = {"none": 0.25, "one": 0.45, "two": 0.15, "outside": 0.15}
 # Sizes of effects are drawn from so many decades below their prior.
 _DECADES = 2.5
-# An effect whose whole trace in the logs is worth less is none [nats]; the smallest of two that count.
-_SEEN = 3.0
+# An effect of which logs tell less is none [nats].
+_SEEN = 10.0
 
 
 def simulated(
@@ -38,7 +42,8 @@ def simulated(
 
     Args:
         effects: to draw from.
-    Returns: the study, train and validation runs only; what is hidden; its trace in the logs [nats].
+    Returns: the study, train and validation runs only; what is hidden, as far as logs can tell; and how much
+        they tell of it, see `_told` [nats].
     """
     kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
     pool = [one for one in effects if isinstance(one, PortEffect)]
@@ -55,31 +60,73 @@ def simulated(
     }
     given = tuple(port for port in study.fed if port not in study.compared)
     open_study = replace(study, fed=given)
-    runs, trace = [], 0.0
+    runs, bare = [], []
+    noises: dict[Port, list[Array]] = {}
     for run in study.of(Role.TRAIN, Role.VALIDATION):
         replay = PortReplay(open_study, [run])
         signals = replay.signals(run, calibrated, tuple(hidden), theta)
-        bare = replay.signals(run, calibrated, (), np.zeros(0))
-        logs = dict(run.logs)
+        logs, without = dict(run.logs), dict(run.logs)
         for port in replay.compared(run):
-            noise = float(study.columns[port].noise or 0.0)
-            drawn = _noise(study, port, len(run), noise, rng)
-            scale = max(float(drawn.std()), noise)
-            trace += 0.5 * float(np.sum(((signals[port] - bare[port])[study.settled :] / scale) ** 2))
-            logs[port] = signals[port] + drawn
+            noise = _noise(study, port, len(run), float(study.columns[port].noise or 0.0), rng)
+            noises.setdefault(port, []).append(noise)
+            logs[port], without[port] = signals[port] + noise, signals[port]
         runs.append(replace(run, logs=logs))
-    truth = tuple(sorted(one.id for one in hidden))
-    without = study.without
-    if not np.isfinite(trace):
-        return simulated(study, effects, rng)
-    if kind == "outside":
+        bare.append(replace(run, logs=without))
+    if not all(np.isfinite(log).all() for run in bare for log in run.logs.values()):
+        return simulated(study, effects, rng)  # what is drawn makes the system run away
+    truth = _Hidden(calibrated, tuple(hidden), theta)
+    weights = {
+        port: 1.0 / math.sqrt(carries(np.concatenate(parts) / float(study.columns[port].noise or 1.0)))
+        for port, parts in noises.items()
+    }
+    told, evidence = _told(WaryFitter(Weighted.of(PortReplay(study, bare), weights)), truth)
+    struck = study.without
+    names = tuple(sorted(one.id for one in told))
+    if kind == "outside" and told:
         # Its whole family is struck: another form of the same cause would be right.
-        family = hidden[0].family
-        gone = [one.id for one in pool if one.id == hidden[0].id or (family and one.family == family)]
-        without, truth = (*without, *gone), ("outside",)
-    if trace < _SEEN:
-        truth = ()
-    return replace(study, runs=tuple(runs), without=without), truth, trace
+        family = told[0].family
+        gone = [one.id for one in pool if one.id == told[0].id or (family and one.family == family)]
+        struck, names = (*struck, *gone), ("outside",)
+    return replace(study, runs=tuple(runs), without=struck), names, evidence
+
+
+@dataclass(frozen=True)
+class _Hidden:
+    """What makes the logs of a simulated case."""
+
+    calibrated: Mapping[str, float]
+    effects: tuple[PortEffect, ...]
+    theta: Array
+
+
+def _told(fitter: Fitter, hidden: _Hidden) -> tuple[tuple[PortEffect, ...], float]:
+    """The hidden effects that logs without noise tell, and what they tell of all of them [nats].
+
+    What the calibration may explain within its tolerances, and what the other hidden effect explains in
+    another size or shape, does not count. Of two that each explain what the other does one remains.
+
+    Args:
+        fitter: of these logs, weighed as their noise lets them count.
+    """
+    z = fitter.normalised(hidden.calibrated, hidden.effects, hidden.theta)
+    count = len(hidden.calibrated)
+    effects = list(hidden.effects)
+    parts = np.split(z[count:], np.cumsum([len(one.parameters) for one in effects])[:-1]) if effects else []
+    own = cost_of(fitter.stacked(hidden.effects, z), z[:count])
+
+    def beyond(kept: Sequence[int]) -> float:
+        """Evidence for what made the logs over some of it [nats]."""
+        start = np.concatenate([parts[place] for place in kept]) if kept else None
+        fit = fitter.fit(tuple(effects[place] for place in kept), z[:count], start)
+        return 0.5 * (fit.cost - own)
+
+    kept = list(range(len(effects)))
+    while kept:
+        least, gone = min((beyond([other for other in kept if other != place]), place) for place in kept)
+        if least >= _SEEN:
+            break
+        kept.remove(gone)
+    return tuple(effects[place] for place in kept), beyond([]) if effects else 0.0
 
 
 def _drawn(effect: Effect, rng: np.random.Generator) -> Array:

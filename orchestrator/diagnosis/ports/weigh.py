@@ -14,15 +14,15 @@ from ..answers import Answer, simplest, tied
 from ..effect import Effect, by_effect
 from ..finding import Augmented, Candidate, Finding, name_of
 from ..fit import Fit, Fitter
-from ..search import Search, search
-from ..study import Array
+from ..search import Search
 from .candidates import candidates
 from .replay import PortReplay, Weighted, measure
+from .seek import sought
 from .study import PortStudy, Role
 from .tempering import Tempering
 from .ties import alike
 
-__all__ = ["Weighed", "carries", "foremost", "weigh_ports"]
+__all__ = ["Weighed", "foremost", "weigh_ports"]
 
 # Answers that are told.
 _KEPT = 12
@@ -30,8 +30,6 @@ _KEPT = 12
 _EXCESS = 0.5
 # Answers of a larger probability tell which of their effects counts most.
 _WORTH = 0.01
-# How many effects an answer may hold.
-_LONGEST = 4
 # Tolerances by which a calibrated number may stray.
 _STRAYED = 3.0
 
@@ -61,34 +59,11 @@ class Weighed:
         return float(np.mean(list(self.left.values()))) if self.left else 0.0
 
 
-def carries(r: Array) -> float:
-    """What the square of a normalised residual is divided by: its mean square times its correlation time.
-
-    The correlation time is 1 + 2 times the sum of autocorrelations until the first that is not positive, in
-    samples. Residuals that are noise as specified give about one.
-
-    Args:
-        r: shape (n,).
-    """
-    n = len(r)
-    square = float(np.mean(r**2))
-    if not math.isfinite(square) or square == 0.0:
-        return 1.0
-    spectrum = np.abs(np.fft.rfft(r, 2 * n)) ** 2
-    correlation = np.fft.irfft(spectrum)[:n]
-    correlation /= correlation[0]
-    below = np.flatnonzero(correlation <= 0.0)
-    last = int(below[0]) if below.size else n
-    time = 1.0 + 2.0 * float(correlation[1:last].sum())
-    # A few percent above one are chance.
-    return max(square * time, 1.0) if time > 1.5 or square > 1.5 else 1.0
-
-
 def weigh_ports(study: PortStudy, tempering: Tempering | None = None) -> Weighed:
     """Find which candidates make a system differ from its logs.
 
     Effects are fitted on the train runs. An answer's evidence is that of its fit, with each channel weighed
-    by what its residuals carry (see `carries`), and what it gains on the validation runs as fitted.
+    by what its residuals carry (see `sought`), and what it gains on the validation runs as fitted.
 
     Args:
         tempering: how evidence becomes probabilities.
@@ -97,41 +72,13 @@ def weigh_ports(study: PortStudy, tempering: Tempering | None = None) -> Weighed
     effects = candidates(study, measure(study, train[0]))
     replay = PortReplay(study, train)
     with threadpool_limits(limits=1, user_api="blas"):
-        plain = Fitter(replay).fit(())
-        # What a channel carries is told by what the best model at hand leaves of it: what an effect would
-        # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
-        # first sought as if residuals were white, only to see what remains.
-        explored = search(
-            Fitter(Weighted(replay, _weights(replay, plain.residuals, _square))), effects, workers=1
-        )
-        best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
-        left = replay.residuals(best.calibrated, best.effects, best.theta)
-        weights = _weights(replay, left, carries)
-        fitter = Fitter(Weighted(replay, weights))
-        # What never came near the best then will not now.
-        near = {one.id for fit in explored.fits for one in fit.effects}
-        found = search(fitter, [one for one in effects if one.id in near], longest=_LONGEST, workers=1)
+        fitter, found = sought(replay, effects)
         checked = PortReplay(study, validation)
         assert isinstance(fitter.replay, Weighted)
         by_port = fitter.replay.by_port
         answers = _answers(fitter, found, lambda fit: _squares(checked, by_port, fit), effects)
     made = _Made(study, replay, checked, effects, by_port)
     return _conclude(made, found, answers, tempering or Tempering())
-
-
-def _square(r: Array) -> float:
-    return max(float(np.mean(r**2)), 1.0)
-
-
-def _weights(
-    replay: PortReplay, residuals: Sequence[Array], divisor: Callable[[Array], float]
-) -> list[float]:
-    """Weights by what is left of channels; of several runs' like channels, by the mean."""
-    ports = [port for run in replay.runs for port in replay.compared(run)]
-    kept: dict[object, list[float]] = {}
-    for port, r in zip(ports, residuals, strict=True):
-        kept.setdefault(port, []).append(divisor(r))
-    return [1.0 / math.sqrt(float(np.mean(kept[port]))) for port in ports]
 
 
 def _squares(replay: PortReplay, weights: Mapping[Port, float], model: Fit | Augmented) -> float:

@@ -1,0 +1,77 @@
+"""Search for a value that runs tell only when one is very near it: a resolution, a sampling period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["Comb"]
+
+# How many of the best values are looked at more closely, how often after the whole run was, and at how many
+# points at most; and what they must save of the sum of squares for that.
+_KEPT, _CLOSER, _POINTS, _WORTH = 3, 6, 100, 10.0
+
+
+@dataclass(frozen=True)
+class Comb:
+    """Where to look for a value.
+
+    Attributes:
+        coarse: values to begin with, falling or rising.
+        width: of a value and a time [s]: how far apart values may be for none between them to be missed by
+            runs that long.
+        reach: by what factor the right value may be larger than the best coarse one; above 1 where coarse
+            ones are too far apart to meet it, and only tell whereabouts it is.
+    """
+
+    coarse: tuple[float, ...]
+    width: Callable[[float, float], float]
+    reach: float = 1.0
+
+    def best(self, cost: Callable[[float, int], float], ends: Sequence[tuple[int, float]]) -> list[float]:
+        """The values of least cost, least first; none where no coarse one does better than zero.
+
+        Values are tried on the begin of a run, and those that do best closer and closer on more of it: the
+        longer a run is, the less a value may be astray for its samples to fall where they should.
+
+        Args:
+            cost: of a value, by so many samples of a run; of zero: without it.
+            ends: numbers of samples and the times that they take [s], rising.
+        """
+        values = np.array(self.coarse)
+        gap = np.abs(np.gradient(values)) if len(values) > 1 else values / 2.0
+        samples, time = ends[0]
+        costs = [cost(value, samples) for value in values.tolist()]
+        if not min(costs) < cost(0.0, samples) - _WORTH:
+            return []
+        best = _least(values, gap, costs)
+        if self.reach > 1.0:
+            value, apart = best[0]
+            near = [value - apart]
+            while near[-1] < self.reach * value + apart:
+                near.append(near[-1] + self.width(near[-1], time))
+            values = np.array(near)
+            best = _least(values, np.gradient(values), [cost(value, samples) for value in near])
+        for samples, time in [*ends, *ends[-1:] * _CLOSER]:
+            near, gaps = [], []
+            for value, apart in best:
+                step = min(self.width(value, time), 0.5 * apart)
+                count = min(max(math.ceil(apart / step), 2), _POINTS // 2)
+                near += (value + apart * np.arange(-count, count + 1) / count).tolist()
+                gaps += [apart / count] * (2 * count + 1)
+            inside = [place for place, value in enumerate(near) if value > 0.0]
+            values, gap = np.array(near)[inside], np.array(gaps)[inside]
+            best = _least(values, gap, [cost(value, samples) for value in values.tolist()])
+        return [value for value, _ in best]
+
+
+def _least(values: np.ndarray, gap: np.ndarray, costs: Sequence[float]) -> list[tuple[float, float]]:
+    """The values of least cost, no two of them neighbours, each with the gap to its neighbours."""
+    found: list[tuple[float, float]] = []
+    for place in np.argsort(costs, kind="stable").tolist():
+        if all(abs(values[place] - value) > apart for value, apart in found) and len(found) < _KEPT:
+            found.append((float(values[place]), float(gap[place])))
+    return found

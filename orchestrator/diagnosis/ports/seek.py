@@ -1,0 +1,157 @@
+"""Search for the effects that explain a system's logs, whose residuals are neither white nor as specified."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..effect import Effect
+from ..fit import Fit, Fitter
+from ..search import Search, exchanged, search
+from ..study import Array
+from .candidates import PortEffect
+from .replay import PortReplay, Weighted
+from .wary import WaryFitter
+
+__all__ = ["carries", "sought"]
+
+# What residuals that are but noise carry at most; see `carries`.
+_NOISE = 1.5
+# How many effects an answer may hold.
+_LONGEST = 4
+# Values that fits begin from, of what runs tell only from very near.
+_STARTS = 2
+# Searches with better and better weights at most, and how much better they must be for another one.
+_ROUNDS, _BETTER = 2, 1.5
+
+
+def carries(r: Array) -> float:
+    """What the square of a normalised residual is divided by: its mean square times its correlation time.
+
+    The correlation time is 1 + 2 times the sum of autocorrelations until the first that is not positive, in
+    samples. Residuals that are noise as specified give about one.
+
+    Args:
+        r: shape (n,).
+    """
+    n = len(r)
+    square = float(np.mean(r**2))
+    if not math.isfinite(square) or square == 0.0:
+        return 1.0
+    spectrum = np.abs(np.fft.rfft(r, 2 * n)) ** 2
+    correlation = np.fft.irfft(spectrum)[:n]
+    correlation /= correlation[0]
+    below = np.flatnonzero(correlation <= 0.0)
+    last = int(below[0]) if below.size else n
+    time = 1.0 + 2.0 * float(correlation[1:last].sum())
+    # A few percent above one are chance.
+    return max(square * time, 1.0) if time > 1.5 or square > 1.5 else 1.0
+
+
+def sought(replay: PortReplay, effects: Sequence[Effect]) -> tuple[Fitter, Search]:
+    """The effects, and up to four of them together, that explain logs best.
+
+    Returns: by what they were fitted, its replay weighted by what each channel's residuals carry; and what
+        was found.
+    """
+    plain = WaryFitter(replay).fit(())
+    effects = _combed(replay, effects, plain)
+    # What a channel carries is told by what the best model at hand leaves of it: what an effect would
+    # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
+    # first sought as if residuals were white, only to see what remains.
+    white = WaryFitter(Weighted(replay, _weights(replay, plain.residuals, _square)))
+    explored = search(white, effects, longest=1, workers=1)
+    best, some = explored.best, effects
+    if max(map(carries, replay.residuals(best.calibrated, best.effects, best.theta))) > _NOISE:
+        explored = search(white, effects, workers=1)
+        best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
+        some = _combed(replay, _promising(effects, explored), best)
+    return _found(replay, some, best)
+
+
+def _combed(replay: PortReplay, effects: Sequence[Effect], base: Fit) -> tuple[Effect, ...]:
+    """Effects with starts, of those that runs tell only from very near, where they do best beside a model."""
+    run, settled = replay.runs[0], replay.study.settled
+    step = float(replay.study.prepared.grid.step_size)
+    more = len(run) - settled
+    ends = [settled + max(more // part, 1) for part in (8, 4, 2, 1)]
+    parts: dict[int, PortReplay] = {}
+    for end in ends:
+        logs = {port: log[:end] for port, log in run.logs.items()}
+        parts[end] = PortReplay(replay.study, [replace(run, logs=logs)])
+    found = []
+    for effect in effects:
+        comb = effect.comb if isinstance(effect, PortEffect) else None
+        if comb is not None and all(effect.id != one.id for one in base.effects):
+
+            def cost(value: float, samples: int, effect: Effect = effect) -> float:
+                model = (*base.effects, effect), np.array([*base.theta, value])
+                left = parts[samples].residuals(base.calibrated, *model)
+                total = sum(float(r @ r) for r in left)
+                return total if math.isfinite(total) else math.inf
+
+            best = comb.best(cost, [(end, end * step) for end in ends])[:_STARTS]
+            if best:
+                effect = replace(effect, parameters=(replace(effect.parameters[0], starts=tuple(best)),))
+        found.append(effect)
+    return tuple(found)
+
+
+def _promising(effects: Sequence[Effect], explored: Search) -> tuple[Effect, ...]:
+    """Effects that came near the best, in whatever form: what did not then will not with other weights."""
+    near = {one for fit in explored.fits for effect in fit.effects for one in _names(effect)}
+    return tuple(one for one in effects if near & _names(one))
+
+
+def _names(effect: Effect) -> set[str]:
+    family = effect.family if isinstance(effect, PortEffect) else ""
+    return {effect.id, family} if family else {effect.id}
+
+
+def _found(replay: PortReplay, effects: Sequence[Effect], best: Fit) -> tuple[Fitter, Search]:
+    """A search in which channels count by what the best model at hand leaves of them, and its fitter.
+
+    Where it finds a much better one, channels carry more than that, and are searched again.
+    """
+    weights = _carried(replay, best)
+    for _ in range(_ROUNDS):
+        fitter = WaryFitter(Weighted(replay, weights))
+        found = _reconsidered(fitter, effects, search(fitter, effects, longest=_LONGEST, workers=1))
+        effects = _promising(effects, found)
+        before, weights = weights, _carried(replay, found.best)
+        if max(now / then for now, then in zip(weights, before, strict=True)) < _BETTER:
+            break
+    return fitter, found
+
+
+def _carried(replay: PortReplay, fit: Fit) -> list[float]:
+    return _weights(replay, replay.residuals(fit.calibrated, fit.effects, fit.theta), carries)
+
+
+def _reconsidered(fitter: Fitter, effects: Sequence[Effect], found: Search) -> Search:
+    """A search whose best pair was tried with others, where two effects or more do best.
+
+    The first one may have been a wrong one that the others make good.
+    """
+    pairs = [fit for fit in found.fits if len(fit.effects) == 2]
+    if len(found.best.effects) < 2 or not pairs:
+        return found
+    return found.beside(exchanged(fitter, effects, pairs[0], workers=1))
+
+
+def _square(r: Array) -> float:
+    return max(float(np.mean(r**2)), 1.0)
+
+
+def _weights(
+    replay: PortReplay, residuals: Sequence[Array], divisor: Callable[[Array], float]
+) -> list[float]:
+    """Weights by what is left of channels; of several runs' like channels, by the mean."""
+    ports = [port for run in replay.runs for port in replay.compared(run)]
+    kept: dict[object, list[float]] = {}
+    for port, r in zip(ports, residuals, strict=True):
+        kept.setdefault(port, []).append(divisor(r))
+    return [1.0 / math.sqrt(float(np.mean(kept[port]))) for port in ports]

@@ -1,0 +1,122 @@
+"""Fits of effects whose residuals are smooth functions of their parameters from afar only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ..effect import Effect
+from ..fit import Base, Fit, Fitter, cost_of
+from ..study import Array
+
+__all__ = ["WaryFitter"]
+
+# Factors by which a parameter is changed while that does better, those of one that runs tell only from very
+# near, and that by which a size is screened.
+_STRIDES, _FINE, _LONG = (3.0, 1.7, 1.3, 1.1, 1.03), (1.03, 1.01, 1.003, 1.001, 1.0003), 3.0
+# Walks and descents in turn, walks over all parameters at one stride, at most; and of cost that is worth one.
+_TURNS, _WALKS, _WORTH = 4, 6, 1.0
+# Of a parameter, by which it is moved for a derivative, and of its prior at least.
+_SHARE, _SMALLEST = 0.05, 5e-5
+_RUNAWAY = 1e60
+# What a walk leaves over the least cost known, beyond which no descent is tried.
+_HOPELESS = 3.0
+
+
+class WaryFitter(Fitter):
+    """Fits as `Fitter` does, but finds its way by differences from afar.
+
+    A limit, a play or dry friction switches from one sample to the next: a descent by derivatives ends in
+    some dent. So each parameter is first changed by factors, by less and less, while that does better, and
+    derivatives are taken over some share of a parameter; both in turn.
+    """
+
+    def fit(
+        self,
+        effects: tuple[Effect, ...],
+        begin: Array | None = None,
+        start: Array | None = None,
+        known: Array | None = None,
+        aim: float = math.inf,
+    ) -> Fit:
+        """See `Fitter`."""
+        if not effects or start is None:
+            return super().fit(effects, begin, start, known, aim)
+        count = len(self.nominal)
+        z = np.concatenate([self.nominal if begin is None else begin, start])
+        found = None
+        for _ in range(_TURNS):
+            z, cost = self._walked(effects, z)
+            if found is not None and not cost < found.cost - _WORTH:
+                break
+            if cost > _HOPELESS * aim:
+                r = self.stacked(effects, z)
+                return self._fitted(effects, z, r, cost, 0.0) if found is None else found
+            ahead = super().fit(effects, z[:count], z[count:], None, aim)
+            if found is not None and not ahead.cost < found.cost - _WORTH:
+                break
+            found, z = ahead, ahead.z
+            if found.cost > aim:
+                break
+        assert found is not None
+        return found
+
+    def jacobian(self, effects: tuple[Effect, ...], z: Array, r: Array, places: Iterable[int]) -> Array:
+        """See `Fitter`; by the effects' parameters over a share of them."""
+        places, count = list(places), len(self.nominal)
+        found = super().jacobian(effects, z, r, [place for place in places if place < count])
+        for place in places:
+            if place < count:
+                continue
+            step = max(_SHARE * abs(z[place]), _SMALLEST)
+            with np.errstate(over="ignore", invalid="ignore"):
+                column = self._difference(effects, z, r, place, step)
+            if np.abs(column).max(initial=0.0) < _RUNAWAY:
+                found[:, place] = column
+        return found
+
+    def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
+        """See `Fitter`; also from where the best start leads."""
+        cost, base, start = super().screen(effect, bases)
+        if not math.isfinite(cost):
+            return cost, base, start
+        if not effect.parameters[0].smooth:
+            return cost, base, start
+        effects, place = (*base.effects, effect), len(base.z)
+        z = np.concatenate([base.z, start])
+        z, _ = self._changed(effects, z, cost_of(self.stacked(effects, z), z), place, _LONG)
+        ahead = self._promise(effect, base, z[place:])
+        return (ahead, base, z[place:]) if ahead < cost else (cost, base, start)
+
+    def _walked(self, effects: tuple[Effect, ...], z: Array) -> tuple[Array, float]:
+        """Where changes by factors lead, and its cost."""
+        cost = cost_of(self.stacked(effects, z), z)
+        parameters = [one for effect in effects for one in effect.parameters]
+        for stride, fine in zip(_STRIDES, _FINE, strict=True):
+            for _ in range(_WALKS):
+                before = cost
+                for place, one in enumerate(parameters, len(self.nominal)):
+                    z, cost = self._changed(effects, z, cost, place, stride if one.smooth else fine)
+                if cost == before:
+                    break
+        return z, cost
+
+    def _changed(
+        self, effects: tuple[Effect, ...], z: Array, cost: float, place: int, stride: float
+    ) -> tuple[Array, float]:
+        """One parameter by a factor or its inverse, again and again while that does better."""
+        one = [one for effect in effects for one in effect.parameters][place - len(self.nominal)]
+        for factor in (1.0 / stride, stride):
+            while True:
+                ahead = z.copy()
+                ahead[place] = z[place] + math.log(factor) / one.scale if one.shape else z[place] * factor
+                ahead = self._bounded(effects, ahead)
+                if ahead[place] == z[place]:
+                    break
+                cost_ahead = cost_of(self.stacked(effects, ahead), ahead)
+                if not cost_ahead < cost - _WORTH:
+                    break
+                z, cost = ahead, cost_ahead
+        return z, cost

@@ -1,0 +1,108 @@
+"""Fits of a system of FMUs where derivatives lead nowhere: combs of values, differences from afar."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.effect import Parameter
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.ports.candidates import PortEffect, _periods, _resolutions
+from orchestrator.diagnosis.ports.wary import WaryFitter
+from orchestrator.effects.gain import Gain
+from orchestrator.system import Port
+
+STEP = 1e-3
+TIME = STEP * np.arange(8000)
+SWING = np.sin(2.0 * np.pi * 0.7 * TIME) * np.exp(-0.05 * TIME)
+ENDS = [(samples, samples * STEP) for samples in (1000, 2000, 4000, 8000)]
+
+
+def rounded(x, resolution):
+    return resolution * np.round(x / resolution) if resolution else x
+
+
+def held(x, period):
+    return np.interp(period * np.floor(TIME / period + 1e-9), TIME, x) if period else x
+
+
+@pytest.mark.parametrize("hidden", [0.3, 0.0421, 0.0177])
+def test_a_resolution_is_found_from_afar(hidden):
+    noise = 0.2 * hidden * np.random.default_rng(3).standard_normal(len(TIME))
+    log = rounded(SWING, hidden) + noise
+    peak = np.abs(SWING).max()
+    comb = _resolutions(peak)
+
+    def cost(value, samples):
+        return float(np.sum(((log - rounded(SWING, value))[:samples] / np.std(noise)) ** 2))
+
+    best = comb.best(cost, ENDS)
+    assert best[0] == pytest.approx(hidden, rel=2e-3)
+    # No worse than the hidden one.
+    assert cost(best[0], 8000) < cost(hidden, 8000) + 20.0
+
+
+@pytest.mark.parametrize("hidden", [23.3e-3, 4.17e-3])
+def test_a_sampling_period_is_found_where_it_shows_after_seconds_only(hidden):
+    draw = np.random.default_rng(4)
+    log = held(SWING, hidden) + 2e-3 * draw.standard_normal(len(TIME))
+    comb = _periods(STEP)
+
+    def cost(value, samples):
+        return float(np.sum(((log - held(SWING, value))[:samples] / 2e-3) ** 2))
+
+    best = comb.best(cost, ENDS)
+    # The last sample is taken to a tenth of a period when it should be.
+    assert best[0] == pytest.approx(hidden, rel=0.1 * hidden / TIME[-1])
+
+
+def test_where_no_value_does_better_none_is_told():
+    log = SWING + 1e-2 * np.random.default_rng(5).standard_normal(len(TIME))
+    assert (
+        _resolutions(1.0).best(lambda v, n: float(np.sum(((log - rounded(SWING, v))[:n] / 1e-2) ** 2)), ENDS)
+        == []
+    )
+
+
+class Relay:
+    """A replay of a switch with hysteresis: which samples differ is no smooth function of its width."""
+
+    tolerances = {"level": (1.0, 0.05)}  # noqa: RUF012
+    width, level = 0.31, 1.02
+
+    def __init__(self):
+        self.noise = 0.05 * np.random.default_rng(6).standard_normal(len(TIME))
+
+    def given(self, level, width):
+        state, out = 1.0, np.empty(len(TIME))
+        for place, x in enumerate(SWING):
+            if state > 0.0 and x < -width:
+                state = -1.0
+            elif state < 0.0 and x > width:
+                state = 1.0
+            out[place] = level * state
+        return out
+
+    def residuals(self, calibrated, effects, theta):
+        log = self.given(self.level, self.width) + self.noise
+        return [(log - self.given(calibrated["level"], theta[0] if effects else 0.0)) / 0.05]
+
+
+@pytest.mark.parametrize("start", [0.02, 0.1, 0.6])
+def test_a_width_is_found_over_dents(start):
+    port = Port("a", "b")
+    effect = PortEffect(
+        "a.width",
+        "",
+        "",
+        (Parameter("width", "1", 1.0, 0.0, 3.0),),
+        port=port,
+        make=lambda p: Gain(factor=p[0]),
+    )
+    replay = Relay()
+    fit = WaryFitter(replay).fit((effect,), None, np.array([start]))
+    truth = float(np.sum((replay.noise / 0.05) ** 2))
+    assert fit.cost < truth + 5.0
+    assert fit.calibrated["level"] == pytest.approx(1.02, abs=3e-3)
+    # Steps along derivatives alone stay where they began.
+    assert Fitter(replay).fit((effect,), None, np.array([start])).cost > 2.0 * truth
