@@ -19,7 +19,6 @@ from ..finding import NOMINAL, Augmented, Finding
 from ..verdict import Diagnosis, Runnable, Share, Verdict, Which
 from .augmented import FMUS, augmented_config
 from .augmented import NAME as AUGMENTED
-from .candidates import candidates
 from .closure import how_far
 from .energy import energy
 from .experiments import next_experiment, no_experiment
@@ -27,7 +26,7 @@ from .given import check_logs
 from .numerics import doubts, numerics
 from .practice import Practise, practise
 from .reader import load_port_study
-from .replay import measure
+from .replay import candidates_of
 from .study import PortStudy, Role, study_file
 from .tempering import Tempering, read_practice
 from .weigh import Weighed, weigh_ports
@@ -149,7 +148,7 @@ def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Ma
         taught = practise(path, practice)
         return taught, Tempering(**taught["tempering"])
     if study.practice is not None:
-        effects = candidates(study, measure(study, study.of(Role.TRAIN)[0]))
+        effects = candidates_of(study)
         tempering, data = read_practice(study.practice, [one.id for one in effects])
         return data, tempering
     return {}, Tempering()

@@ -20,11 +20,10 @@ from ...run_folder import folder_at
 from ...workers import Work, pool_of
 from ..effect import Effect
 from ..study import Array
-from .candidates import candidates
 from .reader import load_port_study
-from .replay import measure
+from .replay import candidates_of
 from .simulated import simulated
-from .study import PortStudy, Role, study_file
+from .study import PortStudy, study_file
 from .tempering import FORMAT, Tempering
 from .weigh import Weighed, weigh_ports
 
@@ -105,7 +104,7 @@ def practise(path: Path, order: Practise) -> dict[str, Any]:
     if order.jobs is not None and order.jobs < 1:
         raise ConfigError([Problem("--jobs", f"got {order.jobs}", "at least 1")])
     study = load_port_study(path)
-    effects = candidates(study, measure(study, study.of(Role.TRAIN)[0]))
+    effects = candidates_of(study)
     if len(effects) < 2:
         raise ConfigError([Problem("practice", f"got {len(effects)} candidates", "at least 2 to tell apart")])
     cases = _weighed(path, study, order, [one.id for one in effects])
@@ -142,8 +141,8 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
         [file_digest(one) for one in (study_file(path), *logs)],
     ]
     key = hashlib.sha256(json.dumps(made_of, default=str).encode()).hexdigest()[:16]
-    done = _kept(order.kept, key)
-    order.progress(sum(number < order.cases for number in done))
+    done = {number: case for number, case in _kept(order.kept, key).items() if number < order.cases}
+    order.progress(len(done))
     missing = [number for number in range(order.cases) if number not in done]
     pool = pool_of(None, order.jobs)
     for outcome in pool.outcomes(Work(_one, _prepared, (path.resolve(), order.seed)), missing):
@@ -155,14 +154,14 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
             folder_at(order.kept.parent)  # not before: what is refused leaves no folder
             with order.kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(strict(line)) + "\n")
-        order.progress(sum(number < order.cases for number in done))
+        order.progress(len(done))
     return [done[number] for number in range(order.cases)]
 
 
 def _prepared(payload: tuple[Path, int], folder: Path) -> tuple[PortStudy, Sequence[Effect], int]:
     path, seed = payload
     study = load_port_study(path)
-    return study, candidates(study, measure(study, study.of(Role.TRAIN)[0])), seed
+    return study, candidates_of(study), seed
 
 
 def _one(context: tuple[PortStudy, Sequence[Effect], int], number: int) -> Case:

@@ -14,11 +14,11 @@ from ...system import Port
 from ..effect import Effect
 from ..finding import Augmented
 from ..study import Array
-from .candidates import FORCES, PortEffect, Sizes
+from .candidates import FORCES, PortEffect, Sizes, candidates
 from .player import Inserted, Player
-from .study import PortRun, PortStudy
+from .study import PortRun, PortStudy, Role
 
-__all__ = ["PortReplay", "Weighted", "measure"]
+__all__ = ["PortReplay", "Weighted", "candidates_of", "measure"]
 
 # A model that gives this many times as much as was logged has run away.
 _RUNAWAY = 100.0
@@ -171,6 +171,11 @@ class Weighted:
         """See `Replay`."""
         found = self.replay.residuals(calibrated, effects, theta)
         return [r * weight for r, weight in zip(found, self.weights, strict=True)]
+
+
+def candidates_of(study: PortStudy) -> tuple[Effect, ...]:
+    """All candidates of a study, their priors made from the signals of its first train run."""
+    return candidates(study, measure(study, study.of(Role.TRAIN)[0]))
 
 
 def measure(study: PortStudy, run: PortRun) -> Sizes:

@@ -15,8 +15,7 @@ from ..effect import Effect, by_effect
 from ..finding import Augmented, Candidate, Finding, name_of
 from ..fit import Fit, Fitter
 from ..search import Search
-from .candidates import candidates
-from .replay import PortReplay, Weighted, measure
+from .replay import PortReplay, Weighted, candidates_of
 from .seek import sought
 from .study import PortStudy, Role
 from .tempering import Tempering
@@ -68,12 +67,10 @@ def weigh_ports(study: PortStudy, tempering: Tempering | None = None) -> Weighed
     Args:
         tempering: how evidence becomes probabilities.
     """
-    train, validation = study.of(Role.TRAIN), study.of(Role.VALIDATION)
-    effects = candidates(study, measure(study, train[0]))
-    replay = PortReplay(study, train)
+    effects = candidates_of(study)
+    replay, checked = (PortReplay(study, study.of(role)) for role in (Role.TRAIN, Role.VALIDATION))
     with threadpool_limits(limits=1, user_api="blas"):
         fitter, found = sought(replay, effects)
-        checked = PortReplay(study, validation)
         assert isinstance(fitter.replay, Weighted)
         by_port = fitter.replay.by_port
         answers = _answers(fitter, found, lambda fit: _squares(checked, by_port, fit), effects)
