@@ -14,7 +14,7 @@ import numpy as np
 
 from ...system import Port
 from ..effect import Effect
-from ..fit import Fitter, cost_of
+from ..fit import Fitter
 from ..study import Array
 from .candidates import PortEffect
 from .replay import PortReplay, Weighted
@@ -100,10 +100,11 @@ class _Hidden:
 
 
 def _told(fitter: Fitter, hidden: _Hidden) -> tuple[tuple[PortEffect, ...], float]:
-    """The hidden effects that logs without noise tell, and what they tell of all of them [nats].
+    """The hidden effects that logs without noise tell, and log evidence for all of them over none [nats].
 
     What the calibration may explain within its tolerances, and what the other hidden effect explains in
     another size or shape, does not count. Of two that each explain what the other does one remains.
+    The evidence is Laplace's, as that of answers: a number that must be known to many digits costs as many.
 
     Args:
         fitter: of these logs, weighed as their noise lets them count.
@@ -112,21 +113,20 @@ def _told(fitter: Fitter, hidden: _Hidden) -> tuple[tuple[PortEffect, ...], floa
     count = len(hidden.calibrated)
     effects = list(hidden.effects)
     parts = np.split(z[count:], np.cumsum([len(one.parameters) for one in effects])[:-1]) if effects else []
-    own = cost_of(fitter.stacked(hidden.effects, z), z[:count])
 
-    def beyond(kept: Sequence[int]) -> float:
-        """Evidence for what made the logs over some of it [nats]."""
+    def evidence(kept: Sequence[int]) -> float:
         start = np.concatenate([parts[place] for place in kept]) if kept else None
-        fit = fitter.fit(tuple(effects[place] for place in kept), z[:count], start)
-        return 0.5 * (fit.cost - own)
+        return fitter.fit(tuple(effects[place] for place in kept), z[:count], start).log_evidence
 
     kept = list(range(len(effects)))
+    whole = own = evidence(kept)
     while kept:
-        least, gone = min((beyond([other for other in kept if other != place]), place) for place in kept)
-        if least >= _SEEN:
+        others = [[other for other in kept if other != place] for place in kept]
+        most, fewer = max((evidence(some), some) for some in others)
+        if own - most >= _SEEN:
             break
-        kept.remove(gone)
-    return tuple(effects[place] for place in kept), beyond([]) if effects else 0.0
+        own, kept = most, fewer
+    return tuple(effects[place] for place in kept), whole - evidence([])
 
 
 def _drawn(effect: Effect, rng: np.random.Generator) -> Array:

@@ -18,11 +18,10 @@ __all__ = ["WaryFitter"]
 _STRIDES, _FINE, _LONG = (3.0, 1.7, 1.3, 1.1, 1.03), (1.03, 1.01, 1.003, 1.001, 1.0003), 3.0
 # Walks and descents in turn, walks over all parameters at one stride, at most; and of cost that is worth one.
 _TURNS, _WALKS, _WORTH = 4, 6, 1.0
-# Of a parameter, by which it is moved for a derivative, and of its prior at least.
-_SHARE, _SMALLEST = 0.05, 5e-5
+# Of a parameter, by which it is moved for a derivative, of one that runs tell only from very near, and of the
+# prior at least.
+_SHARE, _LITTLE, _SMALLEST = 0.05, 3e-4, 5e-5
 _RUNAWAY = 1e60
-# What a walk leaves over the least cost known, beyond which no descent is tried.
-_HOPELESS = 3.0
 
 
 class WaryFitter(Fitter):
@@ -51,9 +50,6 @@ class WaryFitter(Fitter):
             z, cost = self._walked(effects, z)
             if found is not None and not cost < found.cost - _WORTH:
                 break
-            if cost > _HOPELESS * aim:
-                r = self.stacked(effects, z)
-                return self._fitted(effects, z, r, cost, 0.0) if found is None else found
             ahead = super().fit(effects, z[:count], z[count:], None, aim)
             if found is not None and not ahead.cost < found.cost - _WORTH:
                 break
@@ -66,11 +62,13 @@ class WaryFitter(Fitter):
     def jacobian(self, effects: tuple[Effect, ...], z: Array, r: Array, places: Iterable[int]) -> Array:
         """See `Fitter`; by the effects' parameters over a share of them."""
         places, count = list(places), len(self.nominal)
+        parameters = [one for effect in effects for one in effect.parameters]
         found = super().jacobian(effects, z, r, [place for place in places if place < count])
         for place in places:
             if place < count:
                 continue
-            step = max(_SHARE * abs(z[place]), _SMALLEST)
+            share = _SHARE if parameters[place - count].smooth else _LITTLE
+            step = max(share * abs(z[place]), _SMALLEST)
             with np.errstate(over="ignore", invalid="ignore"):
                 column = self._difference(effects, z, r, place, step)
             if np.abs(column).max(initial=0.0) < _RUNAWAY:
