@@ -1,14 +1,17 @@
-"""Single channels of a log that are clipped, or stand still for a while."""
+"""Channels of a log that are clipped, or stand still for a while; logs that are there twice."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import Problem
 from .study import Array
 
-__all__ = ["Stuck", "clipped", "frozen"]
+__all__ = ["Stuck", "clipped", "frozen", "logged_twice"]
 
 # A value that stands still for so many rows, while the channel moves elsewhere, is frozen.
 _FROZEN = 60
@@ -69,3 +72,18 @@ def _left_by_jump(values: Array, firsts: Array, lengths: Array) -> Array:
     ends = firsts + lengths
     after = values[np.minimum(ends, len(values) - 1)]
     return np.abs(after - values[firsts]) > 10.0 * np.median(np.abs(np.diff(values)))
+
+
+def logged_twice(runs: Sequence[tuple[str, Mapping[Hashable, Array]]], place: str) -> Iterator[Problem]:
+    """Runs that hold the same log: what a fit saw would count as what none saw.
+
+    Args:
+        runs: by name, their channels, each of shape (n,).
+        place: of the runs.
+    """
+    for (one, channels), (other, others) in combinations(runs, 2):
+        same = channels.keys() == others.keys()
+        if same and all(np.array_equal(values, others[name]) for name, values in channels.items()):
+            what = f"{one} and {other} hold the same log, to the last digit"
+            remedy = "Leave one out, or name the file that was meant."
+            yield Problem(place, what, "each run once", remedy)

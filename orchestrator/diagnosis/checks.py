@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
 from ..errors import Problem
-from .channels import clipped, frozen
+from .channels import clipped, frozen, logged_twice
 from .consistency import check_columns, told_once
 from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
@@ -67,18 +66,9 @@ def _together(problems: list[Problem]) -> list[Problem]:
 
 
 def _twice(study: Study) -> list[Problem]:
-    """Runs that hold the same log: what a fit saw would count as what none saw."""
-    return [
-        Problem(
-            f"{one.name}, {other.name}",
-            "hold the same log, to the last digit",
-            "each run once",
-            "Leave one out, or name the file that was meant.",
-        )
-        for one, other in combinations(study.runs, 2)
-        if len(one) == len(other)
-        and all(np.array_equal(one[name], other[name]) for name in ("encoder_position", "sensor_force"))
-    ]
+    telling = ("encoder_position", "sensor_force")
+    runs = [(run.name, {name: run[name] for name in telling}) for run in study.runs]
+    return list(logged_twice(runs, "runs"))
 
 
 def _masses(study: Study) -> list[Problem]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from ...quantities import Measure, quantity
 from ...run import Prepared, prepare
 from ...system import Port
 from ...units import parse_unit
+from ..channels import logged_twice
 from ..mapping import columns_of, read_mapping
 from ..study import Nominal
 from .keys import SPEEDS, Logged, Role, StudyModel
@@ -289,11 +289,7 @@ class _Reader:
                 self.problems.append(
                     Problem(self.place("runs"), what, listed(names), nearest(run.repeats, names))
                 )
-        for one, other in combinations(runs, 2):
-            same = one.logs.keys() == other.logs.keys() and len(one) == len(other)
-            if same and all(np.array_equal(one.logs[port], other.logs[port]) for port in one.logs):
-                what = f"{one.name} and {other.name} hold the same log, to the last digit"
-                self.problems.append(Problem(self.place("runs"), what, "each run once"))
+        self.problems += logged_twice([(run.name, run.logs) for run in runs], self.place("runs"))
 
     def _run(self, number: int, mapping: Mapping[str, Logged], units: Mapping[str, str]) -> PortRun | None:
         model = self.model.runs[number]
