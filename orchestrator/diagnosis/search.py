@@ -136,6 +136,7 @@ def search(
     longest: int = _LONGEST,
     workers: int = 2,
     thorough: bool = False,
+    enough: Callable[[Fit], bool] = lambda fit: False,
 ) -> Search:
     """Fit none, the most promising single effects, and combinations built from the best of them.
 
@@ -145,6 +146,7 @@ def search(
         longest: how many effects a combination may have.
         workers: threads; more than one pay where replays do not wait for each other.
         thorough: whether each effect of the best combination is tried to be exchanged for others.
+        enough: whether a fit leaves nothing to find; no further effect is sought beside it.
     """
     count = len(fitter.replay.tolerances)
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
@@ -155,7 +157,7 @@ def search(
     level = found
     for size in range(2, longest + 1):
         level = sorted(level, key=lambda fit: -fit.log_evidence)[:2]
-        if not level or level[0].cost > none.cost - _PROMISING:
+        if not level or level[0].cost > none.cost - _PROMISING or enough(level[0]):
             break
         before = level[0]
         bases = _each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)

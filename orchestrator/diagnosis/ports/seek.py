@@ -63,12 +63,17 @@ def sought(replay: PortReplay, effects: Sequence[Effect]) -> tuple[Fitter, Searc
     # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
     # first sought as if residuals were white, only to see what remains.
     white = WaryFitter(Weighted(replay, _weights(replay, plain.residuals, _square)))
-    explored = search(white, effects, longest=1, workers=1)
-    best, some = explored.best, effects
-    if max(map(carries, replay.residuals(best.calibrated, best.effects, best.theta))) > _NOISE:
-        explored = search(white, effects, workers=1)
-        best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
-        some = _combed(replay, _promising(effects, explored), best)
+
+    def is_noise(fit: Fit) -> bool:
+        left = replay.residuals(fit.calibrated, fit.effects, fit.theta)
+        return max(map(carries, left)) <= _NOISE
+
+    explored = search(white, effects, workers=1, enough=is_noise)
+    if is_noise(explored.best):
+        # Few effects were tried beside others.
+        return _found(replay, effects, explored.best)
+    best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
+    some = _combed(replay, _promising(effects, explored), best)
     return _found(replay, some, best)
 
 
