@@ -36,13 +36,6 @@ def test_a_good_log_passes(good):
     assert told(good) == ([], [])
 
 
-def test_a_log_that_is_there_twice_is_refused(good):
-    """What a fit saw would count as what none saw."""
-    again = replace(good.runs[0], name="held-out-copy", role=Role.HELDOUT)
-    (one,), _ = told(replace(good, runs=(*good.runs, again)))
-    assert one.startswith("runs: train-1 and held-out-copy hold the same log, to the last digit")
-
-
 @pytest.mark.parametrize(
     ("effect", "theta"),
     [

@@ -134,7 +134,8 @@ def test_logs_without_rows_words_and_other_separators(case):
 def test_the_same_log_in_two_roles_is_refused(logged):
     copied = replace(logged.runs[2], columns=logged.runs[0].columns, mass=279.07, approach_speed=0.02)
     refused, _ = check_logs(replace(logged, runs=(*logged.runs[:2], copied)))
-    assert [one.place for one in refused] == ["train-1, heldout-1"]
+    assert [one.place for one in refused] == ["runs"]
+    assert refused[0].what.startswith("train-1 and heldout-1 hold the same log")
 
 
 def test_a_run_with_another_mass_than_stated_is_told():
