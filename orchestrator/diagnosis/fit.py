@@ -290,16 +290,21 @@ class Fitter:
         """Derivatives of the stacked residuals by normalised parameters, by differences; others are zero."""
         found = np.zeros((r.size, len(z)), order="F")
         for place in places:
-            step = 0.05
             with np.errstate(over="ignore", invalid="ignore"):
-                column = self._difference(effects, z, r, place, step)
-                moved = step * float(np.linalg.norm(column))
-                if _FAR < moved < _RUNAWAY:
-                    column = self._difference(effects, z, r, place, step * 0.5 * _FAR / moved)
+                column = self._column(effects, z, r, place)
             # Where a model runs away no derivative tells anything; a fit leaves that direction alone.
             if np.abs(column).max(initial=0.0) < _RUNAWAY:
                 found[:, place] = column
         return found
+
+    def _column(self, effects: tuple[Effect, ...], z: Array, r: Array, place: int) -> Array:
+        """Derivatives of the stacked residuals by one parameter."""
+        step = 0.05
+        column = self._difference(effects, z, r, place, step)
+        moved = step * float(np.linalg.norm(column))
+        if _FAR < moved < _RUNAWAY:
+            column = self._difference(effects, z, r, place, step * 0.5 * _FAR / moved)
+        return column
 
     def _difference(self, effects: tuple[Effect, ...], z: Array, r: Array, place: int, step: float) -> Array:
         ahead = z.copy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -21,7 +21,6 @@ _TURNS, _WALKS, _WORTH = 4, 6, 1.0
 # Of a parameter, by which it is moved for a derivative, of one that runs tell only from very near, and of the
 # prior at least.
 _SHARE, _LITTLE, _SMALLEST = 0.05, 3e-4, 5e-5
-_RUNAWAY = 1e60
 
 
 class WaryFitter(Fitter):
@@ -59,28 +58,19 @@ class WaryFitter(Fitter):
         assert found is not None
         return found
 
-    def jacobian(self, effects: tuple[Effect, ...], z: Array, r: Array, places: Iterable[int]) -> Array:
+    def _column(self, effects: tuple[Effect, ...], z: Array, r: Array, place: int) -> Array:
         """See `Fitter`; by the effects' parameters over a share of them."""
-        places, count = list(places), len(self.nominal)
-        parameters = [one for effect in effects for one in effect.parameters]
-        found = super().jacobian(effects, z, r, [place for place in places if place < count])
-        for place in places:
-            if place < count:
-                continue
-            share = _SHARE if parameters[place - count].smooth else _LITTLE
-            step = max(share * abs(z[place]), _SMALLEST)
-            with np.errstate(over="ignore", invalid="ignore"):
-                column = self._difference(effects, z, r, place, step)
-            if np.abs(column).max(initial=0.0) < _RUNAWAY:
-                found[:, place] = column
-        return found
+        count = len(self.nominal)
+        if place < count:
+            return super()._column(effects, z, r, place)
+        one = [one for effect in effects for one in effect.parameters][place - count]
+        share = _SHARE if one.smooth else _LITTLE
+        return self._difference(effects, z, r, place, max(share * abs(z[place]), _SMALLEST))
 
     def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
         """See `Fitter`; also from where the best start leads."""
         cost, base, start = super().screen(effect, bases)
-        if not math.isfinite(cost):
-            return cost, base, start
-        if not effect.parameters[0].smooth:
+        if not math.isfinite(cost) or not effect.parameters[0].smooth:
             return cost, base, start
         effects, place = (*base.effects, effect), len(base.z)
         z = np.concatenate([base.z, start])
