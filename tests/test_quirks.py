@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+import threading
 from pathlib import Path
 
 import foreign
@@ -19,6 +20,7 @@ from archives import repack
 
 from orchestrator.errors import FmuError, StepError
 from orchestrator.fmi import Kind, Point, load_fmu
+from orchestrator.fmi.directory import return_to, returning, working_directory
 from orchestrator.run import prepare, run
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="how Linux looks for libraries")
@@ -110,6 +112,28 @@ def test_relative_paths_hold_for_instances_made_after_such_an_fmu(quirky, tmp_pa
     both["instances"]["two"] = config("other.fmu")["instances"]["one"]
     results = run(both, halving=False).results
     assert results["two.y"].tolist() == results["one.y"].tolist()
+
+
+def test_threads_are_told_no_folder_that_another_one_loads_an_fmu_from(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    told: list[str | None] = []
+    asking = threading.Thread(target=lambda: told.append(working_directory()))
+    inside = tmp_path / "an FMU"
+    inside.mkdir()
+    with returning():
+        os.chdir(inside)  # as fmpy does while it loads
+        asking.start()
+        asking.join(0.2)
+        assert told == []
+    asking.join()
+    assert told == [str(tmp_path)] == [os.getcwd()]
+
+
+def test_where_the_working_directory_was_removed_a_run_still_ends(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gone = tmp_path / "gone"
+    return_to(str(gone))
+    assert os.getcwd() == str(tmp_path)
 
 
 @linux

@@ -31,7 +31,7 @@ from fmpy import fmi1, fmi2, fmi3
 
 from ..errors import FmuError
 from .description import ModelDescription
-from .directory import return_to, working_directory
+from .directory import returning
 from .handling import Interface
 
 __all__ = ["LogBook", "load_library", "release_python_state"]
@@ -249,23 +249,21 @@ def load_library(path: Path, folder: Path, description: ModelDescription, name: 
     exchange = description.interface is Interface.MODEL_EXCHANGE
     kind = _LIBRARIES[description.fmi_version[0]][exchange]
     identifier = description.model_identifier
-    # fmpy changes the working directory while it loads, and does not come back from a failure.
-    directory = working_directory()
     tried: set[Path] = set()
     while True:
         try:
-            return kind(
-                guid=description.token,
-                modelIdentifier=identifier,
-                unzipDirectory=str(folder),
-                instanceName=name,
-            )
+            # fmpy changes the working directory while it loads, and does not come back from a failure.
+            with returning():
+                return kind(
+                    guid=description.token,
+                    modelIdentifier=identifier,
+                    unzipDirectory=str(folder),
+                    instanceName=name,
+                )
         except Exception as error:
             reason = str(error.__cause__ or error)
             if not _load_neighbour(folder, reason, tried):
                 raise FmuError(_loading_message(path, identifier, reason)) from error
-        finally:
-            return_to(directory)
 
 
 def _load_neighbour(folder: Path, reason: str, tried: set[Path]) -> bool:
