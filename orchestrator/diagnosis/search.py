@@ -14,7 +14,7 @@ from .effect import Effect
 from .fit import Base, Fit, Fitter
 from .study import Array
 
-__all__ = ["Direction", "Search", "directions", "exchanged", "roughness", "search", "separation"]
+__all__ = ["Direction", "Search", "directions", "each", "exchanged", "roughness", "search", "separation"]
 
 # Effects at this share of their priors are roughness that every rig has, where nothing better was learned.
 _ROUGH = 0.005
@@ -60,8 +60,12 @@ class Search:
         return Search(self.none, tuple(sorted(unique.values(), key=lambda fit: -fit.log_evidence)))
 
 
-def _each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) -> list[_Out]:
-    """Results in the order of the items; replays release the interpreter's lock."""
+def each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) -> list[_Out]:
+    """A function's results in the order of the items; replays release the interpreter's lock.
+
+    Args:
+        workers: threads.
+    """
     if workers == 1:
         return [function(one) for one in items]
     with ThreadPoolExecutor(max_workers=workers) as pool:
@@ -152,7 +156,7 @@ def search(
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
     none = fitter.fit(always, None, start)
     nominal = np.concatenate([np.zeros(count), none.z[count:]])
-    bases = _each(lambda z: fitter.base(always, z), [nominal, none.z], workers)
+    bases = each(lambda z: fitter.base(always, z), [nominal, none.z], workers)
     found: list[Fit] = _grow(fitter, effects, bases, none.cost, _KEPT_SINGLES, workers)
     level = found
     for size in range(2, longest + 1):
@@ -160,7 +164,7 @@ def search(
         if not level or level[0].cost > none.cost - _PROMISING or enough(level[0]):
             break
         before = level[0]
-        bases = _each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)
+        bases = each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)
         level = _grow(fitter, effects, bases, level[0].cost - _PROMISING, _KEPT_PAIRS, workers)
         level = [fit for fit in level if len(fit.effects) == size + len(always)]
         found += level
@@ -190,7 +194,7 @@ def exchanged(fitter: Fitter, effects: Sequence[Effect], fit: Fit, workers: int 
 
 def _further(fitter: Fitter, effects: Sequence[Effect], begun: Sequence[Fit], workers: int) -> list[Fit]:
     """Fits with one effect more than those begun with, the most promising ones."""
-    bases = _each(lambda fit: fitter.base(fit.effects, fit.z), begun, workers)
+    bases = each(lambda fit: fitter.base(fit.effects, fit.z), begun, workers)
     return _grow(fitter, effects, bases, math.inf, _KEPT_PAIRS, workers)
 
 
@@ -240,7 +244,7 @@ def _grow(
 
     screened = [
         (cost, effect, base, start)
-        for (effect, _), (cost, base, start) in zip(tasks, _each(promise, tasks, workers), strict=True)
+        for (effect, _), (cost, base, start) in zip(tasks, each(promise, tasks, workers), strict=True)
         if cost < highest
     ]
     screened.sort(key=lambda one: one[0])
@@ -266,7 +270,7 @@ def _grow(
 
     found: list[Fit] = []
     for first in range(0, len(chosen), 2):  # two at a time: what is given up does not depend on the machine
-        fits = _each(fitted, chosen[first : first + 2], workers)
+        fits = each(fitted, chosen[first : first + 2], workers)
         found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
         aim = min([fit.cost for fit in found], default=math.inf) + _NEAR
     return found

@@ -31,7 +31,9 @@ class Comb:
     width: Callable[[float, float], float]
     reach: float = 1.0
 
-    def best(self, cost: Callable[[float, int], float], ends: Sequence[tuple[int, float]]) -> list[float]:
+    def best(
+        self, cost: Callable[[float, int], float], ends: Sequence[tuple[int, float]], share: float = 0.0
+    ) -> list[float]:
         """The values of least cost, least first; none where no coarse one does better than zero.
 
         Values are tried on the begin of a run, and those that do best closer and closer on more of it: the
@@ -40,12 +42,14 @@ class Comb:
         Args:
             cost: of a value, by so many samples of a run; of zero: without it.
             ends: numbers of samples and the times that they take [s], rising.
+            share: of the cost of zero, that a coarse value must save to be looked at more closely.
         """
         values = np.array(self.coarse)
         gap = np.abs(np.gradient(values)) if len(values) > 1 else values / 2.0
         samples, time = ends[0]
         costs = [cost(value, samples) for value in values.tolist()]
-        if not min(costs) < cost(0.0, samples) - _WORTH:
+        nothing = cost(0.0, samples)
+        if not min(costs) < nothing - max(_WORTH, share * nothing):
             return []
         best = _least(values, gap, costs)
         if self.reach > 1.0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import weakref
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -24,6 +23,9 @@ from .playback import Playback
 
 __all__ = ["Inserted", "Player"]
 
+# Tool that made an FMU, as its model description tells.
+_OWN = "orchestrator"
+
 
 @dataclass(frozen=True)
 class Inserted:
@@ -41,7 +43,11 @@ class Inserted:
 
 
 class Player:
-    """Plays logs into a system.
+    """Plays logs into a system, in several threads at once where it is `parallel`.
+
+    Attributes:
+        parallel: whether all FMUs are the product's own, whose instances share nothing. Those of other
+            tools may, whatever they declare.
 
     Args:
         system: all its numeric outputs recorded.
@@ -61,9 +67,9 @@ class Player:
         self.system, self.step_size = system, step_size
         self.fed, self.compared = tuple(fed), tuple(compared)
         self._master = master
-        # Loading libraries changes the working directory for a moment; numba's calls hold the interpreter.
-        self._lock = threading.Lock()
-        for fmu in {id(one.fmu): one.fmu for one in system.instances}.values():
+        fmus = {id(one.fmu): one.fmu for one in system.instances}.values()
+        self.parallel = all(isinstance(one, CompiledFmu) and one.description.tool == _OWN for one in fmus)
+        for fmu in fmus:
             if isinstance(fmu, CompiledFmu):
                 # Many short runs: unpacked once.
                 kept = ExitStack()
@@ -97,14 +103,13 @@ class Player:
         taken = np.full((len(places), (samples - 1) * parts + 1), np.nan)
         seen = _Seen(np.array(places, np.intp), taken)
         grid = Grid(Fraction(0), step, (samples - 1) * parts)
-        with self._lock:
-            try:
-                simulate(system, self._master, grid, (seen,), loop="native", layout=layout)
-            except StepError:
-                pass  # a model that runs away; what it gave until then is there
-            except ConfigError:
-                taken[:] = np.nan
-                simulate(system, self._master, grid, (seen,), loop="python", layout=layout)
+        try:
+            simulate(system, self._master, grid, (seen,), loop="native", layout=layout)
+        except StepError:
+            pass  # a model that runs away; what it gave until then is there
+        except ConfigError:
+            taken[:] = np.nan
+            simulate(system, self._master, grid, (seen,), loop="python", layout=layout)
         return dict(zip(self.compared, taken[:, ::parts], strict=True))
 
     def feeding(self, port: Port) -> Connection | None:

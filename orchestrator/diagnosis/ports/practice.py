@@ -172,7 +172,7 @@ def _one(context: tuple[PortStudy, Sequence[Effect], int], number: int) -> Case:
     made, truth, evidence = simulated(
         study, effects, np.random.default_rng(np.random.SeedSequence([seed, number]))
     )
-    return _case(weigh_ports(made), truth, evidence)
+    return _case(weigh_ports(made, workers=1), truth, evidence)  # cases are worked at side by side
 
 
 def _written(case: Case) -> dict[str, Any]:

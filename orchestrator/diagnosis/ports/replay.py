@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -45,6 +46,7 @@ class PortReplay:
         self._parts = parts
         # Searches come back to the same models with other weights.
         self._kept: OrderedDict[Any, list[Array]] = OrderedDict()
+        self._lock = threading.Lock()
         self.player = Player(
             study.prepared.system,
             study.prepared.master,
@@ -102,13 +104,13 @@ class PortReplay:
                 for _ in self.compared(run)
             ]
         key = tuple(calibrated.items()), tuple(one.id for one in effects), theta.tobytes()
-        if key in self._kept:
-            return list(self._kept[key])
-        found = self._residuals(calibrated, effects, theta)
-        self._kept[key] = found
-        samples = sum(map(len, found))
-        while len(self._kept) * samples > _KEPT:
-            self._kept.popitem(last=False)
+        found = self._kept.get(key)
+        if found is None:
+            found = self._residuals(calibrated, effects, theta)
+            with self._lock:
+                self._kept[key] = found
+                while len(self._kept) * sum(map(len, found)) > _KEPT:
+                    self._kept.popitem(last=False)
         return list(found)
 
     def _residuals(

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..effect import Effect
-from ..fit import Fit, Fitter
-from ..search import Search, exchanged, search
+from ..fit import Fit, Fitter, cost_of
+from ..search import Search, each, exchanged, search
 from ..study import Array
 from .candidates import PortEffect
 from .replay import PortReplay, Weighted
@@ -24,6 +24,8 @@ _NOISE = 1.5
 _LONGEST = 4
 # Values that fits begin from, of what runs tell only from very near.
 _STARTS = 2
+# Of what the most promising effect promises to save of the cost: what such a value must save from afar.
+_SHARE = 0.1
 # Searches with better and better weights at most, and how much better they must be for another one.
 _ROUNDS, _BETTER = 2, 1.5
 
@@ -51,34 +53,46 @@ def carries(r: Array) -> float:
     return max(square * time, 1.0) if time > 1.5 or square > 1.5 else 1.0
 
 
-def sought(replay: PortReplay, effects: Sequence[Effect]) -> tuple[Fitter, Search]:
+def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple[Fitter, Search]:
     """The effects, and up to four of them together, that explain logs best.
 
+    Args:
+        workers: threads; what is found does not depend on them.
     Returns: by what they were fitted, its replay weighted by what each channel's residuals carry; and what
         was found.
     """
     plain = WaryFitter(replay).fit(())
-    effects = _combed(replay, effects, plain)
     # What a channel carries is told by what the best model at hand leaves of it: what an effect would
     # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
     # first sought as if residuals were white, only to see what remains.
     white = WaryFitter(Weighted(replay, _weights(replay, plain.residuals, _square)))
+    about = white.base((), white.fit(()).z)
+    promised = min(each(lambda effect: white.screen(effect, [about])[0], effects, workers), default=math.inf)
+    # Where others promise to explain much, what hardly explains anything is looked for beside them.
+    share = _SHARE * max(1.0 - promised / cost_of(about.r, about.z), 0.0)
+    effects = _combed(replay, effects, plain, workers, share)
 
     def is_noise(fit: Fit) -> bool:
         left = replay.residuals(fit.calibrated, fit.effects, fit.theta)
         return max(map(carries, left)) <= _NOISE
 
-    explored = search(white, effects, workers=1, enough=is_noise)
+    explored = search(white, effects, workers=workers, enough=is_noise)
     if is_noise(explored.best):
         # Few effects were tried beside others.
-        return _found(replay, effects, explored.best)
+        return _found(replay, effects, explored.best, workers)
     best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
-    some = _combed(replay, _promising(effects, explored), best)
-    return _found(replay, some, best)
+    some = _combed(replay, _promising(effects, explored), best, workers)
+    return _found(replay, some, best, workers)
 
 
-def _combed(replay: PortReplay, effects: Sequence[Effect], base: Fit) -> tuple[Effect, ...]:
-    """Effects with starts, of those that runs tell only from very near, where they do best beside a model."""
+def _combed(
+    replay: PortReplay, effects: Sequence[Effect], base: Fit, workers: int, share: float = 0.0
+) -> tuple[Effect, ...]:
+    """Effects with starts, of those that runs tell only from very near, where they do best beside a model.
+
+    Args:
+        share: see `Comb.best`.
+    """
     run, settled = replay.runs[0], replay.study.settled
     step = float(replay.study.prepared.grid.step_size)
     more = len(run) - settled
@@ -87,22 +101,24 @@ def _combed(replay: PortReplay, effects: Sequence[Effect], base: Fit) -> tuple[E
     for end in ends:
         logs = {port: log[:end] for port, log in run.logs.items()}
         parts[end] = PortReplay(replay.study, [replace(run, logs=logs)])
-    found = []
-    for effect in effects:
+
+    def combed(effect: Effect) -> Effect:
         comb = effect.comb if isinstance(effect, PortEffect) else None
-        if comb is not None and all(effect.id != one.id for one in base.effects):
+        if comb is None or any(effect.id == one.id for one in base.effects):
+            return effect
 
-            def cost(value: float, samples: int, effect: Effect = effect) -> float:
-                model = (*base.effects, effect), np.array([*base.theta, value])
-                left = parts[samples].residuals(base.calibrated, *model)
-                total = sum(float(r @ r) for r in left)
-                return total if math.isfinite(total) else math.inf
+        def cost(value: float, samples: int) -> float:
+            model = (*base.effects, effect), np.array([*base.theta, value])
+            left = parts[samples].residuals(base.calibrated, *model)
+            total = sum(float(r @ r) for r in left)
+            return total if math.isfinite(total) else math.inf
 
-            best = comb.best(cost, [(end, end * step) for end in ends])[:_STARTS]
-            if best:
-                effect = replace(effect, parameters=(replace(effect.parameters[0], starts=tuple(best)),))
-        found.append(effect)
-    return tuple(found)
+        best = comb.best(cost, [(end, end * step) for end in ends], share)[:_STARTS]
+        if not best:
+            return effect
+        return replace(effect, parameters=(replace(effect.parameters[0], starts=tuple(best)),))
+
+    return tuple(each(combed, effects, workers))
 
 
 def _promising(effects: Sequence[Effect], explored: Search) -> tuple[Effect, ...]:
@@ -116,7 +132,7 @@ def _names(effect: Effect) -> set[str]:
     return {effect.id, family} if family else {effect.id}
 
 
-def _found(replay: PortReplay, effects: Sequence[Effect], best: Fit) -> tuple[Fitter, Search]:
+def _found(replay: PortReplay, effects: Sequence[Effect], best: Fit, workers: int) -> tuple[Fitter, Search]:
     """A search in which channels count by what the best model at hand leaves of them, and its fitter.
 
     Where it finds a much better one, channels carry more than that, and are searched again.
@@ -124,7 +140,8 @@ def _found(replay: PortReplay, effects: Sequence[Effect], best: Fit) -> tuple[Fi
     weights = _carried(replay, best)
     for _ in range(_ROUNDS):
         fitter = WaryFitter(Weighted(replay, weights))
-        found = _reconsidered(fitter, effects, search(fitter, effects, longest=_LONGEST, workers=1))
+        first = search(fitter, effects, longest=_LONGEST, workers=workers)
+        found = _reconsidered(fitter, effects, first, workers)
         effects = _promising(effects, found)
         before, weights = weights, _carried(replay, found.best)
         if max(now / then for now, then in zip(weights, before, strict=True)) < _BETTER:
@@ -136,7 +153,7 @@ def _carried(replay: PortReplay, fit: Fit) -> list[float]:
     return _weights(replay, replay.residuals(fit.calibrated, fit.effects, fit.theta), carries)
 
 
-def _reconsidered(fitter: Fitter, effects: Sequence[Effect], found: Search) -> Search:
+def _reconsidered(fitter: Fitter, effects: Sequence[Effect], found: Search, workers: int) -> Search:
     """A search whose best pair was tried with others, where two effects or more do best.
 
     The first one may have been a wrong one that the others make good.
@@ -144,7 +161,7 @@ def _reconsidered(fitter: Fitter, effects: Sequence[Effect], found: Search) -> S
     pairs = [fit for fit in found.fits if len(fit.effects) == 2]
     if len(found.best.effects) < 2 or not pairs:
         return found
-    return found.beside(exchanged(fitter, effects, pairs[0], workers=1))
+    return found.beside(exchanged(fitter, effects, pairs[0], workers))
 
 
 def _square(r: Array) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from ..answers import Answer
 from ..effect import Effect
 from ..fit import Fit, Fitter
-from ..search import separation
+from ..search import each, separation
 from ..study import Array
 
 __all__ = ["Alike", "alike"]
@@ -19,6 +19,8 @@ __all__ = ["Alike", "alike"]
 _APART, _FITTED = 8.0, 6
 # What is fitted must promise to come so near: as a share of what the effect explains, and in nats.
 _NEAR, _NEAR_NATS = 0.02, 40.0
+# Fits that stay this far above the answer's cost are given up.
+_HOPELESS = 60.0
 
 
 @dataclass(frozen=True)
@@ -33,40 +35,51 @@ class Alike:
     alien: tuple[str, ...]
 
 
-def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect]) -> list[Alike]:
+def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect], workers: int = 1) -> list[Alike]:
     """Models with one effect of an answer replaced whose fitted replays data like these would not separate.
 
     Evidence does not count here: a gain of a port and the parameter that it equals predict the same to the
     last digit, and differ in evidence by how wide their priors are. How far calibrated numbers stray does.
+
+    Args:
+        workers: threads.
     """
     top = answer.fit
     if top is None:
         return []
-    whole = fitter.stacked(top.effects, top.z)
-    found: list[Alike] = []
-    for place in range(len(top.effects)):
-        others = top.effects[:place] + top.effects[place + 1 :]
-        z = _without(fitter, top, place)
-        r = fitter.stacked(others, z)
-        trace = whole - r
-        if not np.isfinite(trace).all() or not trace.any():
-            continue
-        calibration = fitter.jacobian(others, z, r, range(len(fitter.nominal)))
-        basis = np.linalg.qr(calibration[:, : len(fitter.nominal)])[0]
-        promising = []
-        for effect in effects:
-            if any(effect.id == one.id for one in top.effects):
-                continue
-            best = _nearest(fitter, effect, (others, z, r), trace, basis)
-            if best is not None:
-                promising.append((best[0], effect, best[1]))
-        promising.sort(key=lambda one: one[0])
-        for _, effect, start in promising[:_FITTED]:
-            count = len(fitter.nominal)
-            fit = fitter.fit((*others, effect), z[:count], np.concatenate([z[count:], start]))
-            if np.isfinite(fit.cost) and separation(fitter, top, fit) + _bent(fitter, top, fit) < _APART:
-                found.append(Alike(fit, (effect.id,)))
-    return found
+    fits = [
+        fit for place in range(len(top.effects)) for fit in _replaced(fitter, top, place, effects, workers)
+    ]
+    return [
+        Alike(fit, (fit.effects[-1].id,))
+        for fit in fits
+        if np.isfinite(fit.cost) and separation(fitter, top, fit) + _bent(fitter, top, fit) < _APART
+    ]
+
+
+def _replaced(fitter: Fitter, top: Fit, place: int, effects: Sequence[Effect], workers: int) -> list[Fit]:
+    """Fits with one effect of a fit replaced by those that promise to predict the same, which stand last."""
+    others = top.effects[:place] + top.effects[place + 1 :]
+    z = _without(fitter, top, place)
+    r = fitter.stacked(others, z)
+    trace = fitter.stacked(top.effects, top.z) - r
+    if not np.isfinite(trace).all() or not trace.any():
+        return []
+    count = len(fitter.nominal)
+    basis = np.linalg.qr(fitter.jacobian(others, z, r, range(count))[:, :count])[0]
+
+    def nearest(effect: Effect) -> tuple[float, Effect, Array] | None:
+        return _nearest(fitter, effect, (others, z, r), trace, basis)
+
+    def fitted(one: tuple[float, Effect, Array]) -> Fit:
+        _, effect, start = one
+        begin = np.concatenate([z[count:], start])
+        return fitter.fit((*others, effect), z[:count], begin, aim=top.cost + _HOPELESS)
+
+    new = [effect for effect in effects if all(effect.id != one.id for one in top.effects)]
+    promising = [one for one in each(nearest, new, workers) if one is not None]
+    promising.sort(key=lambda one: one[0])
+    return each(fitted, promising[:_FITTED], workers)
 
 
 def _bent(fitter: Fitter, one: Fit, other: Fit) -> float:
@@ -87,18 +100,18 @@ def _nearest(
     at: tuple[tuple[Effect, ...], Array, Array],
     trace: Array,
     basis: Array,
-) -> tuple[float, Array] | None:
+) -> tuple[float, Effect, Array] | None:
     """How far an effect of the right size, with other calibrated numbers, stays from a trace [nats].
 
     Args:
         at: the other effects, their normalised parameters, and the residuals there.
         trace: what the effect to be replaced does to the stacked residuals; basis: of the calibration's.
-    Returns: the distance, and where a fit begins; None if it stays too far.
+    Returns: the distance, the effect, and where its fit begins; None if it stays too far.
     """
     others, z, r = at
     across = trace - basis @ (basis.T @ trace)
     square = float(across @ across)
-    best: tuple[float, Array] | None = None
+    best: tuple[float, Effect, Array] | None = None
     for start in fitter.starts(effect):
         own = fitter.stacked((*others, effect), np.concatenate([z, start])) - r
         if not np.isfinite(own).all():
@@ -115,5 +128,5 @@ def _nearest(
             if not one.shape and not one.whole:
                 low, high = one.low / one.scale, one.high / one.scale
                 begin[0] = min(max(begin[0] * amplitude, low), high)
-            best = apart, begin
+            best = apart, effect, begin
     return best

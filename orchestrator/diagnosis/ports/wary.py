@@ -16,6 +16,8 @@ __all__ = ["WaryFitter"]
 # Factors by which a parameter is changed while that does better, those of one that runs tell only from very
 # near, and that by which a size is screened.
 _STRIDES, _FINE, _LONG = (3.0, 1.7, 1.3, 1.1, 1.03), (1.03, 1.01, 1.003, 1.001, 1.0003), 3.0
+# Those of them that are tried again after a descent.
+_AGAIN = slice(1, None, 2)
 # Walks and descents in turn, walks over all parameters at one stride, at most; and of cost that is worth one.
 _TURNS, _WALKS, _WORTH = 4, 6, 1.0
 # Of a parameter, by which it is moved for a derivative, of one that runs tell only from very near, and of the
@@ -45,8 +47,8 @@ class WaryFitter(Fitter):
         count = len(self.nominal)
         z = np.concatenate([self.nominal if begin is None else begin, start])
         found = None
-        for _ in range(_TURNS):
-            z, cost = self._walked(effects, z)
+        for turn in range(_TURNS):
+            z, cost = self._walked(effects, z, _AGAIN if turn else slice(None))
             if found is not None and not cost < found.cost - _WORTH:
                 break
             ahead = super().fit(effects, z[:count], z[count:], None, aim)
@@ -78,11 +80,11 @@ class WaryFitter(Fitter):
         ahead = self._promise(effect, base, z[place:])
         return (ahead, base, z[place:]) if ahead < cost else (cost, base, start)
 
-    def _walked(self, effects: tuple[Effect, ...], z: Array) -> tuple[Array, float]:
-        """Where changes by factors lead, and its cost."""
+    def _walked(self, effects: tuple[Effect, ...], z: Array, some: slice) -> tuple[Array, float]:
+        """Where changes by some of the factors lead, and its cost."""
         cost = cost_of(self.stacked(effects, z), z)
         parameters = [one for effect in effects for one in effect.parameters]
-        for stride, fine in zip(_STRIDES, _FINE, strict=True):
+        for stride, fine in zip(_STRIDES[some], _FINE[some], strict=True):
             for _ in range(_WALKS):
                 before = cost
                 for place, one in enumerate(parameters, len(self.nominal)):
@@ -96,7 +98,10 @@ class WaryFitter(Fitter):
     ) -> tuple[Array, float]:
         """One parameter by a factor or its inverse, again and again while that does better."""
         one = [one for effect in effects for one in effect.parameters][place - len(self.nominal)]
+        before = cost
         for factor in (1.0 / stride, stride):
+            if cost < before:
+                break  # the other way lies what it came from
             while True:
                 ahead = z.copy()
                 ahead[place] = z[place] + math.log(factor) / one.scale if one.shape else z[place] * factor

@@ -58,7 +58,7 @@ class Weighed:
         return float(np.mean(list(self.left.values()))) if self.left else 0.0
 
 
-def weigh_ports(study: PortStudy, tempering: Tempering | None = None) -> Weighed:
+def weigh_ports(study: PortStudy, tempering: Tempering | None = None, workers: int = 2) -> Weighed:
     """Find which candidates make a system differ from its logs.
 
     Effects are fitted on the train runs. An answer's evidence is that of its fit, with each channel weighed
@@ -66,14 +66,16 @@ def weigh_ports(study: PortStudy, tempering: Tempering | None = None) -> Weighed
 
     Args:
         tempering: how evidence becomes probabilities.
+        workers: threads, where the system allows more than one.
     """
     effects = candidates_of(study)
     replay, checked = (PortReplay(study, study.of(role)) for role in (Role.TRAIN, Role.VALIDATION))
     with threadpool_limits(limits=1, user_api="blas"):
-        fitter, found = sought(replay, effects)
+        workers = workers if replay.player.parallel else 1
+        fitter, found = sought(replay, effects, workers)
         assert isinstance(fitter.replay, Weighted)
         by_port = fitter.replay.by_port
-        answers = _answers(fitter, found, lambda fit: _squares(checked, by_port, fit), effects)
+        answers = _answers(fitter, found, lambda fit: _squares(checked, by_port, fit), effects, workers)
     made = _Made(study, replay, checked, effects, by_port)
     return _conclude(made, found, answers, tempering or Tempering())
 
@@ -87,7 +89,7 @@ def _squares(replay: PortReplay, weights: Mapping[Port, float], model: Fit | Aug
 
 
 def _answers(
-    fitter: Fitter, found: Search, check: Callable[[Fit], float], effects: Sequence[Effect]
+    fitter: Fitter, found: Search, check: Callable[[Fit], float], effects: Sequence[Effect], workers: int
 ) -> list[Answer]:
     """None first, then by falling evidence.
 
@@ -104,7 +106,7 @@ def _answers(
     nothing = Answer((), 0.0, 0.0, found.none)
     kept = tied(fitter, simplest(made))
     if kept and kept[0].gain > 0.0:
-        more = alike(fitter, kept[0], effects)
+        more = alike(fitter, kept[0], effects, workers)
         names = [name for one in more for name in one.alien]
         kept[0] = replace(kept[0], ties=tuple(dict.fromkeys([*kept[0].ties, *names])))
         known = {frozenset(one.effects) for one in kept}
