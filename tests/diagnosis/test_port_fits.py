@@ -64,6 +64,19 @@ def test_where_no_value_does_better_none_is_told():
     )
 
 
+def test_what_hardly_explains_anything_is_not_looked_at_closely():
+    tried = []
+
+    def cost(value, samples):
+        tried.append(value)
+        return 1000.0 - 100.0 * (value > 0.0)
+
+    comb = _resolutions(1.0)
+    assert comb.best(cost, ENDS, 0.2) == []
+    assert len(tried) == len(comb.coarse) + 1
+    assert comb.best(cost, ENDS, 0.05) != []
+
+
 class Relay:
     """A replay of a switch with hysteresis: which samples differ is no smooth function of its width."""
 

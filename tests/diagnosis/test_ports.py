@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate
 from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.given import check_logs
+from orchestrator.diagnosis.ports.player import Player
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
 from orchestrator.diagnosis.ports.seek import carries
@@ -123,6 +125,30 @@ def test_a_hidden_effect_on_a_connection_is_found(tmp_path):
     assert weighed.finding.effects == ("drive.voltage.dead-band",)
     parameters = weighed.finding.candidates[0].parameters
     assert parameters["drive.voltage.dead-band.threshold"] == pytest.approx(0.2, rel=0.05)
+
+
+def test_two_threads_find_what_one_finds(tmp_path):
+    hidden = {"from": "controller.voltage", "to": "drive.voltage", "through": [{"backlash": "0.2 V"}]}
+    found = load_port_study(study(tmp_path, [hidden], candidates={"only": ["drive.voltage.*"]}))
+    assert PortReplay(found, found.runs).player.parallel
+    one, two = (weigh_ports(found, workers=workers) for workers in (1, 2))
+    assert one.finding.effects == ("drive.voltage.backlash",)
+    assert [(each.effects, each.gain) for each in one.answers] == [
+        (each.effects, each.gain) for each in two.answers
+    ]
+
+
+def test_fmus_of_other_tools_are_not_run_in_threads(plain):
+    found = load_port_study(plain)
+    system = found.prepared.system
+    fmu = system.instances[0].fmu
+    foreign = copy(fmu)
+    foreign.description = replace(fmu.description, tool="another tool")
+    instances = (replace(system.instances[0], fmu=foreign), *system.instances[1:])
+    player = Player(
+        replace(system, instances=instances), found.prepared.master, found.prepared.grid.step_size, (), ()
+    )
+    assert not player.parallel
 
 
 def test_what_counts_most_stands_first(tmp_path):
