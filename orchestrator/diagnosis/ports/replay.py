@@ -14,6 +14,7 @@ from ...fmi import Causality, Kind, Value
 from ...system import Port
 from ..effect import Effect
 from ..finding import Augmented
+from ..fit import Fit
 from ..study import Array
 from .candidates import FORCES, PortEffect, Sizes, candidates
 from .player import Inserted, Player
@@ -54,6 +55,11 @@ class PortReplay:
             study.fed,
             study.compared if seen is None else seen,
         )
+
+    @property
+    def channels(self) -> list[tuple[PortRun, Port]]:
+        """Runs and their compared ports, in the order of the residuals."""
+        return [(run, port) for run in self.runs for port in self.compared(run)]
 
     @property
     def tolerances(self) -> Mapping[str, tuple[float, float]]:
@@ -98,11 +104,7 @@ class PortReplay:
         families = [one.family for one in effects if isinstance(one, PortEffect) and one.family]
         if len(set(families)) < len(families):
             # Two forms of one cause explain nothing together that a third form of it would not.
-            return [
-                np.full(len(run) - self.study.settled, np.nan)
-                for run in self.runs
-                for _ in self.compared(run)
-            ]
+            return [np.full(len(run) - self.study.settled, np.nan) for run, _ in self.channels]
         key = tuple(calibrated.items()), tuple(one.id for one in effects), theta.tobytes()
         found = self._kept.get(key)
         if found is None:
@@ -129,7 +131,7 @@ class PortReplay:
                 found.append(np.full_like(r, np.nan) if ran_away else r)
         return found
 
-    def of(self, model: Augmented) -> list[Array]:
+    def of(self, model: Fit | Augmented) -> list[Array]:
         """Residuals of a model."""
         return self.residuals(model.calibrated, model.effects, model.theta)
 
@@ -158,14 +160,12 @@ class Weighted:
     @staticmethod
     def of(replay: PortReplay, by_port: Mapping[Port, float]) -> Weighted:
         """With the weights of ports; others do not count."""
-        ports = [port for run in replay.runs for port in replay.compared(run)]
-        return Weighted(replay, [by_port.get(port, 0.0) for port in ports])
+        return Weighted(replay, [by_port.get(port, 0.0) for _, port in replay.channels])
 
     @property
     def by_port(self) -> dict[Port, float]:
         """Weight of each port."""
-        ports = [port for run in self.replay.runs for port in self.replay.compared(run)]
-        return dict(zip(ports, self.weights, strict=True))
+        return {port: weight for (_, port), weight in zip(self.replay.channels, self.weights, strict=True)}
 
     def residuals(
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array

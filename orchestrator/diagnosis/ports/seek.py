@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...system import Port
 from ..effect import Effect
 from ..fit import Fit, Fitter, cost_of
 from ..search import Search, each, exchanged, search
@@ -73,8 +74,7 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     effects = _combed(replay, effects, plain, workers, share)
 
     def is_noise(fit: Fit) -> bool:
-        left = replay.residuals(fit.calibrated, fit.effects, fit.theta)
-        return max(map(carries, left)) <= _NOISE
+        return max(map(carries, replay.of(fit))) <= _NOISE
 
     explored = search(white, effects, workers=workers, enough=is_noise)
     if is_noise(explored.best):
@@ -150,7 +150,7 @@ def _found(replay: PortReplay, effects: Sequence[Effect], best: Fit, workers: in
 
 
 def _carried(replay: PortReplay, fit: Fit) -> list[float]:
-    return _weights(replay, replay.residuals(fit.calibrated, fit.effects, fit.theta), carries)
+    return _weights(replay, replay.of(fit), carries)
 
 
 def _reconsidered(fitter: Fitter, effects: Sequence[Effect], found: Search, workers: int) -> Search:
@@ -172,8 +172,7 @@ def _weights(
     replay: PortReplay, residuals: Sequence[Array], divisor: Callable[[Array], float]
 ) -> list[float]:
     """Weights by what is left of channels; of several runs' like channels, by the mean."""
-    ports = [port for run in replay.runs for port in replay.compared(run)]
-    kept: dict[object, list[float]] = {}
-    for port, r in zip(ports, residuals, strict=True):
+    kept: dict[Port, list[float]] = {}
+    for (_, port), r in zip(replay.channels, residuals, strict=True):
         kept.setdefault(port, []).append(divisor(r))
-    return [1.0 / math.sqrt(float(np.mean(kept[port]))) for port in ports]
+    return [1.0 / math.sqrt(float(np.mean(kept[port]))) for _, port in replay.channels]

@@ -15,6 +15,7 @@ from ..effect import Effect, by_effect
 from ..finding import Augmented, Candidate, Finding, name_of
 from ..fit import Fit, Fitter
 from ..search import Search
+from ..study import Array
 from .replay import PortReplay, Weighted, candidates_of
 from .seek import sought
 from .study import PortStudy, Role
@@ -82,9 +83,8 @@ def weigh_ports(study: PortStudy, tempering: Tempering | None = None, workers: i
 
 def _squares(replay: PortReplay, weights: Mapping[Port, float], model: Fit | Augmented) -> float:
     """Sum of squares of the weighed residuals; infinite where the model runs away."""
-    ports = [port for run in replay.runs for port in replay.compared(run)]
-    found = replay.residuals(model.calibrated, model.effects, model.theta)
-    total = sum(weights.get(port, 0.0) ** 2 * float(r @ r) for port, r in zip(ports, found, strict=True))
+    found = zip(replay.channels, replay.of(model), strict=True)
+    total = sum(weights.get(port, 0.0) ** 2 * float(r @ r) for (_, port), r in found)
     return total if math.isfinite(total) else math.inf
 
 
@@ -120,10 +120,7 @@ def _left(study: PortStudy, replays: Sequence[PortReplay], fit: Fit, none: Fit) 
     """Share of the excess over noise of the model without effects that one with them leaves, by port."""
     excess: dict[str, list[tuple[float, float, int]]] = {}
     for replay in replays:
-        ports = [port for run in replay.runs for port in replay.compared(run)]
-        after = replay.residuals(fit.calibrated, fit.effects, fit.theta)
-        before = replay.residuals(none.calibrated, none.effects, none.theta)
-        for port, r, r0 in zip(ports, after, before, strict=True):
+        for (_, port), r, r0 in zip(replay.channels, replay.of(fit), replay.of(none), strict=True):
             excess.setdefault(str(port), []).append((float(r @ r), float(r0 @ r0), len(r)))
     found = {}
     for port, parts in excess.items():
@@ -167,16 +164,10 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
         if held >= 0.95:
             break
     strayed = any(abs(value) > _STRAYED for value in found.none.deviation.values())
-    residuals = replay.residuals(top.fit.calibrated, top.fit.effects, top.fit.theta)
-    ports = [str(port) for run in replay.runs for port in replay.compared(run)]
-    misfit = {
-        port: float(
-            np.mean(
-                np.concatenate([r for name, r in zip(ports, residuals, strict=True) if name == port]) ** 2
-            )
-        )
-        for port in dict.fromkeys(ports)
-    }
+    squares: dict[str, list[Array]] = {}
+    for (_, port), r in zip(replay.channels, replay.of(top.fit), strict=True):
+        squares.setdefault(str(port), []).append(r**2)
+    misfit = {port: float(np.mean(np.concatenate(some))) for port, some in squares.items()}
     finding = Finding(
         tuple(made),
         first.effects,
