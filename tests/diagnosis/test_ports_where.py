@@ -27,7 +27,7 @@ from orchestrator.diagnosis.ports.tempering import Tempering, read_practice
 from orchestrator.diagnosis.ports.ties import alike
 from orchestrator.diagnosis.ports.where import ledger, no_shares, shapley_shares, where
 from orchestrator.diagnosis.study import Nominal
-from orchestrator.errors import ConfigError
+from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.system import Port
 
 POSITION, VELOCITY = Port("drive", "position"), Port("drive", "velocity")
@@ -247,6 +247,23 @@ def test_simulated_cases_hide_what_they_say(rubbing, effects):
         rough = np.diff(log, 3) / np.sqrt(20.0)
         assert np.std(rough) == pytest.approx(2e-6, rel=0.5)
     assert len(seen) > 1
+
+
+def test_no_simulated_system_swings_up(rubbing, effects):
+    gain = effects["drive.voltage.gain"]
+    # A controller whose volts do that little gives ten times as many.
+    weak = replace(gain, parameters=(replace(gain.parameters[0], low=-0.97, high=-0.9),))
+    for seed in range(12):
+        made, _, _ = simulated(rubbing, [weak], np.random.default_rng(seed))
+        for run, measured in zip(made.runs, rubbing.of(Role.TRAIN, Role.VALIDATION), strict=True):
+            for port in (POSITION, VOLTAGE):
+                assert np.abs(run.logs[port]).max() < 4.0 * np.abs(measured.logs[port]).max()
+
+
+def test_where_every_simulated_system_swings_up_practice_tells_so(rubbing, monkeypatch):
+    monkeypatch.setattr("orchestrator.diagnosis.ports.simulated._WILD", 0.0)
+    with pytest.raises(OrchestratorError, match=r"100 times in a row(.|\n)*start values"):
+        simulated(rubbing, [], np.random.default_rng(1))
 
 
 def test_what_the_calibration_may_be_astray_is_nothing_hidden(rubbing, effects):

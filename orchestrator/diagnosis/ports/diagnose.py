@@ -75,8 +75,44 @@ def diagnose_ports(
     taught, tempering = _taught(path, study, practice)
     weighed = weigh_ports(study, tempering)
     finding = weighed.finding
+    analysed = _analysed(study, weighed, progress)
+    config, missing = augmented_config(study, finding)
+    diagnosis = Diagnosis.model_validate(
+        {
+            "case": study.name,
+            "verdict": Verdict(effects=list(finding.effects), places=list(finding.places)),
+            "which": _which(finding),
+            "outside_place": finding.outside_place,
+            "answer_set": list(finding.answer_set),
+            "doubtful_tolerances": finding.doubtful_tolerances,
+            "augmented": Runnable(
+                file=AUGMENTED, run="", changed=_changed(study, finding.answer, missing), left_out=missing
+            ),
+            "misfit": strict(dict(finding.misfit)),
+            "calibration": strict(_calibration(study, finding)),
+            "data": [*warned, *doubts(own)],
+            "provenance": _provenance(path, study, weighed, begin),
+            **analysed,
+        }
+    )
+    files = {AUGMENTED: config}
+    exportable, _ = augmented_config(study, finding, fmus=True)
+    if exportable != config:
+        files[FMUS] = exportable
+    if practice is not None:
+        files[PRACTICE] = json.dumps(strict(dict(taught)), indent=1, allow_nan=False) + "\n"
+    if report:
+        # matplotlib takes a third of a second to import.
+        from .page import page
+
+        files["report.html"] = page(study, diagnosis, weighed, taught)
+    return PortDiagnosed(study, finding, diagnosis, files)
+
+
+def _analysed(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -> dict[str, Any]:
+    """What follows from the answer: fields of a diagnosis, and in `left_out` why others have nothing."""
+    finding, left_out = weighed.finding, {}
     progress("where")
-    left_out: dict[str, str] = {}
     shares: dict[str, float] = {}
     if reason := no_shares(study):
         left_out["where"] = reason
@@ -92,7 +128,7 @@ def diagnose_ports(
     heldout = bool(study.of(Role.HELDOUT))
     if not heldout:
         left_out["how_far"] = "no run has the role held-out"
-    config, missing = augmented_config(study, finding)
+    far = strict(how_far(study, finding)) if heldout else None
     progress("what next")
     proposed = None
     if reason := no_experiment(study, finding):
@@ -101,45 +137,18 @@ def diagnose_ports(
         proposed = next_experiment(study, finding, weighed.weights, weighed.effects)
     progress("numerics")
     both = numerics(study, {"nominal": NOMINAL, "answer": finding.answer})
-    diagnosis = Diagnosis.model_validate(
-        {
-            "case": study.name,
-            "verdict": Verdict(effects=list(finding.effects), places=list(finding.places)),
-            "where": [
-                Share(place=place, share=share)
-                for place, share in sorted(shares.items(), key=lambda item: -item[1])
-            ],
-            "which": _which(finding),
-            "outside_place": finding.outside_place,
-            "answer_set": list(finding.answer_set),
-            "doubtful_tolerances": finding.doubtful_tolerances,
-            "how_far": strict(how_far(study, finding)) if heldout else None,
-            "augmented": Runnable(
-                file=AUGMENTED, run="", changed=_changed(study, finding.answer, missing), left_out=missing
-            ),
-            "next_experiment": strict(proposed) if proposed else None,
-            "numerics": strict(both),
-            "ledger": strict(rows),
-            "energy": strict(worked),
-            "misfit": strict(dict(finding.misfit)),
-            "calibration": strict(_calibration(study, finding)),
-            "data": [*warned, *doubts(own)],
-            "left_out": left_out,
-            "provenance": _provenance(path, study, weighed, begin),
-        }
-    )
-    files = {AUGMENTED: config}
-    exportable, _ = augmented_config(study, finding, fmus=True)
-    if exportable != config:
-        files[FMUS] = exportable
-    if practice is not None:
-        files[PRACTICE] = json.dumps(strict(dict(taught)), indent=1, allow_nan=False) + "\n"
-    if report:
-        # matplotlib takes a third of a second to import.
-        from .page import page
-
-        files["report.html"] = page(study, diagnosis, weighed, taught)
-    return PortDiagnosed(study, finding, diagnosis, files)
+    return {
+        "where": [
+            Share(place=place, share=share)
+            for place, share in sorted(shares.items(), key=lambda item: -item[1])
+        ],
+        "ledger": strict(rows),
+        "energy": strict(worked),
+        "how_far": far,
+        "next_experiment": strict(proposed) if proposed else None,
+        "numerics": strict(both),
+        "left_out": left_out,
+    }
 
 
 def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Mapping[str, Any], Tempering]:

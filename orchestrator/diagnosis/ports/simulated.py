@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...errors import OrchestratorError
 from ...system import Port
 from ..effect import Effect
 from ..fit import Fitter
@@ -30,6 +31,10 @@ _KINDS = {"none": 0.25, "one": 0.45, "two": 0.15, "outside": 0.15}
 _DECADES = 2.5
 # An effect of which logs tell less is none [nats].
 _SEEN = 10.0
+# Signals this many times as large as the logs' are those of no rig that would have been left running.
+_WILD = 3.0
+# What may be drawn one after the other until some system stays tame.
+_DRAWS = 100
 
 
 def simulated(
@@ -38,43 +43,27 @@ def simulated(
     """The study with logs of its own system, in which something is hidden.
 
     Calibrated numbers are drawn by their tolerances. Noise is what does not repeat, from a random place on,
-    where runs have repeats, else white as specified.
+    where runs have repeats, else white as specified. Where what is drawn makes a loop swing up or run away,
+    all is drawn anew: such logs nobody hands over.
 
     Args:
         effects: to draw from.
     Returns: the study, train and validation runs only; what is hidden, as far as logs can tell; and how much
         they tell of it, see `_told` [nats].
+    Raises: OrchestratorError if whatever is drawn makes a loop swing up.
     """
-    kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
-    pool = [one for one in effects if isinstance(one, PortEffect)]
-    hidden: list[PortEffect] = []
-    for one in (pool[place] for place in rng.permutation(len(pool))):
-        if len(hidden) == {"none": 0, "two": 2}.get(kind, 1):
+    for _ in range(_DRAWS):
+        kind, truth = _hidden(study, effects, rng)
+        made = _made(study, truth, rng)
+        if made is not None:
             break
-        if all(not one.family or one.family != other.family for other in hidden):
-            hidden.append(one)
-    theta = np.concatenate([_drawn(one, rng) for one in hidden]) if hidden else np.zeros(0)
-    calibrated = {
-        name: one.value + one.tolerance * float(np.clip(rng.standard_normal(), -2.5, 2.5))
-        for name, one in study.nominal.items()
-    }
-    given = tuple(port for port in study.fed if port not in study.compared)
-    open_study = replace(study, fed=given)
-    runs, bare = [], []
-    noises: dict[Port, list[Array]] = {}
-    for run in study.of(Role.TRAIN, Role.VALIDATION):
-        replay = PortReplay(open_study, [run])
-        signals = replay.signals(run, calibrated, tuple(hidden), theta)
-        logs, without = dict(run.logs), dict(run.logs)
-        for port in replay.compared(run):
-            noise = _noise(study, port, len(run), float(study.columns[port].noise or 0.0), rng)
-            noises.setdefault(port, []).append(noise)
-            logs[port], without[port] = signals[port] + noise, signals[port]
-        runs.append(replace(run, logs=logs))
-        bare.append(replace(run, logs=without))
-    if not all(np.isfinite(log).all() for run in bare for log in run.logs.values()):
-        return simulated(study, effects, rng)  # what is drawn makes the system run away
-    truth = _Hidden(calibrated, tuple(hidden), theta)
+    else:
+        raise OrchestratorError(
+            f"practice: whatever was hidden, {_DRAWS} times in a row, signals came to more than "
+            f"{_WILD:g} times those of the logs and of the system as configured\n"
+            "  Check which columns are fed, and the start values."
+        )
+    runs, bare, noises = made
     weights = {
         port: 1.0 / math.sqrt(carries(np.concatenate(parts) / float(study.columns[port].noise or 1.0)))
         for port, parts in noises.items()
@@ -84,6 +73,7 @@ def simulated(
     names = tuple(sorted(one.id for one in told))
     if kind == "outside" and told:
         # Its whole family is struck: another form of the same cause would be right.
+        pool = [one for one in effects if isinstance(one, PortEffect)]
         family = told[0].family
         gone = [one.id for one in pool if one.id == told[0].id or (family and one.family == family)]
         struck, names = (*struck, *gone), ("outside",)
@@ -97,6 +87,50 @@ class _Hidden:
     calibrated: Mapping[str, float]
     effects: tuple[PortEffect, ...]
     theta: Array
+
+
+def _hidden(study: PortStudy, effects: Sequence[Effect], rng: np.random.Generator) -> tuple[str, _Hidden]:
+    """What kind of case, and what makes its logs."""
+    kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
+    pool = [one for one in effects if isinstance(one, PortEffect)]
+    hidden: list[PortEffect] = []
+    for one in (pool[place] for place in rng.permutation(len(pool))):
+        if len(hidden) == {"none": 0, "two": 2}.get(kind, 1):
+            break
+        if all(not one.family or one.family != other.family for other in hidden):
+            hidden.append(one)
+    theta = np.concatenate([_drawn(one, rng) for one in hidden]) if hidden else np.zeros(0)
+    calibrated = {
+        name: one.value + one.tolerance * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+        for name, one in study.nominal.items()
+    }
+    return kind, _Hidden(calibrated, tuple(hidden), theta)
+
+
+def _made(
+    study: PortStudy, hidden: _Hidden, rng: np.random.Generator
+) -> tuple[list[PortRun], list[PortRun], dict[Port, list[Array]]] | None:
+    """Runs with what is hidden, the same without noise, and the noise; None where the system swings up."""
+    given = tuple(port for port in study.fed if port not in study.compared)
+    open_study = replace(study, fed=given)
+    runs, bare = [], []
+    noises: dict[Port, list[Array]] = {}
+    for run in study.of(Role.TRAIN, Role.VALIDATION):
+        replay = PortReplay(open_study, [run])
+        signals = replay.signals(run, hidden.calibrated, hidden.effects, hidden.theta)
+        plain = replay.signals(run, {}, (), np.zeros(0))
+        logs, without = dict(run.logs), dict(run.logs)
+        for port in replay.compared(run):
+            usual = max(float(np.abs(one).max()) for one in (run.logs[port], plain[port]))
+            # NaN, of a system that runs away, is not below anything.
+            if not np.abs(signals[port]).max() <= _WILD * usual:
+                return None
+            noise = _noise(study, port, len(run), float(study.columns[port].noise or 0.0), rng)
+            noises.setdefault(port, []).append(noise)
+            logs[port], without[port] = signals[port] + noise, signals[port]
+        runs.append(replace(run, logs=logs))
+        bare.append(replace(run, logs=without))
+    return runs, bare, noises
 
 
 def _told(fitter: Fitter, hidden: _Hidden) -> tuple[tuple[PortEffect, ...], float]:
