@@ -129,6 +129,28 @@ def test_threads_are_told_no_folder_that_another_one_loads_an_fmu_from(tmp_path,
     assert told == [str(tmp_path)] == [os.getcwd()]
 
 
+def test_threads_that_need_an_fmu_at_once_unpack_it_once(quirky, tmp_path, monkeypatch):
+    fmu = load_fmu(quirky())
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    unpacked, unpack = fmu._unpacked, fmu._unpacked._unpack
+    second = threading.Thread(target=unpacked.acquire)
+
+    def slowly(folder):
+        if not second.ident:
+            second.start()  # comes while the first one is at it
+            second.join(0.2)
+        unpack(folder)
+
+    monkeypatch.setattr(unpacked, "_unpack", slowly)
+    folder = unpacked.acquire()
+    second.join()
+    assert [one for one in tmp_path.glob("fmu-*")] == [folder]
+    unpacked.release()
+    assert folder.is_dir()
+    unpacked.release()
+    assert not list(tmp_path.glob("fmu-*"))
+
+
 def test_where_the_working_directory_was_removed_a_run_still_ends(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     gone = tmp_path / "gone"

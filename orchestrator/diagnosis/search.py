@@ -14,15 +14,25 @@ from .effect import Effect
 from .fit import Base, Fit, Fitter
 from .study import Array
 
-__all__ = ["Direction", "Search", "directions", "each", "exchanged", "roughness", "search", "separation"]
+__all__ = [
+    "HOPELESS",
+    "Direction",
+    "Search",
+    "directions",
+    "each",
+    "exchanged",
+    "roughness",
+    "search",
+    "separation",
+]
 
 # Effects at this share of their priors are roughness that every rig has, where nothing better was learned.
 _ROUGH = 0.005
 # Share of the prior by which they are moved for a derivative.
 _MOVED = 0.02
 _KEPT_SINGLES, _KEPT_PAIRS, _LONGEST = 7, 4, 3
-# Fits that will not come this near the best cost found are given up.
-_NEAR = 60.0
+# Fits that stay this far above the best cost found are given up.
+HOPELESS = 60.0
 # A further effect is sought while the linearised problem promises to lower the cost by this much.
 _PROMISING = 20.0
 
@@ -217,7 +227,7 @@ def _without_one(fitter: Fitter, fit: Fit, kept: int) -> list[Fit]:
         z = np.delete(fit.z, range(first, first + len(gone.parameters)))
         others = tuple(one for one in fit.effects if one is not gone)
         try:
-            found.append(fitter.fit(others, z[:count], z[count:], aim=fit.cost + _NEAR))
+            found.append(fitter.fit(others, z[:count], z[count:], aim=fit.cost + HOPELESS))
         except np.linalg.LinAlgError:
             continue
     return [one for one in found if math.isfinite(one.cost)]
@@ -272,7 +282,7 @@ def _grow(
     for first in range(0, len(chosen), 2):  # two at a time: what is given up does not depend on the machine
         fits = each(fitted, chosen[first : first + 2], workers)
         found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
-        aim = min([fit.cost for fit in found], default=math.inf) + _NEAR
+        aim = min([fit.cost for fit in found], default=math.inf) + HOPELESS
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import stat
 import tempfile
+import threading
 import zipfile
 from pathlib import Path, PurePosixPath
 
@@ -97,7 +98,7 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
 class Unpacked:
     """An FMU in a temporary folder, which is removed with the last user.
 
-    Instances of one FMU share the folder and the library in it.
+    Instances of one FMU share the folder and the library in it, those of several threads, too.
 
     Attributes:
         corrupt: whether an instance has returned "fatal": then none of this FMU may be called any more, not
@@ -111,6 +112,8 @@ class Unpacked:
         self._platform = binary_folder(fmi_version)
         self._identifier = model_identifier
         self._users = 0
+        # Reentrant: what is collected as garbage meanwhile may give the folder up.
+        self._lock = threading.RLock()
         self._folder: Path | None = None
 
     def check(self) -> None:
@@ -122,25 +125,28 @@ class Unpacked:
 
     def acquire(self) -> Path:
         """The folder, unpacked at the first call. Raises: FmuError."""
-        if self._folder is None:
-            folder = Path(tempfile.mkdtemp(prefix="fmu-"))
-            try:
-                self._unpack(folder)
-            except BaseException:
-                shutil.rmtree(folder, ignore_errors=True)
-                raise
-            self._folder = folder
-        self._users += 1
-        return self._folder
+        with self._lock:
+            if self._folder is None:
+                folder = Path(tempfile.mkdtemp(prefix="fmu-"))
+                try:
+                    self._unpack(folder)
+                except BaseException:
+                    shutil.rmtree(folder, ignore_errors=True)
+                    raise
+                self._folder = folder
+            self._users += 1
+            return self._folder
 
     def release(self) -> None:
         """Give the folder up; the last one removes it."""
-        self._users -= 1
-        if self._users == 0 and self._folder is not None:
-            # On Windows a library that is still loaded cannot be deleted: the system's clean-up gets it.
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
-            self.corrupt = False  # what is loaded next comes from another folder, hence is another library
+        with self._lock:
+            self._users -= 1
+            if self._users == 0 and self._folder is not None:
+                # On Windows a library that is still loaded cannot be deleted: the system's clean-up gets it.
+                shutil.rmtree(self._folder, ignore_errors=True)
+                self._folder = None
+                # What is loaded next comes from another folder, hence is another library.
+                self.corrupt = False
 
     def _unpack(self, folder: Path) -> None:
         self.check()

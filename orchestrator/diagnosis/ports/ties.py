@@ -10,7 +10,7 @@ import numpy as np
 from ..answers import Answer
 from ..effect import Effect
 from ..fit import Fit, Fitter
-from ..search import each, separation
+from ..search import HOPELESS, each, separation
 from ..study import Array
 
 __all__ = ["Alike", "alike"]
@@ -19,8 +19,6 @@ __all__ = ["Alike", "alike"]
 _APART, _FITTED = 8.0, 6
 # What is fitted must promise to come so near: as a share of what the effect explains, and in nats.
 _NEAR, _NEAR_NATS = 0.02, 40.0
-# Fits that stay this far above the answer's cost are given up.
-_HOPELESS = 60.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def _replaced(fitter: Fitter, top: Fit, place: int, effects: Sequence[Effect], w
     def fitted(one: tuple[float, Effect, Array]) -> Fit:
         _, effect, start = one
         begin = np.concatenate([z[count:], start])
-        return fitter.fit((*others, effect), z[:count], begin, aim=top.cost + _HOPELESS)
+        return fitter.fit((*others, effect), z[:count], begin, aim=top.cost + HOPELESS)
 
     new = [effect for effect in effects if all(effect.id != one.id for one in top.effects)]
     promising = [one for one in each(nearest, new, workers) if one is not None]
