@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from pydantic import ValidationError
-
-from ..digests import file_digest
-from ..errors import ConfigError, OrchestratorError, Problem
-from ..formats import strict
-from ..provenance import origin, versions
+from ..errors import ConfigError, Problem
 from ..run_folder import folder_at
 from ..whole_file import write_text
 from .augmented import NAME as AUGMENTED
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
+from .content import Told, content, provenance
 from .finding import Finding
 from .parts import Parts
 from .ports.study import PortStudy, is_port_study
 from .study import Role, Study, load_study
-from .verdict import NAME, Diagnosis, Runnable, Share, Verdict, Warned, Which, problems_of
+from .verdict import NAME, Diagnosis, Runnable, Warned
 
 __all__ = ["STAGES", "Diagnosed", "diagnose"]
 
@@ -34,9 +30,6 @@ STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics",
 _FILES = (NAME, "report.html", AUGMENTED, "augmented-fmus.yaml")
 # Cases weighed in a practice that has not come to its end.
 _PRACTISED = "practice-cases.jsonl"
-_PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
-# Answers less probable than this are told together with those that are more so, not one by one.
-_SHOWN = 1e-6
 
 Report = Callable[[str], None]
 
@@ -97,27 +90,15 @@ def diagnose(
     # What fits see and what they must not see are told apart here, once for all parts.
     progress("weigh")
     finding = parts.weigh(replace(study, runs=study.of(Role.TRAIN)))
-    told: dict[str, Any] = {}
-    left_out: dict[str, str] = {}
-    for stage, analyses in (
-        ("where", ("where", "ledger", "energy")),
-        ("how far", ("how_far",)),
-        ("what next", ("next_experiment",)),
-        ("numerics", ("numerics",)),
-    ):
-        progress(stage)
-        for name in analyses:
-            reason = _missing(name, getattr(parts, name), study)
-            if reason:
-                left_out[name] = reason
-            else:
-                told[name] = getattr(parts, name)(study, finding)
+    told = _told(parts, study, finding, progress)
     config = augmented_config(study, finding) if is_docking_lab(study) else None
+    augmented = None
     if config is not None:
-        told["augmented"] = Runnable(
-            file=AUGMENTED, run=config.run, changed=list(config.changed), left_out=dict(config.left_out)
-        )
-    diagnosis = _collect(study, finding, told, left_out, warned, _provenance(study, source))
+        changed, missing = list(config.changed), dict(config.left_out)
+        augmented = Runnable(file=AUGMENTED, run=config.run, changed=changed, left_out=missing)
+    known = [Warned(place=one.place, what=one.what, remedy=one.remedy or one.allowed) for one in warned]
+    origins = provenance({} if source is None else _files(study, source))
+    diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     progress("write")
     if out is None:
         return Diagnosed(study, finding, diagnosis)
@@ -150,6 +131,26 @@ def _any_system(
     return replace(diagnosed, folder=whole, files=(NAME, *made.files))
 
 
+def _told(parts: Parts, study: Study, finding: Finding, progress: Report) -> Told:
+    """What all analyses tell of a finding."""
+    found: dict[str, Any] = {}
+    left_out: dict[str, str] = {}
+    for stage, analyses in (
+        ("where", ("where", "ledger", "energy")),
+        ("how far", ("how_far",)),
+        ("what next", ("next_experiment",)),
+        ("numerics", ("numerics",)),
+    ):
+        progress(stage)
+        for name in analyses:
+            reason = _missing(name, getattr(parts, name), study)
+            if reason:
+                left_out[name] = reason
+            else:
+                found[name] = getattr(parts, name)(study, finding)
+    return Told(**found, left_out=left_out)
+
+
 def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:
     """Why an analysis cannot be made; "" if it can."""
     if part is None:
@@ -159,105 +160,15 @@ def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:
     return ""
 
 
-def _collect(
-    study: Study,
-    finding: Finding,
-    told: Mapping[str, Any],
-    left_out: Mapping[str, str],
-    warned: list[Problem],
-    provenance: Mapping[str, Any],
-) -> Diagnosis:
-    """All findings as diagnosis.json holds them. Raises: OrchestratorError if they contradict each other."""
-    shares = sorted((told.get("where") or {}).items(), key=lambda item: -item[1])
-    data = {
-        "case": study.name,
-        "verdict": Verdict(effects=list(finding.effects), places=list(finding.places)),
-        "where": [Share(place=place, share=share) for place, share in shares],
-        "which": _which(finding),
-        "outside_place": finding.outside_place,
-        "answer_set": list(finding.answer_set),
-        "doubtful_tolerances": finding.doubtful_tolerances,
-        "how_far": told.get("how_far"),
-        "augmented": told.get("augmented"),
-        "next_experiment": told.get("next_experiment"),
-        "numerics": told.get("numerics"),
-        "ledger": told.get("ledger", []),
-        "energy": told.get("energy", {}),
-        "misfit": dict(finding.misfit),
-        "calibration": _calibration(study, finding),
-        "data": [Warned(place=one.place, what=one.what, remedy=one.remedy or one.allowed) for one in warned],
-        "left_out": dict(left_out),
-        "provenance": provenance,
-    }
-    try:
-        return Diagnosis.model_validate(strict_parts(data))
-    except ValidationError as error:
-        problems = problems_of(error, f"{study.name}: the diagnosis contradicts itself")
-        raise OrchestratorError("\n".join(str(one) for one in problems)) from error
-
-
-def strict_parts(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain values of what the parts told."""
-    return {
-        key: value if key in ("verdict", "where", "which", "augmented", "data") else strict(value)
-        for key, value in data.items()
-    }
-
-
-def _which(finding: Finding) -> list[Which]:
-    """Answers, most probable first; the least probable ones of the tail are joined to the last that is told.
-
-    Their probabilities are scaled to add up to 1, which rounding alone would not let them.
-    """
-    ranked = sorted(finding.candidates, key=lambda one: -one.probability)
-    shown = [one for one in ranked if one.probability >= _SHOWN] or ranked[:1]
-    total = sum(one.probability for one in shown)
-    return [
-        Which(
-            effects=list(one.effects),
-            probability=one.probability / total if total > 0 else 1.0 / len(shown),
-            parameters={name: float(value) for name, value in one.parameters.items()},
-            ties=list(one.ties),
-        )
-        for one in shown
-    ]
-
-
-def _calibration(study: Study, finding: Finding) -> dict[str, dict[str, float]]:
-    """Calibrated numbers: as believed, tolerance, with the answer and without effects."""
-    fitted = finding.answer.calibrated
-    told = {}
-    for name, one in study.nominal.items():
-        if one.tolerance > 0:
-            alone = finding.recalibrated.calibrated.get(name, one.value)
-            told[name] = {
-                "nominal": one.value,
-                "tolerance": one.tolerance,
-                "fitted": float(fitted.get(name, alone)),
-                "recalibrated": float(alone),
-            }
-    return told
-
-
-def _provenance(study: Study, source: Path | None) -> dict[str, Any]:
-    files = {}
-    if source is not None:
-        folder = source if source.is_dir() else source.parent
-        named = {source.name} if source.is_file() else {"case.yaml", "study.yaml"}
-        runs = {run.name for run in study.runs}
-        for path in sorted(folder.iterdir()):
-            # Of the study only: truth, verdicts and other things may stand in the folder, and are not opened.
-            if path.name in named or path.name.partition(".")[0] in runs:
-                # A ROS bag is a folder.
-                for file in (
-                    [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file())
-                ):
-                    files[file.relative_to(folder).as_posix()] = file_digest(file)
-    return {
-        **origin(),
-        "packages": versions(_PACKAGES),
-        "sha256": files,
-    }
+def _files(study: Study, source: Path) -> dict[str, Path]:
+    """Files of the study, by name: its folder may hold truth, verdicts and other things, not to be opened."""
+    folder = source if source.is_dir() else source.parent
+    named = {source.name} if source.is_file() else {"case.yaml", "study.yaml"}
+    runs = {run.name for run in study.runs}
+    own = [path for path in folder.iterdir() if path.name in named or path.name.partition(".")[0] in runs]
+    # A ROS bag is a folder.
+    files = [file for path in sorted(own) for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
+    return {file.relative_to(folder).as_posix(): file for file in files if file.is_file()}
 
 
 def _write(

@@ -10,7 +10,7 @@ import numpy as np
 from .effect import Effect
 from .study import Array, Nominal
 
-__all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "name_of"]
+__all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "most_probable", "name_of"]
 
 # Tolerances from which a calibration is no longer believed.
 _BENT = 5.0
@@ -62,7 +62,7 @@ class Finding:
         candidates: most probable first; probabilities add up to 1.
         effects, places: the answer given.
         outside_place: where an effect outside the catalogue acts; "" if there is none.
-        answer_set: ids of the most probable answers that hold enough together, see `Calibration.enough`.
+        answer_set: names of the most probable answers that hold enough together, see `Calibration.enough`.
         recalibrated: the model without effects, its calibration refitted.
         doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow, while no
             effect explains it.
@@ -102,3 +102,18 @@ class Finding:
 def name_of(effects: Sequence[str]) -> str:
     """A candidate by its effects."""
     return " + ".join(effects) or "none"
+
+
+def most_probable(candidates: Sequence[Candidate], enough: float) -> tuple[str, ...]:
+    """Names of the most probable candidates, until they hold as much probability.
+
+    Args:
+        candidates: most probable first.
+    """
+    found, held = [], 0.0
+    for one in candidates:
+        found.append(name_of(one.effects))
+        held += one.probability
+        if held >= enough:
+            break
+    return tuple(found)

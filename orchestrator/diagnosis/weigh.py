@@ -13,7 +13,7 @@ from .answers import Answer, Group, weigh_software
 from .calibration import Calibration, calibration
 from .catalogue import SOFTWARE, catalogue
 from .effect import Effect, by_effect
-from .finding import Augmented, Candidate, Finding, name_of
+from .finding import Augmented, Candidate, Finding, most_probable
 from .hardware import weigh_rig
 from .study import Study
 
@@ -65,7 +65,7 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
         first.effects,
         tuple(sorted(places)),
         outside,
-        _answer_set(candidates, learned.enough(speaks)),
+        most_probable(candidates, learned.enough(speaks)),
         Augmented(rig.none.calibrated, (), np.zeros(0)),
         doubtful,
         misfit,
@@ -117,17 +117,6 @@ def _price(answers: Sequence[Answer], named: Collection[str], learned: Calibrati
     price += max(afresh, 0) * max(learned.first - learned.second, 0.0)
     beside = sum(one is _OUTSIDE for one in answers) - 1 + (known > 0)
     return price + (max(beside, 0) * learned.second if "outside" in named else 0.0)
-
-
-def _answer_set(candidates: Sequence[Candidate], enough: float) -> tuple[str, ...]:
-    """The most probable answers, until they hold as much probability."""
-    found, held = [], 0.0
-    for one in candidates:
-        found.append(name_of(one.effects))
-        held += one.probability
-        if held >= enough:
-            break
-    return tuple(found)
 
 
 def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:

@@ -9,14 +9,13 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from ...digests import file_digest
 from ...errors import ConfigError
 from ...formats import strict
-from ...provenance import origin, versions
 from ...system import Port
+from ..content import Told, content, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
-from ..verdict import Diagnosis, Runnable, Share, Verdict, Which
+from ..verdict import Diagnosis, Runnable
 from .augmented import FMUS, augmented_config
 from .augmented import NAME as AUGMENTED
 from .closure import how_far
@@ -35,9 +34,6 @@ from .where import ledger, no_shares, where
 __all__ = ["PRACTICE", "PortDiagnosed", "diagnose_ports"]
 
 PRACTICE = "practice.json"
-
-_PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
-_SHOWN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -75,26 +71,15 @@ def diagnose_ports(
     taught, tempering = _taught(path, study, practice)
     weighed = weigh_ports(study, tempering)
     finding = weighed.finding
-    analysed = _analysed(study, weighed, progress)
+    told = _told(study, weighed, progress)
     config, missing = augmented_config(study, finding)
-    diagnosis = Diagnosis.model_validate(
-        {
-            "case": study.name,
-            "verdict": Verdict(effects=list(finding.effects), places=list(finding.places)),
-            "which": _which(finding),
-            "outside_place": finding.outside_place,
-            "answer_set": list(finding.answer_set),
-            "doubtful_tolerances": finding.doubtful_tolerances,
-            "augmented": Runnable(
-                file=AUGMENTED, run="", changed=_changed(study, finding.answer, missing), left_out=missing
-            ),
-            "misfit": strict(dict(finding.misfit)),
-            "calibration": strict(_calibration(study, finding)),
-            "data": [*warned, *doubts(own)],
-            "provenance": _provenance(path, study, weighed, begin),
-            **analysed,
-        }
+    changed = _changed(study, finding.answer, missing)
+    augmented = Runnable(file=AUGMENTED, run="", changed=changed, left_out=missing)
+    origins = provenance(
+        _files(path, study), effects=len(weighed.effects), seconds=round(perf_counter() - begin, 3)
     )
+    known = [*warned, *doubts(own)]
+    diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
     exportable, _ = augmented_config(study, finding, fmus=True)
     if exportable != config:
@@ -109,8 +94,8 @@ def diagnose_ports(
     return PortDiagnosed(study, finding, diagnosis, files)
 
 
-def _analysed(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -> dict[str, Any]:
-    """What follows from the answer: fields of a diagnosis, and in `left_out` why others have nothing."""
+def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -> Told:
+    """What follows from the answer."""
     finding, left_out = weighed.finding, {}
     progress("where")
     shares: dict[str, float] = {}
@@ -128,7 +113,7 @@ def _analysed(study: PortStudy, weighed: Weighed, progress: Callable[[str], None
     heldout = bool(study.of(Role.HELDOUT))
     if not heldout:
         left_out["how_far"] = "no run has the role held-out"
-    far = strict(how_far(study, finding)) if heldout else None
+    far = how_far(study, finding) if heldout else None
     progress("what next")
     proposed = None
     if reason := no_experiment(study, finding):
@@ -137,18 +122,7 @@ def _analysed(study: PortStudy, weighed: Weighed, progress: Callable[[str], None
         proposed = next_experiment(study, finding, weighed.weights, weighed.effects)
     progress("numerics")
     both = numerics(study, {"nominal": NOMINAL, "answer": finding.answer})
-    return {
-        "where": [
-            Share(place=place, share=share)
-            for place, share in sorted(shares.items(), key=lambda item: -item[1])
-        ],
-        "ledger": strict(rows),
-        "energy": strict(worked),
-        "how_far": far,
-        "next_experiment": strict(proposed) if proposed else None,
-        "numerics": strict(both),
-        "left_out": left_out,
-    }
+    return Told(shares, rows, worked, far, proposed or None, both, left_out)
 
 
 def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Mapping[str, Any], Tempering]:
@@ -161,32 +135,6 @@ def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Ma
         tempering, data = read_practice(study.practice, [one.id for one in effects])
         return data, tempering
     return {}, Tempering()
-
-
-def _which(finding: Finding) -> list[Which]:
-    shown = [one for one in finding.candidates if one.probability >= _SHOWN]
-    total = sum(one.probability for one in shown)
-    return [
-        Which(
-            effects=list(one.effects),
-            probability=one.probability / total,
-            parameters=dict(one.parameters),
-            ties=list(one.ties),
-        )
-        for one in shown
-    ]
-
-
-def _calibration(study: PortStudy, finding: Finding) -> dict[str, dict[str, float]]:
-    return {
-        name: {
-            "nominal": one.value,
-            "tolerance": one.tolerance,
-            "fitted": float(finding.answer.calibrated.get(name, one.value)),
-            "recalibrated": float(finding.recalibrated.calibrated.get(name, one.value)),
-        }
-        for name, one in study.nominal.items()
-    }
 
 
 def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> list[str]:
@@ -207,18 +155,9 @@ def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> l
     return found
 
 
-def _provenance(path: Path, study: PortStudy, weighed: Weighed, begin: float) -> dict[str, Any]:
+def _files(path: Path, study: PortStudy) -> dict[str, Path]:
+    """The study's file and its logs, by name."""
     folder = path if path.is_dir() else path.parent
-    file = study_file(path)
-    files = [file, *dict.fromkeys(run.file for run in study.runs if run.file and run.file.is_file())]
-    digests = {
-        (one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): file_digest(one)
-        for one in files
-    }
-    return {
-        **origin(),
-        "packages": versions(_PACKAGES),
-        "effects": len(weighed.effects),
-        "sha256": digests,
-        "seconds": round(perf_counter() - begin, 3),
-    }
+    logs = dict.fromkeys(run.file for run in study.runs if run.file and run.file.is_file())
+    files = [study_file(path), *logs]
+    return {(one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): one for one in files}

@@ -11,8 +11,9 @@ from threadpoolctl import threadpool_limits
 
 from ...system import Port
 from ..answers import Answer, simplest, tied
+from ..calibration import SET
 from ..effect import Effect, by_effect
-from ..finding import Augmented, Candidate, Finding, name_of
+from ..finding import Augmented, Candidate, Finding, most_probable
 from ..fit import Fit, Fitter
 from ..search import Search
 from ..study import Array
@@ -157,12 +158,6 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     first = made[0]
     place = max(left, key=lambda port: left[port]).partition(".")[0] if left else ""
     places = {place} if first.effects == ("outside",) else {one.partition(".")[0] for one in first.effects}
-    answer_set, held = [], 0.0
-    for one in made:
-        answer_set.append(name_of(one.effects))
-        held += one.probability
-        if held >= 0.95:
-            break
     strayed = any(abs(value) > _STRAYED for value in found.none.deviation.values())
     squares: dict[str, list[Array]] = {}
     for (_, port), r in zip(replay.channels, replay.of(top.fit), strict=True):
@@ -173,7 +168,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
         first.effects,
         tuple(sorted(places)),
         place if first.effects == ("outside",) else "",
-        tuple(answer_set),
+        most_probable(made, SET),
         recalibrated,
         strayed and first.effects in ((), ("outside",)),
         misfit,

@@ -1,0 +1,134 @@
+"""The content of diagnosis.json, from a finding and what analyses told of it, whatever system it is of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from ..digests import file_digest
+from ..errors import OrchestratorError
+from ..formats import strict
+from ..provenance import origin, versions
+from .finding import Finding
+from .study import Nominal
+from .verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which, problems_of
+
+__all__ = ["Told", "content", "provenance"]
+
+_PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
+# Answers less probable than this are told together with those that are more so, not one by one.
+_SHOWN = 1e-6
+
+
+@dataclass(frozen=True)
+class Told:
+    """What analyses told, see `verdict.Diagnosis`; why one told nothing is in `left_out`.
+
+    Attributes:
+        where: shares of the gap by place.
+    """
+
+    where: Mapping[str, float] = field(default_factory=dict)
+    ledger: Any = ()
+    energy: Mapping[str, Any] = field(default_factory=dict)
+    how_far: Any = None
+    next_experiment: Any = None
+    numerics: Any = None
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def content(
+    case: str,
+    finding: Finding,
+    nominal: Mapping[str, Nominal],
+    told: Told,
+    warned: list[Warned],
+    augmented: Runnable | None,
+    origins: Mapping[str, Any],
+) -> Diagnosis:
+    """A diagnosis as it is written.
+
+    Args:
+        nominal: all that is calibrated; what has no tolerance is left out.
+        warned: what a reader should know of the logs; origins: see `provenance`.
+    Raises: OrchestratorError if parts of it contradict each other.
+    """
+    shares = sorted(told.where.items(), key=lambda item: -item[1])
+    plain = strict(
+        {
+            "ledger": told.ledger,
+            "energy": told.energy,
+            "how_far": told.how_far,
+            "next_experiment": told.next_experiment,
+            "numerics": told.numerics,
+            "left_out": told.left_out,
+            "answer_set": finding.answer_set,
+            "misfit": finding.misfit,
+            "calibration": _calibration(finding, nominal),
+            "provenance": origins,
+        }
+    )
+    try:
+        return Diagnosis(
+            case=case,
+            verdict=Verdict(effects=list(finding.effects), places=list(finding.places)),
+            where=[Share(place=place, share=share) for place, share in shares],
+            which=_which(finding),
+            outside_place=finding.outside_place,
+            doubtful_tolerances=finding.doubtful_tolerances,
+            augmented=augmented,
+            data=warned,
+            **plain,
+        )
+    except ValidationError as error:
+        problems = problems_of(error, f"{case}: the diagnosis contradicts itself")
+        raise OrchestratorError("\n".join(str(one) for one in problems)) from error
+
+
+def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:
+    """What a diagnosis was made from and by.
+
+    Args:
+        files: that were read, by the names that they are told by.
+        more: further entries.
+    """
+    digests = {name: file_digest(path) for name, path in files.items()}
+    return {**origin(), "packages": versions(_PACKAGES), **more, "sha256": digests}
+
+
+def _which(finding: Finding) -> list[Which]:
+    """Answers, most probable first; the least probable ones of the tail are joined to the last that is told.
+
+    Their probabilities are scaled to add up to 1, which rounding alone would not let them.
+    """
+    ranked = sorted(finding.candidates, key=lambda one: -one.probability)
+    shown = [one for one in ranked if one.probability >= _SHOWN] or ranked[:1]
+    total = sum(one.probability for one in shown)
+    return [
+        Which(
+            effects=list(one.effects),
+            probability=one.probability / total if total > 0 else 1.0 / len(shown),
+            parameters={name: float(value) for name, value in one.parameters.items()},
+            ties=list(one.ties),
+        )
+        for one in shown
+    ]
+
+
+def _calibration(finding: Finding, nominal: Mapping[str, Nominal]) -> dict[str, dict[str, float]]:
+    """Calibrated numbers: as believed, tolerance, with the answer and without effects."""
+    told = {}
+    for name, one in nominal.items():
+        if one.tolerance > 0:
+            alone = finding.recalibrated.calibrated.get(name, one.value)
+            told[name] = {
+                "nominal": one.value,
+                "tolerance": one.tolerance,
+                "fitted": float(finding.answer.calibrated.get(name, alone)),
+                "recalibrated": float(alone),
+            }
+    return told
