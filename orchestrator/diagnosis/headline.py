@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .catalogue import catalogue
-from .verdict import SUSPECTED, Diagnosis, Experiment, Which
+from .verdict import SUSPECTED, Diagnosis, Experiment, Which, chance_outside
 
 __all__ = ["TELLS", "given", "headline", "leaves_in_words", "listed_or", "nats", "percent"]
 
@@ -19,15 +19,10 @@ _DECIDES = 1000.0
 
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence or two, and whether something outside the catalogue may act instead."""
-    text, outside = _answer(diagnosis), _outside(diagnosis)
+    text, outside = _answer(diagnosis), chance_outside(diagnosis.which)
     if "outside" in diagnosis.verdict.effects or outside < SUSPECTED or "outside the catalogue" in text:
         return text
     return f"{text} It may be something outside the catalogue instead ({percent(outside)})."
-
-
-def _outside(diagnosis: Diagnosis) -> float:
-    """Probability of something outside the catalogue, whatever acts beside it."""
-    return sum(one.probability for one in diagnosis.which if "outside" in one.effects)
 
 
 def _answer(diagnosis: Diagnosis) -> str:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -25,6 +25,8 @@ __all__ = [
     "Verdict",
     "Warned",
     "Which",
+    "chance_outside",
+    "problems_of",
     "read_diagnosis",
 ]
 
@@ -218,6 +220,21 @@ def read_diagnosis(path: Path) -> Diagnosis:
         return Diagnosis.model_validate_json(text)
     except ValidationError as error:
         raise ConfigError(problems_of(error, str(file))) from None
+
+
+class _Likely(Protocol):
+    """An answer and its probability."""
+
+    @property
+    def effects(self) -> Collection[str]: ...
+
+    @property
+    def probability(self) -> float: ...
+
+
+def chance_outside(answers: Iterable[_Likely]) -> float:
+    """Probability of something outside the catalogue, whatever acts beside it."""
+    return sum(one.probability for one in answers if "outside" in one.effects)
 
 
 def problems_of(error: ValidationError, place: str) -> list[Problem]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ...errors import ConfigError, Problem
-from ..verdict import SUSPECTED
+from ..verdict import SUSPECTED, chance_outside
 from .seal import note_opening, open_truth, truth_digest
 from .verdict import Verdict, names, read_verdict
 
@@ -94,8 +94,7 @@ class Marked:
     @property
     def suspects(self) -> bool:
         """Whether the verdict names something outside the catalogue, or mentions it beside its answer."""
-        chance = sum(one.probability for one in self.verdict.answers if "outside" in one.effects)
-        return "outside" in self.verdict.effects or chance >= SUSPECTED
+        return "outside" in self.verdict.effects or chance_outside(self.verdict.answers) >= SUSPECTED
 
     @property
     def confidence(self) -> float:
