@@ -42,11 +42,13 @@ class Child:
         self._work = work
         self._expired = False
         self._ended = False
+        # Ended at once, the process tidies nothing up: FMUs that it has unpacked go with this folder.
+        self._temporary = tempfile.TemporaryDirectory(prefix="worker-", ignore_cleanup_errors=True)
         # Appended to, so that it can be cut short between tasks.
         self._output = tempfile.TemporaryFile("ab+", prefix="worker-output-")
         root = str(Path(__file__).resolve().parents[2])
         paths = json.dumps([root, *(os.path.abspath(one) for one in sys.path if one)])
-        environment = dict(os.environ)
+        environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._temporary.name)
         if work.threads is not None:
             environment |= dict.fromkeys(_THREADS, str(work.threads))
         # -P: files in the working directory must not pose as modules.
@@ -98,6 +100,7 @@ class Child:
         for pipe in (self._process.stdin, self._process.stdout, self._output):
             with suppress(OSError):
                 pipe.close()  # type: ignore[union-attr]
+        self._temporary.cleanup()
 
     _grown = 0
 

@@ -48,7 +48,7 @@ def test_a_crash_or_a_hang_costs_one_task(where, request):
     assert failures == {
         "abort": ("crash", "its process died of SIGABRT", 2),
         "sleep": ("time limit", "took longer than 1 s, and was ended", 2),
-        "raise": ("error", "ValueError: raised (workers_tasks.py:21)", 1),
+        "raise": ("error", "ValueError: raised (workers_tasks.py:23)", 1),
         "leave": ("crash", "its process ended with status 3", 2),
     }
     assert found["abort"].failure.log[-1] == "about to abort"
@@ -80,6 +80,16 @@ def test_tasks_are_taken_as_they_can_be_worked_on():
 def test_a_worker_that_cannot_begin_is_told():
     with pytest.raises(OrchestratorError, match="a worker could not begin: RuntimeError: no such thing"):
         list(LocalPool(2).outcomes(Work(workers_tasks.do, workers_tasks.fail), [1, 2]))
+
+
+def test_nothing_that_workers_unpack_is_left_behind(tmp_path, monkeypatch):
+    for name in ("TMPDIR", "TEMP", "TMP"):
+        monkeypatch.setenv(name, str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    work = Work(workers_tasks.do, time_limit=20.0)
+    found = list(LocalPool(2).outcomes(work, [1, "abort", "leave", "raise", "killed", 2]))
+    assert sum(one.failure is None for one in found) == 2
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_files_are_checked_where_they_arrive(tmp_path):
