@@ -28,9 +28,9 @@ def any_law(model: RigModel, fitter: Fitter, fit: Fit, weights: Sequence[Array],
     """Log evidence that a smooth law of depth, rate, side, time and memory is in what a fit leaves [nats].
 
     The mean square of what is left drowns a small law in the noise of all samples; this looks along some
-    thirty shapes: of a contact's force, each by frame, and of what a sensor may remember of contacts in
-    flight. Their sizes are normal, and the evidence is that of a linear model over none (Bishop: Pattern
-    Recognition and Machine Learning, 2006, eq. 3.86).
+    thirty shapes: of a contact's force, each by frame, and of what a sensor may remember of contacts. Their
+    sizes are normal, and the evidence is that of a linear model over none (Bishop: Pattern Recognition and
+    Machine Learning, 2006, eq. 3.86), in which calibration and effects go along.
 
     Args:
         weights: of samples, by run and channel, as the fitter's.
@@ -48,20 +48,33 @@ def any_law(model: RigModel, fitter: Fitter, fit: Fit, weights: Sequence[Array],
     size = np.sqrt(sum(np.sum(one**2, axis=1) for one in shapes) / acts)
     columns = np.concatenate([one * weights[2 * run + 1] for run, one in zip(runs, shapes, strict=True)], 1).T
     columns = columns[:, size > 0.0] / size[size > 0.0]
-    square, product = fitter.marginal.products(fit.residuals, columns, rows)
-    spread, turn = np.linalg.eigh(square)
-    spread, along = np.maximum(spread, 0.0), turn.T @ product
+    z = fit.z
+    chosen = fitter.jacobian(fit.effects, z, fitter.marginal.stacked(fit.residuals), range(len(z)))
+    square, product = fitter.marginal.products(fit.residuals, columns, rows, chosen)
     told = []
     for noise in dict.fromkeys((WHITE, colour)):
         louder = 1.0 + noise.deviation**2 * (1.0 + noise.keep) / (1.0 - noise.keep)
         less = colour.log_likelihood - noise.log_likelihood
-        told += [_told(spread / louder, along / louder, size) - less for size in _SIZES]
+        told.append(_evidence(square / louder, product / louder) - less)
     return max(float(logsumexp(told)) - math.log(len(told)), 0.0)
 
 
-def _told(spread: Array, along: Array, size: float) -> float:
-    """Log evidence of shapes that do not overlap, by their squares and products, of one size."""
-    return 0.5 * float(np.sum(along**2 / (spread + size**-2.0) - np.log1p(size**2 * spread)))
+def _evidence(square: Array, product: Array) -> float:
+    """Log evidence of shapes over none, by their products: of one of them, or of all of one size.
+
+    Many small ones may make up a law, but beside thirty that are none a single one hardly shows.
+    """
+    spread, turn = np.linalg.eigh(square)
+    every = _told(np.maximum(spread, 0.0), turn.T @ product)
+    one = _told(np.maximum(np.diagonal(square), 0.0), product)
+    told = logsumexp(every.sum(axis=0)), logsumexp(one) - math.log(len(product))
+    return float(logsumexp(told)) - math.log(len(told) * len(_SIZES))
+
+
+def _told(spread: Array, along: Array) -> Array:
+    """Log evidence of shapes that do not overlap, by their squares and products, shape (shapes, sizes)."""
+    spread, along = spread[:, None], along[:, None]
+    return 0.5 * (along**2 / (spread + _SIZES**-2.0) - np.log1p(_SIZES**2 * spread))
 
 
 def _shapes(model: RigModel, index: int, fit: Fit) -> Array:
@@ -75,7 +88,7 @@ def _shapes(model: RigModel, index: int, fit: Fit) -> Array:
     fastest = max(float(np.abs(rate).max()), 1e-12)
     load, turns = (depths[0] + depths[1]) / deepest, (depths[0] - depths[1]) / deepest
     warm = [_faded(load, tick, memory) for memory in _LONG]
-    flown = [*warm, *(_faded(turns, tick, memory) for memory in _LONG), last := _last(turns), last == 0.0]
+    kept = [*warm, *(_faded(turns, tick, memory) for memory in _LONG), last := _last(turns), last == 0.0]
     time = np.arange(len(at)) / len(at)
     found = []
     for sign, depth in zip((1.0, -1.0), depths, strict=True):
@@ -84,9 +97,8 @@ def _shapes(model: RigModel, index: int, fit: Fit) -> Array:
         found += [touches * _deepest_yet(u), *(touches * _faded(u, tick, memory) for memory in _SHORT)]
         found += [u * one for one in warm]
     contact = _sensed(np.array(found), p, tick)
-    flies = ~answering(load > 0.0)
-    contact[:, flies] = 0.0
-    return np.concatenate([contact, np.array(flown) * flies])
+    contact[:, ~answering(load > 0.0)] = 0.0
+    return np.concatenate([contact, np.array(kept)])
 
 
 def _faded(u: Array, tick: float, memory: float) -> Array:

@@ -70,17 +70,19 @@ class Calibration:
     """How log evidences become probabilities.
 
     The score of an answer is its log evidence over T = temperature + growth b^`power` + form w, b the best
-    log evidence but for what is random in it, w what that answer usually leaves, see `usual`, by the share of
-    b in its log evidence: a real effect's form is not quite the catalogue's, and what another effect mends of
-    that is no evidence. Effects that the logs speak for have a price: the first of them `first`, the second
-    `second`, each further one `further`. One that is too small to be seen costs `hidden`, beside another one
-    `beside`, as a third `further`, and more the seldomer it stays unseen. Something outside the catalogue
-    scores what the best answer of its group has, less `outside`, plus what answers lack: `slope` times ln(1 +
-    u), u the unexplained log likelihood over what is usual (see `usual`), plus the log likelihood that what
-    an answer holds to be random is not, plus `several` for a second effect that it sees, and `many` for each
-    beyond it: combinations rarely are what they imitate. Of the odds of outside over answers that lack so
-    much the harmonic mean counts, weighted by their probabilities: one likely answer that lacks nothing
-    speaks against outside. A share `floor` of the probability is spread evenly.
+    log evidence but for what is random in it, w what that answer usually leaves, see `usual`, by the share
+    of b in its log evidence: a real effect's form is not quite the catalogue's, and what another effect
+    mends of that is no evidence. Where the answer leaves less than it usually does, w is that: another
+    effect hardly mends all that its form lacks. Effects that the logs speak for have a price: the first of
+    them `first`, the second `second`, each further one `further`. One that is too small to be seen costs
+    `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it stays unseen.
+    Something outside the catalogue scores what the best answer of its group has, less `outside`, plus what
+    answers lack: `slope` times ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`),
+    plus the log likelihood that what an answer holds to be random is not, plus `several` for a second effect
+    that it sees, and `many` for each beyond it: combinations rarely are what they imitate. Of the odds of
+    outside over answers that lack so much the harmonic mean counts, weighted by their probabilities: one
+    likely answer that lacks nothing speaks against outside. A share `floor` of the probability is spread
+    evenly.
 
     A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
     not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
@@ -175,9 +177,12 @@ class Calibration:
         """
         of = answers if isinstance(answers, Table) else self.table(answers)
         at = np.argmax(of.gain, -1, keepdims=True)
-        most, best, usual = (np.take_along_axis(one, at, -1) for one in (of.gain, of.formed, of.usual))
+        most, best, usual, left = (
+            np.take_along_axis(one, at, -1) for one in (of.gain, of.formed, of.usual, of.left)
+        )
         best = np.maximum(best, 0.0)
-        form = self.form * (usual - 1.0) * best / np.maximum(np.maximum(most, best), 1.0)
+        lacking = np.minimum(usual - 1.0, np.maximum(left, 1.0))
+        form = self.form * lacking * best / np.maximum(np.maximum(most, best), 1.0)
         scores = of.gain / (self.temperature + self.growth * best**self.power + form)
         prices = self.price(of.seen, of.unseen, of.rarity)
         priced = np.where(of.unseen > 0, -np.inf, scores - prices)
@@ -213,7 +218,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/10", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/11", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

@@ -18,7 +18,7 @@ __all__ = ["COLOUR", "WHITE", "Colour", "coloured", "small_colour", "whitened"]
 # Coloured noise of a smaller deviation than this share of the white one is roughness of every rig, from some
 # log likelihood on [nats].
 COLOUR, _COLOURED = 0.4, 4.0
-_COLOURS = tuple(itertools.product((0.1, 0.15, 0.2, 0.25, 0.3), (0.7, 0.8, 0.87, 0.92, 0.95, 0.97)))
+_COLOURS = tuple(itertools.product((0.1, 0.15, 0.2, 0.25), (0.7, 0.8, 0.87, 0.92, 0.95)))
 
 
 class Colour(NamedTuple):

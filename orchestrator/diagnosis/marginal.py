@@ -99,20 +99,28 @@ class Marginal:
         r = r - directions @ ((1.0 - (1.0 + shrink) ** 2) * (directions.T @ r))
         return np.split(r, np.cumsum([len(one) for one in residuals])[:-1])
 
-    def products(self, residuals: Iterable[Array], columns: Array, rows: Array) -> tuple[Array, Array]:
-        """Products of columns with each other and with residuals, over noise and roughness.
+    def products(
+        self, residuals: Iterable[Array], columns: Array, rows: Array, chosen: Array
+    ) -> tuple[Array, Array]:
+        """Products of columns with each other and with residuals, over noise, roughness, and what was fitted.
 
         Args:
+            residuals: where a fit ended.
             columns: of stacked residuals, those of `rows`, shape (rows, m); elsewhere they are zero.
+            chosen: derivatives of the stacked residuals by what the fit chose, in deviations of its prior,
+                shape (residuals, p): it may take up something of a column that would be there.
         Returns: of shapes (m, m) and (m,).
         """
         r = self._row(residuals)
         square, product = columns.T @ columns, columns.T @ r[rows]
-        if self._shrink is None:
-            return square, product
-        directions, shrink = self._shrink
-        along, kept = directions[rows].T @ columns, (1.0 + shrink) ** 2 - 1.0
-        return square + along.T @ (kept[:, None] * along), product + along.T @ (kept * (directions.T @ r))
+        if self._shrink is not None:
+            directions, shrink = self._shrink
+            along, kept = directions[rows].T @ columns, (1.0 + shrink) ** 2 - 1.0
+            square += along.T @ (kept[:, None] * along)
+            product += along.T @ (kept * (directions.T @ r))
+        shared = self._over(chosen)[rows].T @ columns
+        taken = np.linalg.solve(chosen.T @ chosen + np.eye(chosen.shape[1]), shared)
+        return square - shared.T @ taken, product
 
     def strayed(self, residuals: Iterable[Array]) -> float:
         """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].

@@ -33,8 +33,9 @@ _MOVED = 0.02
 _KEPT_SINGLES, _KEPT_PAIRS, _LONGEST = 7, 4, 3
 # Fits that stay this far above the best cost found are given up.
 HOPELESS = 60.0
-# A further effect is sought while the linearised problem promises to lower the cost by this much.
-_PROMISING = 20.0
+# An effect is sought beside another one, and beside several, where the linearised problem promises to lower
+# the cost by this much.
+_PROMISING, _PROMISING_MORE = 6.0, 20.0
 
 _In, _Out = TypeVar("_In"), TypeVar("_Out")
 
@@ -171,11 +172,12 @@ def search(
     level = found
     for size in range(2, longest + 1):
         level = sorted(level, key=lambda fit: -fit.log_evidence)[:2]
-        if not level or level[0].cost > none.cost - _PROMISING or enough(level[0]):
+        promising = _PROMISING if size == 2 else _PROMISING_MORE
+        if not level or level[0].cost > none.cost - promising or enough(level[0]):
             break
         before = level[0]
         bases = each(lambda fit: fitter.base(fit.effects, fit.z), level, workers)
-        level = _grow(fitter, effects, bases, level[0].cost - _PROMISING, _KEPT_PAIRS, workers)
+        level = _grow(fitter, effects, bases, level[0].cost - promising, _KEPT_PAIRS, workers)
         level = [fit for fit in level if len(fit.effects) == size + len(always)]
         found += level
         if max((fit.log_evidence for fit in level), default=-math.inf) < before.log_evidence + 5.0:

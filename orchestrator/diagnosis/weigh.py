@@ -24,8 +24,8 @@ _OUTSIDE = Answer(("outside",), 0.0, 0.0)
 # Answers of a group whose scores lie farther below its best are not worth a word, and not combined with
 # those of other groups; of software, so many are.
 _LEAST, _TOLD_OF_SOFTWARE = 16.0, 8
-# See `_given`: a nat.
-_NAMED = math.e
+# See `_given`: a nat for the first effect, less for one beside it, which fewer look like.
+_NAMED, _NAMED_BESIDE = math.e, 1.5
 
 
 def weigh(study: Study) -> Finding:
@@ -123,8 +123,8 @@ def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, C
     """The answer to give: what the logs speak for with the largest probability, ties included.
 
     An answer with a further effect that is too small to be seen speaks for the answer without it. An effect
-    is named only where it is `_NAMED` times as probable as the answer without it: many that look alike, each
-    hardly worth a word, are likelier together than none.
+    is named only where it is `_NAMED` times as probable as none, beside others `_NAMED_BESIDE` times as the
+    answer without it: many that look alike, each hardly worth a word, are likelier together than none.
     """
     shown: dict[frozenset[str], float] = {}
     for candidate, choice in candidates:
@@ -143,12 +143,15 @@ def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, C
     def rank(one: tuple[Candidate, Choice]) -> tuple[float, float]:
         return mass(one[0]), one[0].probability
 
+    def odds(one: Candidate) -> float:
+        return _NAMED_BESIDE if one.effects else _NAMED
+
     best = max(standing, key=rank)
     while best[0].effects != ("outside",):
         simpler = [
             one
             for one in standing
-            if set(one[0].effects) < set(best[0].effects) and _NAMED * mass(one[0]) >= mass(best[0])
+            if set(one[0].effects) < set(best[0].effects) and odds(one[0]) * mass(one[0]) >= mass(best[0])
         ]
         if not simpler:
             break

@@ -9,12 +9,13 @@ import pytest
 
 from orchestrator.diagnosis.arrival import random_arrival
 from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.effect import Effect, Parameter
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose as propose_steps
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.marginal import inflation
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.rig import HISTORY
-from orchestrator.diagnosis.search import roughness
+from orchestrator.diagnosis.search import roughness, search
 from orchestrator.diagnosis.software import DynamicsReplay
 from tests.diagnosis.labs import lab
 from tests.diagnosis.rigs import NOMINAL
@@ -38,6 +39,35 @@ def test_a_calibrated_number_keeps_its_sign_and_one_about_zero_may_take_either()
     fit = Fitter(Line(-1e4)).fit(())
     assert fit.calibrated["stiffness"] == pytest.approx(5.0)
     assert fit.calibrated["bias"] == pytest.approx(-5e3)
+
+
+class Sum:
+    """A replay of three numbers, each moved by one effect; `target` is what was measured, over the noise."""
+
+    names, tolerances = ("a.x", "a.y", "a.z"), {"bias": (0.0, 1.0)}
+
+    def __init__(self, target):
+        self.target = target
+
+    def residuals(self, calibrated, effects, theta):
+        made = dict(zip((one.id for one in effects), theta, strict=True))
+        return [np.array([made.get(name, 0.0) for name in self.names]) - self.target]
+
+
+@pytest.mark.parametrize(
+    ("target", "named"),
+    [
+        ((30.0, 4.0, 0.1), {"a.x", "a.y"}),  # 8 nats of the second, of which the prior takes some
+        ((30.0, 1.5, 0.1), {"a.x"}),
+        ((30.0, 20.0, 4.0), {"a.x", "a.y"}),  # a third one has to promise more
+        ((30.0, 20.0, 8.0), {"a.x", "a.y", "a.z"}),
+    ],
+)
+def test_a_faint_effect_is_sought_beside_one_that_is_seen(target, named):
+    size = Parameter("size", "1", 20.0)
+    effects = [Effect(one, "y + size", "-", (size,), changes={"bias": "size"}) for one in Sum.names]
+    found = search(Fitter(Sum(np.array(target))), effects, workers=1)
+    assert {one.id for one in found.best.effects} == named
 
 
 def searched(own, name, model=None):

@@ -21,6 +21,7 @@ from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.colour import WHITE, Colour
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.marginal import Marginal
 from orchestrator.diagnosis.misfit import in_contact, uneven, unexplained
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import bare_study, simulated_study
@@ -153,6 +154,44 @@ def test_a_small_law_that_no_catalogue_holds_is_seen_along_its_shapes():
             assert laws[name] > 2.0 * drowned
             assert beside < 0.5 * instead and instead > laws[name] - 2.0
     assert laws["none"] < 2.0 and laws["hysteresis"] > 20.0
+
+
+def test_a_slow_law_is_seen_though_calibration_and_an_effect_take_up_most_of_it():
+    own = study(ticks=3000)
+    rng = np.random.default_rng(5)
+    runs, share = [], 1.0 - np.exp(-0.001 / 2.0)
+    for run in own.runs:
+        force = run["sensor_force"]
+        warmed = 0.015 * lfilter([share], [1.0, share - 1.0], np.abs(force))
+        columns = dict(run.columns, sensor_force=force + warmed + 0.5 * rng.standard_normal(len(force)))
+        runs.append(replace(run, columns=columns))
+    model = RigModel(replace(own, runs=tuple(runs)), runs)
+    weighing = Weighing.of(model, [], {})
+    fitter = weighing.fitter()
+    fit = fitter.fit((catalogue()["sensor.drift"],))
+    forces = fitter.marginal.left(fit.residuals)[1::2]
+    law = any_law(model, fitter, fit, weighing.weights, WHITE)
+    drowned = max(unexplained(forces), in_contact(forces, touching(model, fit)))
+    assert law > 8.0 and law > 2.0 * drowned, drowned
+
+
+def test_shapes_count_by_what_is_left_of_them_beside_roughness_and_what_a_fit_chose():
+    rng = np.random.default_rng(6)
+    rough, raw = rng.standard_normal((60, 3)), 5.0 * rng.standard_normal((60, 2))
+    columns, residuals = rng.standard_normal((40, 4)), [rng.standard_normal(30), rng.standard_normal(30)]
+    rows = np.arange(20, 60)
+    marginal = Marginal(2.0, rough)
+    chosen = np.column_stack([marginal.stacked([one]) for one in raw.T])
+    full = np.zeros((60, 4))
+    full[rows] = columns
+    noise = np.eye(60) + rough @ rough.T / 2.0
+    square, product = marginal.products(residuals, columns, rows, chosen)
+    spread = raw / np.sqrt(2.0)
+    beside = np.linalg.inv(noise + spread @ spread.T)
+    assert square == pytest.approx(full.T @ beside @ full, rel=1e-9)
+    # Where the fit ended, residuals are what it left of them already.
+    ended = np.linalg.solve(noise, np.concatenate(residuals) / np.sqrt(2.0))
+    assert product == pytest.approx(full.T @ ended, rel=1e-9)
 
 
 def test_what_only_imitates_bends_the_calibration():
