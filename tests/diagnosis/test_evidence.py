@@ -93,16 +93,17 @@ def test_the_evidence_of_noise_is_not_held_against_what_others_add():
     both = Answer(("a.noise", "b.x"), 3020.0, 0.0, random=3000.0)
     p = Calibration(form=1.0).probabilities([none, both, noise], 0.0)
     assert p[1] > 0.9
-    # Of a law another effect mends what its form lacks: there as much is nothing.
-    laws = [replace(one, random=0.0) for one in (none, both, noise)]
+    # Of a law another effect mends some of what its form lacks: there as much is nothing.
+    laws = [replace(one, random=0.0, left=60.0) for one in (none, both, noise)]
     assert Calibration(form=1.0).probabilities(laws, 0.0)[1] < 0.1
 
 
 def test_a_second_effect_counts_by_what_the_first_usually_leaves():
     none = Answer((), 0.0, 1e5)
-    for leaves, believed in ((1e-5, True), (1e-2, False)):
+    # What both leave bounds what the first one's form may lack.
+    for leaves, left, believed in ((1e-5, 2.0, True), (1e-2, 400.0, False), (1e-2, 2.0, True)):
         learned = Calibration(form=1.0, leaves={"a.x": leaves})
-        alone, both = Answer(("a.x",), 1e5, 50.0), Answer(("a.x", "b.y"), 1e5 + 200.0, 2.0)
+        alone, both = Answer(("a.x",), 1e5, left + 200.0), Answer(("a.x", "b.y"), 1e5 + 200.0, left)
         p = learned.probabilities([none, alone, both], 0.0)
         assert (p[2] > 0.9) == believed and (p[1] > p[2]) != believed
 
@@ -241,18 +242,18 @@ def test_effects_of_software_and_rig_share_one_price():
     model = RigModel(study(), study().of(Role.TRAIN))
     nothing = Fitter(model).fit(())
     software = Group((Answer((), 0.0, 0.0), Answer(("dynamics.drag",), 1e6, 0.0)), 0.0, "dynamics")
-    rig = Group((Answer((), 0.0, 0.0, nothing), Answer(("sensor.bias",), 5.5, 0.0)), 0.0, "sensor", nothing)
+    rig = Group((Answer((), 0.0, 0.0, nothing), Answer(("sensor.bias",), 5.3, 0.0)), 0.0, "sensor", nothing)
     alone = conclude([rig], _SIMPLE)
     both = conclude([software, rig], _SIMPLE)
     assert alone.effects == ("sensor.bias",) and both.effects == ("dynamics.drag",)
     assert sum(one.probability for one in both.candidates) == pytest.approx(1.0)
     second = {one.effects: one.probability for one in both.candidates}
     ratio = second["dynamics.drag", "sensor.bias"] / second["dynamics.drag",]
-    assert ratio == pytest.approx(np.exp(5.5 - _SIMPLE.second), rel=0.02)
+    assert ratio == pytest.approx(np.exp(5.3 - _SIMPLE.second), rel=0.02)
     # Chance shows in the logs of the rig as often, whatever the software hides.
     cheap = {one.effects: one for one in conclude([software, rig], replace(_SIMPLE, second=2.0)).candidates}
     ratio = cheap["dynamics.drag", "sensor.bias"].probability / cheap["dynamics.drag",].probability
-    assert ratio == pytest.approx(np.exp(5.5 - _SIMPLE.first), rel=0.02)
+    assert ratio == pytest.approx(np.exp(5.3 - _SIMPLE.first), rel=0.02)
 
 
 def test_beyond_two_an_effect_costs_as_much_unseen():
