@@ -25,9 +25,8 @@ from .rig import Calibrated, State
 from .study import UNITS, Array, Role, Run, Study
 from .written import LOAD, READING, Written, merged, through, with_unit
 
-__all__ = ["NAME", "STEP", "SYSTEM", "AugmentedConfig", "augmented_config", "is_docking_lab"]
+__all__ = ["STEP", "SYSTEM", "AugmentedConfig", "augmented_config", "is_docking_lab"]
 
-NAME = "augmented.yaml"
 SYSTEM = "docking-lab"
 # Communication steps per tick, as in the bundled system: 0.2 ms at a tick of 1 ms.
 STEP = 5

@@ -12,7 +12,6 @@ from typing import Any
 from ..errors import ConfigError, Problem
 from ..run_folder import folder_at
 from ..whole_file import write_text
-from .augmented import NAME as AUGMENTED
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
 from .content import Told, content, provenance
@@ -20,14 +19,14 @@ from .finding import Finding
 from .parts import Parts
 from .ports.study import PortStudy, is_port_study
 from .study import Role, Study, load_study
-from .verdict import NAME, Diagnosis, Runnable, Warned
+from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable, Warned
 
 __all__ = ["STAGES", "Diagnosed", "diagnose"]
 
 # What is shown of a diagnosis under way, in its order.
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
 # What a diagnosis writes, but for practice.json, which the next one may go by.
-_FILES = (NAME, "report.html", AUGMENTED, "augmented-fmus.yaml")
+_FILES = (NAME, PAGE, AUGMENTED, EXPORTABLE)
 # Cases weighed in a practice that has not come to its end.
 _PRACTISED = "practice-cases.jsonl"
 
@@ -184,8 +183,8 @@ def _write(
         # matplotlib takes a third of a second to import.
         from .report import page
 
-        write_text(out / "report.html", page(diagnosed.study, diagnosed.diagnosis, diagnosed.finding.answer))
-        files.append("report.html")
+        write_text(out / PAGE, page(diagnosed.study, diagnosed.diagnosis, diagnosed.finding.answer))
+        files.append(PAGE)
     write_text(out / NAME, _json(diagnosed.diagnosis))
     return out, tuple(files)
 

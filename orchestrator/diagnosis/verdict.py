@@ -13,6 +13,10 @@ from ..errors import ConfigError, Problem
 from ..formats import strict
 
 __all__ = [
+    "AUGMENTED",
+    "EXPORTABLE",
+    "NAME",
+    "PAGE",
     "SUSPECTED",
     "Diagnosis",
     "Experiment",
@@ -31,7 +35,8 @@ __all__ = [
 ]
 
 FORMAT = "gap-diagnosis/1"
-NAME = "diagnosis.json"
+# What is written, by name.
+NAME, PAGE, AUGMENTED, EXPORTABLE = "diagnosis.json", "report.html", "augmented.yaml", "augmented-fmus.yaml"
 # Probability of something outside the catalogue from which on it is mentioned beside another answer: of rigs
 # that hide nothing of the kind one in thirty shows as much.
 SUSPECTED = 0.2

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...errors import ConfigError, Problem
 from ...workers import Work, pool_of
+from ..verdict import NAME
 from .verdict import read_verdict
 
 __all__ = ["OURS", "diagnose_all"]
@@ -48,7 +49,7 @@ def diagnose_all(
         raise ConfigError(
             [Problem(str(folder), "holds no cases", remedy="Make some by `orchestrator challenge make`.")]
         )
-    left = [case for case in cases if not (verdicts / case.name / "diagnosis.json").is_file()]
+    left = [case for case in cases if not (verdicts / case.name / NAME).is_file()]
     failed: list[tuple[str, str]] = []
     for case in cases:
         if case not in left:
@@ -72,9 +73,9 @@ def _one(context: tuple[Path, str], case: Path) -> str:
         _function(by)(case, verdicts / case.name)
     except Exception as error:  # whatever a diagnosis raises: the other cases go on
         return f"{type(error).__name__}: {error}"
-    path = verdicts / case.name / "diagnosis.json"
+    path = verdicts / case.name / NAME
     if not path.is_file():
-        return f"{by} wrote no diagnosis.json"
+        return f"{by} wrote no {NAME}"
     try:
         read_verdict(path)
     except ConfigError as error:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from ...errors import ConfigError, Problem
-from ..verdict import SUSPECTED, chance_outside
+from ..verdict import NAME, SUSPECTED, chance_outside
 from .seal import note_opening, open_truth, truth_digest
 from .verdict import Verdict, names, read_verdict
 
@@ -137,7 +137,7 @@ def score(folder: Path, verdicts: Path) -> dict[str, Any]:
     found: dict[str, Verdict] = {}
     missing = []
     for case in cases:
-        path = verdicts / case / "diagnosis.json"
+        path = verdicts / case / NAME
         if not path.is_file():
             missing.append(case)
             continue

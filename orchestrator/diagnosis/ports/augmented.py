@@ -16,9 +16,7 @@ from .candidates import PortEffect
 from .friction_fmu import add_instance, form_of
 from .study import PortStudy
 
-__all__ = ["FMUS", "NAME", "augmented_config"]
-
-NAME, FMUS = "augmented.yaml", "augmented-fmus.yaml"
+__all__ = ["augmented_config"]
 
 
 def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> tuple[str, dict[str, str]]:

@@ -15,9 +15,8 @@ from ...system import Port
 from ..content import Told, content, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
-from ..verdict import Diagnosis, Runnable
-from .augmented import FMUS, augmented_config
-from .augmented import NAME as AUGMENTED
+from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable
+from .augmented import augmented_config
 from .closure import how_far
 from .energy import energy
 from .experiments import next_experiment, no_experiment
@@ -83,14 +82,14 @@ def diagnose_ports(
     files = {AUGMENTED: config}
     exportable, _ = augmented_config(study, finding, fmus=True)
     if exportable != config:
-        files[FMUS] = exportable
+        files[EXPORTABLE] = exportable
     if practice is not None:
         files[PRACTICE] = json.dumps(strict(dict(taught)), indent=1, allow_nan=False) + "\n"
     if report:
         # matplotlib takes a third of a second to import.
         from .page import page
 
-        files["report.html"] = page(study, diagnosis, weighed, taught)
+        files[PAGE] = page(study, diagnosis, weighed, taught)
     return PortDiagnosed(study, finding, diagnosis, files)
 
 
