@@ -37,6 +37,7 @@ class Answer:
         fit: the model; None for outside, and for what was not fitted itself.
         noises: stochastic effects among the effects.
         unseen: effects among them for which the logs do not speak; they are too small to be seen.
+        numerics: what of that which is left the replay's own error may make, see `remainder.numerics` [nats].
     """
 
     effects: tuple[str, ...]
@@ -48,6 +49,7 @@ class Answer:
     unseen: tuple[str, ...] = ()
     odd: float = 0.0
     random: float = 0.0
+    numerics: float = 0.0
 
     @property
     def seen(self) -> tuple[str, ...]:

@@ -104,7 +104,13 @@ def practise(
         group = weigh_rig(study, rough=roughness)
     answers = tuple(
         replace(
-            one, gain=float(one.gain), left=float(one.left), random=float(one.random), fit=None, noises=()
+            one,
+            gain=float(one.gain),
+            left=float(one.left),
+            random=float(one.random),
+            numerics=float(one.numerics),
+            fit=None,
+            noises=(),
         )
         for one in group.answers
     )
@@ -219,8 +225,9 @@ def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, flo
 def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
     """What effects leave unexplained where they are named rightly: see `Calibration.leaves`.
 
-    Beyond what rigs leave that hide nothing; the shares of all cases of an effect, weighted by the log
-    evidence of it beside others, and drawn to what is usual of all effects.
+    Beyond what rigs leave that hide nothing, and what the replay's own error may make; the shares of all
+    cases of an effect, weighted by the log evidence of it beside others, and drawn to what is usual of all
+    effects.
     """
     bare = [one.answers[0].left for one in cases if not one.truth]
     ordinary = float(np.quantile(bare, SET)) if bare else 0.0
@@ -230,7 +237,7 @@ def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
         if not named or case.truth in ((), ("outside",)):
             continue
         best = max(named, key=lambda one: one.gain)
-        share = min(max(best.left - ordinary, 0.0) / best.gain, 1.0)
+        share = min(max(best.left - best.numerics - ordinary, 0.0) / best.gain, 1.0)
         own = own_gains(case.answers)[case.answers.index(best)]
         for name in case.truth:
             found.setdefault(name, []).append((min(own.get(name, best.gain), _TELLING), share))
@@ -370,7 +377,7 @@ def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[
 def _written(one: Practice) -> list[Any]:
     """Without answers of two unseen effects, which `_read` adds again."""
     answers = [
-        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random]
+        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random, a.numerics]
         for a in one.answers
         if len(a.unseen) < 2
     ]
@@ -380,8 +387,8 @@ def _written(one: Practice) -> list[Any]:
 def _read(data: list[Any]) -> Practice:
     truth, magnitude, answers, beside = data
     made = [
-        Answer(tuple(effects), gain, left, ties=tuple(ties), unseen=tuple(unseen), odd=odd, random=random)
-        for effects, gain, left, ties, unseen, odd, random in answers
+        Answer(tuple(effects), gain, left, None, tuple(ties), (), tuple(unseen), *further)
+        for effects, gain, left, ties, unseen, *further in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
     return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)

@@ -37,6 +37,7 @@ class Weighable(Protocol):
     unseen: tuple[str, ...]
     odd: float
     random: float
+    numerics: float
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -139,7 +140,7 @@ class Calibration:
         """Log likelihood that answers as good as these leave unexplained on rigs [nats], shape (answers,).
 
         Of several effects each may leave its share of what it gains itself: one that gains little accounts
-        for little, whatever the others gain.
+        for little, whatever the others gain. What a replay's own error may make is usual of it.
         """
 
         def left(name: str, own: float) -> float:
@@ -148,7 +149,10 @@ class Calibration:
             return self.leaves[name] * own if name in self.leaves else LEAVES * min(own, _RUNAWAY)
 
         return np.array(
-            [1.0 + max((left(*own) for own in gained.items()), default=0.0) for gained in own_gains(answers)]
+            [
+                1.0 + one.numerics + max((left(*own) for own in gained.items()), default=0.0)
+                for one, gained in zip(answers, own_gains(answers), strict=True)
+            ]
         )
 
     def table(self, answers: Sequence[Weighable]) -> Table:

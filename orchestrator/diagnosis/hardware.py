@@ -20,7 +20,7 @@ from .links import JITTER, PACKETS, Arrivals, arrivals, other_link, random_links
 from .marginal import inflation
 from .misfit import unexplained
 from .model import RigModel
-from .remainder import KINDS, remains
+from .remainder import KINDS, numerics, remains
 from .search import Search, search
 from .stochastic import Force, Noise, sensor_noise
 from .study import Array, Role, Study
@@ -279,12 +279,15 @@ def _answers(
     for fit in (found.none, *found.fits[:_KEPT]):
         names = [one.id for one in fit.effects if one.id not in hidden]
         over, rest = fitter.log_evidence(fit, by) - least, remains(weighing, fitter, fit, colour)
+        own = numerics(weighing, fitter, fit, rest)
         for some in _subsets(noises, always):
             random = sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
                 odd = sum(one.uneven for one in some)
-                answers.append(Answer(every, over + random, rest, fit, (), some, odd=odd, random=random))
+                answers.append(
+                    Answer(every, over + random, rest, fit, (), some, odd=odd, random=random, numerics=own)
+                )
     return simplest(answers)
 
 

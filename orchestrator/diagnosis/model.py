@@ -156,6 +156,12 @@ class RigModel:
             model.commands[index][HISTORY - 1 : -1] += change
         return model
 
+    def finer(self) -> RigModel:
+        """The same in half the sub-steps."""
+        model = RigModel(self.study, self.runs, 2 * self.substeps)
+        model.commands, model.correction = self.commands, self.correction
+        return model
+
     @property
     def tolerances(self) -> dict[str, tuple[float, float]]:
         """See `Replay`."""

@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from .any_law import any_law
-from .benign import Weighing, touching
+from .benign import Weighing, Weighted, touching
 from .colour import Colour, whitened
 from .fit import Fit, Fitter
 from .misfit import in_contact, louder, unexplained
 
-__all__ = ["KINDS", "bent", "remains"]
+__all__ = ["KINDS", "bent", "numerics", "remains"]
 
 # Calibrated numbers of one kind stray together.
 KINDS = (
@@ -41,6 +41,25 @@ def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, roughe
     # What an effect only imitates bends the calibration, too. Without any that is for tolerances to tell.
     found = unexplained(left[0::2]) + max(*told, law) + (bent(fit) if fit.effects else 0.0)
     return found + (max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
+
+
+def numerics(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> float:
+    """What of that which a fit leaves the replay's own error may make, by half its sub-steps [nats].
+
+    A servo at its limit goes another way where it begins a little otherwise: no numbers of the effect, nor of
+    any other, make such a replay follow the rig to the end.
+
+    Args:
+        fitter: of the weighing; left: see `remains`. No more is told.
+    """
+    if left < _ROUGHER:
+        return 0.0
+    halved = Weighted(weighing.model.finer(), weighing.weights)
+    again = halved.residuals(fit.calibrated, fit.effects, fit.theta)
+    changed = [one - other for one, other in zip(again, fit.residuals, strict=True)]
+    if not all(np.isfinite(one).all() for one in changed):
+        return left
+    return min(unexplained(fitter.marginal.left(changed)), left)
 
 
 def bent(fit: Fit) -> float:

@@ -103,6 +103,15 @@ def test_what_a_weak_effect_leaves_is_a_share_of_its_own_evidence():
     assert learned.probabilities([none, alone], 0.0)[-1] < 0.1
 
 
+def test_what_a_replay_s_own_error_may_leave_is_nothing_outside():
+    learned = Calibration(floor=0.0, leaves={"a.x": 1e-4})
+    none, astray = Answer((), 0.0, 1e9), Answer(("a.x",), 1e6, 4e5)
+    followed = replace(astray, numerics=4e5)
+    assert learned.usual([none, astray, followed]).tolist() == pytest.approx([1.0, 101.0, 400_101.0])
+    told = [learned.probabilities([none, one], 0.0)[-1] for one in (astray, followed)]
+    assert told[0] > 0.5 and told[1] < 0.01
+
+
 def test_what_is_odd_counts_whatever_evidence_there_is():
     learned = Calibration(floor=0.0, leaves={"a.x": 0.05})
     none = Answer((), 0.0, 500.0)

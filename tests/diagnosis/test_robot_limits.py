@@ -16,6 +16,7 @@ from orchestrator.diagnosis.links import Arrivals
 from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_case, simulated_study
+from orchestrator.diagnosis.remainder import numerics
 from orchestrator.diagnosis.search import search
 from orchestrator.diagnosis.study import Role
 
@@ -63,6 +64,23 @@ def test_roughness_is_larger_where_a_limit_leads_the_rig():
     fit = weighing.fitter().fit(limit, None, begin[-1:])
     usual, there = (np.linalg.norm(one.roughness()) for one in (weighing, weighing.beside(fit)))
     assert there > 3.0 * usual > 0.0
+
+
+def test_what_halved_sub_steps_change_of_a_limited_servo_is_its_own_error():
+    """One that runs into its limit again and again goes another way in finer steps, and none else does."""
+
+    def told(name, size, left):
+        own, _ = hiding(name, size)
+        model = RigModel(own, own.of(Role.TRAIN))
+        weighing = Weighing.of(model, [catalogue()["contact.cubic"]], calibration().roughness)
+        fitter = weighing.fitter()
+        fit = search(fitter, [catalogue()[name]], longest=1).best
+        return numerics(weighing, fitter, fit, left)
+
+    astray = told("robot.acceleration-limit", 1.0, 1e9)
+    assert 1e4 < astray < 1e9
+    assert told("robot.acceleration-limit", 1.0, 1e3) == 1e3  # no more than is left
+    assert told("robot.rate-limit", 1.0, 1e9) < 5.0
 
 
 def losses_of(name, size):
