@@ -143,7 +143,8 @@ class _Lesson:
             outside, own = case.truth == ("outside",), {}
             of = learned.table(case.answers)
             columns = [
-                one.tolist() for one in (of.gain, of.formed, of.left, of.odd, of.usual, of.seen, of.unseen)
+                one.tolist()
+                for one in (of.gain, of.formed, of.left, of.odd, of.astray, of.usual, of.seen, of.unseen)
             ]
             spread = np.exp(-of.rarity).tolist()
             for *key, weight, answer in zip(*columns, spread, case.answers, strict=True):
@@ -156,7 +157,7 @@ class _Lesson:
             alike.append(own)
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
-        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)]
+        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)]
         common, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):

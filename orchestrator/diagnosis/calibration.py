@@ -24,6 +24,9 @@ _RUNAWAY = 1e6
 LEAVES = 0.003
 # Probability that a set of answers holds.
 SET = 0.95
+# A replay that half its sub-steps change strays from the rig by more: on rigs at a servo's limit by one to
+# three times as much.
+_ASTRAY = 4.0
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
 
@@ -52,6 +55,7 @@ class Table:
     Attributes:
         gain, left, odd: see `answers.Answer`; formed: the gain but for what is random.
         seen, unseen: how many effects the logs speak for, and how many not.
+        astray: what of that which is left the replay's own error may make [nats].
         usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
             Each of shape (answers,), or (groups, answers).
     """
@@ -60,6 +64,7 @@ class Table:
     formed: Array
     left: Array
     odd: Array
+    astray: Array
     usual: Array
     seen: Array
     unseen: Array
@@ -74,7 +79,8 @@ class Calibration:
     log evidence but for what is random in it, w what that answer usually leaves, see `usual`, by the share
     of b in its log evidence: a real effect's form is not quite the catalogue's, and what another effect
     mends of that is no evidence. Where the answer leaves less than it usually does, w is that: another
-    effect hardly mends all that its form lacks. Effects that the logs speak for have a price: the first of
+    effect hardly mends all that its form lacks. What the replay's own error may make, see `Table`, is
+    usual, too, and is not lacking. Effects that the logs speak for have a price: the first of
     them `first`, the second `second`, each further one `further`. One that is too small to be seen costs
     `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it stays unseen.
     Something outside the catalogue scores what the best answer of its group has, less `outside`, plus what
@@ -140,7 +146,7 @@ class Calibration:
         """Log likelihood that answers as good as these leave unexplained on rigs [nats], shape (answers,).
 
         Of several effects each may leave its share of what it gains itself: one that gains little accounts
-        for little, whatever the others gain. What a replay's own error may make is usual of it.
+        for little, whatever the others gain.
         """
 
         def left(name: str, own: float) -> float:
@@ -149,10 +155,7 @@ class Calibration:
             return self.leaves[name] * own if name in self.leaves else LEAVES * min(own, _RUNAWAY)
 
         return np.array(
-            [
-                1.0 + one.numerics + max((left(*own) for own in gained.items()), default=0.0)
-                for one, gained in zip(answers, own_gains(answers), strict=True)
-            ]
+            [1.0 + max((left(*own) for own in gained.items()), default=0.0) for gained in own_gains(answers)]
         )
 
     def table(self, answers: Sequence[Weighable]) -> Table:
@@ -163,6 +166,8 @@ class Calibration:
             np.array([one.gain - one.random for one in answers]),
             np.array([one.left for one in answers]),
             np.array([one.odd for one in answers]),
+            # By no more than an effect explains: an imitation that swings up explains nothing.
+            _ASTRAY * np.array([min(one.numerics, max(one.gain, 0.0)) for one in answers]),
             self.usual(answers),
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
@@ -181,11 +186,11 @@ class Calibration:
         """
         of = answers if isinstance(answers, Table) else self.table(answers)
         at = np.argmax(of.gain, -1, keepdims=True)
-        most, best, usual, left = (
-            np.take_along_axis(one, at, -1) for one in (of.gain, of.formed, of.usual, of.left)
+        most, best, usual, left, astray = (
+            np.take_along_axis(one, at, -1) for one in (of.gain, of.formed, of.usual, of.left, of.astray)
         )
         best = np.maximum(best, 0.0)
-        lacking = np.minimum(usual - 1.0, np.maximum(left, 1.0))
+        lacking = np.minimum(usual - 1.0 + astray, np.maximum(left, 1.0))
         form = self.form * lacking * best / np.maximum(np.maximum(most, best), 1.0)
         scores = of.gain / (self.temperature + self.growth * best**self.power + form)
         prices = self.price(of.seen, of.unseen, of.rarity)
@@ -193,7 +198,7 @@ class Calibration:
         top = priced.max(-1, keepdims=True)
         more = of.seen - 1.0
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
-        u = (of.left + np.expand_dims(beside, -1)) / of.usual
+        u = np.maximum(of.left + np.expand_dims(beside, -1) - of.astray, 0.0) / of.usual
         lacks = self.slope * np.log1p(u) + of.odd
         lacks = lacks + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
         outside = logsumexp(priced, -1, keepdims=True) - logsumexp(priced - lacks, -1, keepdims=True)
@@ -222,7 +227,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/11", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/12", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

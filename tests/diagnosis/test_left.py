@@ -104,12 +104,21 @@ def test_what_a_weak_effect_leaves_is_a_share_of_its_own_evidence():
 
 
 def test_what_a_replay_s_own_error_may_leave_is_nothing_outside():
-    learned = Calibration(floor=0.0, leaves={"a.x": 1e-4})
-    none, astray = Answer((), 0.0, 1e9), Answer(("a.x",), 1e6, 4e5)
-    followed = replace(astray, numerics=4e5)
-    assert learned.usual([none, astray, followed]).tolist() == pytest.approx([1.0, 101.0, 400_101.0])
-    told = [learned.probabilities([none, one], 0.0)[-1] for one in (astray, followed)]
-    assert told[0] > 0.5 and told[1] < 0.01
+    learned = Calibration(form=1.0, floor=0.0, leaves={"a.x": 1e-4})
+    none, lacking = Answer((), 0.0, 1e9), Answer(("a.x",), 1e7, 4e5)
+
+    def outside(one):
+        return learned.probabilities([none, one], 0.0)[-1]
+
+    assert outside(lacking) > 0.5 and outside(replace(lacking, numerics=1.5e5)) < 0.01
+    # An imitation that swings up and explains next to nothing is none the more likely for it.
+    weak = replace(lacking, gain=20.0)
+    assert outside(replace(weak, numerics=1.5e5)) > 0.99 * outside(weak) > 0.5
+    # Of what such a replay leaves another effect mends much by chance: that is little evidence.
+    both = Answer(("a.x", "a.y"), 1e7 + 2e4, 3.9e5)
+    for numerics, likely in ((0.0, True), (1.5e5, False)):
+        p = learned.probabilities([none, *(replace(one, numerics=numerics) for one in (lacking, both))], 0.0)
+        assert (p[2] > p[1]) == likely
 
 
 def test_what_is_odd_counts_whatever_evidence_there_is():
