@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NamedTuple, cast
@@ -20,6 +22,7 @@ from typing import NamedTuple, cast
 from orchestrator.diagnosis.answers import Group
 from orchestrator.diagnosis.calibrate import _FORM, Practice, _read, learn, learn_leaves
 from orchestrator.diagnosis.calibration import Calibration
+from orchestrator.diagnosis.challenge.hidden import HARDWARE, HIDDEN
 from orchestrator.diagnosis.challenge.score import BANDS, _ece, _ece_exact, band
 from orchestrator.diagnosis.challenge.verdict import names
 from orchestrator.diagnosis.finding import name_of
@@ -38,6 +41,12 @@ class Told(NamedTuple):
     covered: bool
     confidence: float
     first_right: bool
+
+
+def of_hardware_alone(learned: Calibration) -> Calibration:
+    """What was learned, for cases that hide no effects of the software: see `calibrate._of_all`."""
+    more = math.log(len(HARDWARE) / len(HIDDEN))
+    return replace(learned, hidden=learned.hidden + more, beside=learned.beside + more)
 
 
 def told(case: Practice, learned: Calibration) -> Told:
@@ -75,7 +84,7 @@ def main() -> None:
     for fold in range(_FOLDS):
         others = [one for at, one in enumerate(cases) if at % _FOLDS != fold]
         start = Calibration(form=_FORM, leaves=learn_leaves([*others, *formed]), roughness=seen["roughness"])
-        learned = learn(others, start)
+        learned = of_hardware_alone(learn(others, start))
         every += [told(one, learned) for one in cases[fold::_FOLDS]]
     hidden = [one for one in every if one.case.truth]
     for name, _ in BANDS:
