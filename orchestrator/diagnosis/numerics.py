@@ -23,7 +23,9 @@ def numerics(study: Study, finding: Finding) -> dict[str, Any]:
     Returns: `error`, the root mean square change of force over peak and velocity over approach speed, one
         contact ahead over the held-out runs, or those of training where there are none; `gap`, that between
         the model as handed over and the log; `fraction`, of the two; `substeps` per tick. Numbers are None
-        without contacts.
+        without contacts. `replay_change`, root mean square, that of the encoder position over whole runs that
+        the answer's model replays from the logged commands, and the encoder's `replay_noise` [m]: a servo at
+        its limit may go another way, and then its replay tells nothing of a run's end.
     """
     changes, gaps = [], []
     for run in study.of(Role.HELDOUT) or study.of(Role.TRAIN):
@@ -37,10 +39,24 @@ def numerics(study: Study, finding: Finding) -> dict[str, Any]:
                 float(np.mean((one - other) ** 2))
                 for (one, _), (other, _) in zip(coarse.traces, fine.traces, strict=True)
             ]
+    whole = {"substeps": SUBSTEPS, **_whole_runs(study, finding)}
     if not gaps:
-        return {"error": None, "gap": None, "fraction": None, "substeps": SUBSTEPS}
+        return {"error": None, "gap": None, "fraction": None, **whole}
     error, gap = float(np.sqrt(np.mean(changes))), float(np.sqrt(np.mean(gaps)))
-    return {"error": error, "gap": gap, "fraction": error / gap if gap > 0.0 else None, "substeps": SUBSTEPS}
+    return {"error": error, "gap": gap, "fraction": error / gap if gap > 0.0 else None, **whole}
+
+
+def _whole_runs(study: Study, finding: Finding) -> dict[str, float]:
+    """What halving the sub-steps changes of the encoder over whole replays, and its noise [m]."""
+    model, answer = RigModel(study, study.runs), finding.answer
+    squares = []
+    for index in range(len(study.runs)):
+        coarse, fine = (
+            one.replay(index, answer.calibrated, answer.effects, answer.theta)[2]
+            for one in (model, model.finer())
+        )
+        squares.append(float(np.mean((fine - coarse) ** 2)))
+    return {"replay_change": float(np.sqrt(np.mean(squares))), "replay_noise": model.noise[0]}
 
 
 def replay_error(study: Study, run: Run) -> dict[str, float]:

@@ -130,9 +130,15 @@ class Experiment(_Open):
 
 
 class Numerics(_Open):
-    """The co-simulation's own error, by step halving, as a fraction of the gap."""
+    """The co-simulation's own error, by step halving, as a fraction of the gap.
+
+    Attributes:
+        replay_change, replay_noise: that of a position over whole replays, and its noise [m], where known.
+    """
 
     fraction: Number | None
+    replay_change: Number | None = None
+    replay_noise: Number | None = None
 
 
 class LedgerRow(_Part):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from orchestrator.diagnosis.closure import MEASURES, how_far, one_contact_ahead
 from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.motion import contacts
 from orchestrator.diagnosis.numerics import numerics, replay_error
+from orchestrator.diagnosis.report import remarks
 from orchestrator.diagnosis.rig import SUBSTEPS
 from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.verdict import Numerics
 from tests.diagnosis.labs import NONE, found, lab
 
 CAUSES = [
@@ -122,6 +125,15 @@ def test_numerical_error_is_a_small_part_of_the_gap_and_falls_with_the_step():
         for one, other in pairwise(traces)
     ]
     assert changes[1] < 0.5 * changes[0]
+
+
+def test_a_model_that_goes_another_way_in_finer_steps_says_so():
+    for limit, astray in ((0.08, True), (50.0, False)):
+        effect = ("robot.acceleration-limit",), (limit,)
+        told = numerics(lab(*effect, ticks=3000), found(*effect))
+        assert (told["replay_change"] > told["replay_noise"] > 1e-6) == astray
+        said = " ".join(remarks(SimpleNamespace(numerics=Numerics(**told), left_out={})))
+        assert ("goes another way" in said) == astray
 
 
 def test_numerics_of_a_study_without_contacts():
