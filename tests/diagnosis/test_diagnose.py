@@ -92,7 +92,7 @@ def test_what_is_written(study, tmp_path):
     assert found["which"][0]["ties"] == ["contact.cubic"]
     assert found["how_far"]["full_run"]["closure"] == 0.978
     assert found["next_experiment"]["expected_evidence"] == 31.0
-    assert found["numerics"] == {"fraction": 0.002}
+    assert found["numerics"]["fraction"] == 0.002
     assert found["augmented"]["file"] == "augmented.yaml" and found["augmented"]["run"] == "heldout-1"
     assert found["augmented"]["left_out"] == {}
     assert any(one.startswith("contact: hertz_exponent") for one in found["augmented"]["changed"])
