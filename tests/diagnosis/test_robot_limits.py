@@ -11,6 +11,7 @@ from orchestrator.diagnosis.calibration import calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.effects.robot_command_quantisation import propose
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.links import Arrivals
 from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
@@ -134,3 +135,15 @@ def test_losses_too_few_for_chance_are_told_by_their_period():
     assert told(12.0, 9.0) == 21.0
     assert told(30.0, 0.0) == told(3.0, 9.0) == told(-4.0, 0.0) == told(12.0, 9.0, arrivals=6.0) == 0.0
     assert Arrivals(0.0, 0.0, 0.0, []).periodic == 0.0
+
+
+def test_a_wide_step_of_commands_is_proposed_beside_a_resonance():
+    """A hundredth of it from its phase it hardly explains anything, and a fifth of it seemed likelier."""
+    plan = Plan("pair", (HIDDEN["robot.command-quantisation"], HIDDEN["robot.resonance"]), 0.7)
+    case, _ = simulated_case(11, 1, plan=plan)
+    own = simulated_study(11, 1, plan=plan)[0]
+    model = RigModel(own, own.of(Role.TRAIN))
+    fit = search(Weighing.of(model, [], {}).fitter(), [catalogue()["robot.resonance"]], longest=1).best
+    (step, phase), _ = propose(model.seen(fit.calibrated, fit.effects, fit.theta))
+    assert step == pytest.approx(case.values["command_step"], rel=5e-6)
+    assert step * phase == pytest.approx(case.values["command_phase"], rel=0.2)

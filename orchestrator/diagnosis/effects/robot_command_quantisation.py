@@ -17,6 +17,8 @@ _LOW, _HIGH = 1e-6, 2e-4
 # Commands are counted by bins of this width [m]; the spectrum is so much finer than their range asks for.
 _BIN, _FINE = 8e-8, 16
 _CANDIDATES = 12
+# Where steps and phases are looked at first: about likely steps, and by so much of a turn about zero.
+_NEAR, _LEVEL = np.linspace(-1.0, 1.0, 9), 0.04
 # Ticks in which the robot has answered to a command.
 _ANSWER = 64
 
@@ -95,9 +97,11 @@ def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
 
     farthest = max(float(np.abs(run).max()) for run in seen.commands)
     found = []
+    # A wide step hardly explains anything a hundredth of it from its phase.
+    phases, aside = (one.ravel() for one in np.meshgrid(_LEVEL * _NEAR, 0.1 / farthest * _NEAR))
     for turns in 1.0 / _likely(seen):
-        near = 1.0 / (turns + 0.1 / farthest * np.linspace(-1.0, 1.0, 21))
-        gain = explained(near, np.zeros(21))
+        near = 1.0 / (turns + aside)
+        gain = explained(near, phases)
         found.append((float(gain.max()), float(near[int(np.argmax(gain))])))
     starts = []
     across = np.linspace(-1.0, 1.0, 41)
