@@ -175,8 +175,10 @@ class RigModel:
         found = []
         for index, run in enumerate(self.runs):
             out = self.replay(index, calibrated, effects, theta)
-            found.append((run["encoder_position"] - out[2]) / self.noise[0])
-            found.append((run["sensor_force"] - out[3]) / self.noise[1])
+            # Of a model that runs away they are infinite, or none at all; its cost then says so.
+            with np.errstate(over="ignore", invalid="ignore"):
+                found.append((run["encoder_position"] - out[2]) / self.noise[0])
+                found.append((run["sensor_force"] - out[3]) / self.noise[1])
         return found
 
     def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:

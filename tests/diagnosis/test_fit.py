@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -188,3 +189,13 @@ def test_commands_that_arrive_at_random_are_told_from_slow_errors(kind, amount):
         expected = amount / np.sqrt(12.0) if kind == "jitter" else np.sqrt(amount) / (1 - amount) * own.tick
         assert evidence > 10.0
         assert deviation == pytest.approx(expected, rel=0.4)
+
+
+def test_a_model_that_runs_away_warns_nobody():
+    study = lab(ticks=400)
+    model = RigModel(study, study.runs[:1])
+    model.noise = 1e-10, 0.5  # finer than any encoder: what is left over it overflows
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        encoder, _ = model.residuals({}, (catalogue()["robot.damping"],), np.array([-3.7]))
+    assert not np.isfinite(encoder).all()
