@@ -388,8 +388,17 @@ def _written(one: Practice) -> list[Any]:
 def _read(data: list[Any]) -> Practice:
     truth, magnitude, answers, beside = data
     made = [
-        Answer(tuple(effects), gain, left, None, tuple(ties), (), tuple(unseen), *further)
-        for effects, gain, left, ties, unseen, *further in answers
+        Answer(
+            tuple(effects),
+            gain,
+            left,
+            ties=tuple(ties),
+            unseen=tuple(unseen),
+            odd=odd,
+            random=random,
+            numerics=numerics,
+        )
+        for effects, gain, left, ties, unseen, odd, random, numerics in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
     return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)

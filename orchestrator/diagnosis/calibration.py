@@ -24,8 +24,8 @@ _RUNAWAY = 1e6
 LEAVES = 0.003
 # Probability that a set of answers holds.
 SET = 0.95
-# A replay that half its sub-steps change strays from the rig by more: on rigs at a servo's limit by one to
-# three times as much.
+# A replay that halving its sub-steps changes strays from the rig by more: on rigs at a servo's limit by one
+# to three times as much.
 _ASTRAY = 4.0
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"

@@ -49,12 +49,10 @@ def numerics(study: Study, finding: Finding) -> dict[str, Any]:
 def _whole_runs(study: Study, finding: Finding) -> dict[str, float]:
     """What halving the sub-steps changes of the encoder over whole replays, and its noise [m]."""
     model, answer = RigModel(study, study.runs), finding.answer
+    both = model, model.finer()
     squares = []
     for index in range(len(study.runs)):
-        coarse, fine = (
-            one.replay(index, answer.calibrated, answer.effects, answer.theta)[2]
-            for one in (model, model.finer())
-        )
+        coarse, fine = (one.replay(index, answer.calibrated, answer.effects, answer.theta)[2] for one in both)
         squares.append(float(np.mean((fine - coarse) ** 2)))
     return {"replay_change": float(np.sqrt(np.mean(squares))), "replay_noise": model.noise[0]}
 

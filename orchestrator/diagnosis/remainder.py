@@ -44,7 +44,7 @@ def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, roughe
 
 
 def numerics(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> float:
-    """What of that which a fit leaves the replay's own error may make, by half its sub-steps [nats].
+    """What of that which a fit leaves the replay's own error may make, by halving its sub-steps [nats].
 
     A servo at its limit goes another way where it begins a little otherwise: no numbers of the effect, nor of
     any other, make such a replay follow the rig to the end.
@@ -54,8 +54,8 @@ def numerics(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> float
     """
     if left < _ROUGHER:
         return 0.0
-    halved = Weighted(weighing.model.finer(), weighing.weights)
-    again = halved.residuals(fit.calibrated, fit.effects, fit.theta)
+    finer = Weighted(weighing.model.finer(), weighing.weights)
+    again = finer.residuals(fit.calibrated, fit.effects, fit.theta)
     changed = [one - other for one, other in zip(again, fit.residuals, strict=True)]
     if not all(np.isfinite(one).all() for one in changed):
         return left

@@ -293,15 +293,15 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.numerics is None or diagnosis.numerics.fraction is None:
         return told
     share = percent(diagnosis.numerics.fraction)
+    own = [f"The co-simulation's own error, by step halving, is {share} of the gap."]
     change, noise = diagnosis.numerics.replay_change, diagnosis.numerics.replay_noise
     if change is not None and noise is not None and change > noise:
-        told.insert(
-            0,
-            f"Half the sub-steps change the position by {1e3 * change:.2g} mm over whole runs that are "
+        own.append(
+            f"Halving the sub-steps changes the position by {1e3 * change:.2g} mm over whole runs that are "
             "replayed from their commands: the model with these effects goes another way in time, and "
-            "what it leaves then was not held against them.",
+            "what it leaves then was not held against them."
         )
-    return [f"The co-simulation's own error, by step halving, is {share} of the gap.", *told]
+    return [*own, *told]
 
 
 def _told(assumed: Sequence[str]) -> str:
