@@ -26,13 +26,16 @@ class Measure(NamedTuple):
     display_units: Mapping[str, Unit] = {}
 
 
-def quantity(label: str, measure: Measure, value: object, place: str) -> float | Problem:
+def quantity(
+    label: str, measure: Measure, value: object, place: str, difference: bool = False
+) -> float | Problem:
     """A number in the unit of `measure`, or what is wrong with it.
 
     Args:
         label: what takes it, for the message.
         value: a number, or text with number and unit.
         place: where it was written.
+        difference: see `units.Quantity.exactly`.
     """
     if isinstance(value, bool):
         return Problem(place, f"{label} must be a number, got {str(value).lower()}")
@@ -48,7 +51,7 @@ def quantity(label: str, measure: Measure, value: object, place: str) -> float |
     try:
         # The unit's own name, too, is the FMU's to define: "dimensionless", "radian".
         own = {measure.name: measure.unit} if measure.name else {}
-        return quantity_in(value, measure.unit, {**own, **measure.display_units})
+        return quantity_in(value, measure.unit, {**own, **measure.display_units}, difference)
     except UnitError as error:
         allowed = f"its unit is {measure.name}"
         if measure.display_units:

@@ -27,6 +27,12 @@ class Port(NamedTuple):
     instance: str
     variable: str
 
+    @staticmethod
+    def of(text: str) -> Port:
+        """The port that a text names, as `str` writes it; without a dot, one of no variable."""
+        instance, _, variable = text.partition(".")
+        return Port(instance, variable)
+
     def __str__(self) -> str:
         return f"{self.instance}.{self.variable}"
 
@@ -157,6 +163,11 @@ class System:
     def variable(self, port: Port) -> Variable:
         """The variable behind a port."""
         return self.instances[self.position[port.instance]].variable(port.variable)
+
+    def start(self, port: Port) -> float:
+        """Start value of a scalar real variable: the config's, else its FMU's; 0 where neither gives one."""
+        part = self.instances[self.position[port.instance]]
+        return float(part.start.get(port.variable, part.variable(port.variable).start or 0.0))
 
     @cached_property
     def order(self) -> tuple[int, ...]:

@@ -65,15 +65,20 @@ class Quantity:
     unit: Unit
     text: str = field(default="", compare=False)
 
-    def exactly(self, unit: Unit) -> Fraction:
-        """The value in `unit`, not rounded. Raises: UnitError if the dimensions differ."""
+    def exactly(self, unit: Unit, difference: bool = False) -> Fraction:
+        """The value in `unit`, not rounded. Raises: UnitError if the dimensions differ.
+
+        Args:
+            difference: whether it is one of two values, which scales begin anywhere alike: 1 degC is 1 K.
+        """
         if not self.unit.same_dimension(unit):
             raise UnitError(f"{self.unit} [{self.unit.base()}] cannot be converted to {unit} [{unit.base()}]")
-        return (self.value * self.unit.factor + self.unit.offset - unit.offset) / unit.factor
+        begin = 0 if difference else self.unit.offset - unit.offset
+        return (self.value * self.unit.factor + begin) / unit.factor
 
-    def to(self, unit: Unit) -> float:
-        """The value in `unit`, rounded once. Raises: UnitError if the dimensions differ."""
-        return _to_float(self.exactly(unit))
+    def to(self, unit: Unit, difference: bool = False) -> float:
+        """The value in `unit`, rounded once; as `exactly`."""
+        return _to_float(self.exactly(unit, difference))
 
 
 def convert(source: Unit, target: Unit) -> tuple[float, float]:
@@ -245,7 +250,9 @@ def parse_quantity(text: str) -> Quantity:
     return Quantity(Fraction(match[1]), unit, text.strip())
 
 
-def quantity_in(text: str, unit: Unit, display_units: Mapping[str, Unit] | None = None) -> float:
+def quantity_in(
+    text: str, unit: Unit, display_units: Mapping[str, Unit] | None = None, difference: bool = False
+) -> float:
     """The value of a written quantity in an FMU's unit.
 
     A unit that the FMU declares as a display unit of this very unit is read with the FMU's factor, which is
@@ -255,6 +262,7 @@ def quantity_in(text: str, unit: Unit, display_units: Mapping[str, Unit] | None 
         text: for example "176 N/mm".
         unit: the variable's unit.
         display_units: the display units that the FMU declares for it, by name.
+        difference: see `Quantity.exactly`.
     Raises: UnitError, telling both readings where Hz and rad/s meet.
     """
     match = _QUANTITY.fullmatch(text)
@@ -264,10 +272,10 @@ def quantity_in(text: str, unit: Unit, display_units: Mapping[str, Unit] | None 
         raise UnitError(f"{text!r} has no unit")
     declared = (display_units or {}).get(match[2].strip())
     if declared is not None:
-        return Quantity(Fraction(match[1]), declared).to(unit)
+        return Quantity(Fraction(match[1]), declared).to(unit, difference)
     quantity = parse_quantity(text)
     if quantity.unit.same_dimension(unit):
-        return quantity.to(unit)
+        return quantity.to(unit, difference)
     raise UnitError(_mismatch(quantity, match[1], unit))
 
 

@@ -15,8 +15,9 @@ from .rig import HISTORY, Calibrated, _transition
 from .stochastic import Noise
 from .study import Array
 
-__all__ = ["SLOW", "STRAYS", "arrival_innovations", "link_noise", "random_arrival"]
+__all__ = ["JITTER", "PACKETS", "SLOW", "STRAYS", "arrival_innovations", "link_noise", "random_arrival"]
 
+PACKETS, JITTER = "link.packet-loss", "link.jitter"
 # A hundred particles take one kind of random arrival for the other now and then.
 _PARTICLES = 300
 # Kinds of random arrival are weighed at these times the deviation found: particles starve where a kind is
@@ -253,7 +254,7 @@ def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
         return total
 
     found = []
-    for name, kind in (("link.packet-loss", 0), ("link.jitter", 1)):
+    for name, kind in ((PACKETS, 0), (JITTER, 1)):
         weighed = []
         for strength in _STRENGTHS:
             late = strength * deviation

@@ -18,7 +18,7 @@ import yaml
 
 from ..bundled import find_system
 from .catalogue import catalogue
-from .effect import Effect
+from .effect import Effect, by_effect
 from .finding import Finding
 from .model import apply_changes, begin_state, nominal_parameters
 from .rig import Calibrated, State
@@ -163,13 +163,10 @@ def _short(value: Any) -> str:
 
 def _parameters(effects: Sequence[Effect], theta: Array) -> dict[str, dict[str, float]]:
     """Parameters by effect and name, of all parameters one after the other."""
-    found, first = {}, 0
-    for effect in effects:
-        names = [one.name for one in effect.parameters]
-        values = theta[first : first + len(names)]
-        found[effect.id] = {name: float(value) for name, value in zip(names, values, strict=True)}
-        first += len(names)
-    return found
+    return {
+        effect.id: {one.name: value for one, value in zip(effect.parameters, own.tolist(), strict=True)}
+        for effect, own in by_effect(effects, theta)
+    }
 
 
 def _known_otherwise(finding: Finding) -> dict[str, dict[str, float]]:

@@ -23,11 +23,13 @@ from threadpoolctl import threadpool_limits
 
 from ..errors import OrchestratorError
 from ..provenance import origin
+from ..whole_file import write_text
 from ..workers import Pool, Work, pool_of
 from .answers import Answer, complete
 from .calibration import FILE, LEAVES, SET, Calibration, Table, own_gains
 from .challenge.draw import SHARES, Plan
 from .challenge.hidden import HARDWARE, HIDDEN
+from .challenge.verdict import names
 from .hardware import weigh_rig
 from .practice import simulated_study
 from .rough import learn_roughness, strayed_by_number
@@ -91,8 +93,7 @@ class Practice:
 
     def right(self, answer: Answer) -> bool:
         """Whether an answer names what is hidden, ties as declared."""
-        missing = set(self.truth) - set(answer.effects)
-        return len(answer.effects) == len(self.truth) and missing <= set(answer.ties)
+        return names(answer.effects, answer.ties, self.truth)
 
 
 def practise(
@@ -319,7 +320,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that weighs")
     parser.add_argument("--out", type=Path, default=FILE, help="by default, what comes with the product")
     options = parser.parse_args(arguments)
-    seen = json.loads(options.seen.read_text("utf-8")) if options.seen and options.seen.is_file() else {}
+    made_of = {"seed": options.seed, "bare": options.bare}
+    seen: dict[str, Any] = {"made_of": made_of}
+    if options.seen and options.seen.is_file():
+        seen = json.loads(options.seen.read_text("utf-8"))
+        if seen.get("made_of") != made_of:
+            told = f"{options.seen} is of {seen.get('made_of')}, not of {made_of}"
+            parser.error(f"--seen: {told}: name another file")
     pool = pool_of(options.scheduler, options.jobs)
     if "roughness" not in seen:
         bare = _outcomes(pool, Work(strayed_by_number, payload=options.seed + 1), range(1, options.bare + 1))
@@ -334,7 +341,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             done[numbers[task]] = one
             if options.seen:
                 seen.setdefault(kind, {})[str(numbers[task])] = _written(one)
-                options.seen.write_text(json.dumps(seen), encoding="utf-8")
+                write_text(options.seen, json.dumps(seen))
             print(f"{kind} {len(done)}/{len(tasks)}", flush=True)
         return [done[number] for number in sorted(done)]
 

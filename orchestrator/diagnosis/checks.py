@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..errors import Problem
 from .channels import clipped, frozen, logged_twice
-from .consistency import check_columns, told_once
+from .consistency import check_columns
+from .mistakes import Mistake, told_once
 from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
 
@@ -39,8 +38,8 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
         refused += wrong
         if not wrong:
             warned += _stuck(run)
-    warned = _together(warned)
-    refused = told_once(refused)
+    warned = told_once(warned, "{} more of this kind in this column")
+    refused = told_once(refused, "the same in {} more runs", Mistake)
     if not refused:
         refused += _twice(study) + _masses(study)
     if not refused:
@@ -49,20 +48,6 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
         refused += fewest
         warned += few + _repeats(study)
     return refused, warned
-
-
-def _together(problems: list[Problem]) -> list[Problem]:
-    """The first problem of each column and kind, with the count of the others."""
-    kinds: dict[tuple[str, str], list[Problem]] = {}
-    for one in problems:
-        column, kind = one.place.partition(": ")[2], one.what.split(": ")[1].split(" ")[0]
-        kinds.setdefault((column, kind), []).append(one)
-    return [
-        replace(same[0], what=f"{same[0].what}; {len(same) - 1} more of this kind in this column")
-        if len(same) > 1
-        else same[0]
-        for same in kinds.values()
-    ]
 
 
 def _twice(study: Study) -> list[Problem]:

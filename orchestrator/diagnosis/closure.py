@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,7 +114,7 @@ def _ahead(
                 floors[name].append(_differences(one, other))
     gaps = {name: np.concatenate(parts) if parts else np.zeros((0, 4)) for name, parts in errors.items()}
     if not len(gaps["before"]):
-        return {**_gap(None, None, None, None, None), "measures": {}}
+        return {**_gap({}, None, within_floor=True), "measures": {}}
     noise = _noise_alone(study, [run for run, _ in pairs])
     measures = {}
     for place, name in enumerate(MEASURES):
@@ -149,51 +150,62 @@ def _noise_alone(study: Study, runs: Sequence[Run]) -> float:
     peaks = [
         np.abs(run["sensor_force"][one.begin : one.end]).max() for run in runs for one in _windows(study, run)
     ]
-    return float(np.sqrt(np.mean((study.nominal["force_noise"].value / np.array(peaks)) ** 2) / 2.0))
+    return float(np.sqrt(np.mean((study.noise("force") / np.array(peaks)) ** 2) / 2.0))
 
 
 def closure_of(squares: dict[str, Array], floor: float, block: int) -> dict[str, Any]:
     """Gap before and after, and its closure with an interval by block bootstrap.
 
     Args:
-        squares: squared errors of each model, each of shape (n,), in order of time.
+        squares: squared errors of each model, each of shape (n,), in order of time; not finite of one that
+            runs away, whose gap is None.
         block: how many neighbours are drawn together.
     """
     gaps = {name: float(np.sqrt(np.mean(one))) for name, one in squares.items()}
-    before, after, recalibrated = gaps["before"], gaps["after"], gaps["recalibrated"]
+    told = {name: gap if math.isfinite(gap) else None for name, gap in gaps.items()}
+    before = gaps["before"]
     if before < _WITHIN * floor or before == 0.0:
-        return _gap(before, after, recalibrated, floor, None)
+        return _gap(told, floor, within_floor=True)
+    if told["before"] is None or told["after"] is None:
+        return _gap(told, floor)
     n = len(squares["before"])
     block = min(block, n)
     starts = np.random.default_rng(_SEED).integers(0, n, (_RESAMPLES, -(-n // block)))
     drawn = ((starts[:, :, None] + np.arange(block)) % n).reshape(_RESAMPLES, -1)[:, :n]
     some = {name: np.sqrt(np.mean(one[drawn], axis=1)) for name, one in squares.items()}
-    told = some["before"] > floor
-    closures = (some["before"] - some["after"])[told] / (some["before"] - floor)[told]
-    return _gap(before, after, recalibrated, floor, np.quantile(closures, [0.025, 0.975]).tolist())
+    above = some["before"] > floor
+    closures = (some["before"] - some["after"])[above] / (some["before"] - floor)[above]
+    return _gap(told, floor, np.quantile(closures, [0.025, 0.975]).tolist())
 
 
 def _gap(
-    before: float | None,
-    after: float | None,
-    recalibrated: float | None,
+    told: Mapping[str, float | None],
     floor: float | None,
-    interval: list[float] | None,
+    interval: list[float] | None = None,
+    within_floor: bool = False,
 ) -> dict[str, Any]:
-    def closed(left: float | None) -> float | None:
-        if interval is None or before is None or left is None or floor is None:
+    """As `verdict.Gap`, and the gap after recalibration.
+
+    Args:
+        told: gap of each model; None where it runs away, or where nothing was held out.
+    """
+    before = told.get("before")
+
+    def closed(name: str) -> float | None:
+        left = told.get(name)
+        if within_floor or before is None or left is None or floor is None:
             return None
         return (before - left) / (before - floor)
 
     return {
         "before": before,
-        "after": after,
-        "recalibrated": recalibrated,
+        "after": told.get("after"),
+        "recalibrated": told.get("recalibrated"),
         "noise_floor": floor,
-        "closure": closed(after),
+        "closure": closed("after"),
         "interval": interval,
-        "recalibration_only": closed(recalibrated),
-        "within_floor": interval is None,
+        "recalibration_only": closed("recalibrated"),
+        "within_floor": within_floor,
     }
 
 
@@ -226,7 +238,7 @@ def _whole(
             squares[name].append(np.array([part.mean() for part in blocks]))
             ends[name].append(_outcome(other[:, :n], count) - _outcome(signals[:, :n], count))
     if not pairs:
-        return {**_gap(None, None, None, None, None), "measures": {}}
+        return {**_gap({}, None, within_floor=True), "measures": {}}
     measures = {}
     for place, name in enumerate(MEASURES):
         of = {

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .finding import Augmented, Finding
+from .finding import Augmented
 from .model import RigModel
 from .rig import Inject
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["COMPONENTS", "Residuals", "component_of", "correct", "faultless", "residuals_of"]
+__all__ = ["COMPONENTS", "Residuals", "component_of", "correct", "residuals_of"]
 
 # What lies between two logged signals, and the places of the catalogue in it.
 COMPONENTS: Mapping[str, tuple[str, ...]] = {
@@ -57,11 +57,6 @@ def component_of(place: str) -> str:
         if place in places:
             return name
     raise ValueError(f"no component holds the place {place!r}; places: {sum(COMPONENTS.values(), ())}")
-
-
-def faultless(study: Study, finding: Finding) -> Augmented:
-    """The answer's calibration without its effects; see `Finding.faultless`."""
-    return finding.faultless(study.nominal)
 
 
 def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:

@@ -14,26 +14,14 @@ from itertools import chain, combinations
 import numpy as np
 
 from ..errors import Problem
+from .mistakes import Mistake, wrong_factors
+from .rig import IN_CONTACT
 from .software import ControllerReplay, resolution
 from .study import Array, Run, Study
 
-__all__ = ["check_columns", "told_once", "wrong_factors"]
+__all__ = ["check_columns"]
 
 Columns = Mapping[str, Array]
-# What the unit of a column is taken for, by mistake, and the factor that this makes.
-_FACTORS = {
-    -1.0: "its sign is reversed",
-    1e3: "it is 1000 times too large, as if logged in thousandths of its unit",
-    1e-3: "it is 1000 times too small, as if logged in thousands of its unit",
-    1e6: "it is a million times too large, as if logged in millionths of its unit",
-    1e-6: "it is a million times too small, as if logged in millions of its unit",
-    39.37007874015748: "it is 39.37 times too large, as if logged in inches",
-    0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
-}
-_REMEDIES = (
-    "Correct the unit in its header, or give `unit` in a study file.",
-    "Correct its values, or give `sign: -1` in a study file.",
-)
 _SHIFTS = 50
 # In the satellite's sub-steps, velocity first, a tick's way follows its speed at 10/16 of the tick.
 _MEAN = 0.625
@@ -63,7 +51,7 @@ def check_columns(study: Study, run: Run) -> list[Problem]:
         if not _broken(believed, mended):
             first = min(one.row for one in broken)
             return [
-                Problem(
+                Mistake(
                     f"{run.name}: {told[0]}",
                     f"from row {first} on the columns contradict each other: {broken[0].what}",
                     remedy=told[1],
@@ -77,28 +65,6 @@ def check_columns(study: Study, run: Run) -> list[Problem]:
         )
         for one in broken
     ]
-
-
-def wrong_factors() -> Iterator[tuple[float, str]]:
-    """What a column may be too large by, its sign included, each with what to do."""
-    for factor, text in _FACTORS.items():
-        yield factor, f"All fits if {text}. {_REMEDIES[factor < 0.0]}"
-
-
-def told_once(problems: list[Problem]) -> list[Problem]:
-    """The one mistake that mends everything, told once where it is the same in several runs."""
-    kinds: dict[tuple[str, str], list[Problem]] = {}
-    for one in problems:
-        run, _, column = one.place.partition(": ")
-        kinds.setdefault((column or run, one.remedy), []).append(one)
-    found: list[Problem] = []
-    for same in kinds.values():
-        if len(same) > 1 and same[0].remedy.startswith("All fits"):
-            more = f"{same[0].what}; the same in {len(same) - 1} more runs"
-            found.append(replace(same[0], what=more))
-        else:
-            found += same
-    return found
 
 
 def _broken(study: Study, run: Run) -> list[_Broken]:
@@ -212,13 +178,12 @@ def _force_of_velocity(study: Study, run: Run) -> _Broken | None:
 
 def _force_out_of_contact(study: Study, run: Run) -> _Broken | None:
     sensor, out = run["sensor_force"], run["compensated_force"]
-    free = np.flatnonzero(np.abs(sensor) <= 4.0)
+    free = np.flatnonzero(np.abs(sensor) <= IN_CONTACT)
     if len(free) < 20:
         rows = np.argsort(np.abs(sensor))[:20]
         row = int(rows.min())
-        return _Broken(
-            ("sensor_force",), row, f"sensor_force is never below 4 N; row {row} has {sensor[row]:.6g} N"
-        )
+        what = f"sensor_force is never below {IN_CONTACT:g} N; row {row} has {sensor[row]:.6g} N"
+        return _Broken(("sensor_force",), row, what)
     wrong = free[np.abs(out - sensor)[free] > 1e-3 + resolution(sensor)]
     if len(wrong) <= 0.2 * len(free):
         return None
@@ -333,9 +298,9 @@ def _clock_of_encoder(study: Study, run: Run) -> list[Problem]:
         else:
             moved[:-shift] = moved[-shift] - run.approach_speed * study.tick * np.arange(-shift, 0, -1)
         if misfit(replace(run, columns={**run.columns, "encoder_position": moved})) < 0.02 * now:
-            row = int(np.argmax(np.abs(run["sensor_force"]) > 4.0))
+            row = int(np.argmax(np.abs(run["sensor_force"]) > IN_CONTACT))
             return [
-                Problem(
+                Mistake(
                     f"{run.name}: column encoder_position",
                     f"from row {row} on the controller's output does not follow from it",
                     remedy=_clock(shift),

@@ -20,7 +20,7 @@ from .verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which, problem
 __all__ = ["Told", "content", "provenance"]
 
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
-# Answers less probable than this are told together with those that are more so, not one by one.
+# Answers less probable than this are not told.
 _SHOWN = 1e-6
 
 
@@ -101,10 +101,7 @@ def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:
 
 
 def _which(finding: Finding) -> list[Which]:
-    """Answers, most probable first; the least probable ones of the tail are joined to the last that is told.
-
-    Their probabilities are scaled to add up to 1, which rounding alone would not let them.
-    """
+    """Answers, most probable first, less the least probable ones; the others' probabilities add up to 1."""
     ranked = sorted(finding.candidates, key=lambda one: -one.probability)
     shown = [one for one in ranked if one.probability >= _SHOWN] or ranked[:1]
     total = sum(one.probability for one in shown)

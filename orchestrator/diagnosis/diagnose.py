@@ -65,7 +65,7 @@ def diagnose(
     Args:
         study: or the folder of a case, or a study.yaml.
         out: folder to write to; nothing is written without it.
-        parts: the analyses; all of this package by default.
+        parts: the analyses of a docking rig; all of this package by default.
         report: whether to write the page, too.
         progress: is told each of `STAGES` as it begins, and how far practice is, as in "practice 3/60".
         practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them;
@@ -74,6 +74,8 @@ def diagnose(
     """
     begin = perf_counter()
     if not isinstance(study, Study) and is_port_study(Path(study)):
+        if parts is not None:
+            raise ConfigError([Problem("parts", "are for docking rigs", remedy="Leave them out.")])
         return _any_system(Path(study), out, report, progress, (practice, seed, jobs))
     if practice:
         remedy = "The docking rig's calibration comes with the product."

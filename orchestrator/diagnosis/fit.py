@@ -65,6 +65,11 @@ class Fit:
         """
         return -0.5 * self.cost - 0.5 * self.log_determinant
 
+    def without(self, place: int) -> Array:
+        """Normalised parameters less those of one of its effects."""
+        last = len(self.z) - sum(len(one.parameters) for one in self.effects[place + 1 :])
+        return np.delete(self.z, np.arange(last - len(self.effects[place].parameters), last))
+
 
 class Base(NamedTuple):
     """A point about which effects are screened.

@@ -10,17 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 from .answers import Answer, Group, complete, simplest, tied
+from .arrival import JITTER, PACKETS
 from .benign import Weighing, Weighted, Widened, scatter, settled, touching, waves
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import WHITE, Colour, whitened
 from .effect import Effect
 from .fit import Fit, Fitter
-from .links import JITTER, PACKETS, Arrivals, arrivals, other_link, random_links, search_behind
+from .links import Arrivals, arrivals, other_link, random_links, search_behind
 from .marginal import inflation
 from .misfit import unexplained
 from .model import RigModel
-from .remainder import KINDS, numerics, remains
+from .remainder import KINDS, own_error, remains
 from .search import Search, search
 from .stochastic import Force, Noise, sensor_noise
 from .study import Array, Role, Study
@@ -78,12 +79,14 @@ class _Told(NamedTuple):
         answers: largest log evidence first; left: residuals of the best fit, by run and channel.
         periodic: log evidence of losses that keep a period and are no effect [nats].
         linked: whether something that keeps a period is in the link.
+        by: what the best answers were fitted by.
     """
 
     answers: list[Answer]
     left: list[Array]
     periodic: float
     linked: bool
+    by: Fitter
 
 
 def _weigh(
@@ -118,9 +121,9 @@ def _weigh(
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
     noises += [lost] if lost is not None else []
     doubt = _doubt(weighing, found.none)
-    answers, left, periodic, linked = _linked(weighing, fitter, found, noises, colour, chance, without)
+    answers, left, periodic, linked, by = _linked(weighing, fitter, found, noises, colour, chance, without)
     linked = linked or (lost is not None and lost.uneven > 0.0)
-    answers = tied(fitter, simplest(answers))
+    answers = tied(by, simplest(answers))
     doubtful = doubt > max([_DOUBTED, *(one.gain - _EACH * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
     rest = remains(weighing, fitter, found.none, colour, rougher=not doubtful)
@@ -172,7 +175,7 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
             force = _force(model, fitter, quick.fits[0])
     noises = [one for one in force.noises if one.id not in without]
     step = next((one.theta[0] for one in noises if one.id == "sensor.quantisation"), 0.0)
-    coarse = math.hypot(1.0, step / math.sqrt(12.0) / model.study.nominal["force_noise"].value)
+    coarse = math.hypot(1.0, step / math.sqrt(12.0) / model.noise[1])
     for index in range(len(model.runs)):
         weight = settled(len(model.runs[index])) / (_coloured(force) * coarse)
         if any(one.id == "sensor.dropout" for one in noises):
@@ -209,13 +212,14 @@ def _linked(
     answers = _answers(weighing, fitter, found, noises, colour)
     links = random_links(weighing.model, found.none, chance, without)
     if not links:
-        return _Told(answers, left, chance.periodic, chance.periodic > 0.0)
+        return _Told(answers, left, chance.periodic, chance.periodic > 0.0, fitter)
     alone = {(): found.none} | {_ids(one): one for one in found.fits}
     gains = {(): 0.0} | {one.effects: one.gain for one in reversed(answers)}
     level = max(gains.values()) + chance.log_evidence
     always = (catalogue()[links[0].id],)
-    behind, again = search_behind(weighing, always)
-    beside = _answers(weighing, behind, again, [*noises, links[0]], colour, always)
+    beyond, again = search_behind(weighing, always)
+    behind = beyond.fitter()
+    beside = _answers(beyond, behind, again, [*noises, links[0]], colour, always)
     # The best of them lies above the best without it by the log evidence of what is random; but it does not
     # share in what effects gain that it does not have.
     own = tuple(one for one in beside[0].effects if one != links[0].id)
@@ -231,7 +235,8 @@ def _linked(
     answers = sorted([*answers, *beside, *other_link(beside, links)], key=lambda one: -one.gain)
     left = behind.marginal.left(again.best.residuals) if again.best.effects else left
     # Lost commands that keep a period are told apart from chance, or beside it, or within what is random.
-    return _Told(answers, left, 0.0, chance.regular > 0.0)
+    by = behind if {PACKETS, JITTER} & set(answers[0].effects) else fitter
+    return _Told(answers, left, 0.0, chance.regular > 0.0, by)
 
 
 def _ids(fit: Fit) -> tuple[str, ...]:
@@ -279,7 +284,7 @@ def _answers(
     for fit in (found.none, *found.fits[:_KEPT]):
         names = [one.id for one in fit.effects if one.id not in hidden]
         over, rest = fitter.log_evidence(fit, by) - least, remains(weighing, fitter, fit, colour)
-        own = numerics(weighing, fitter, fit, rest)
+        own = own_error(weighing, fitter, fit, rest)
         for some in _subsets(noises, always):
             random = sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))

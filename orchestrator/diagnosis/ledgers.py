@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .components import COMPONENTS, faultless, residuals_of
+from .components import COMPONENTS, residuals_of
 from .finding import Augmented, Finding
 from .motion import Phase, phases
 from .sharing import cells, white_cells
@@ -38,7 +38,7 @@ def ledger(study: Study, finding: Finding) -> list[dict[str, Any]]:
 
     Returns: rows with component, phase, band, share. Empty if no energy is in excess.
     """
-    model = faultless(study, finding)
+    model = finding.faultless(study.nominal)
     total = np.zeros((len(COMPONENTS), len(Phase), len(BANDS) - 1))
     for run in (run for run in study.runs if run.role is not Role.REPEAT):
         found, noise = energies(study, run, model)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from .answers import Answer
-from .arrival import arrival_innovations, link_noise, random_arrival
+from .arrival import PACKETS, arrival_innovations, link_noise, random_arrival
 from .benign import Weighing, Weighted
 from .effect import Effect
 from .fit import Fit, Fitter
@@ -22,9 +22,8 @@ from .search import Search, search
 from .stochastic import Noise
 from .study import Array
 
-__all__ = ["JITTER", "PACKETS", "Arrivals", "arrivals", "other_link", "random_links", "search_behind"]
+__all__ = ["Arrivals", "arrivals", "other_link", "random_links", "search_behind"]
 
-PACKETS, JITTER = "link.packet-loss", "link.jitter"
 # Log evidence of commands lost or delayed at random from which they are weighed [nats].
 _CLEAR = 5.0
 # The same of commands lost one by one, of which a few may be chance.
@@ -128,21 +127,22 @@ def random_links(model: RigModel, none: Fit, found: Arrivals, without: Collectio
     ]
 
 
-def search_behind(weighing: Weighing, always: tuple[Effect, ...]) -> tuple[Fitter, Search]:
+def search_behind(weighing: Weighing, always: tuple[Effect, ...]) -> tuple[Weighing, Search]:
     """Search again where the encoder's residuals are mostly the link's.
 
-    They count less, and no more in the contact, which is given the position that was measured: the
-    weighing's weights and its model's correction are changed.
+    They count less, and no more in the contact, which is given the position that was measured.
 
     Args:
         always: the link's effect.
+    Returns: by what was searched, a weighing of its own; and what was found.
     """
-    model, weights = weighing.model, weighing.weights
+    model, weights = weighing.model, list(weighing.weights)
     fit = Fitter(Weighted(model, weights)).fit(always, None, Fitter(model).starts(always[0])[0])
+    strayed = []
     for index, run in enumerate(model.runs):
         out = model.replay(index, fit.calibrated, fit.effects, fit.theta)
         smooth = gaussian_filter1d(run["encoder_position"] - out[2], 3.0)
-        model.correction[index][:] = np.append(smooth, smooth[-1])
+        strayed.append(np.append(smooth, smooth[-1]))
     for index in range(len(model.runs)):
         r = fit.residuals[2 * index]
         n = len(r) // 16
@@ -150,8 +150,8 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...]) -> tuple[Fitte
         noise = max(1.0, math.sqrt(float(np.mean(sums**2)) / 16.0), float(r.std()))
         weights[2 * index] = weights[2 * index] / noise
         weights[2 * index + 1] = 0.5 * weights[2 * index + 1]
-    fitter = weighing.fitter()
-    return fitter, search(fitter, weighing.effects, always)
+    behind = replace(weighing, model=model.corrected(strayed), weights=weights, known={})
+    return behind, search(behind.fitter(), weighing.effects, always)
 
 
 def other_link(answers: Sequence[Answer], links: Sequence[Noise]) -> list[Answer]:

@@ -67,17 +67,32 @@ def _named(header: str) -> tuple[str, str]:
 
 
 def _table(table: Any) -> dict[str, Signal]:
+    import pyarrow as pa
+
     found = {}
     for header in table.column_names:
         name, unit = _named(header)
-        try:
-            values = table[header].to_numpy().astype(float)
-        except (TypeError, ValueError):
+        field = table.schema.field(header)
+        kept = field.metadata or {}
+        unit = unit or kept.get(b"unit", b"").decode()
+        if pa.types.is_timestamp(field.type):
+            found[name] = Signal(_since_first(table[header]), "s")
+        elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
+            found[name] = Signal(table[header].to_numpy().astype(float), unit)
+        else:
             # Text and dates are no numbers; a signal with a word in it is still one, and told as such.
-            values = np.array([_number(one) for one in table[header].to_pylist()])
-        kept = table.schema.field(header).metadata or {}
-        found[name] = Signal(values, unit or kept.get(b"unit", b"").decode())
+            values = np.array([_number(one) for one in table[header].to_pylist()], float)
+            found[name] = Signal(values, unit)
     return found
+
+
+def _since_first(stamps: Any) -> Array:
+    """Dates with times as seconds since the first of them: since any epoch digits would be lost."""
+    values = stamps.to_numpy().astype("datetime64[ns]")
+    if not len(values):
+        return np.zeros(0)
+    since = (values - values[0]) / np.timedelta64(1, "s")
+    return np.where(np.isnat(values), math.nan, since)
 
 
 def _number(value: Any) -> float:

@@ -101,7 +101,7 @@ def _read(entry: Any, unit: str, place: str, problems: list[Problem]) -> Any:
     for key, measure in (("clock", "s"), ("offset", unit), ("noise", unit)):
         if key in entry:
             try:
-                numbers[key] = quantity_in(str(entry[key]), parse_unit(measure))
+                numbers[key] = quantity_in(str(entry[key]), parse_unit(measure), difference=True)
             except UnitError as error:
                 problems.append(
                     Problem(f"{place}.{key}", str(error), f"a number with a unit, like 2 {measure}")
@@ -179,11 +179,11 @@ def _scaled(name: str, signal: Signal, one: Column, unit: str, path: Path, probl
         )
         return signal.values
     try:
-        factor = convert(parse_unit(given), parse_unit(unit))[0]
+        gain, shift = convert(parse_unit(given), parse_unit(unit))
     except UnitError as error:
         problems.append(Problem(f"{path}: {name}", str(error)))
         return signal.values
-    return one.sign * factor * signal.values + one.offset
+    return one.sign * (gain * signal.values + shift) + one.offset
 
 
 def _aligned(

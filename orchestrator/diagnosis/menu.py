@@ -166,9 +166,9 @@ def menu() -> tuple[Experiment, ...]:
 
 
 def menu_of(study: Study) -> tuple[Experiment, ...]:
-    """The menu, and the experiments that a study names; one of the same name takes the other's place.
+    """The menu, and after it a study's own experiments; one of the same name takes the other's place.
 
     Raises: ConfigError as `menu`.
     """
     own = {one["name"]: Experiment(**one) for one in study.experiments}
-    return (*(one for one in menu() if one.name not in own), *own.values())
+    return tuple(({one.name: one for one in menu()} | own).values())

@@ -157,6 +157,12 @@ class RigModel:
             model.commands[index][HISTORY - 1 : -1] += change
         return model
 
+    def corrected(self, by: Sequence[Array]) -> RigModel:
+        """The same whose robot is moved in replays, by run, each of shape (n + 1,) [m]."""
+        model = copy(self)
+        model.correction = list(by)
+        return model
+
     def finer(self) -> RigModel:
         """The same with sub-steps half as long."""
         model = copy(self)
@@ -235,17 +241,15 @@ class RigModel:
         calibrated: Mapping[str, float],
         effects: tuple[Effect, ...] = (),
         theta: Array | None = None,
-        ticks: int | None = None,
         inject: Array | None = None,
     ) -> Array:
         """Run the whole rig from its start; arguments as in `replay`.
 
         Args:
-            ticks: as many as the run has, by default.
-            inject: what is added to the components' outputs, by `Inject`, shape (4, ticks + 1).
-        Returns: channels by `CHANNELS`, shape (8, ticks).
+            inject: what is added to the components' outputs, by `Inject`, shape (4, n + 1).
+        Returns: channels by `CHANNELS`, shape (8, n).
         """
-        n = ticks or len(self.runs[index])
+        n = len(self.runs[index])
         commands = np.zeros(HISTORY + n)
         commands[:HISTORY] = self.commands[index][:HISTORY]
         inject = np.zeros((4, n + 1)) if inject is None else inject

@@ -7,6 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from .rig import IN_CONTACT
 from .study import Array, Run, Study
 
 __all__ = ["STOP", "Contact", "Phase", "contacts", "phases", "stopped_at"]
@@ -59,7 +60,8 @@ def contacts(study: Study, run: Run) -> list[Contact]:
     size = np.abs(run["sensor_force"])
     rest = np.median(run["sensor_force"][size <= np.quantile(size, 0.25)])
     force = np.abs(run["sensor_force"] - rest)
-    found = _windows(force, force > max(_PUSH * noise, 4.0), force > max(_FLANK * noise, 2.0))
+    pushes, flanks = max(_PUSH * noise, IN_CONTACT), max(_FLANK * noise, 0.5 * IN_CONTACT)
+    found = _windows(force, force > pushes, force > flanks)
     if found:
         return found
     position = run["encoder_position"]

@@ -11,10 +11,9 @@ from .finding import NOMINAL, Finding
 from .model import RigModel
 from .motion import contacts
 from .rig import SUBSTEPS
-from .software import ControllerReplay, DynamicsReplay
-from .study import Role, Run, Study
+from .study import Role, Study
 
-__all__ = ["numerics", "replay_error"]
+__all__ = ["numerics"]
 
 
 def numerics(study: Study, finding: Finding) -> dict[str, Any]:
@@ -55,22 +54,3 @@ def _whole_runs(study: Study, finding: Finding) -> dict[str, float]:
         coarse, fine = (one.replay(index, answer.calibrated, answer.effects, answer.theta)[2] for one in both)
         squares.append(float(np.mean((fine - coarse) ** 2)))
     return {"replay_change": float(np.sqrt(np.mean(squares))), "replay_noise": model.noise[0]}
-
-
-def replay_error(study: Study, run: Run) -> dict[str, float]:
-    """Largest departure of the nominal model's replays from a log, by signal, SI.
-
-    A log that the nominal system itself made replays to rounding errors; more tells of an input that was
-    taken a tick early or late, or held for two.
-    """
-    rig = RigModel(study, [run]).replay(0, {})
-    controller, _ = ControllerReplay(study, [run]).replay(0, (), np.zeros(0))
-    dynamics = DynamicsReplay(study, [run])
-    return {
-        "encoder_position": float(np.abs(run["encoder_position"] - rig[2]).max()),
-        "sensor_force": float(np.abs(run["sensor_force"] - rig[3]).max()),
-        "compensated_force": float(np.abs(run["compensated_force"] - controller[0]).max()),
-        "desired_velocity": float(
-            np.abs(dynamics.residuals({}, (), np.zeros(0))[0]).max() * dynamics.noise[0]
-        ),
-    }

@@ -12,7 +12,7 @@ from .colour import Colour, whitened
 from .fit import Fit, Fitter
 from .misfit import in_contact, louder, unexplained
 
-__all__ = ["KINDS", "bent", "numerics", "remains"]
+__all__ = ["KINDS", "bent", "own_error", "remains"]
 
 # Calibrated numbers of one kind stray together.
 KINDS = (
@@ -43,7 +43,7 @@ def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, roughe
     return found + (max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
 
 
-def numerics(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> float:
+def own_error(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> float:
     """What of that which a fit leaves the replay's own error may make, by halving its sub-steps [nats].
 
     A servo at its limit goes another way where it begins a little otherwise: no numbers of the effect, nor of

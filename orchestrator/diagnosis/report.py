@@ -290,10 +290,12 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
 def remarks(diagnosis: Diagnosis) -> list[str]:
     """What is said of any diagnosis: the numerical error, and what was left out."""
     told = [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
-    if diagnosis.numerics is None or diagnosis.numerics.fraction is None:
+    if diagnosis.numerics is None:
         return told
-    share = percent(diagnosis.numerics.fraction)
-    own = [f"The co-simulation's own error, by step halving, is {share} of the gap."]
+    own = []
+    if diagnosis.numerics.fraction is not None:
+        share = percent(diagnosis.numerics.fraction)
+        own.append(f"The co-simulation's own error, by step halving, is {share} of the gap.")
     change, noise = diagnosis.numerics.replay_change, diagnosis.numerics.replay_noise
     if change is not None and noise is not None and change > noise:
         own.append(

@@ -20,6 +20,7 @@ from .effect import Context, Site
 __all__ = [
     "CHANNELS",
     "HISTORY",
+    "IN_CONTACT",
     "SUBSTEPS",
     "Calibrated",
     "Inject",
@@ -42,6 +43,12 @@ CHANNELS = (
 )
 # How many commands before the first tick a run is given.
 HISTORY = 64
+# The controller software takes what is below for no contact, and estimates stiffness and damping only above,
+# where noise hardly counts [N]; filters its rates by these shares per tick; and bounds the damping [N.s/m].
+IN_CONTACT = 4.0
+_TELLING = 15.0
+_FORCE_RATE, _POSITION_RATE = 0.35, 0.25
+_STRONGEST_DAMPING = 600.0
 # Per tick; with ten, halving the sub-step moves the sampled force of the nominal rig by less than its noise.
 SUBSTEPS = 10
 
@@ -123,7 +130,6 @@ _AT_COMMAND, _AT_DELAY, _AT_ACCELERATION, _AT_LIMIT, _AT_RATE, _AT_POSITION = ma
 _AT_STRUCTURE, _AT_CONTACT, _AT_FORCE, _AT_DELAYED, _AT_SAMPLE, _AT_BODY = map(int, list(Site)[6:])
 _POSITION, _VELOCITY, _ACCELERATION, _COMMAND, _FORCE, _DEPTH = map(int, list(Context)[:6])
 _DEPTH_RATE, _SIDE, _STIFFNESS, _DAMPING, _NUMBER, _BODY_MASS = map(int, list(Context)[6:])
-_RING = 4096  # sub-steps of force that are kept for the sensor's delay
 _HISTORY, _SUBSTEPS = HISTORY, SUBSTEPS
 
 
@@ -188,10 +194,11 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
     dt = h / substeps
     transition = _transition(p[_OMEGA], p[_XI], dt)
     lag = math.exp(-dt * p[_CUTOFF]) if p[_CUTOFF] > 0.0 else 0.0
-    back = p[_TAU_S] / dt
+    # No sensor reads what is still to come: fits may try delays below zero.
+    back = max(p[_TAU_S], 0.0) / dt
     known = np.zeros(16)
     known[_STIFFNESS], known[_DAMPING], known[_BODY_MASS] = p[_K], p[_C], p[_MASS]
-    ring = np.zeros(_RING)
+    ring = np.zeros(int(min(math.ceil(back), out.shape[1] * substeps)) + 2)
     received = commands.copy()
     for i in range(_HISTORY):
         known[_NUMBER] = begin + i - _HISTORY
@@ -235,7 +242,7 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
             force = _push(p, contact, rate, laws, now, dt, known, memory, theta)
             known[_FORCE] = force
             index = n * substeps + sub + 1
-            ring[index & (_RING - 1)] = force
+            ring[index % len(ring)] = force
             behind = _behind(ring, index, back)
             y = lag * y + (1.0 - lag) * 0.5 * (behind_before + behind)
             behind_before = behind
@@ -309,10 +316,11 @@ def move_body(laws, time, tick, force, known, memory, theta):
 def _delayed(received, n, since, h, dt):
     """The command that acts on the servo over a sub-step, which ends `since` after tick n, delay included.
 
-    Where it changes within the sub-step, it is the mean.
+    Where it changes within the sub-step, it is the mean. None acts before it is sent: fits may try delays
+    below zero.
     """
-    ticks = math.floor(since / h)
-    index = min(max(_HISTORY + n + int(ticks), 0), received.shape[0] - 1)
+    ticks = min(math.floor(since / h), 0.0)
+    index = max(_HISTORY + n + int(ticks), 0)
     share = (since - ticks * h) / dt
     if share >= 1.0 or index == 0:
         return received[index]
@@ -328,26 +336,26 @@ def _behind(ring, index, back):
     low = int(at)
     part = at - low
     if part == 0.0:
-        return ring[low & (_RING - 1)]
-    return (1.0 - part) * ring[low & (_RING - 1)] + part * ring[(low + 1) & (_RING - 1)]
+        return ring[low % len(ring)]
+    return (1.0 - part) * ring[low % len(ring)] + part * ring[(low + 1) % len(ring)]
 
 
 @njit(cache=True, error_model="numpy")
 def control(p, state, force, position):
     """The controller software at a tick; its output is left in the state."""
     h = p[_TICK]
-    state[_G] += 0.35 * ((force - state[_FP]) / h - state[_G])
-    state[_U] += 0.25 * ((position - state[_XP]) / h - state[_U])
+    state[_G] += _FORCE_RATE * ((force - state[_FP]) / h - state[_G])
+    state[_U] += _POSITION_RATE * ((position - state[_XP]) / h - state[_U])
     state[_FP], state[_XP] = force, position
     led = force + p[_LEAD] * state[_G]
-    if abs(force) <= 4.0:
+    if abs(force) <= IN_CONTACT:
         state[_IN] = 0.0
         state[_OUT] = force
         return
     if state[_IN] == 0.0:
         state[_IN] = 1.0
         state[_X0] = position + force / max(state[_KE], 1000.0)
-    if abs(led) > 15.0:
+    if abs(led) > _TELLING:
         state[_P00] += 1e4
         state[_P11] += 1.0
         h0, h1 = -(position - state[_X0]), -state[_U]
@@ -362,7 +370,7 @@ def control(p, state, force, position):
         state[_P01] -= gain0 * s1
         state[_P11] -= gain1 * s1
         state[_KE] = min(max(state[_KE], 0.4 * p[_K0]), 2.0 * p[_K0])
-        state[_CE] = min(max(state[_CE], 0.0), 600.0)
+        state[_CE] = min(max(state[_CE], 0.0), _STRONGEST_DAMPING)
     state[_OUT] = (
         led - (1.0 + p[_GAIN]) * state[_KE] * (state[_XD] - position) - state[_CE] * (state[_VD] - state[_U])
     )

@@ -224,10 +224,8 @@ def _without_one(fitter: Fitter, fit: Fit, kept: int) -> list[Fit]:
     """
     count, found = len(fitter.replay.tolerances), []
     for place in range(kept, len(fit.effects)):
-        gone = fit.effects[place]
-        first = count + sum(len(one.parameters) for one in fit.effects[:place])
-        z = np.delete(fit.z, range(first, first + len(gone.parameters)))
-        others = tuple(one for one in fit.effects if one is not gone)
+        z = fit.without(place)
+        others = fit.effects[:place] + fit.effects[place + 1 :]
         try:
             found.append(fitter.fit(others, z[:count], z[count:], aim=fit.cost + HOPELESS))
         except np.linalg.LinAlgError:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .components import COMPONENTS, component_of, faultless, residuals_of
+from .components import COMPONENTS, component_of, residuals_of
 from .finding import Augmented, Finding
 from .motion import contacts
 from .restart import Restart, strayed
@@ -75,7 +75,7 @@ def where(study: Study, finding: Finding) -> Mapping[str, float]:
 
     Returns: share by place; negative where a component hides another's part.
     """
-    shares = shapley_shares(study, study.of(Role.HELDOUT), faultless(study, finding)).shares
+    shares = shapley_shares(study, study.of(Role.HELDOUT), finding.faultless(study.nominal)).shares
 
     def place_of(effect: str) -> str:
         place = effect.partition(".")[0]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .benign import settled
 from .colour import COLOUR, WHITE, Colour, coloured, small_colour
 from .dropout import held_longer, lost_in_contact, lost_in_flight
 from .misfit import hum, stretches, uneven
@@ -52,7 +53,7 @@ class Noise:
 def flights(touching: Array) -> list[slice]:
     """Stretches without contact, from whether a replay touches at each tick, shape (n,)."""
     touched = np.convolve(touching, np.ones(2 * _MARGIN + 1), "same") > 0.5
-    touched[:20] = True
+    touched |= settled(len(touched)) == 0.0
     return [one for one in stretches(~touched) if one.stop - one.start >= _FLIGHT]
 
 
@@ -85,7 +86,8 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         contact: whether a replay touches, per tick, by run; coloured noise is sought in flights only.
     """
     nominal = model.study.nominal
-    noise, resolution = nominal["force_noise"].value, nominal["force_resolution"].value
+    # A sensor that has no noise of its own has that of its rounding.
+    noise, resolution = nominal["force_noise"].value or model.noise[1], nominal["force_resolution"].value
     windows = [flights(one) for one in contact]
     found = []
     forces = [run["sensor_force"] for run in model.runs]

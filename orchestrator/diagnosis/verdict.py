@@ -224,11 +224,11 @@ def read_diagnosis(path: Path) -> Diagnosis:
     """
     file = path / NAME if path.is_dir() else path
     try:
-        text = file.read_text(encoding="utf-8")
+        data = file.read_bytes()
     except OSError as error:
         raise ConfigError([Problem(str(file), f"cannot be read: {error.strerror}")]) from None
     try:
-        return Diagnosis.model_validate_json(text)
+        return Diagnosis.model_validate_json(data)
     except ValidationError as error:
         raise ConfigError(problems_of(error, str(file))) from None
 

@@ -241,7 +241,7 @@ def _outputs(
                     outputs.append(Outer(port, variable, Causality.OUTPUT))
         return tuple(outputs)
     for name in dict.fromkeys(chosen):
-        port = Port(*name.partition(".")[::2])
+        port = Port.of(name)
         problem = checks.recordable(port.instance, port.variable, descriptions, "--ports")
         if problem is not None:
             problems.append(problem)

@@ -94,10 +94,10 @@ def sweep_system(
         got = f"periods = {periods!r}, settle = {settle!r}"
         problems.append(Problem(prepared.config.name, got, "at least 2 periods are needed, settle >= 0"))
     tones = Tones.of(prepared.config.name, frequencies, float(step), amplitude, periods, problems)
-    ports = [_port(name) for name in names]
+    ports = [Port.of(name) for name in names]
     found = []
     for part in (1, 2, 4) if limit else (1,):
-        drive = _Drive(_port(source), ports, tones, amplitude, cut)
+        drive = _Drive(Port.of(source), ports, tones, amplitude, cut)
         found.append(_once(prepared, drive, periods, settle, part))
     if not limit:
         return dict(zip(names, found[0], strict=True))
@@ -207,11 +207,6 @@ def _some_output(system: System, name: str) -> Port:
         for variable in one.fmu.description.outputs
         if variable.kind.numeric
     )
-
-
-def _port(name: str) -> Port:
-    instance, _, variable = name.partition(".")
-    return Port(instance, variable)
 
 
 def _unknown(system: System, source: str, targets: Sequence[str], place: str) -> list[Problem]:

@@ -40,7 +40,7 @@ def lab(ids=(), theta=(), noise=1.0, ticks=2000, seed=0):
         inject = np.zeros((4, ticks + 1))
         inject[Inject.FORCE] = noise * NOMINAL["force_noise"].value * random.normal(size=ticks + 1)
         out = RigModel(Study("lab", 0.001, NOMINAL, ()), [run]).closed_loop(
-            0, {}, effects, np.array(theta, float), None, inject
+            0, {}, effects, np.array(theta, float), inject
         )
         columns = dict(zip(CHANNELS[:6], out, strict=False), time=np.arange(ticks) * 0.001)
         if noise:

@@ -136,7 +136,7 @@ def of_rig(model):
     """The rig's channels, shape (3, TICKS), in sub-steps of 5 us."""
     study = own_study(runs=((279.07, 0.02),), ticks=TICKS)
     rig = RigModel(study, study.runs, 200)
-    out = rig.closed_loop(0, model.calibrated, model.effects, model.theta, TICKS)
+    out = rig.closed_loop(0, model.calibrated, model.effects, model.theta)
     return out[list(CHANNELS)]
 
 

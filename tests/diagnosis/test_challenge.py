@@ -6,7 +6,6 @@ import ast
 import gzip
 import json
 import re
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +188,10 @@ def test_bad_verdicts_are_told_together_and_the_truth_stays_sealed(challenge, tm
     assert "which: probabilities add up to 0.6\n  1, none of them negative" in text
     assert "case-0002/diagnosis.json: is no JSON" in text
     assert "case-0003/diagnosis.json: verdict: 'places' is missing" in text
+    other = json.loads((out / "case-0001" / "diagnosis.json").read_text()) | {"how_far": "far"}
+    (out / "case-0001" / "diagnosis.json").write_text(json.dumps(other))
+    with pytest.raises(ConfigError, match=r"case-0001/diagnosis\.json: how_far: got 'far'"):
+        score(challenge, out)
     assert "case-0004/diagnosis.json: which: is not in the order of probability" in text
     assert not (challenge / LEDGER).exists()
 
@@ -413,9 +416,6 @@ def test_wrong_orders_are_refused(tmp_path, capsys, options, told):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.skipif(
-    find_spec("orchestrator.diagnosis.weigh") is None, reason="this checkout cannot weigh effects yet"
-)
 def test_a_small_challenge_from_end_to_end(tmp_path, capsys):
     cases, out = tmp_path / "cases", tmp_path / "out"
     make(cases, Order(cases=2, seed=5, magnitude=1.0))

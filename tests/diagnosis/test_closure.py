@@ -9,14 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.closure import MEASURES, how_far, one_contact_ahead
+from orchestrator.diagnosis.closure import MEASURES, closure_of, how_far, one_contact_ahead
 from orchestrator.diagnosis.finding import Augmented
+from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.motion import contacts
-from orchestrator.diagnosis.numerics import numerics, replay_error
+from orchestrator.diagnosis.numerics import numerics
 from orchestrator.diagnosis.report import remarks
 from orchestrator.diagnosis.rig import SUBSTEPS
+from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
 from orchestrator.diagnosis.study import Role
-from orchestrator.diagnosis.verdict import Numerics
+from orchestrator.diagnosis.verdict import Gap, Numerics
 from tests.diagnosis.labs import NONE, found, lab
 
 CAUSES = [
@@ -97,10 +99,24 @@ def test_a_model_that_runs_away_is_held_at_the_stop():
     assert all(np.isfinite(told["full_run"][key]) for key in ("before", "after", "noise_floor"))
 
 
+def replay_error(study, run):
+    """Largest departure of the nominal model's replays from a log, of any signal, SI."""
+    rig = RigModel(study, [run]).replay(0, {})
+    controller, _ = ControllerReplay(study, [run]).replay(0, (), np.zeros(0))
+    dynamics = DynamicsReplay(study, [run])
+    strayed = (
+        run["encoder_position"] - rig[2],
+        run["sensor_force"] - rig[3],
+        run["compensated_force"] - controller[0],
+        dynamics.residuals({}, (), np.zeros(0))[0] * dynamics.noise[0],
+    )
+    return max(float(np.abs(one).max()) for one in strayed)
+
+
 def test_a_log_of_the_nominal_system_replays_exactly():
     study = lab(noise=0.0)
     for run in study.runs:
-        assert max(replay_error(study, run).values()) <= 1e-9
+        assert replay_error(study, run) <= 1e-9
 
 
 @pytest.mark.parametrize("column", ["sensor_force", "encoder_position", "desired_position"])
@@ -108,7 +124,7 @@ def test_an_input_taken_a_tick_late_shows_in_the_replay(column):
     study = lab(noise=0.0)
     run = study.runs[0]
     late = replace(run, columns={**run.columns, column: np.roll(run[column], 1)})
-    assert max(replay_error(study, late).values()) > 1e-3
+    assert replay_error(study, late) > 1e-3
 
 
 def test_numerical_error_is_a_small_part_of_the_gap_and_falls_with_the_step():
@@ -143,3 +159,19 @@ def test_numerics_of_a_study_without_contacts():
 def test_runs_without_contacts_are_taken_whole():
     told = how_far(lab(("structure.offset",), (1e-4,), ticks=150), found(("structure.offset",), (1e-4,)))
     assert told["contacts"] == 2 and np.isfinite(told["before"])
+
+
+def test_a_model_that_runs_away_on_held_out_runs_has_no_gap():
+    """It is told as None, whatever the others do: JSON has no infinite numbers."""
+    fine, lost = np.full(40, 4.0), np.full(40, np.nan)
+    told = closure_of({"before": fine, "after": lost, "recalibrated": fine / 4.0}, 0.1, 2)
+    assert (told["before"], told["after"], told["closure"], told["interval"]) == (2.0, None, None, None)
+    assert told["recalibration_only"] == pytest.approx(1.0 / 1.9) and not told["within_floor"]
+    told = closure_of({"before": np.full(40, np.inf), "after": fine, "recalibrated": fine}, 0.1, 2)
+    assert (told["before"], told["closure"], told["within_floor"]) == (None, None, False)
+    Gap.model_validate(told)
+
+
+def test_that_a_model_goes_another_way_is_said_of_runs_without_contacts_too():
+    numbers = Numerics(fraction=None, replay_change=1e-2, replay_noise=1e-6)
+    assert "goes another way" in " ".join(remarks(SimpleNamespace(numerics=numbers, left_out={})))

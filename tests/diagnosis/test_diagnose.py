@@ -270,3 +270,9 @@ def test_command(study, tmp_path, monkeypatch, capsys):
     twin = write_case(study, tmp_path / "other" / "good")
     assert main(["diagnose", str(good), str(twin), "--out", str(tmp_path / "three")]) == 2
     assert "several cases are called good" in capsys.readouterr().err
+
+
+def test_what_is_no_text_is_no_diagnosis(tmp_path):
+    (tmp_path / "diagnosis.json").write_bytes(b"\xff\xfe{}")
+    with pytest.raises(ConfigError, match=r"diagnosis\.json: Invalid JSON"):
+        read_diagnosis(tmp_path)

@@ -39,7 +39,7 @@ def ticked(result, name, step):
 def of_rig(model=NONE, substeps=200):
     """The rig's channels, shape (8, TICKS)."""
     rig = RigModel(own_study(runs=((279.07, 0.02),), ticks=TICKS), own_study(ticks=TICKS).runs[:1], substeps)
-    return rig.closed_loop(0, model.calibrated, model.effects, model.theta, TICKS)
+    return rig.closed_loop(0, model.calibrated, model.effects, model.theta)
 
 
 @pytest.fixture(scope="module")

@@ -9,19 +9,23 @@ import pytest
 
 from orchestrator.diagnosis import benign
 from orchestrator.diagnosis.answers import Answer, Group, complete
+from orchestrator.diagnosis.benign import Weighing
 from orchestrator.diagnosis.calibration import Calibration
 from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge.draw import Plan
+from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.dropout import lost_in_contact
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.links import search_behind
 from orchestrator.diagnosis.misfit import unexplained, wave
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import ODDITIES, bare_study, simulated_study
 from orchestrator.diagnosis.rough import Strayed, learn_roughness
 from orchestrator.diagnosis.search import directions, roughness
 from orchestrator.diagnosis.stochastic import sensor_noise
-from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.study import Nominal, Role
 from orchestrator.diagnosis.weigh import conclude
 from tests.diagnosis.rigs import study
 from tests.diagnosis.test_weigh import named, noisy, own_study, with_columns
@@ -339,3 +343,28 @@ def test_oddities_to_practise_on_are_none_of_the_challenges():
         for one, other in zip(odd.runs, again.runs, strict=True)
         for name in one.columns
     )
+
+
+def test_a_sensor_with_no_noise_but_its_rounding():
+    def rounded(run, rng) -> dict:
+        return noisy(run, rng) | {"sensor_force": np.round(run["sensor_force"], 1)}
+
+    own = with_columns(study(), rounded)
+    nominal = {**own.nominal, "force_noise": Nominal(0.0, 0.0)}
+    found = weigh_rig(replace(own, nominal=nominal), rough={})
+    assert found.answers[0].effects == () and max(one.gain for one in found.answers) < 5.0
+
+
+def test_looking_behind_a_random_link_leaves_the_rest_as_it_was():
+    """What is weighed without the link's randomness is so by the model and the weights that it had."""
+    own = simulated_study(3, 5, plan=Plan("single", (HIDDEN["link.jitter"],), 0.5))[0]
+    weighing = Weighing.of(RigModel(own, own.of(Role.TRAIN)), (), {})
+    weights, correction = [
+        [one.copy() for one in some] for some in (weighing.weights, weighing.model.correction)
+    ]
+    behind, _ = search_behind(weighing, (catalogue()["link.jitter"],))
+    for before, now, beyond in (
+        (weights, weighing.weights, behind.weights),
+        (correction, weighing.model.correction, behind.model.correction),
+    ):
+        assert all(map(np.array_equal, before, now)) and not any(map(np.array_equal, before, beyond))

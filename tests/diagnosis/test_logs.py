@@ -18,6 +18,8 @@ from scipy.io import savemat
 
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.logs import LogError, read_log
+from orchestrator.diagnosis.mapping import columns_of, read_mapping
+from orchestrator.diagnosis.ports.keys import Logged
 from orchestrator.diagnosis.study import load_study
 from orchestrator.errors import ConfigError
 
@@ -245,3 +247,22 @@ def test_files_that_no_reader_knows(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"not one")
     with pytest.raises(LogError, match="cannot be read"):
         read_log(tmp_path / "log.mcap")
+
+
+def test_dates_with_times_are_seconds_since_the_first(tmp_path):
+    stamps = ["2024-01-01 00:00:00.500", "2024-01-01 00:00:00.501", "2024-01-01 00:00:02.500"]
+    (tmp_path / "a.csv").write_text("when,day,x [N]\n" + "".join(f"{one},2024-01-01,1\n" for one in stamps))
+    log = read_log(tmp_path / "a.csv")
+    assert log["when"].unit == "s" and np.allclose(log["when"].values, [0.0, 0.001, 2.0], atol=1e-12)
+    assert np.isnan(log["day"].values).all() and log["x"].values.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_units_that_do_not_begin_at_zero(tmp_path):
+    """Readings are of a scale, noise and offsets are differences: 20 degC are 293.15 K, 2 degC more 2 K."""
+    (tmp_path / "a.csv").write_text("time [s],air [degC]\n0,20\n1,25\n")
+    entries = {"time": "time", "air": {"column": "air", "noise": "0.1 degC", "offset": "2 degC"}}
+    units, problems = {"time": "s", "air": "K"}, []
+    mapping = read_mapping(entries, units, "columns", problems, Logged)
+    columns = columns_of(tmp_path / "a.csv", mapping, units, 1.0, problems)
+    assert problems == [] and mapping["air"].noise == pytest.approx(0.1)
+    assert columns["air"] == pytest.approx([295.15, 300.15])

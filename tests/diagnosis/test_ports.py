@@ -17,13 +17,14 @@ from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate
 from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.given import check_logs
-from orchestrator.diagnosis.ports.player import Player
+from orchestrator.diagnosis.ports.player import Inserted, Player
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
 from orchestrator.diagnosis.ports.seek import carries
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.weigh import foremost, weigh_ports
 from orchestrator.diagnosis.verdict import read_diagnosis
+from orchestrator.effects.gain import Gain
 from orchestrator.errors import ConfigError
 from orchestrator.run import run
 from orchestrator.system import Port
@@ -340,3 +341,23 @@ def test_the_command(tmp_path, capsys):
     data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert data["how_far"]["within_floor"] and set(data["left_out"]) == {
         "energy", "next_experiment"}  # fmt: skip
+
+
+class Slow(Gain):
+    """A gain that the native loop refuses."""
+
+    jittable = False
+
+
+def test_a_model_that_runs_away_is_told_in_both_loops(plain):
+    found = load_port_study(plain)
+    run = found.runs[0]
+    player = PortReplay(found, [run]).player
+    for kind in (Gain, Slow):
+        given = player.run(run.logs, 200, {}, [Inserted(kind(factor=-1e200), VOLTAGE)])
+        assert np.isnan(given[POSITION][-1]) and given[POSITION][0] == 0.0
+
+
+def test_logs_that_replay_exactly_need_no_effect(plain):
+    weighed = weigh_ports(load_port_study(plain))
+    assert weighed.finding.effects == () and weighed.answers[0].effects == ()

@@ -357,6 +357,8 @@ def test_an_interrupted_practice_goes_on(tmp_path):
     whole = practise(path, Practise(10, jobs=2, kept=kept, progress=told.append))
     assert told[0] == 3 and told[-1] == 10
     assert whole["cases"] == practise(path, Practise(10, jobs=1))["cases"]
+    practise(path, Practise(10, kept=kept, progress=told.append))
+    assert told[8:] == [10]
     # Other draws are other cases.
     practise(path, Practise(10, seed=2, kept=kept, progress=told.append))
-    assert told[8] == 0
+    assert told[9] == 0

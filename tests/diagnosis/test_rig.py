@@ -115,3 +115,22 @@ def test_a_column_in_a_wrong_unit_is_refused(tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_study(tmp_path)
     assert "cannot be converted" in str(caught.value) and "nonsense" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["sensor_delay", "response_delay"])
+def test_what_is_still_to_come_acts_on_nothing(name):
+    """Fits try delays below zero; they replay, open loop and closed, as none does."""
+    own = study(ticks=600)
+    model = RigModel(own, own.runs)
+    for run in (model.replay, model.closed_loop):
+        none = run(0, {name: 0.0})
+        assert np.array_equal(run(0, {name: -2e-4}), none)
+        assert 0.0 < np.abs(run(0, {name: 1e-6}) - none)[3].max() < 1.0  # N
+
+
+def test_a_sensor_may_be_late_by_any_time():
+    own = study(ticks=1500)
+    model = RigModel(own, own.runs)
+    at_once, late = (model.replay(0, {"sensor_delay": delay})[3] for delay in (0.0, 0.9))
+    assert np.abs(at_once).max() > 50.0
+    assert np.allclose(late[900:], at_once[:600]) and not late[:900].any()

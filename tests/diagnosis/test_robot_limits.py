@@ -17,7 +17,7 @@ from orchestrator.diagnosis.links import Arrivals
 from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_case, simulated_study
-from orchestrator.diagnosis.remainder import numerics
+from orchestrator.diagnosis.remainder import own_error
 from orchestrator.diagnosis.search import search
 from orchestrator.diagnosis.study import Role
 
@@ -76,7 +76,7 @@ def test_what_halved_sub_steps_change_of_a_limited_servo_is_its_own_error():
         weighing = Weighing.of(model, [catalogue()["contact.cubic"]], calibration().roughness)
         fitter = weighing.fitter()
         fit = search(fitter, [catalogue()[name]], longest=1).best
-        return [numerics(weighing, fitter, fit, one) for one in left]
+        return [own_error(weighing, fitter, fit, one) for one in left]
 
     astray, bounded = told("robot.acceleration-limit", 1e9, 1e3)
     assert 1e4 < astray < 1e9

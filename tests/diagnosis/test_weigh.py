@@ -337,7 +337,8 @@ def test_cases_kept_are_learned_from_again(tmp_path):
     """The loss of what is learned is that of the probabilities that diagnoses give, kinds as planned."""
     cases = {str(number): _written(practised(number)) for number in range(1, 31)}
     kept, out = tmp_path / "seen.json", tmp_path / "calibration.json"
-    kept.write_text(json.dumps({"roughness": {"a.seen": [0.01]}, "cases": cases}))
+    made_of = {"seed": 20261, "bare": 40}
+    kept.write_text(json.dumps({"made_of": made_of, "roughness": {"a.seen": [0.01]}, "cases": cases}))
     main(["--cases", "30", "--forms", "0", "--seen", str(kept), "--out", str(out)])
     data = json.loads(out.read_text())
     learned = Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})
@@ -351,6 +352,14 @@ def test_cases_kept_are_learned_from_again(tmp_path):
         told = np.log(p[[*right, case.truth == ("outside",)]].sum())
         total -= SHARES[case.kind] / whole / drawn[case.kind] * told
     assert data["provenance"]["loss"] == pytest.approx(total, abs=1e-4)
+
+
+def test_cases_of_other_draws_are_not_taken_for_those_asked_for(tmp_path, capsys):
+    kept = tmp_path / "seen.json"
+    kept.write_text(json.dumps({"made_of": {"seed": 7, "bare": 40}, "roughness": {}}))
+    with pytest.raises(SystemExit):
+        main(["--seen", str(kept), "--out", str(tmp_path / "calibration.json")])
+    assert "is of {'seed': 7, 'bare': 40}, not of {'seed': 20261" in capsys.readouterr().err
 
 
 def test_a_simulated_case_that_fails_is_told():

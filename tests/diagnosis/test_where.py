@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.diagnosis.components import COMPONENTS, component_of, faultless, residuals_of, significant
+from orchestrator.diagnosis.components import COMPONENTS, component_of, residuals_of, significant
 from orchestrator.diagnosis.energy import INTERFACES, balances, energy
 from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.ledgers import energies, ledger
@@ -171,8 +171,8 @@ def test_a_bent_calibration_is_not_believed():
     study = lab()
     bent = Augmented({"natural_frequency": -200.0}, (), np.zeros(0))
     near = Augmented({"natural_frequency": 472.0}, (), np.zeros(0))
-    assert faultless(study, found(recalibrated=bent)).calibrated == {}
-    assert faultless(study, found(recalibrated=near)).calibrated == near.calibrated
+    assert found(recalibrated=bent).faultless(study.nominal).calibrated == {}
+    assert found(recalibrated=near).faultless(study.nominal).calibrated == near.calibrated
 
 
 @pytest.mark.parametrize(("ids", "theta"), FAULTS, ids=str)

@@ -7,7 +7,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
 
 from ...digests import digest_of
 from ...errors import ConfigError, Problem
@@ -118,7 +117,9 @@ def answer_set(answers: Sequence[Answer], declared: Sequence[str] = ()) -> tuple
     return answers[: enough + 1]
 
 
-def _number(far: Mapping[str, Any] | None, name: str) -> float | None:
+def _number(far: object, name: str) -> float | None:
+    if far is not None and not isinstance(far, Mapping):
+        raise TypeError(f"got {far!r}")
     value = (far or {}).get(name)
     if isinstance(value, Mapping):
         value = value.get("closure")

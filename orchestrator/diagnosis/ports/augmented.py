@@ -58,13 +58,11 @@ def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> Non
     values = {name: answer.calibrated.get(name, one.value) for name, one in study.nominal.items()}
     for effect, theta in by_effect(answer.effects, answer.theta):
         for name in effect.changes:
-            instance, _, variable = name.partition(".")
-            part = next(one for one in study.prepared.system.instances if one.name == instance)
-            before = values.get(name, part.start.get(variable, part.variable(variable).start))
-            values[name] = float(before) + float(theta[0])
+            before = values[name] if name in values else study.prepared.system.start(Port.of(name))
+            values[name] = before + float(theta[0])
     for name, value in values.items():
-        instance, _, variable = name.partition(".")
-        data["instances"][instance]["start"][variable] = _with(value, study.unit(Port(instance, variable)))
+        port = Port.of(name)
+        data["instances"][port.instance]["start"][port.variable] = _with(value, study.unit(port))
 
 
 def _long(one: Any) -> dict[str, Any]:

@@ -92,7 +92,7 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
     """
     found: list[Effect] = []
     for name, prior in study.priors.items():
-        unit = study.prepared.system.variable(_port(name)).unit_name or "1"
+        unit = study.prepared.system.variable(Port.of(name)).unit_name or "1"
         found.append(
             PortEffect(
                 name,
@@ -115,11 +115,6 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
         raise ConfigError(problems)
     kept = [one for one in found if not study.only or any(fnmatchcase(one.id, p) for p in study.only)]
     return tuple(one for one in kept if not any(fnmatchcase(one.id, p) for p in study.without))
-
-
-def _port(name: str) -> Port:
-    instance, _, variable = name.partition(".")
-    return Port(instance, variable)
 
 
 def _ports(study: PortStudy) -> list[Port]:

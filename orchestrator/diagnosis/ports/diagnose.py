@@ -149,8 +149,7 @@ def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> l
     for name, one in study.nominal.items():
         value = answer.calibrated.get(name, one.value)
         if value != one.value:
-            instance, _, variable = name.partition(".")
-            found.append(f"{name}: {value:.6g} {study.unit(Port(instance, variable))}, not {one.value:g}")
+            found.append(f"{name}: {value:.6g} {study.unit(Port.of(name))}, not {one.value:g}")
     return found
 
 

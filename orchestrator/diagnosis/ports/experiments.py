@@ -38,27 +38,17 @@ def tried(study: PortStudy, trial: Trial) -> PortStudy:
     system = trial.prepared.system
     nominal = {}
     for name, one in study.nominal.items():
-        port = _port(name)
-        before, after = (_start(two, port) for two in (study.prepared.system, system))
+        port = Port.of(name)
+        before, after = (two.start(port) for two in (study.prepared.system, system))
         nominal[name] = Nominal(one.value + after - before, one.tolerance)
-    columns = {port: replace_start(one) for port, one in study.columns.items()}
+    columns = {port: _without_start(one) for port, one in study.columns.items()}
     fed = tuple(port for port in study.fed if port in study.compared)
     return replace(study, prepared=trial.prepared, nominal=nominal, columns=columns, fed=fed, runs=())
 
 
-def replace_start(column: Any) -> Any:
+def _without_start(column: Any) -> Any:
     """A column whose first sample is no start value: an experiment that was not made has none."""
     return column.model_copy(update={"start": False})
-
-
-def _port(name: str) -> Port:
-    instance, _, variable = name.partition(".")
-    return Port(instance, variable)
-
-
-def _start(system: Any, port: Port) -> float:
-    part = next(one for one in system.instances if one.name == port.instance)
-    return float(part.start.get(port.variable, part.variable(port.variable).start or 0.0))
 
 
 def predicted(study: PortStudy, cause: Augmented) -> PortRun:

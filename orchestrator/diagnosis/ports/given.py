@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import Problem
 from ...system import Port
 from ..channels import clipped, frozen
-from ..consistency import told_once, wrong_factors
+from ..mistakes import Mistake, told_once, wrong_factors
 from ..verdict import Warned
 from .replay import PortReplay
 from .study import PortRun, PortStudy
@@ -30,7 +30,8 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
         the model misses: it forbids a diagnosis; and what a reader should be warned of.
     """
     found = [_mistake(study, run) for run in study.runs]
-    return told_once([one for one in found if one is not None]), _stuck(study)
+    mistakes = [one for one in found if one is not None]
+    return told_once(mistakes, "the same in {} more runs"), _stuck(study)
 
 
 def _stuck(study: PortStudy) -> list[Warned]:
@@ -48,7 +49,7 @@ def _stuck(study: PortStudy) -> list[Warned]:
     return found
 
 
-def _mistake(study: PortStudy, run: PortRun) -> Problem | None:
+def _mistake(study: PortStudy, run: PortRun) -> Mistake | None:
     """The single mistake without which the model misses hardly anything, if there is one."""
     replay = PortReplay(study, [run])
     before = _misfits(study, replay, run)
@@ -66,7 +67,7 @@ def _mistake(study: PortStudy, run: PortRun) -> Problem | None:
     _, port, told = min(found, key=lambda one: one[0])
     worst = max(before, key=lambda one: before[one])
     what = f"the model misses {worst} by {before[worst] ** 0.5:.3g} times the spread of its log"
-    return Problem(f"{run.name}: {port}", what, remedy=told)
+    return Mistake(f"{run.name}: {port}", what, remedy=told)
 
 
 def _misfits(study: PortStudy, replay: PortReplay, run: PortRun) -> dict[Port, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -103,13 +103,17 @@ class Player:
         taken = np.full((len(places), (samples - 1) * parts + 1), np.nan)
         seen = _Seen(np.array(places, np.intp), taken)
         grid = Grid(Fraction(0), step, (samples - 1) * parts)
+
+        def simulated(loop: str) -> None:
+            # Of a model that runs away, what it gave until then is there.
+            with suppress(StepError):
+                simulate(system, self._master, grid, (seen,), loop=loop, layout=layout)
+
         try:
-            simulate(system, self._master, grid, (seen,), loop="native", layout=layout)
-        except StepError:
-            pass  # a model that runs away; what it gave until then is there
+            simulated("native")
         except ConfigError:
             taken[:] = np.nan
-            simulate(system, self._master, grid, (seen,), loop="python", layout=layout)
+            simulated("python")
         return dict(zip(self.compared, taken[:, ::parts], strict=True))
 
     def feeding(self, port: Port) -> Connection | None:
@@ -156,7 +160,7 @@ class Player:
             held = begin[port.instance].pop(port.variable, 0.0)
             samples = logs[port] if port in logs else np.array([float(held)])
             links = [
-                replace_at_once(_playback(samples, step)),
+                _undelayed(_playback(samples, step)),
                 *(self._link(one) for one in at.get(port, ())),
             ]
             connections.append(Connection(own, port, wire=Wire((Leg(own),), tuple(links))))
@@ -224,7 +228,7 @@ def _playback(samples: Array, step: float) -> Link:
     return Link(Playback.of(0.0, step, samples), "log", (), True)
 
 
-def replace_at_once(link: Link) -> Link:
+def _undelayed(link: Link) -> Link:
     """A link whose value does not wait for the signal that it replaces."""
     return link._replace(at_once=False)
 

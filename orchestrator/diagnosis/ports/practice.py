@@ -18,6 +18,8 @@ from ...formats import strict
 from ...provenance import origin, versions
 from ...run_folder import folder_at
 from ...workers import Work, pool_of
+from ..calibration import SET
+from ..challenge.verdict import names
 from ..effect import Effect
 from ..study import Array
 from .reader import load_port_study
@@ -36,7 +38,6 @@ _PACKAGES = ("orchestrator", "numpy", "numba", "scipy")
 _STRAY = 0.5
 _LEARNED = ("temperature", "growth", "price", "left", "sharpness", "floor")
 _FOLDS, _FEWEST = 5, 10
-_SET = 0.95
 # To be raised when cases are simulated or weighed in another way: kept ones of before are then made anew.
 _WAY = 3
 
@@ -85,10 +86,7 @@ class Case:
     def right(self) -> list[bool]:
         """Whether each answer, and last outside, is right, ties as declared."""
         outside = self.truth == ("outside",)
-        found = []
-        for one in self.answers:
-            same = len(one.effects) == len(self.truth) and set(self.truth) - set(one.effects) <= set(one.ties)
-            found.append(not outside and same)
+        found = [not outside and names(one.effects, one.ties, self.truth) for one in self.answers]
         return [*found, outside]
 
 
@@ -155,8 +153,9 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
         if order.kept is not None:
             line = {"key": key, "number": outcome.task, **_written(outcome.value)}
             folder_at(order.kept.parent)  # not before: what is refused leaves no folder
+            # A line that was broken off before is not gone on with; empty ones are none.
             with order.kept.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(strict(line)) + "\n")
+                file.write(f"\n{json.dumps(strict(line))}\n")
         order.progress(len(done))
     return [done[number] for number in range(order.cases)]
 
@@ -247,7 +246,7 @@ def coverage(told: Sequence[tuple[Case, Tempering]]) -> dict[str, float]:
     for case, tempering in told:
         p = tempering.probabilities(case.answers, case.candidates, case.share)
         order = np.argsort(-p, kind="stable")
-        size = int(np.searchsorted(np.cumsum(p[order]), _SET)) + 1
+        size = int(np.searchsorted(np.cumsum(p[order]), SET)) + 1
         is_right = np.array(case.right())
         covered += bool(is_right[order[:size]].any())
         right += bool(is_right[order[0]])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -84,11 +83,11 @@ class _Reader:
         mapping = read_mapping(
             self.model.columns, units | {"time": "s"}, self.place("columns"), self.problems, Logged, True
         )
-        columns = {_port(name): one for name, one in mapping.items() if name != "time"}
+        columns = {Port.of(name): one for name, one in mapping.items() if name != "time"}
         fed, compared = self._uses(columns)
         nominal = self._nominal()
         priors = {
-            name: self._number(name, value, "candidates", "parameters", name)
+            name: self._number(name, value, "candidates", "parameters", name, difference=True)
             for name, value in self.model.candidates.parameters.items()
         }
         settled = self._seconds(self.model.settle, "settle")
@@ -162,7 +161,7 @@ class _Reader:
                 self.problems.append(found)
             else:
                 rest = found
-        return _port(model.port), rest
+        return Port.of(model.port), rest
 
     def _trials(self) -> tuple[Trial, ...]:
         """The experiments, each with the system as its settings make it."""
@@ -225,8 +224,8 @@ class _Reader:
             )
         return tuple(fed), tuple(compared)
 
-    def _number(self, name: str, value: object, *place: object) -> float:
-        """A positive quantity in the unit of a parameter."""
+    def _number(self, name: str, value: object, *place: object, difference: bool = False) -> float:
+        """A quantity in the unit of a parameter; difference: see `units.Quantity.exactly`."""
         variable = self.parameters.get(name)
         if variable is None:
             self.problems.append(
@@ -239,7 +238,7 @@ class _Reader:
             )
             return 1.0
         found = quantity(name, Measure(variable.unit_name, variable.unit, variable.display_units), value,
-                         self.place(*place))  # fmt: skip
+                         self.place(*place), difference)  # fmt: skip
         if isinstance(found, Problem):
             self.problems.append(found)
             return 1.0
@@ -249,19 +248,18 @@ class _Reader:
         found = {}
         for name, one in self.model.calibrated.items():
             before = len(self.problems)
-            tolerance = self._number(name, one.tolerance, "calibrated", name, "tolerance")
+            tolerance = self._number(name, one.tolerance, "calibrated", name, "tolerance", difference=True)
             if len(self.problems) > before:
                 continue
             if not tolerance > 0:
                 self.problems.append(
                     Problem(self.place("calibrated", name, "tolerance"), f"got {one.tolerance!r}", "above 0")
                 )
-            instance, _, variable = name.partition(".")
-            part = next(part for part in self.prepared.system.instances if part.name == instance)
-            value: Any = part.start.get(variable, self.parameters[name].start)
             if one.value is not None:
                 value = self._number(name, one.value, "calibrated", name, "value")
-            found[name] = Nominal(float(value), tolerance)
+            else:
+                value = self.prepared.system.start(Port.of(name))
+            found[name] = Nominal(value, tolerance)
         return found
 
     def _seconds(self, text: str | None, *place: object) -> float:
@@ -338,7 +336,7 @@ class _Reader:
             )
             return None
         logs = {
-            _port(name): np.ascontiguousarray(values[first:last])
+            Port.of(name): np.ascontiguousarray(values[first:last])
             for name, values in found.items()
             if name != "time"
         }
@@ -353,8 +351,3 @@ class _Reader:
 
 
 _SECONDS = Measure("s", parse_unit("s"))
-
-
-def _port(name: str) -> Port:
-    instance, _, variable = name.partition(".")
-    return Port(instance, variable)

@@ -12,7 +12,7 @@ import numpy as np
 from ...effects.offset import Offset
 from ...fmi import Causality, Kind, Value
 from ...system import Port
-from ..effect import Effect
+from ..effect import Effect, by_effect
 from ..finding import Augmented
 from ..fit import Fit
 from ..study import Array
@@ -81,20 +81,18 @@ class PortReplay:
     ) -> tuple[dict[Port, Value], list[Inserted]]:
         """Start values and inserted effects of a model."""
         start: dict[Port, Value] = {
-            _port(name): calibrated.get(name, one.value) for name, one in self.study.nominal.items()
+            Port.of(name): calibrated.get(name, one.value) for name, one in self.study.nominal.items()
         }
         inserted: list[Inserted] = []
-        place = 0
-        for effect in effects:
-            own = theta[place : place + len(effect.parameters)]
-            place += len(effect.parameters)
+        for effect, own in by_effect(effects, theta):
             assert isinstance(effect, PortEffect)
             put = effect.inserted(own)
             if put is not None:
                 inserted.append(put)
             for name in effect.changes:
-                port = _port(name)
-                start[port] = self._value(port, start) + float(own[0])
+                port = Port.of(name)
+                before = start[port] if port in start else self.study.prepared.system.start(port)
+                start[port] = float(before) + float(own[0])
         return start, inserted
 
     def residuals(
@@ -138,12 +136,6 @@ class PortReplay:
     def compared(self, run: PortRun) -> list[Port]:
         """The ports that a run is compared at."""
         return [port for port in self.study.compared if port in run.logs]
-
-    def _value(self, port: Port, start: Mapping[Port, Value]) -> float:
-        if port in start:
-            return float(start[port])
-        part = next(one for one in self.study.prepared.system.instances if one.name == port.instance)
-        return float(part.start.get(port.variable, part.variable(port.variable).start))
 
 
 class Weighted:
@@ -224,8 +216,3 @@ def measure(study: PortStudy, run: PortRun) -> Sizes:
             )  # fmt: skip
             spread[port] = 1.0 / share if np.isfinite(share) and share > 0.0 else 0.0
     return Sizes(spread, peak, rate, way)
-
-
-def _port(name: str) -> Port:
-    instance, _, variable = name.partition(".")
-    return Port(instance, variable)

@@ -70,7 +70,8 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     about = white.base((), white.fit(()).z)
     promised = min(each(lambda effect: white.screen(effect, [about])[0], effects, workers), default=math.inf)
     # Where others promise to explain much, what hardly explains anything is looked for beside them.
-    share = _SHARE * max(1.0 - promised / cost_of(about.r, about.z), 0.0)
+    cost = cost_of(about.r, about.z)
+    share = _SHARE * max(1.0 - promised / cost, 0.0) if cost > 0.0 else 0.0
     effects = _combed(replay, effects, plain, workers, share)
 
     def is_noise(fit: Fit) -> bool:

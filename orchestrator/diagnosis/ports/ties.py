@@ -58,7 +58,7 @@ def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect], workers: in
 def _replaced(fitter: Fitter, top: Fit, place: int, effects: Sequence[Effect], workers: int) -> list[Fit]:
     """Fits with one effect of a fit replaced by those that promise to predict the same, which stand last."""
     others = top.effects[:place] + top.effects[place + 1 :]
-    z = _without(fitter, top, place)
+    z = top.without(place)
     r = fitter.stacked(others, z)
     trace = fitter.stacked(top.effects, top.z) - r
     if not np.isfinite(trace).all() or not trace.any():
@@ -84,12 +84,6 @@ def _bent(fitter: Fitter, one: Fit, other: Fit) -> float:
     """What the calibration of the other fit strays more, in log probability [nats]."""
     count = len(fitter.nominal)
     return max(0.5 * float(other.z[:count] @ other.z[:count] - one.z[:count] @ one.z[:count]), 0.0)
-
-
-def _without(fitter: Fitter, fit: Fit, place: int) -> Array:
-    """Normalised parameters of a fit less those of one of its effects."""
-    first = len(fitter.nominal) + sum(len(one.parameters) for one in fit.effects[:place])
-    return np.delete(fit.z, np.arange(first, first + len(fit.effects[place].parameters)))
 
 
 def _nearest(

@@ -57,7 +57,7 @@ class Weighed:
     @property
     def share(self) -> float:
         """Mean of `left` over the ports; 0 where there is no excess."""
-        return float(np.mean(list(self.left.values()))) if self.left else 0.0
+        return _mean(self.left)
 
 
 def weigh_ports(study: PortStudy, tempering: Tempering | None = None, workers: int = 2) -> Weighed:
@@ -132,6 +132,10 @@ def _left(study: PortStudy, replays: Sequence[PortReplay], fit: Fit, none: Fit) 
     return found
 
 
+def _mean(left: Mapping[str, float]) -> float:
+    return float(np.mean(list(left.values()))) if left else 0.0
+
+
 @dataclass(frozen=True)
 class _Made:
     """What answers were found with; `checked` are the validation runs."""
@@ -148,8 +152,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     top = answers[int(np.argmax(tempering.scores(answers, len(effects))))]
     assert top.fit is not None
     left = _left(by.study, (replay, by.checked), top.fit, found.none)
-    share = float(np.mean(list(left.values()))) if left else 0.0
-    probabilities = tempering.probabilities(answers, len(effects), share)
+    probabilities = tempering.probabilities(answers, len(effects), _mean(left))
     recalibrated = Augmented(found.none.calibrated, (), np.zeros(0))
     made = [_candidate(one, float(p)) for one, p in zip(answers, probabilities[:-1], strict=True)]
     made.append(Candidate(("outside",), float(probabilities[-1]), {}, (), 0.0))
@@ -211,10 +214,10 @@ def foremost(replay: PortReplay, weights: Mapping[Port, float], one: Candidate) 
 def _candidate(answer: Answer, probability: float) -> Candidate:
     fit = answer.fit
     assert fit is not None
-    parameters, place = {}, 0
-    for effect in fit.effects:
-        for one in effect.parameters:
-            parameters[f"{effect.id}.{one.name}"] = float(fit.theta[place])
-            place += 1
+    parameters = {
+        f"{effect.id}.{one.name}": value
+        for effect, own in by_effect(fit.effects, fit.theta)
+        for one, value in zip(effect.parameters, own.tolist(), strict=True)
+    }
     model = Augmented(fit.calibrated, fit.effects, fit.theta)
     return Candidate(answer.effects, probability, parameters, answer.ties, answer.gain, model)

@@ -1,0 +1,53 @@
+"""Single mistakes that explain what is wrong with a log: signs and units, told once for all runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+from ..errors import Problem
+
+__all__ = ["Mistake", "told_once", "wrong_factors"]
+
+# What the unit of a column is taken for, by mistake, and the factor that this makes.
+_FACTORS = {
+    -1.0: "its sign is reversed",
+    1e3: "it is 1000 times too large, as if logged in thousandths of its unit",
+    1e-3: "it is 1000 times too small, as if logged in thousands of its unit",
+    1e6: "it is a million times too large, as if logged in millionths of its unit",
+    1e-6: "it is a million times too small, as if logged in millions of its unit",
+    39.37007874015748: "it is 39.37 times too large, as if logged in inches",
+    0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
+}
+_REMEDIES = (
+    "Correct the unit in its header, or give `unit` in a study file.",
+    "Correct its values, or give `sign: -1` in a study file.",
+)
+
+
+@dataclass(frozen=True)
+class Mistake(Problem):
+    """A problem of a run without which all fits; the remedy says so. The place is "run: column"."""
+
+
+def wrong_factors() -> Iterator[tuple[float, str]]:
+    """What a column may be too large by, its sign included, each with what to do."""
+    for factor, text in _FACTORS.items():
+        yield factor, f"All fits if {text}. {_REMEDIES[factor < 0.0]}"
+
+
+def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Problem) -> list[Problem]:
+    """Problems, those of several runs that have the same column and remedy as one.
+
+    Args:
+        more: what is said of further ones, with `{}` for how many.
+        kind: of those that are told as one; others are told one by one.
+    """
+    kinds: dict[object, list[Problem]] = {}
+    for one in problems:
+        column = one.place.partition(": ")[2] or one.place
+        kinds.setdefault((column, one.remedy) if isinstance(one, kind) else id(one), []).append(one)
+    return [
+        replace(first, what=f"{first.what}; {more.format(len(others))}") if others else first
+        for first, *others in kinds.values()
+    ]
