@@ -198,7 +198,9 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
     back = max(p[_TAU_S], 0.0) / dt
     known = np.zeros(16)
     known[_STIFFNESS], known[_DAMPING], known[_BODY_MASS] = p[_K], p[_C], p[_MASS]
-    ring = np.zeros(int(min(math.ceil(back), out.shape[1] * substeps)) + 2)
+    # Of a delay beyond the run, or none at all, as fits that run away try, there is no more to keep than that.
+    longest = float(out.shape[1] * substeps)
+    ring = np.zeros(int(back if back < longest else longest) + 3)
     received = commands.copy()
     for i in range(_HISTORY):
         known[_NUMBER] = begin + i - _HISTORY
