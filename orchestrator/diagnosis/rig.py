@@ -198,7 +198,7 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
     back = max(p[_TAU_S], 0.0) / dt
     known = np.zeros(16)
     known[_STIFFNESS], known[_DAMPING], known[_BODY_MASS] = p[_K], p[_C], p[_MASS]
-    # Of a delay beyond the run, or none at all, as fits that run away try, there is no more to keep than that.
+    # Of a delay beyond the run, or none at all, as fits that run away try, no more is kept than the run.
     longest = float(out.shape[1] * substeps)
     ring = np.zeros(int(back if back < longest else longest) + 3)
     received = commands.copy()
