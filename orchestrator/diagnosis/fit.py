@@ -220,7 +220,7 @@ class Fitter:
             if len(start) != len(parameters):
                 raise ValueError(f"{len(start)} parameters to begin from, {len(parameters)} to fit")
             z[count:] = start
-        free = np.array(
+        smooth = np.array(
             [place for place in range(len(z)) if place < count or parameters[place - count].smooth],
             np.intp,
         )
@@ -237,6 +237,7 @@ class Fitter:
             hessian = jacobian.T @ jacobian + np.eye(len(z))
             slope = jacobian.T @ r + z
             gain, fresh_before = 0.0, fresh
+            free = smooth[~self._held(effects, z, slope)[smooth]]
             if fresh and slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free]) < _CONVERGED:
                 break
             for _ in range(6):
@@ -314,6 +315,9 @@ class Fitter:
     def _difference(self, effects: tuple[Effect, ...], z: Array, r: Array, place: int, step: float) -> Array:
         ahead = z.copy()
         ahead[place] += step
+        if self._bounded(effects, ahead)[place] == z[place]:
+            # Beyond a bound nothing changes, which is no derivative.
+            step, ahead[place] = -step, z[place] - step
         return (self.stacked(effects, ahead) - r) / step
 
     def screen(self, effect: Effect, bases: Sequence[Base]) -> tuple[float, Base, Array]:
@@ -367,13 +371,23 @@ class Fitter:
         r = self.stacked(effects, z)
         return Base(effects, z, r, self.jacobian(effects, z, r, range(len(z))))
 
+    def _limits(self, effects: tuple[Effect, ...]) -> tuple[Array, Array]:
+        """Least and largest normalised parameters."""
+        parameters = [one for effect in effects for one in effect.parameters]
+        low = [_normalised(one, one.low) for one in parameters]
+        high = [_normalised(one, one.high) for one in parameters]
+        return np.concatenate([self._low, low]), np.concatenate([self._high, high])
+
     def _bounded(self, effects: tuple[Effect, ...], z: Array) -> Array:
-        place = len(self._names)
-        z[:place] = np.clip(z[:place], self._low, self._high)
-        for one in (one for effect in effects for one in effect.parameters):
-            z[place] = min(max(z[place], _normalised(one, one.low)), _normalised(one, one.high))
-            place += 1
-        return z
+        return np.clip(z, *self._limits(effects))
+
+    def _held(self, effects: tuple[Effect, ...], z: Array, slope: Array) -> Array:
+        """Which parameters stand at a bound that the slope leads beyond.
+
+        Others would be moved as if these could follow.
+        """
+        low, high = self._limits(effects)
+        return ((z <= low) & (slope > 0.0)) | ((z >= high) & (slope < 0.0))
 
 
 def cost_of(r: Array, z: Array) -> float:

@@ -42,6 +42,30 @@ def test_a_calibrated_number_keeps_its_sign_and_one_about_zero_may_take_either()
     assert fit.calibrated["bias"] == pytest.approx(-5e3)
 
 
+class Curve:
+    """A replay of friction of 60 N at any speed by a curve that falls from low speeds to high ones."""
+
+    @property
+    def tolerances(self):
+        return {"bias": (0.0, 1.0)}
+
+    def residuals(self, calibrated, effects, theta):
+        level, excess, speed = theta
+        ratio = np.linspace(0.0, 0.3, 50) / speed
+        return [10.0 * (level * (1.0 + excess * np.exp(-(ratio**2))) - 60.0)]
+
+
+@pytest.mark.parametrize(("level", "begun"), [(6.0, 0.3), (20.0, 0.3), (48.0, 0.7)])
+def test_beside_a_number_at_its_bound_others_are_moved_right(level, begun):
+    size = Parameter("level", "N", 120.0, 0.0, np.inf, (6.0,))
+    excess = Parameter("excess", "1", 0.7, 0.0, 2.0, (0.3,), shape=True)
+    speed = Parameter("speed", "m/s", 1.0, 1e-3, 0.7, (0.045,), shape=True)
+    effect = Effect("law", "F", "", (size, excess, speed), changes={"force": "level"})
+    fit = Fitter(Curve()).fit((effect,), None, np.array([level / 120.0, 0.0, np.log(begun / 0.045)]))
+    # A constant force wants as flat a curve as the bound of the speed allows.
+    assert fit.chi2 < 100.0
+
+
 class Sum:
     """A replay of three numbers, each moved by one effect; `target` is what was measured, over the noise."""
 

@@ -95,7 +95,7 @@ def test_the_components_and_their_ports(rubbing):
 
 def test_with_all_residuals_injected_the_loop_follows_the_log(rubbing, effects):
     (run,) = rubbing.of(Role.HELDOUT)
-    found = answer(effects, "drive.coulomb", 12.0)
+    found = answer(effects, "drive.coulomb", 12.0, 1e-3)
     apart = Apart(closed(rubbing), run, estimates(rubbing, run, found.answer), NOMINAL)
     window = apart.windows[7]
     residuals = apart.residuals(window)
@@ -107,7 +107,7 @@ def test_with_all_residuals_injected_the_loop_follows_the_log(rubbing, effects):
 
 
 def test_the_faulty_component_has_the_gap(rubbing, effects):
-    found = answer(effects, "drive.coulomb", 12.0)
+    found = answer(effects, "drive.coulomb", 12.0, 1e-3)
     shares = shapley_shares(rubbing, found)
     assert shares.values.sum() == pytest.approx(shares.gap - shares.left, abs=1e-9)
     assert shares.left < 1e-12 * shares.gap and shares.windows >= 10
@@ -191,7 +191,7 @@ def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):
     # Beside another effect, too, which keeps its own size.
     rubbing = known["drive.coulomb"]
     fit = fitter.fit(
-        (rubbing, known["drive.voltage.gain"]), fit.z[: len(fitter.nominal)], np.array([0.1, 0.2])
+        (rubbing, known["drive.voltage.gain"]), fit.z[: len(fitter.nominal)], np.array([0.1, 0.0, 0.2])
     )
     ties = alike(
         fitter, Answer(("drive.coulomb", "drive.voltage.gain"), 100.0, 0.0, fit), list(known.values())
@@ -202,7 +202,7 @@ def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):
 
 def test_the_next_experiment_is_told_with_its_evidence(rubbing, effects):
     """Coulomb against viscous friction: at another speed they differ, as before they do not."""
-    one = answer(effects, "drive.coulomb", 12.0, ties=("drive.viscous",))
+    one = answer(effects, "drive.coulomb", 12.0, 1e-3, ties=("drive.viscous",))
     weights = {POSITION: 0.02, VOLTAGE: 0.02}
     told = next_experiment(rubbing, one, weights, tuple(effects.values()))
     assert told["between"] == ["drive.coulomb", "drive.viscous"]
@@ -210,7 +210,7 @@ def test_the_next_experiment_is_told_with_its_evidence(rubbing, effects):
     assert told["name"] == max(told["menu"], key=told["menu"].get)
     assert told["expected_evidence"] == told["menu"][told["name"]] > 0.0
     # No rival, no experiment.
-    assert next_experiment(rubbing, answer(effects, "drive.coulomb", 12.0), weights, ()) is None
+    assert next_experiment(rubbing, answer(effects, "drive.coulomb", 12.0, 1e-3), weights, ()) is None
 
 
 def test_wrong_settings_are_told_at_once(rubbing, tmp_path):

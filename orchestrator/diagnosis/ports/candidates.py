@@ -254,9 +254,9 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
     way_unit = _VELOCITIES[speed_unit]
     speed = sizes.spread[read]
     force, way = sizes.spread[port], sizes.way[read]
-    width = 1e-2 * speed
     level = Parameter("level", force_unit, force, 0.0, np.inf, (0.05 * force, 0.4 * force))
-    excess = Parameter("excess", "1", 0.7, 0.0, 5.0, (0.3,), shape=True)
+    excess = Parameter("excess", "1", 0.7, 0.0, 2.0, (0.3,), shape=True)
+    corner = Parameter("width", speed_unit, 1.5, 1e-4 * speed, 0.3 * speed, (1e-2 * speed,), shape=True)
     slow = Parameter("speed", speed_unit, 1.0, 1e-3 * speed, 3 * speed, (0.2 * speed,), shape=True)
     build = Parameter("distance", way_unit, 1.5, 1e-6 * way, 3 * way, (0.003 * way, 0.05 * way), shape=True)
     soft = Parameter("distance", way_unit, 0.3 * way, 0.0, 3 * way, (0.015 * way, 0.15 * way))
@@ -280,11 +280,11 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
                           scale, starts=(0.05 * scale,)),)  # fmt: skip
 
     found = [
-        law("coulomb", "F = level sgn(v)", "Coulomb (1785)", (level,),
-            lambda p: laws.Coulomb(sign=sign, level=p[0], width=width)),
+        law("coulomb", "F = level sgn(v), its corner rounded over width", "Coulomb (1785)", (level, corner),
+            lambda p: laws.Coulomb(sign=sign, level=p[0], width=p[1])),
         law("stribeck", "F = level (1 + excess exp(-(v/speed)^2)) sgn(v)", "Stribeck (1902)",
-            (level, excess, slow),
-            lambda p: laws.Stribeck(sign=sign, level=p[0], excess=p[1], speed=p[2], width=width)),
+            (level, excess, slow, corner),
+            lambda p: laws.Stribeck(sign=sign, level=p[0], excess=p[1], speed=p[2], width=p[3])),
         law("viscous", "F = damping v", "", per("v", 0.5 * force / speed, "damping"),
             lambda p: laws.Viscous(sign=sign, damping=p[0])),
         law("one-sided", "F = damping |v|", "", per("v", 0.5 * force / speed, "damping"),
