@@ -7,7 +7,7 @@ import pytest
 
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.ports.candidates import PortEffect, _periods, _resolutions
+from orchestrator.diagnosis.ports.candidates import PortEffect, _apart, _pairs, _periods, _resolutions
 from orchestrator.diagnosis.ports.wary import WaryFitter
 from orchestrator.effects.gain import Gain
 from orchestrator.system import Port
@@ -119,3 +119,31 @@ def test_a_width_is_found_over_dents(start):
     assert fit.calibrated["level"] == pytest.approx(1.02, abs=3e-3)
     # Steps along derivatives alone stay where they began.
     assert Fitter(replay).fit((effect,), None, np.array([start])).cost > 2.0 * truth
+
+
+def test_friction_acts_along_each_axis():
+    """Elements of vectors by their index, as many scalars in their order, else each with each."""
+    axes = [("velocity[1]", "m/s"), ("velocity[2]", "m/s"), ("turn[1]", "rad/s")]
+    forces = [("force[1]", "N"), ("force[2]", "N"), ("torque[1]", "N.m")]
+    assert _pairs(axes, forces) == [
+        ("velocity[1]", "force[1]"),
+        ("velocity[2]", "force[2]"),
+        ("turn[1]", "torque[1]"),
+    ]
+    assert _pairs([("a", "m/s"), ("b", "m/s")], [("f", "N")]) == [("a", "f"), ("b", "f")]
+    assert _pairs([("a", "m/s"), ("b", "m/s")], [("f", "N"), ("g", "N")]) == [("a", "f"), ("b", "g")]
+    assert _pairs([("a", "m/s")], [("t", "N.m")]) == []
+
+
+def test_two_effects_of_one_name_are_told_apart():
+    """As where a parameter is called as a law is."""
+    one = PortEffect("drive.dahl", "", "", (Parameter("change", "N", 1.0),), changes={"drive.dahl": "change"})
+    other = PortEffect(
+        "drive.dahl",
+        "",
+        "",
+        (Parameter("level", "N", 1.0),),
+        port=Port("drive", "load"),
+        make=lambda p: Gain(factor=p[0]),
+    )
+    assert [effect.id for effect in _apart([one, other])] == ["drive.dahl", "drive.dahl-law"]

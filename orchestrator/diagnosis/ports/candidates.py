@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from itertools import product
 
 import numpy as np
 
@@ -106,6 +107,7 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
         found += _friction(study, instance, sizes)
     for port in _ports(study):
         found += _effects(study, port, sizes)
+    found = _apart(found)
     problems = []
     names = [one.id for one in found]
     for pattern in (*study.only, *study.without):
@@ -115,6 +117,18 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
         raise ConfigError(problems)
     kept = [one for one in found if not study.only or any(fnmatchcase(one.id, p) for p in study.only)]
     return tuple(one for one in kept if not any(fnmatchcase(one.id, p) for p in study.without))
+
+
+def _apart(effects: Sequence[Effect]) -> list[Effect]:
+    """Effects, of which those whose ids others have before are called otherwise, as where a parameter is
+    called as a law is."""
+    found: dict[str, Effect] = {}
+    for one in effects:
+        name = one.id
+        while name in found:
+            name += "-law"
+        found[name] = one if name == one.id else replace(one, id=name)
+    return list(found.values())
 
 
 def _ports(study: PortStudy) -> list[Port]:
@@ -230,21 +244,65 @@ def _periods(step: float) -> Comb:
 
 
 def _friction(study: PortStudy, instance: Instance, sizes: Sizes) -> list[Effect]:
-    """Laws of friction of a component that is fed a force and gives a velocity, or the other way round."""
+    """Laws of friction of a component that is fed a force and gives a velocity, or the other way round.
+
+    What is fed forces and gives some is a sensor or a controller, and rubs nowhere.
+    """
     variables = [one for one in instance.fmu.description.variables.values() if one.kind is Kind.REAL]
-    inputs = [one for one in variables if one.causality is Causality.INPUT and not one.shape]
-    outputs = [one for one in variables if one.causality is Causality.OUTPUT and not one.shape]
+    inputs = [
+        (one.name, one.unit_name) for one in variables if one.causality is Causality.INPUT and not one.shape
+    ]
+    outputs = [
+        (one.name, one.unit_name) for one in variables if one.causality is Causality.OUTPUT and not one.shape
+    ]
+    ways = [(_pairs(outputs, inputs), -1)]
+    if not any(unit in FORCES.values() for _, unit in inputs):
+        ways.append((_pairs(inputs, outputs), 1))
     found: list[Effect] = []
-    for given, taken, sign in ((outputs, inputs, -1), (inputs, outputs, 1)):
-        for velocity in given:
-            for force in taken:
-                if FORCES.get(velocity.unit_name) != force.unit_name:
-                    continue
-                read, port = Port(instance.name, velocity.name), Port(instance.name, force.name)
-                if sizes.spread.get(read, 0.0) > 0.0 and sizes.spread.get(port, 0.0) > 0.0:
-                    several = len([one for one in taken if one.unit_name == force.unit_name]) > 1
-                    found += _laws(study, port, read, sign, sizes, str(port) if several else instance.name)
-                break
+    for pairs, sign in ways:
+        at = [(Port(instance.name, velocity), Port(instance.name, force)) for velocity, force in pairs]
+        at = [pair for pair in at if all(sizes.spread.get(one, 0.0) > 0.0 for one in pair)]
+        ports = [port for _, port in at]
+        for read, port in at:
+            prefix = instance.name if len(pairs) == 1 else str(port)
+            if ports.count(port) > 1:
+                prefix = f"{port}-{read.variable}"
+            found += _laws(study, port, read, sign, sizes, prefix)
+        for port in dict.fromkeys(ports):
+            if (
+                sign < 0 and port not in sizes.rate
+            ):  # nothing is fed there, so that it has no effects of connections
+                force = sizes.spread[port]
+                bias = Parameter("offset", _unit(study, port), 0.5 * force, starts=(0.025 * force,))
+                found.append(PortEffect(f"{port}.offset", "F = offset", "", (bias,), port=port,
+                                        make=lambda p: Offset(value=p[0])))  # fmt: skip
+    return found
+
+
+def _pairs(velocities: Sequence[tuple[str, str]], forces: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Velocities and the forces that friction may exert against them, names of each.
+
+    Elements of vectors go with those of the same index. As many forces as velocities go with them in their
+    order, as a component's axes do; else each may go with each.
+
+    Args:
+        velocities, forces: names and units.
+    """
+    found: list[tuple[str, str]] = []
+    for unit, own in FORCES.items():
+        moving, pushing = _by_index(velocities, unit), _by_index(forces, own)
+        for index, names in moving.items():
+            others = pushing.get(index, [])
+            found += zip(names, others, strict=True) if len(names) == len(others) else product(names, others)
+    return found
+
+
+def _by_index(variables: Sequence[tuple[str, str]], unit: str) -> dict[str, list[str]]:
+    """Names of variables of a unit by what stands in their brackets; scalars by ""."""
+    found: dict[str, list[str]] = {}
+    for name, own in variables:
+        if own == unit:
+            found.setdefault(name.partition("[")[2], []).append(name)
     return found
 
 
@@ -301,10 +359,6 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
             lambda p: laws.MaxwellSlip(sign=sign, level=p[0], distance=p[1])),
     ]  # fmt: skip
     if sign < 0:
-        if port not in sizes.rate:  # nothing is fed there, so that it has no effects of connections
-            bias = Parameter("offset", force_unit, 0.5 * force, starts=(0.025 * force,))
-            found.append(PortEffect(f"{port}.offset", "F = offset", "", (bias,), port=port,
-                                    make=lambda p: Offset(value=p[0])))  # fmt: skip
         return found
     # What the component gives already is Coulomb's: further levels of it are its parameter's business.
     found = [one for one in found if one.id.rpartition(".")[2] in ("viscous", "one-sided", "drag")]
