@@ -81,7 +81,7 @@ class _Reader:
         """Raises: ConfigError with all problems."""
         units = {name: one.unit_name or "1" for name, one in self.ports.items()}
         mapping = read_mapping(
-            self.model.columns, units | {"time": "s"}, self.place("columns"), self.problems, Logged, True
+            self.model.columns, units | {"time": "s"}, self.places, ("columns",), self.problems, Logged, True
         )
         columns = {Port.of(name): one for name, one in mapping.items() if name != "time"}
         fed, compared = self._uses(columns)
@@ -304,7 +304,9 @@ class _Reader:
             self.problems.append(Problem(self.place(*place, "without"), what, listed(mapping)))
             return None
         wanted = {name: one for name, one in mapping.items() if name not in model.without}
-        found = columns_of(path, wanted, {**units, "time": "s"}, self.step, self.problems)
+        found = columns_of(
+            path, wanted, {**units, "time": "s"}, self.step, self.problems, clock="run.step_size"
+        )
         begin = self._seconds(model.begin, *place, "from")
         end = self._seconds(model.end, *place, "to") if model.end is not None else np.inf
         if found is None:
