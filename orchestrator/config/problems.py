@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -74,7 +75,8 @@ def validation_problems(
             message = item["msg"].removeprefix("Value error, ")
             if kind != "value_error":
                 message = f"{message[0].lower()}{message[1:]}, got {item['input']!r}"
-            problem = Problem(place, message)
+            names = re.findall(r"'([^']+)'", item.get("ctx", {}).get("expected", ""))
+            problem = Problem(place, message, remedy=nearest(str(item["input"]), names))
         problems.setdefault(path, problem)
     return list(problems.values())
 

@@ -133,7 +133,7 @@ def columns_of(
     path: Path,
     mapping: Mapping[str, Column],
     signals: Mapping[str, str],
-    tick: float,
+    tick: float | None,
     problems: list[Problem],
     part: Callable[[Array], slice | None] | None = None,
     clock: str | None = "tick",
@@ -144,7 +144,8 @@ def columns_of(
     names): the others are what was latest then.
 
     Args:
-        tick: from one row to the next [s], of tables whose time is not mapped.
+        tick: from one row to the next [s], of tables whose time is not mapped; None if it is not known: then
+            only columns and their units are looked at.
         problems: what is wrong is added.
         part: the rows that are taken, by the times of all [s] from the first on; None refuses them. What
             stands in other rows does not matter.
@@ -164,7 +165,7 @@ def columns_of(
         name: _scaled(name, chosen[name], mapping[name], signals[name], path, problems) for name in chosen
     }
     messages = any(signal.time is not None for signal in chosen.values())
-    if "time" not in mapping and clock is not None and not messages:
+    if "time" not in mapping and clock is not None and tick is not None and not messages:
         problems += unmapped_clock(path, log, [one.column for one in mapping.values()], tick, clock)
     lengths = {name: len(values) for name, values in scaled.items()}
     if not messages and len(set(lengths.values())) > 1:
@@ -172,7 +173,7 @@ def columns_of(
         problems.append(
             Problem(str(path), f"columns have unequal lengths: {told}", "one value in each row for all")
         )
-    if len(problems) > before:
+    if len(problems) > before or tick is None:
         return None
     if messages:
         rows, time = _latest(chosen, mapping)
