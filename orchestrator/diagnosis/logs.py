@@ -138,7 +138,7 @@ def _csv(path: Path) -> dict[str, Signal]:
     if not len(table):
         raise LogError("holds a header, and no rows below it")
     # Empty lines are skipped, and quoted text may hold ends of lines: then rows tell no line.
-    plain = b'"' not in raw and len(table) == raw.count(b"\n") - raw.endswith(b"\n")
+    plain = b'"' not in raw and len(table) == raw.rstrip().count(b"\n")
     return _table(table, 2 if plain else None)
 
 

@@ -58,10 +58,10 @@ def read_runs(
     # A run of training that cannot be read is one all the same.
     if not any(wrong or model.role is Role.TRAIN for model, wrong in taken):
         sheet.tell(("runs",), "no run has the role train", "at least one")
-    runs = [_Run(sheet, number, *one, columns) for number, one in enumerate(taken)]
     before = len(sheet.problems)
-    read = [one.read() for one in runs]
-    sheet.problems[before:] = _once(sheet.problems[before:], [str(one.path) for one in runs])
+    read = [_Run(sheet, number, *one, columns).read() for number, one in enumerate(taken)]
+    logs = [str(sheet.file.parent / one.file) for one, _ in taken if one.file is not None]
+    sheet.problems[before:] = _once(sheet.problems[before:], logs)
     names = [None if one is None else one.name for one in read]
     for number, run in enumerate(read):
         if run is None:
