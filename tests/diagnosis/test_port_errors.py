@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from copy import deepcopy
 
 import numpy as np
 import pytest
 import yaml
+from mcap.writer import Writer
 from ports_bench import study
 
 from orchestrator.__main__ import main
@@ -241,3 +243,39 @@ def test_studies_in_one_folder_are_called_after_their_files(made, tmp_path, caps
     # The folder of a study and its study.yaml are one.
     assert main(["diagnose", *map(str, cases), "--out", str(tmp_path)]) == 2
     assert f"several cases are called {made.name}" in capsys.readouterr().err
+
+
+def test_messages_at_another_step_are_not_taken_for_the_step(made, told, tmp_path):
+    """Their stamps jitter, so that only the step on the whole counts where they are not mapped."""
+    log = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
+
+    def write(step):
+        with (tmp_path / "a.mcap").open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            channel = writer.register_channel(
+                "/all", "json", writer.register_schema("x", "jsonschema", b"{}")
+            )
+            for number, row in enumerate(log.tolist()):
+                stamp = 1_700_000_000_000_000_000 + round((step * number + 1e-5 * (number % 3)) * 1e9)
+                writer.add_message(channel, stamp, json.dumps(row[1:]).encode(), stamp)
+            writer.finish()
+
+    def change(data):
+        entries = {"path.position": ("m", {}), "drive.position": ("m", {"noise": "2 um"})}
+        data["columns"] = {
+            name: {"column": f"/all[{number}]", "unit": unit, **more}
+            for number, (name, (unit, more)) in enumerate(entries.items())
+        }
+        data["runs"] = [{"file": "a.mcap", "role": "train", "from": "0.4 s"}]
+
+    write(2e-3)
+    assert told(change) == ""
+    run = load_port_study(tmp_path / "wrong.yaml").runs[0]
+    assert (run.name, len(run)) == ("a-200", 801)
+    assert np.array_equal(next(iter(run.logs.values())), log[200:, 1])
+    write(4e-3)
+    assert told(change) == (
+        "a.mcap: time: samples are 0.00401 s apart\n  the communication step of the system, 0.002 s. "
+        "Set run.step_size under `set`, or resample the log."
+    )
