@@ -42,6 +42,10 @@ def validation_problems(
             problem = Problem(
                 places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names)
             )
+        elif kind == "model_type" and path[:1] != ("connections",):
+            names = _keys(model, item["loc"])
+            what = f"got {item['input']!r}"
+            problem = Problem(place, what, f"keys and their values: {listed(names)}" if names else "keys")
         elif path[:1] == ("connections",) and len(path) > 1:
             got = item["input"]
             if item["loc"][2:3] != ("ConnectionModel",) or kind == "model_type":

@@ -103,6 +103,12 @@ TWENTIETH = "Leave it out for a twentieth of each run."
         (within(set=["run.step_size=2 ms", "drive.mas=3 kg"]),
          "set[1]: instances.drive.start.mas: drive has no variable 'mas'"),
         (within(set=["run.step_size=2 ms", "path.stroke=[1"]), "set[1]: not YAML: "),
+        (within("columns", **{"drive.position": ["x"]}), "columns.drive.position: got ['x']\n  keys and "
+         "their values: column, unit, sign, offset, clock, noise, feed, start"),
+        (within(runs=["run-0.csv"]), "runs[0]: got 'run-0.csv'\n  keys and their values: file, role, from, "
+         "to, without, repeats, name"),
+        (within(motion="drive.position"),
+         "motion: got 'drive.position'\n  keys and their values: port, rest"),
         (within(runs=[]), "runs: no run has the role train\n  at least one"),
     ],
 )  # fmt: skip

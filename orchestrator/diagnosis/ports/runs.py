@@ -152,7 +152,7 @@ class _Run:
             remedy = "Leave it out to take all that was logged."
             self.sheet.tell((*self.place, "to"), what, f"up to {log_end:.6g} s", remedy)
             return None
-        if not (np.diff(time) > 0.0).all():
+        if not (np.diff(time) >= 0.0).all():
             self._told_uneven(time, 0)
             return None
         # Stamps jitter: a sample is taken as at the nearest communication point.
@@ -163,10 +163,13 @@ class _Run:
             self.sheet.tell(self.place, what, f"up to {log_end:.6g} s, and at least three")
             return None
         taken = time[first:last]
-        apart = np.diff(taken)
-        # Messages come unevenly; what is not mapped as time need only be of this step on the whole.
-        told = apart if "time" in self.columns.named else np.median(apart)
-        if not np.allclose(told, step, rtol=0, atol=_UNEVEN * step):
+        even = np.isclose(np.diff(taken), step, rtol=0, atol=_UNEVEN * step)
+        if "time" not in self.columns.named:
+            # Messages come early and late, several at once or not at all: what is not mapped as time need
+            # only be of this step on the whole.
+            whole = np.median(np.diff(taken)), np.mean(np.diff(taken))
+            even = np.isclose(whole, step, rtol=0, atol=_UNEVEN * step).any()
+        if not even.all():
             self._told_uneven(taken, first)
             return None
         self.first = first
