@@ -237,7 +237,10 @@ def _scaled(name: str, signal: Signal, one: Column, unit: str, path: Path, probl
     try:
         gain, shift = convert(parse_unit(given), parse_unit(unit))
     except UnitError as error:
-        problems.append(Problem(f"{path}: {name}", str(error)))
+        remedy = (
+            "Map the column that is meant, or correct the unit: `unit` in a study file, or in the header."
+        )
+        problems.append(Problem(f"{path}: {name}", f"column {one.column}: {error}", remedy=remedy))
         return signal.values
     return one.sign * (gain * signal.values + shift) + one.offset
 

@@ -311,7 +311,8 @@ def test_a_folder_that_is_no_bag_is_told_as_such(tmp_path):
         ("f [N],f [kN]\n1,2\n", "a.csv: force: several columns are called f; "
          "give each a name of its own in the log's header"),
         ("f [N],g,g\n1,2,3\n", ""),
-        ("f [m]\n1\n", "a.csv: force: m [m] cannot be converted to N [kg.m.s-2]"),
+        ("f [m]\n1\n", "a.csv: force: column f: m [m] cannot be converted to N [kg.m.s-2]\n  Map the column "
+         "that is meant, or correct the unit: `unit` in a study file, or in the header."),
     ],
 )  # fmt: skip
 def test_rows_and_headers_that_cannot_be_read(tmp_path, text, said):

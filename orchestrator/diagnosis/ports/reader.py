@@ -250,7 +250,12 @@ class _Reader:
                 self.problems.append(Problem(place, what, "a free input, or an output", f"Map {source}."))
             if is_input and (one.noise is not None or one.feed is False or one.start):
                 self.problems.append(
-                    Problem(place, "an input has no noise, feed or start: it is fed what was logged")
+                    Problem(
+                        place,
+                        "an input is fed what was logged",
+                        "column, unit, sign, offset, clock",
+                        "Leave noise, feed and start to outputs.",
+                    )
                 )
             if not is_input and one.noise is not None:
                 compared.append(port)
