@@ -18,6 +18,7 @@ __all__ = [
     "connection",
     "dependencies",
     "end",
+    "in_range",
     "integration",
     "loop_problem",
     "recordable",
@@ -132,7 +133,7 @@ def start_value(
     converted = _converted(instance, variable, value, place)
     if isinstance(converted, Problem):
         return converted
-    return _in_range(instance, variable, converted, value, place) or converted
+    return in_range(instance, variable, converted, value, place) or converted
 
 
 def _local(variable: Variable) -> bool:
@@ -163,7 +164,8 @@ def _converted(instance: str, variable: Variable, value: Scalar, place: str) -> 
     return Problem(place, f"{label} must be {word}, got {value!r}", remedy=remedy)
 
 
-def _in_range(instance: str, variable: Variable, value: Value, given: Scalar, place: str) -> Problem | None:
+def in_range(instance: str, variable: Variable, value: Value, given: Scalar, place: str) -> Problem | None:
+    """The problem of a value beyond the bounds of its variable, in whose unit it is; None within them."""
     if not isinstance(value, int | float) or variable.kind not in (Kind.REAL, Kind.INTEGER):
         return None
     low, high = variable.minimum, variable.maximum

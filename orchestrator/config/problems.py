@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -41,6 +42,10 @@ def validation_problems(
             problem = Problem(
                 places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names)
             )
+        elif kind == "model_type" and path[:1] != ("connections",):
+            names = _keys(model, item["loc"])
+            what = f"got {item['input']!r}"
+            problem = Problem(place, what, f"keys and their values: {listed(names)}" if names else "keys")
         elif path[:1] == ("connections",) and len(path) > 1:
             got = item["input"]
             if item["loc"][2:3] != ("ConnectionModel",) or kind == "model_type":
@@ -74,7 +79,8 @@ def validation_problems(
             message = item["msg"].removeprefix("Value error, ")
             if kind != "value_error":
                 message = f"{message[0].lower()}{message[1:]}, got {item['input']!r}"
-            problem = Problem(place, message)
+            names = re.findall(r"'([^']+)'", item.get("ctx", {}).get("expected", ""))
+            problem = Problem(place, message, remedy=nearest(str(item["input"]), names))
         problems.setdefault(path, problem)
     return list(problems.values())
 

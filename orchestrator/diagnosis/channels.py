@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def _left_by_jump(values: Array, firsts: Array, lengths: Array) -> Array:
     return np.abs(after - values[firsts]) > 10.0 * np.median(np.abs(np.diff(values)))
 
 
-def logged_twice(runs: Sequence[tuple[str, Mapping[Hashable, Array]]], place: str) -> Iterator[Problem]:
+def logged_twice(runs: Sequence[tuple[str, Mapping[Any, Array]]], place: str) -> Iterator[Problem]:
     """Runs that hold the same log: what a fit saw would count as what none saw.
 
     Args:

@@ -115,7 +115,7 @@ def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:
         for case in cases
         if not case.exists()
     ]
-    names = [case.resolve().parent.name if case.is_file() else case.resolve().name for case in cases]
+    names = [_name(case.resolve()) for case in cases]
     twice = sorted({name for name in names if names.count(name) > 1})
     if out is not None and twice:
         problems.append(
@@ -126,6 +126,13 @@ def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:
     if out is None:
         return [None] * len(cases)
     return [out] if len(cases) == 1 else [out / name for name in names]
+
+
+def _name(case: Path) -> str:
+    """What a case is called: after its folder, but for files of another name than studies usually have."""
+    if case.is_dir():
+        return case.name
+    return case.parent.name if case.name in ("case.yaml", "study.yaml") else case.stem
 
 
 class _Bar:

@@ -10,8 +10,8 @@ import gzip
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 __all__ = ["LogError", "Signal", "read_log"]
 
 Array = NDArray[np.float64]
+_NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
 
 
 class LogError(ValueError):
@@ -35,19 +36,23 @@ class Signal:
         values: shape (n,).
         unit: as the log names it; "" if it does not.
         time: of each value [s], of recordings of messages; None in tables.
+        written: what stands in each row, of columns that do not hold numbers only; None for others.
+        line: of the file in which the first row stands; None where it is not known.
+        flaw: why the signal cannot be taken although it is there; "" if it can.
     """
 
     values: Array
     unit: str = ""
     time: Array | None = None
+    written: Sequence[Any] | None = None
+    line: int | None = None
+    flaw: str = ""
 
 
 def read_log(path: Path) -> dict[str, Signal]:
     """All numeric signals of a log, by name. Raises: LogError if it cannot be read."""
-    if path.is_dir():
-        return _rosbag(path)
     suffix = "".join(path.suffixes[-2:]) if path.suffix == ".gz" else path.suffix
-    reader = _READERS.get(suffix.lower())
+    reader = _rosbag if path.is_dir() else _READERS.get(suffix.lower())
     if reader is None:
         raise LogError(f"no reader for {suffix or 'a file without suffix'}; there are {', '.join(_READERS)}")
     try:
@@ -57,6 +62,9 @@ def read_log(path: Path) -> dict[str, Signal]:
     except ImportError as error:
         raise LogError(f"needs the package {error.name}: pip install 'orchestrator[logs]'") from None
     except Exception as error:  # whatever a reader trips over in a damaged file
+        if path.is_dir():
+            told = f"is a folder, and no ROS bag ({error}); name a file, of {', '.join(_READERS)}"
+            raise LogError(told) from None
         raise LogError(f"cannot be read: {error}") from None
 
 
@@ -66,23 +74,27 @@ def _named(header: str) -> tuple[str, str]:
     return (match[1], match[2]) if match else (header.strip(), "")
 
 
-def _table(table: Any) -> dict[str, Signal]:
+def _table(table: Any, line: int | None = None) -> dict[str, Signal]:
+    """Columns of a table, the first row of which stands in a line of the file."""
     import pyarrow as pa
 
-    found = {}
-    for header in table.column_names:
+    found: dict[str, Signal] = {}
+    for header, field, column in zip(table.column_names, table.schema, table.columns, strict=True):
         name, unit = _named(header)
-        field = table.schema.field(header)
         kept = field.metadata or {}
         unit = unit or kept.get(b"unit", b"").decode()
-        if pa.types.is_timestamp(field.type):
-            found[name] = Signal(_since_first(table[header]), "s")
+        if name in found:
+            flaw = f"several columns are called {name}; give each a name of its own in the log's header"
+            found[name] = replace(found[name], flaw=flaw)
+        elif pa.types.is_timestamp(field.type):
+            found[name] = Signal(_since_first(column), "s", line=line)
         elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
-            found[name] = Signal(table[header].to_numpy().astype(float), unit)
+            found[name] = Signal(column.to_numpy().astype(float), unit, line=line)
         else:
             # Text and dates are no numbers; a signal with a word in it is still one, and told as such.
-            values = np.array([_number(one) for one in table[header].to_pylist()], float)
-            found[name] = Signal(values, unit)
+            written = column.to_pylist()
+            values = np.array([_number(one) for one in written], float)
+            found[name] = Signal(values, unit, written=written, line=line)
     return found
 
 
@@ -109,8 +121,25 @@ def _csv(path: Path) -> dict[str, Signal]:
     first = raw.partition(b"\n")[0]
     # Units hold commas as little as names do: what stands in the header most often parts the columns.
     delimiter = max(",;\t", key=lambda one: first.count(one.encode()))
+    names = [_named(one.strip('"'))[0] for one in first.decode(errors="replace").strip().split(delimiter)]
+    if names and all(_NUMBER.fullmatch(one) for one in names):
+        told = ", ".join(names[:4])
+        raise LogError(
+            f"has numbers in its first line ({told}); write the columns' names there: `force [N],...`"
+        )
     options = pyarrow.csv.ParseOptions(delimiter=delimiter)
-    return _table(pyarrow.csv.read_csv(pyarrow.BufferReader(raw), parse_options=options))
+    try:
+        table = pyarrow.csv.read_csv(pyarrow.BufferReader(raw), parse_options=options)
+    except pyarrow.ArrowInvalid as error:
+        hint = ""
+        if delimiter == "," and re.search(r"\d,\d+,", str(error)):
+            hint = "; if its numbers have decimal commas, part the columns by ; and write points"
+        raise LogError(f"cannot be read: {error}{hint}") from None
+    if not len(table):
+        raise LogError("holds a header, and no rows below it")
+    # Empty lines are skipped, and quoted text may hold ends of lines: then rows tell no line.
+    plain = b'"' not in raw and len(table) == raw.rstrip().count(b"\n")
+    return _table(table, 2 if plain else None)
 
 
 def _parquet(path: Path) -> dict[str, Signal]:

@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from ..config import parse
 from ..errors import ConfigError, Problem, listed, nearest
 from ..quantities import Measure, quantity
 from ..units import UnitError, convert, parse_unit
@@ -145,7 +146,8 @@ def load_study(folder: Path) -> Study:
             [Problem(str(folder), "no case.yaml", "a folder with case.yaml and its logs, or a study.yaml")]
         )
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        data = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ConfigError([Problem(str(path), f"is no YAML: {error}")]) from None
     except (OSError, UnicodeDecodeError) as error:
@@ -161,16 +163,19 @@ def load_study(folder: Path) -> Study:
         raise ConfigError([Problem(f"{path}: format", f"got {got!r}", allowed)])
     _known(data, (*_KEYS, *(("columns",) if data["format"] == _FORMATS[1] else ())), f"{path}: ", problems)
     tick = data.get("tick")
+    clock: str | None = "tick"
     if not isinstance(tick, int | float) or not 0 < tick < math.inf:
         problems.append(Problem(f"{path}: tick", f"got {tick!r}", "a positive number of seconds"))
-        tick = 1.0
+        tick, clock = 1.0, None
     nominal = _nominal(data.get("nominal") or {}, path, problems)
     # The logs of a case call the signals as they are called here.
     mapping = {name: Column(column=name) for name in _COLUMNS}
     if data["format"] == "gap-study/1":
-        mapping = read_mapping(data.get("columns"), _COLUMNS, f"{path}: columns", problems)
-        if problems:
-            raise ConfigError(problems)
+        _, places = parse(text, str(path))
+        given = data.get("columns")
+        mapping = read_mapping(given, _COLUMNS, places, ("columns",), problems)
+        if isinstance(given, dict) and "time" in given:
+            clock = None  # also if something is wrong with it
     entries = data.get("runs") or []
     if not isinstance(entries, list):
         problems.append(Problem(f"{path}: runs", f"got {entries!r}", "a list of runs"))
@@ -178,7 +183,7 @@ def load_study(folder: Path) -> Study:
     runs: list[Run] = []
     for number, entry in enumerate(entries):
         place = f"{path}: runs[{number}]"
-        run = _run(folder, entry, place, problems, mapping, tick)
+        run = _run(folder, entry, place, problems, mapping, tick, clock)
         if run is None:
             continue
         if any(run.name == other.name for other in runs):
@@ -284,6 +289,7 @@ def _run(
     problems: list[Problem],
     mapping: Mapping[str, Column],
     tick: float,
+    clock: str | None,
 ) -> Run | None:
     before = len(problems)
     if not isinstance(entry, dict):
@@ -312,5 +318,5 @@ def _run(
         problems.append(Problem(f"{place}.file", f"no file {file} in {folder}"))
     if len(problems) > before:
         return None
-    columns = columns_of(path, mapping, _COLUMNS, tick, problems)
+    columns = columns_of(path, mapping, _COLUMNS, tick, problems, clock=clock)
     return None if columns is None else Run(file.partition(".")[0], role, mass, speed, columns)

@@ -121,12 +121,13 @@ def test_logs_without_rows_words_and_other_separators(case):
     path.write_bytes(gzip.compress(text.replace(",", ";").encode()))
     assert len(load_study(case.folder).runs[0]) == 1200
     path.write_bytes(gzip.compress((header + "\n").encode()))
-    assert "holds no row that all signals share" in case.said()
+    assert "train-1.csv.gz: holds a header, and no rows below it" in case.said()
     cells = rest[5].split(",")
     rest[5] = ",".join([*cells[:4], "lost", *cells[5:]])
     path.write_bytes(gzip.compress("\n".join([header, first, *rest]).encode()))
     said = case.said()
-    assert "sensor_force: row 6 is not finite" in said and "no column" not in said
+    assert "train-1.csv.gz:8: sensor_force: row 6 of column sensor_force holds 'lost'" in said
+    assert "a number; 1 such in all. Mend the log there.\n" in said + "\n" and "no column" not in said
     path.write_bytes(gzip.compress(text.replace("sensor_force [N]", "sensor_force").encode()))
     assert "Write `sensor_force [N]` in its header" in case.said()
 

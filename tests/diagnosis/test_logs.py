@@ -16,6 +16,7 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.io import savemat
 
+from orchestrator.config import Places
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.logs import LogError, read_log
 from orchestrator.diagnosis.mapping import columns_of, read_mapping
@@ -211,8 +212,13 @@ def test_what_is_wrong_is_told_at_once(study, tmp_path):
     said = str(caught.value)
     assert "columns.sensor_farce: unknown" in said and "Did you mean sensor_force?" in said
     assert "no column for encoder_position" in said
-    assert "columns.desired_position.clock: " in said and "a number with a unit, like 2 s" in said
+    assert "columns.desired_position.clock: clock: 0.002 has no unit" in said and "Write 0.002 s." in said
     assert "columns.sensor_force.sign: got 2\n  1 or -1" in said
+    lines = path.read_text().splitlines()
+    for name in ("sensor_farce", "desired_position.clock", "sensor_force.sign"):
+        key = name.rpartition(".")[2] + ":"
+        numbers = [number for number, line in enumerate(lines, 1) if line.strip().startswith(key)]
+        assert any(f"study.yaml:{number}: columns.{name}: " in said for number in numbers), name
 
     path = write_study(study, tmp_path, ".mat", "{}", encoder_position="encoder_positron", compensated_force={
         "column": "compensated_force", "unit": "mm"})  # fmt: skip
@@ -236,8 +242,12 @@ def test_units_are_needed_and_checked(study, tmp_path):
     path = write_study(
         study, tmp_path, ".mat", "{}", encoder_position={"column": "encoder_position", "unit": "N"}
     )
-    with pytest.raises(ConfigError, match=r"train-1.mat: encoder_position: .*N.*m"):
+    # The study says so, not the log: told once, where it stands.
+    with pytest.raises(
+        ConfigError, match=r"study.yaml:\d+: columns.encoder_position.unit: N .*to m"
+    ) as caught:
         load_study(path)
+    assert len(caught.value.problems) == 1
 
 
 def test_files_that_no_reader_knows(tmp_path):
@@ -262,7 +272,99 @@ def test_units_that_do_not_begin_at_zero(tmp_path):
     (tmp_path / "a.csv").write_text("time [s],air [degC]\n0,20\n1,25\n")
     entries = {"time": "time", "air": {"column": "air", "noise": "0.1 degC", "offset": "2 degC"}}
     units, problems = {"time": "s", "air": "K"}, []
-    mapping = read_mapping(entries, units, "columns", problems, Logged)
+    mapping = read_mapping(entries, units, Places("study.yaml"), ("columns",), problems, Logged)
     columns = columns_of(tmp_path / "a.csv", mapping, units, 1.0, problems)
     assert problems == [] and mapping["air"].noise == pytest.approx(0.1)
     assert columns["air"] == pytest.approx([295.15, 300.15])
+
+
+def csv(tmp_path, text, **entries):
+    """What is told of a log with the signal `force`, of the unit N."""
+    (tmp_path / "a.csv").write_text(text)
+    units, problems = {"time": "s", "force": "N"}, []
+    mapping = read_mapping({"force": "f", **entries}, units, Places("study.yaml"), ("columns",), problems)
+    assert problems == []
+    columns_of(tmp_path / "a.csv", mapping, units, 1e-3, problems)
+    return "\n".join(str(one) for one in problems).replace(f"{tmp_path}/", "")
+
+
+def test_a_folder_that_is_no_bag_is_told_as_such(tmp_path):
+    with pytest.raises(LogError, match=r"is a folder, and no ROS bag .*; name a file, of \.csv"):
+        read_log(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("f [N]\n1\nabc\n2\nx\n", "a.csv:3: force: row 1 of column f holds 'abc'\n"
+         "  a number; 2 such in all. Mend the log there."),
+        ("f [N];g\n1;1\n1,5;1\n", "a.csv:3: force: row 1 of column f holds '1,5'\n"
+         "  a number; 1 such in all. Write decimal points: 1.5."),
+        # An empty line is skipped: then the row does not tell the line.
+        ("f [N],g\n1,1\n\n,1\n", "a.csv: force: row 1 of column f holds nothing, or nan\n"
+         "  a number; 1 such in all. Mend the log there."),
+        ("f [N]\n1\ninf\n", "a.csv:3: force: row 1 of column f holds inf\n"
+         "  a number; 1 such in all. Mend the log there."),
+        ("f [N]\n", "a.csv: holds a header, and no rows below it"),
+        ("0.1,2.5e-3\n0.2,1\n", "a.csv: has numbers in its first line (0.1, 2.5e-3); "
+         "write the columns' names there: `force [N],...`"),
+        ("f [N],f [kN]\n1,2\n", "a.csv: force: several columns are called f; "
+         "give each a name of its own in the log's header"),
+        ("f [N],g,g\n1,2,3\n", ""),
+        ("f [m]\n1\n", "a.csv: force: column f: m [m] cannot be converted to N [kg.m.s-2]\n  Map the column "
+         "that is meant, or correct the unit: `unit` in a study file, or in the header."),
+    ],
+)  # fmt: skip
+def test_rows_and_headers_that_cannot_be_read(tmp_path, text, said):
+    assert csv(tmp_path, text) == said
+
+
+def test_decimal_commas_between_commas(tmp_path):
+    said = csv(tmp_path, "t [s],f [N]\n0,000,1,5\n0,001,1,6\n")
+    assert "cannot be read" in said and "decimal commas, part the columns by ; and write points" in said
+
+
+@pytest.mark.parametrize(
+    ("header", "step", "said"),
+    [
+        ("stamp [ms]", 2.0, "column stamp rises by 2 ms from row to row\n  0.001 s, of tick. Map `time: "
+         "stamp` under columns, or set tick; rename the column if it tells no time."),
+        ("Time", 0.004, "column Time rises by 0.004, without a unit, from row to row\n  0.001 s, of tick. "
+         "Map `time: {column: Time, unit: s}` under"),
+        # The tick itself, in whatever it is counted; what is no clock; what does not rise evenly.
+        ("stamp [ms]", 1.0, ""),
+        ("t", 1000.0, ""),
+        ("row", 1.0, ""),
+        ("t [s]", 0.0, ""),
+        ("t [s]", -2.0, ""),
+        ("delay [s]", None, ""),
+    ],
+)  # fmt: skip
+def test_a_time_that_is_not_mapped_and_is_another(tmp_path, header, step, said):
+    values = [1, 5, 2, 9, 3] if step is None else [1e6 + step * row for row in range(5)]
+    text = f"{header},f [N]\n" + "".join(f"{value!r},{row}\n" for row, value in enumerate(values))
+    told = csv(tmp_path, text)
+    assert told.startswith(f"a.csv: time is not mapped, and {said}") if said else told == ""
+    name = header.partition(" ")[0]
+    assert csv(tmp_path, text, time={"column": name, "unit": "s"}) == ""
+
+
+def test_one_clock_that_agrees_is_enough(tmp_path):
+    text = "us [us],counter [s],f [N]\n" + "".join(f"{1000 * row},{2 * row},0\n" for row in range(5))
+    assert csv(tmp_path, text) == ""
+
+
+def test_words_of_a_mapping_are_the_product_s_own():
+    units, problems = {"force": "N", "way": "m"}, []
+    entries = {
+        "force": {"column": "f", "noise": "-1 N", "nois": "1 N"},
+        "way": {"column": "w", "noise": "2 N"},
+    }
+    assert read_mapping(entries, units, Places("study.yaml"), ("columns",), problems, Logged) == {}
+    assert [str(one) for one in problems] == [
+        "study.yaml: columns.force.noise: got '-1 N'\n  above 0. Leave it out where nothing is compared.",
+        "study.yaml: columns.force.nois: unknown key 'nois'\n  allowed: column, unit, sign, offset, clock, "
+        "noise, feed, start. Did you mean noise?",
+        "study.yaml: columns.way.noise: noise: cannot take '2 N', N [kg.m.s-2] cannot be converted to m [m]\n"
+        "  its unit is m",
+    ]

@@ -276,7 +276,7 @@ def test_refused_runs_and_patterns(plain):
     data["candidates"] = {"without": ["drive.friction-*"]}
     (plain / "pattern.yaml").write_text(yaml.safe_dump(data))
     found = load_port_study(plain / "pattern.yaml")
-    with pytest.raises(ConfigError, match=r"drive.friction-\*: fits no candidate"):
+    with pytest.raises(ConfigError, match=r"without\[0\]: drive.friction-\* fits no candidate"):
         candidates(found, measure(found, found.runs[0]))
     data["runs"][0]["rolle"] = "train"
     (plain / "key.yaml").write_text(yaml.safe_dump(data))

@@ -20,7 +20,7 @@ from ...effects.quantise import Quantise
 from ...effects.rate_limit import RateLimit
 from ...effects.sample_and_hold import SampleAndHold
 from ...effects.saturate import Saturate
-from ...errors import ConfigError, Problem, listed
+from ...errors import ConfigError, Problem, listed, nearest
 from ...fmi import Causality, Kind
 from ...system import Instance, Port
 from ..effect import Effect, Parameter
@@ -89,7 +89,7 @@ class Sizes:
 def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
     """All candidates of a study, less those that its patterns strike.
 
-    Raises: ConfigError for patterns that fit none.
+    Raises: ConfigError for patterns that fit none, or leave none.
     """
     found: list[Effect] = []
     for name, prior in study.priors.items():
@@ -110,13 +110,25 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
     found = _apart(found)
     problems = []
     names = [one.id for one in found]
-    for pattern in (*study.only, *study.without):
-        if not any(fnmatchcase(name, pattern) for name in names):
-            problems.append(Problem(f"candidates: {pattern}", "fits no candidate", listed(names, 30)))
+    for key, patterns in (("only", study.only), ("without", study.without)):
+        for number, pattern in enumerate(patterns):
+            if not _fit(names, (pattern,)):
+                place = study.place("candidates", key, number)
+                what = f"{pattern} fits no candidate"
+                problems.append(Problem(place, what, listed(names, 30), nearest(pattern, names)))
+    kept = set(_fit(names, study.only or ("*",))) - set(_fit(names, study.without))
+    if found and not kept and not problems:
+        what = "`only` and `without` leave no candidate"
+        remedy = "Strike fewer of them: where nothing can be blamed there is nothing to tell."
+        problems.append(Problem(study.place("candidates"), what, f"some of {listed(names, 30)}", remedy))
     if problems:
         raise ConfigError(problems)
-    kept = [one for one in found if not study.only or any(fnmatchcase(one.id, p) for p in study.only)]
-    return tuple(one for one in kept if not any(fnmatchcase(one.id, p) for p in study.without))
+    return tuple(one for one in found if one.id in kept)
+
+
+def _fit(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
+    """Names that one of the patterns fits."""
+    return [name for name in names if any(fnmatchcase(name, pattern) for pattern in patterns)]
 
 
 def _apart(effects: Sequence[Effect]) -> list[Effect]:

@@ -62,6 +62,11 @@ def diagnose_ports(
     study = load_port_study(path)
     progress("check")
     refused, warned = check_logs(study)
+    if study.only or study.without:
+        try:
+            candidates_of(study)
+        except ConfigError as error:  # told together with what is wrong with the logs
+            refused = [*refused, *error.problems]
     if refused:
         raise ConfigError(refused)
     # A gap that the step makes is none of the system's: told before anything is blamed.

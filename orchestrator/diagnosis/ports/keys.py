@@ -9,7 +9,18 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..mapping import Column
 
-__all__ = ["FORMAT", "SPEEDS", "Logged", "Role", "StudyModel"]
+__all__ = [
+    "FORMAT",
+    "SPEEDS",
+    "CalibratedModel",
+    "CandidatesModel",
+    "ExperimentModel",
+    "Logged",
+    "MotionModel",
+    "Role",
+    "RunModel",
+    "StudyModel",
+]
 
 FORMAT = "port-study/1"
 # Units by which motion is told: that of the speed that goes with each.
@@ -35,31 +46,37 @@ class Logged(Column):
         start: whether the first sample is the start value of this output in each run.
     """
 
-    noise: float | None = Field(None, gt=0)
+    noise: float | None = None
     feed: bool | None = None
     start: bool = False
 
 
-class _RunModel(BaseModel):
+class RunModel(BaseModel):
+    """One of `runs`."""
+
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
     file: str
     role: Role
-    begin: str | None = Field(None, alias="from")
-    end: str | None = Field(None, alias="to")
+    begin: Any = Field(None, alias="from")
+    end: Any = Field(None, alias="to")
     without: list[str] = []
     repeats: str | None = None
     name: str | None = None
 
 
-class _Calibrated(BaseModel):
+class CalibratedModel(BaseModel):
+    """One of `calibrated`."""
+
     model_config = ConfigDict(extra="forbid")
 
     tolerance: Any
     value: Any = None
 
 
-class _Candidates(BaseModel):
+class CandidatesModel(BaseModel):
+    """What stands under `candidates`."""
+
     model_config = ConfigDict(extra="forbid")
 
     only: list[str] = []
@@ -67,14 +84,18 @@ class _Candidates(BaseModel):
     parameters: dict[str, Any] = {}
 
 
-class _Motion(BaseModel):
+class MotionModel(BaseModel):
+    """What stands under `motion`."""
+
     model_config = ConfigDict(extra="forbid")
 
     port: str
     rest: Any = None
 
 
-class _Experiment(BaseModel):
+class ExperimentModel(BaseModel):
+    """One of `experiments`."""
+
     model_config = ConfigDict(extra="forbid", populate_by_name=True)
 
     name: str
@@ -83,7 +104,7 @@ class _Experiment(BaseModel):
 
 
 class StudyModel(BaseModel):
-    """A study.yaml."""
+    """A study.yaml; its parts are read one by one, so that what is wrong in one hides nothing in others."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -91,11 +112,11 @@ class StudyModel(BaseModel):
     system: str
     overrides: list[str] = Field([], alias="set")
     columns: Any
-    calibrated: dict[str, _Calibrated] = {}
-    settle: str | None = None
-    runs: list[_RunModel] = Field(min_length=1)
-    candidates: _Candidates = _Candidates()
-    motion: _Motion | None = None
-    window: str | None = None
-    experiments: list[_Experiment] = []
+    calibrated: dict[str, Any] = {}
+    settle: Any = None
+    runs: list[Any]
+    candidates: Any = None
+    motion: Any = None
+    window: Any = None
+    experiments: list[Any] = []
     practice: str | None = None

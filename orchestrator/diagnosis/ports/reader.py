@@ -2,59 +2,97 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from pydantic import ValidationError
-
-from ...config import Places, parse, validation_problems
+from ...checks import in_range
 from ...errors import ConfigError, Problem, listed, nearest
 from ...fmi import Causality, Kind
-from ...quantities import Measure, quantity
+from ...quantities import Measure
 from ...run import Prepared, prepare
 from ...system import Port
 from ...units import parse_unit
-from ..channels import logged_twice
-from ..mapping import columns_of, read_mapping
+from ..mapping import read_mapping
 from ..study import Nominal
-from .keys import SPEEDS, Logged, Role, StudyModel
+from .keys import (
+    SPEEDS,
+    CalibratedModel,
+    CandidatesModel,
+    ExperimentModel,
+    Logged,
+    MotionModel,
+    Role,
+    StudyModel,
+)
+from .runs import Columns, read_runs
+from .sheet import Sheet
 from .study import PortRun, PortStudy, Trial, study_file
 
 __all__ = ["load_port_study"]
 
-# Samples may be apart by other than the communication step by this share of it.
-_UNEVEN = 0.01
-# Samples of a run that are compared, at the least.
-_FEWEST = 100
-
 
 def load_port_study(path: Path) -> PortStudy:
     """Read a study. Raises: ConfigError with all problems of study, system and logs."""
-    file = study_file(path)
-    try:
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError([Problem(str(file), f"cannot be read: {error.strerror}")]) from None
-    data, places = parse(text, str(file))
-    try:
-        model = StudyModel.model_validate(data)
-    except ValidationError as error:
-        raise ConfigError(validation_problems(error, places, (), StudyModel)) from None
-    own = file.parent / model.system
-    prepared = prepare(own if own.is_file() else model.system, model.overrides)
+    sheet = Sheet(study_file(path))
+    model, wrong = sheet.taken(StudyModel, sheet.data)
+    prepared, faithful = _prepared(sheet, model, wrong)
+    if prepared is not None:
+        study = _Reader(sheet, model, prepared, faithful).study()
+    else:
+        # What ports and parameters there are is not known; files and times can be looked at all the same.
+        study = None
+        sheet.seconds(model.settle, "settle")
+        sheet.seconds(model.window, "window")
+        read_runs(sheet, model.runs, Columns(_named(model), {}, {}, None), 0)
+    if study is None or sheet.problems:
+        raise ConfigError(sheet.problems)
+    return study
+
+
+def _named(model: StudyModel) -> tuple[str, ...]:
+    return tuple(model.columns) if isinstance(model.columns, dict) else ()
+
+
+def _prepared(sheet: Sheet, model: StudyModel, wrong: frozenset[str]) -> tuple[Prepared | None, bool]:
+    """The system with all outputs recorded, and whether it is as the study wants it.
+
+    Where only some of `set` is wrong, it is made without that: its ports and parameters are known then, but
+    not its communication step.
+    """
+    if "system" in wrong:
+        return None, False
+    own = sheet.file.parent / model.system
+    source = own if own.is_file() else model.system
+    kept = dict(enumerate(model.overrides))
+    told: tuple[str, ...] | None = ("system",)
+    while True:
+        try:
+            prepared = prepare(source, kept.values())
+            break
+        except ConfigError as error:
+            blamed = sheet.of_system(error, kept, ("set",), told)
+        if not blamed:
+            return None, False
+        kept = {number: text for number, text in kept.items() if number not in blamed}
+        told = None  # what is wrong besides may be so for want of what was left out
+    faithful = "set" not in wrong and len(kept) == len(model.overrides)
     if prepared.config.model.run.record != "all":
         prepared = prepare(prepared.config, ["run.record=all"])
-    return _Reader(file, places, model, prepared).study()
+    return prepared, faithful
 
 
 class _Reader:
-    """Reads a study whose system is known; collects problems."""
+    """Reads a study whose system is known.
 
-    def __init__(self, file: Path, places: Places, model: StudyModel, prepared: Prepared) -> None:
-        self.file, self.places, self.model, self.prepared = file, places, model, prepared
-        self.problems: list[Problem] = []
+    Args:
+        faithful: whether the system is as the study wants it, its communication step with it.
+    """
+
+    def __init__(self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool) -> None:
+        self.sheet, self.model, self.prepared, self.faithful = sheet, model, prepared, faithful
+        self.place, self.problems = sheet.place, sheet.problems
         self.step = float(prepared.grid.step_size)
         variables = {
             f"{one.name}.{variable.name}": variable
@@ -74,118 +112,131 @@ class _Reader:
             if one.causality is Causality.PARAMETER and one.kind is Kind.REAL and not one.shape
         }
 
-    def place(self, *parts: object) -> str:
-        return self.places.text(tuple(one if isinstance(one, int) else str(one) for one in parts))
-
-    def study(self) -> PortStudy:
-        """Raises: ConfigError with all problems."""
-        units = {name: one.unit_name or "1" for name, one in self.ports.items()}
-        mapping = read_mapping(
-            self.model.columns, units | {"time": "s"}, self.place("columns"), self.problems, Logged, True
-        )
-        columns = {Port.of(name): one for name, one in mapping.items() if name != "time"}
-        fed, compared = self._uses(columns)
+    def study(self) -> PortStudy | None:
+        """The study; None if something is wrong, which is told."""
+        sheet, model = self.sheet, self.model
+        units = {name: one.unit_name or "1" for name, one in self.ports.items()} | {"time": "s"}
+        mapping, fed, compared = self._columns(units)
         nominal = self._nominal()
-        priors = {
-            name: self._number(name, value, "candidates", "parameters", name, difference=True)
-            for name, value in self.model.candidates.parameters.items()
-        }
-        settled = self._seconds(self.model.settle, "settle")
-        window = self._seconds(self.model.window, "window")
+        candidates, priors = self._candidates()
+        settled = sheet.seconds(model.settle, "settle")
+        window = self._window()
         motion, rest = self._motion()
         trials = self._trials()
-        practice = None if self.model.practice is None else self.file.parent / self.model.practice
+        practice = None if model.practice is None else sheet.file.parent / model.practice
         if practice is not None and not practice.is_file():
             what = f"no file {practice.name} in {practice.parent}"
             remedy = "`orchestrator diagnose STUDY --practice N --out DIR` writes one."
-            self.problems.append(Problem(self.place("practice"), what, remedy=remedy))
-        if self.problems:
-            raise ConfigError(self.problems)
-        runs = [self._run(number, mapping, units) for number in range(len(self.model.runs))]
-        found = tuple(run for run in runs if run is not None)
-        self._checked(found, round(settled / self.step))
-        if not any(one.role is Role.TRAIN for one in self.model.runs):
-            self.problems.append(Problem(self.place("runs"), "no run has the role train", "at least one"))
-        names = [run.name for run in found]
-        for run in found:
-            if names.count(run.name) > 1:
-                self.problems.append(
-                    Problem(self.place("runs"), f"two runs are called {run.name}", remedy="Give a name.")
-                )
-                break
-        if self.problems:
-            raise ConfigError(self.problems)
+            sheet.tell(("practice",), what, remedy=remedy)
+        columns = Columns(_named(model), mapping, units, self.step if self.faithful else None)
+        runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
+        self._window_in(runs, window, round(settled / self.step))
+        if sheet.problems or candidates is None:
+            return None
         return PortStudy(
-            self.file.resolve().parent.name if self.file.name == "study.yaml" else self.file.stem,
+            sheet.file.resolve().parent.name if sheet.file.name == "study.yaml" else sheet.file.stem,
             self.prepared,
-            columns,
+            {Port.of(name): one for name, one in mapping.items() if name != "time"},
             fed,
             compared,
             nominal,
             round(settled / self.step),
-            found,
+            runs,
             priors,
-            tuple(self.model.candidates.only),
-            tuple(self.model.candidates.without),
+            tuple(candidates.only),
+            tuple(candidates.without),
             motion,
             rest,
             round(window / self.step),
             trials,
             practice,
+            sheet.places,
         )
+
+    def _columns(
+        self, units: Mapping[str, str]
+    ) -> tuple[dict[str, Logged], tuple[Port, ...], tuple[Port, ...]]:
+        """Columns by signal, the ports that are fed, and those that are compared."""
+        if self.model.columns is None and "columns" not in self.sheet.data:
+            return {}, (), ()
+        before = len(self.problems)
+        mapping = read_mapping(
+            self.model.columns, units, self.sheet.places, ("columns",), self.problems, Logged, True
+        )
+        fed, compared = self._uses({Port.of(name): one for name, one in mapping.items() if name != "time"})
+        if not compared and len(self.problems) == before:
+            self.sheet.tell(("columns",), "no output is compared", "at least one output with its noise")
+        return mapping, fed, compared
+
+    def _candidates(self) -> tuple[CandidatesModel | None, dict[str, float]]:
+        """What stands under `candidates`, and the priors of parameters in it."""
+        model = self.sheet.part(CandidatesModel, self.model.candidates or {}, "candidates")
+        priors = {}
+        for name, value in model.parameters.items() if model is not None else ():
+            priors[name] = self._number(name, value, "candidates", "parameters", name, least=0.0)
+        return model, {name: prior for name, prior in priors.items() if prior is not None}
+
+    def _window(self) -> float:
+        """After which components are taken up anew [s]; 0 by default."""
+        window = self.sheet.seconds(self.model.window, "window")
+        if self.faithful and 0.0 < window < 2.0 * self.step * (1.0 - 1e-9):
+            allowed = f"two communication steps, {2.0 * self.step:.6g} s, or more"
+            remedy = "Leave it out for a twentieth of each run."
+            self.sheet.tell(("window",), f"got {self.model.window!r}", allowed, remedy)
+            return 0.0
+        return window
+
+    def _window_in(self, runs: tuple[PortRun, ...], window: float, settled: int) -> None:
+        """Tell a window longer than what is to be divided by it."""
+        told = [run for run in runs if run.role is Role.HELDOUT] or [
+            run for run in runs if run.role is Role.TRAIN
+        ]
+        shortest = min(told, key=len, default=None)
+        if shortest is not None and window > (len(shortest) - settled) * self.step:
+            longest = f"{(len(shortest) - settled) * self.step:.6g} s"
+            allowed = f"up to {longest}, what {shortest.name} holds after it settled"
+            remedy = "Leave it out for a twentieth of each run."
+            self.sheet.tell(("window",), f"got {self.model.window!r}", allowed, remedy)
 
     def _motion(self) -> tuple[Port | None, float | None]:
         """The port by which phases of motion are told, and the speed of rest in its unit."""
-        model = self.model.motion
-        if model is None:
+        if self.model.motion is None:
+            return None, None
+        model, _ = self.sheet.taken(MotionModel, self.model.motion, "motion")
+        if model.port is None:
             return None, None
         variable = self.ports.get(model.port)
         rate = None if variable is None else SPEEDS.get(variable.unit_name or "1")
         if rate is None:
             moving = [name for name, one in self.ports.items() if (one.unit_name or "1") in SPEEDS]
-            self.problems.append(
-                Problem(
-                    self.place("motion", "port"),
-                    f"{model.port} is no position or velocity",
-                    listed(moving),
-                    nearest(model.port, moving),
-                )
-            )
+            what = f"{model.port} is no position or velocity"
+            self.sheet.tell(("motion", "port"), what, listed(moving), nearest(model.port, moving))
             return None, None
         rest = None
         if model.rest is not None:
-            found = quantity(
-                "rest", Measure(rate, parse_unit(rate)), model.rest, self.place("motion", "rest")
-            )
-            if isinstance(found, Problem):
-                self.problems.append(found)
-            else:
-                rest = found
+            rest = self.sheet.size(Measure(rate, parse_unit(rate)), model.rest, "motion", "rest", least=0.0)
         return Port.of(model.port), rest
 
     def _trials(self) -> tuple[Trial, ...]:
         """The experiments, each with the system as its settings make it."""
-        found = []
-        for number, one in enumerate(self.model.experiments):
-            place = self.place("experiments", number)
+        found: dict[str, Trial] = {}
+        for number, entry in enumerate(self.model.experiments):
+            place = ("experiments", number)
+            one = self.sheet.part(ExperimentModel, entry, *place)
+            if one is None:
+                continue
+            if one.name in found:
+                self.sheet.tell((*place, "name"), f"two are called {one.name}", "one name for each")
             try:
                 prepared = prepare(self.prepared.config, one.overrides)
             except ConfigError as error:
-                self.problems += [replace(each, place=f"{place}: {each.place}") for each in error.problems]
+                self.sheet.of_system(error, dict(enumerate(one.overrides)), (*place, "set"), place)
                 continue
-            if prepared.grid.step_size != self.prepared.grid.step_size:
-                self.problems.append(
-                    Problem(
-                        f"{place}.set",
-                        f"changes the communication step to {float(prepared.grid.step_size):g} s",
-                        f"that of the study, {self.step:g} s",
-                    )
-                )
-            found.append(Trial(one.name, one.description, prepared))
-        names = [one.name for one in found]
-        if len(set(names)) < len(names):
-            self.problems.append(Problem(self.place("experiments"), "two share a name"))
-        return tuple(found)
+            if self.faithful and prepared.grid.step_size != self.prepared.grid.step_size:
+                what = f"changes the communication step to {float(prepared.grid.step_size):g} s"
+                self.sheet.tell((*place, "set"), what, f"that of the study, {self.step:g} s")
+            found[one.name] = Trial(one.name, one.description, prepared)
+        return tuple(found.values())
 
     def _uses(self, columns: Mapping[Port, Logged]) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
         fed, compared = [], []
@@ -199,7 +250,12 @@ class _Reader:
                 self.problems.append(Problem(place, what, "a free input, or an output", f"Map {source}."))
             if is_input and (one.noise is not None or one.feed is False or one.start):
                 self.problems.append(
-                    Problem(place, "an input has no noise, feed or start: it is fed what was logged")
+                    Problem(
+                        place,
+                        "an input is fed what was logged",
+                        "column, unit, sign, offset, clock",
+                        "Leave noise, feed and start to outputs.",
+                    )
                 )
             if not is_input and one.noise is not None:
                 compared.append(port)
@@ -218,136 +274,40 @@ class _Reader:
                 self.problems.append(Problem(place, "is neither fed nor compared", "feed: true, or a noise"))
             if one.start and not self.ports[str(port)].settable:
                 self.problems.append(Problem(f"{place}.start", f"{port} takes no start value"))
-        if not compared and not self.problems:
-            self.problems.append(
-                Problem(self.place("columns"), "no output is compared", "at least one output with its noise")
-            )
         return tuple(fed), tuple(compared)
 
-    def _number(self, name: str, value: object, *place: object, difference: bool = False) -> float:
-        """A quantity in the unit of a parameter; difference: see `units.Quantity.exactly`."""
+    def _number(
+        self, name: str, value: Any, *path: object, least: float = -math.inf, difference: bool = True
+    ) -> float | None:
+        """A quantity in the unit of a parameter; None if it is none. See `Sheet.size`."""
         variable = self.parameters.get(name)
         if variable is None:
-            self.problems.append(
-                Problem(
-                    self.place(*place),
-                    "no such parameter",
-                    listed(self.parameters),
-                    nearest(name, self.parameters),
-                )
+            self.sheet.tell(
+                path, "no such parameter", listed(self.parameters), nearest(name, self.parameters)
             )
-            return 1.0
-        found = quantity(name, Measure(variable.unit_name, variable.unit, variable.display_units), value,
-                         self.place(*place), difference)  # fmt: skip
-        if isinstance(found, Problem):
-            self.problems.append(found)
-            return 1.0
-        return found
+            return None
+        measure = Measure(variable.unit_name, variable.unit, variable.display_units)
+        return self.sheet.size(measure, value, *path, least=least, difference=difference)
 
     def _nominal(self) -> dict[str, Nominal]:
         found = {}
-        for name, one in self.model.calibrated.items():
-            before = len(self.problems)
-            tolerance = self._number(name, one.tolerance, "calibrated", name, "tolerance", difference=True)
-            if len(self.problems) > before:
+        for name, entry in self.model.calibrated.items():
+            one = self.sheet.part(CalibratedModel, entry, "calibrated", name)
+            if one is None:
                 continue
-            if not tolerance > 0:
-                self.problems.append(
-                    Problem(self.place("calibrated", name, "tolerance"), f"got {one.tolerance!r}", "above 0")
-                )
+            place = ("calibrated", name)
+            tolerance = self._number(name, one.tolerance, *place, "tolerance", least=0.0)
+            if name not in self.parameters:
+                continue
+            value: Any = self.prepared.system.start(Port.of(name))
             if one.value is not None:
-                value = self._number(name, one.value, "calibrated", name, "value")
-            else:
-                value = self.prepared.system.start(Port.of(name))
-            found[name] = Nominal(value, tolerance)
+                value = self._number(name, one.value, *place, "value", difference=False)
+                port = Port.of(name)
+                wrong = value is not None and in_range(
+                    port.instance, self.parameters[name], value, one.value, self.place(*place, "value")
+                )
+                if wrong:
+                    self.problems.append(wrong)
+            if tolerance is not None and value is not None:
+                found[name] = Nominal(value, tolerance)
         return found
-
-    def _seconds(self, text: str | None, *place: object) -> float:
-        if text is None:
-            return 0.0
-        found = quantity(str(place[-1]), _SECONDS, text, self.place(*place))
-        if isinstance(found, Problem):
-            self.problems.append(found)
-            return 0.0
-        return found
-
-    def _checked(self, runs: Sequence[PortRun], settled: int) -> None:
-        """Runs long enough to tell anything, and each with a log of its own."""
-        for run in runs:
-            if len(run) - settled < _FEWEST:
-                what = f"{run.name} has {len(run)} samples, {settled} of them while it settles"
-                self.problems.append(
-                    Problem(
-                        self.place("runs"), what, f"at least {_FEWEST} more", "Log longer, or settle less."
-                    )
-                )
-            if run.repeats is not None and run.repeats not in [one.name for one in runs]:
-                names = [one.name for one in runs if one is not run]
-                what = f"{run.name} repeats {run.repeats}, which is no run"
-                self.problems.append(
-                    Problem(self.place("runs"), what, listed(names), nearest(run.repeats, names))
-                )
-        self.problems += logged_twice([(run.name, run.logs) for run in runs], self.place("runs"))
-
-    def _run(self, number: int, mapping: Mapping[str, Logged], units: Mapping[str, str]) -> PortRun | None:
-        model = self.model.runs[number]
-        place = ("runs", number)
-        path = self.file.parent / model.file
-        if not path.exists():
-            self.problems.append(
-                Problem(self.place(*place, "file"), f"no file {model.file} in {path.parent}")
-            )
-            return None
-        unknown = [name for name in model.without if name not in mapping]
-        if unknown:
-            what = f"{listed(unknown)} has no column"
-            self.problems.append(Problem(self.place(*place, "without"), what, listed(mapping)))
-            return None
-        wanted = {name: one for name, one in mapping.items() if name not in model.without}
-        found = columns_of(path, wanted, {**units, "time": "s"}, self.step, self.problems)
-        begin = self._seconds(model.begin, *place, "from")
-        end = self._seconds(model.end, *place, "to") if model.end is not None else np.inf
-        if found is None:
-            return None
-        apart = np.diff(found["time"])
-        if "time" in mapping and not np.allclose(apart, self.step, rtol=0, atol=_UNEVEN * self.step):
-            usual, row = float(np.median(apart)), int(np.argmax(np.abs(apart - np.median(apart))))
-            what, remedy = (
-                f"samples are {usual:.6g} s apart",
-                "Set run.step_size under `set`, or resample the log.",
-            )
-            if abs(usual - self.step) <= _UNEVEN * self.step:
-                wrong = int(np.sum(np.abs(apart - self.step) > _UNEVEN * self.step))
-                what = f"row {row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"
-                remedy = (
-                    "Take the run up to there, by `to`, or the one after, by `from`; or resample the log."
-                )
-            allowed = f"the communication step of the system, {self.step:.6g} s"
-            self.problems.append(Problem(f"{path}: time", what, allowed, remedy))
-            return None
-        first, last = round(begin / self.step), round(min(end / self.step, len(found["time"])))
-        if not 0 <= first < last - 2:
-            self.problems.append(
-                Problem(
-                    self.place(*place),
-                    f"{model.begin} to {model.end} holds no samples",
-                    f"up to {found['time'][-1]:g} s",
-                )
-            )
-            return None
-        logs = {
-            Port.of(name): np.ascontiguousarray(values[first:last])
-            for name, values in found.items()
-            if name != "time"
-        }
-        stem = Path(path.name.removesuffix(".gz")).stem
-        return PortRun(
-            model.name or (stem if model.begin is None else f"{stem}-{first}"),
-            model.role,
-            logs,
-            model.repeats,
-            path,
-        )
-
-
-_SECONDS = Measure("s", parse_unit("s"))

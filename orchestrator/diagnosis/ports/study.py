@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
 
+from ...config import Places
 from ...run import Prepared
 from ...system import Port
 from ..study import Array, Nominal
@@ -66,6 +67,7 @@ class PortStudy:
         window: samples after which components are taken up from the measured state anew; 0: by the run.
         trials: what the lab can run next.
         practice: file with what practice on simulated cases of this study taught; None without.
+        places: where in its file things stand; None of one that was not read.
     """
 
     name: str
@@ -84,10 +86,15 @@ class PortStudy:
     window: int = 0
     trials: tuple[Trial, ...] = ()
     practice: Path | None = None
+    places: Places | None = field(default=None, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
         """The runs of some roles."""
         return tuple(run for run in self.runs if run.role in roles)
+
+    def place(self, *path: str | int) -> str:
+        """Where in the study's file something stands, for problems."""
+        return (self.places or Places("")).text(path)
 
     def unit(self, port: Port) -> str:
         """Unit of a port, as its FMU names it."""

@@ -1,0 +1,118 @@
+"""What is wrong with the rows of a log: no numbers in them, or a time that is not mapped and is another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import Problem
+from ..units import UnitError, convert, parse_unit
+from .logs import Signal
+
+__all__ = ["unmapped_clock", "unread_rows"]
+
+Array = NDArray[np.float64]
+
+# By how much of the tick a log's own step may differ from it; and rows of a clock from their even place.
+_APART, _UNEVEN = 0.01, 0.1
+_CLOCKS = ("t", "time", "timestamp", "stamp", "zeit", "seconds", "sec")
+# Of clocks without unit [s]: what their values may be counted in.
+_COUNTED = (1.0, 1e-3, 1e-6, 1e-9)
+_COMMA = re.compile(r"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*")
+
+
+class _Named(Protocol):
+    column: str
+
+
+def unmapped_clock(
+    path: Path, log: Mapping[str, Signal], mapped: Collection[str], tick: float, key: str
+) -> Iterator[Problem]:
+    """A column that tells time, by its unit or its name, and another one than the tick would.
+
+    Args:
+        path, log: what is read.
+        mapped: columns that are signals.
+        tick: from one row to the next, as is believed [s].
+        key: what sets the tick.
+    """
+    others = []
+    for name, signal in log.items():
+        scales = _scales(name, signal) if name not in mapped and not signal.flaw else ()
+        step = _step(signal.values) if scales else 0.0
+        if not step > 0.0:
+            continue
+        if any(abs(step * scale / tick - 1.0) <= _APART for scale in scales):
+            return  # one clock that agrees is enough: another may count from somewhere else
+        others.append((name, signal.unit, step))
+    if others:
+        name, unit, step = others[0]
+        told = f"{step:.6g} {unit}" if unit else f"{step:.6g}, without a unit,"
+        entry = f"time: {name}" if unit else f"time: {{column: {name}, unit: s}}"
+        yield Problem(
+            str(path),
+            f"time is not mapped, and column {name} rises by {told} from row to row",
+            f"{tick:.6g} s, of {key}",
+            f"Map `{entry}` under columns, or set {key}; rename the column if it tells no time.",
+        )
+
+
+def _scales(name: str, signal: Signal) -> tuple[float, ...]:
+    """What one of a clock's values may be [s]; none for what is no clock."""
+    if signal.unit:
+        try:
+            return (convert(parse_unit(signal.unit), parse_unit("s"))[0],)
+        except UnitError:
+            return ()
+    return _COUNTED if re.split(r"[./]", name)[-1].casefold() in _CLOCKS else ()
+
+
+def _step(values: Array) -> float:
+    """From row to row of a column that rises evenly; 0 for others."""
+    if len(values) < 3 or not np.isfinite(values).all():
+        return 0.0
+    apart = np.diff(values)
+    usual = float(np.median(apart))
+    even = np.abs(apart - usual) <= _UNEVEN * usual
+    # Some rows may come late, or be lost.
+    return usual if usual > 0.0 and apart.min() > 0.0 and even.mean() > 0.9 else 0.0
+
+
+def unread_rows(
+    path: Path,
+    signals: Mapping[str, Signal],
+    mapping: Mapping[str, _Named],
+    rows: Mapping[str, NDArray[np.intp]],
+    parted: bool,
+) -> Iterator[Problem]:
+    """Columns with rows that hold no number.
+
+    Args:
+        path: of the log, for the message.
+        signals, mapping: what is read, and from which columns.
+        rows: numbers of the rows that are taken, by signal.
+        parted: whether a part of the log can be asked for.
+    """
+    for name, signal in signals.items():
+        wrong = rows[name][~np.isfinite(signal.values[rows[name]])]
+        if not len(wrong):
+            continue
+        row = int(wrong[0])
+        held = signal.values[row] if signal.written is None else signal.written[row]
+        # Text that says so itself, and cells in which nothing stands, are all that columns of numbers leave.
+        told = "nothing" if held in (None, "") else repr(held) if isinstance(held, str) else str(held)
+        if signal.written is None and np.isnan(held):
+            told = "nothing, or nan"
+        remedy = "Mend the log there" + (
+            ", or take a part without it, by `from` and `to`." if parted else "."
+        )
+        if isinstance(held, str) and _COMMA.fullmatch(held):
+            remedy = f"Write decimal points: {held.strip().replace(',', '.')}."
+        place = f"{path}:{signal.line + row}" if signal.line is not None else str(path)
+        what = f"row {row} of column {mapping[name].column} holds {told}"
+        yield Problem(f"{place}: {name}", what, f"a number; {len(wrong)} such in all", remedy)

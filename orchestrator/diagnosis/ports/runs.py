@@ -1,0 +1,190 @@
+"""Reads the logged runs of a study of ports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import Problem, listed, nearest
+from ...system import Port
+from ..channels import logged_twice
+from ..mapping import columns_of
+from ..study import Array
+from .keys import Logged, Role, RunModel
+from .sheet import Sheet
+from .study import PortRun
+
+__all__ = ["Columns", "read_runs"]
+
+# Samples may be apart by other than the communication step by this share of it.
+_UNEVEN = 0.01
+# Samples of a run that are compared, at the least.
+_FEWEST = 100
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What is known of the columns of logs.
+
+    Attributes:
+        named: signals that the study gives columns, whether those can be taken or not.
+        mapping: those that can.
+        units: in which signals are taken, by name.
+        step: communication step [s]; None if it is not known.
+    """
+
+    named: tuple[str, ...]
+    mapping: Mapping[str, Logged]
+    units: Mapping[str, str]
+    step: float | None
+
+
+def read_runs(
+    sheet: Sheet, entries: Sequence[Any] | None, columns: Columns, settled: int
+) -> tuple[PortRun, ...]:
+    """The runs that can be read; all that is wrong with the others, and with any, is told.
+
+    Args:
+        entries: of the study; None if they are no list.
+        settled: samples at the begin of each run that are not compared.
+    """
+    if entries is None:
+        return ()
+    taken = [sheet.taken(RunModel, entry, "runs", number) for number, entry in enumerate(entries)]
+    # A run of training that cannot be read is one all the same.
+    if not any(wrong or model.role is Role.TRAIN for model, wrong in taken):
+        sheet.tell(("runs",), "no run has the role train", "at least one")
+    before = len(sheet.problems)
+    read = [_Run(sheet, number, *one, columns).read() for number, one in enumerate(taken)]
+    logs = [str(sheet.file.parent / one.file) for one, _ in taken if one.file is not None]
+    sheet.problems[before:] = _once(sheet.problems[before:], logs)
+    names = [None if one is None else one.name for one in read]
+    for number, run in enumerate(read):
+        if run is None:
+            continue
+        if run.name in names[:number]:
+            sheet.tell(
+                ("runs", number), f"two runs are called {run.name}", remedy="Give one of them a `name`."
+            )
+        if len(run) - settled < _FEWEST:
+            what = f"{run.name} has {len(run)} samples, {settled} of them while it settles"
+            sheet.tell(("runs", number), what, f"at least {_FEWEST} more", "Log longer, or settle less.")
+        others = [one for one in names if one is not None and one != run.name]
+        if run.repeats is not None and run.repeats not in others and None not in names:
+            what = f"{run.name} repeats {run.repeats}, which is no run"
+            sheet.tell(("runs", number, "repeats"), what, listed(others), nearest(run.repeats, others))
+    found = tuple(run for run in read if run is not None)
+    sheet.problems += logged_twice([(run.name, run.logs) for run in found], sheet.place("runs"))
+    return found
+
+
+def _once(problems: Sequence[Problem], logs: Sequence[str]) -> list[Problem]:
+    """Problems; what is the same in several logs is told of the first."""
+    kinds: dict[object, list[Problem]] = {}
+    for one in problems:
+        log = next((log for log in logs if f"{one.place}:".startswith(f"{log}:")), None)
+        key = id(one) if log is None else replace(one, place=one.place.removeprefix(log))
+        kinds.setdefault(key, []).append(one)
+    return [
+        replace(first, what=f"{first.what}; the same in {len(more)} more runs") if more else first
+        for first, *more in kinds.values()
+    ]
+
+
+class _Run:
+    """Reads one run; `wrong`: keys with which something is wrong."""
+
+    def __init__(
+        self, sheet: Sheet, number: int, model: RunModel, wrong: frozenset[str], columns: Columns
+    ) -> None:
+        self.sheet, self.model, self.wrong, self.columns = sheet, model, wrong, columns
+        self.place = ("runs", number)
+        self.path = sheet.file.parent / (model.file or "")
+        self.begin = sheet.seconds(model.begin, *self.place, "from")
+        self.end = sheet.seconds(model.end, *self.place, "to", absent=np.inf)
+        self.first = 0
+
+    def read(self) -> PortRun | None:
+        """None if it cannot be read, which is told."""
+        model, mapping, sheet = self.model, self.columns.mapping, self.sheet
+        before = len(sheet.problems)
+        unknown = [name for name in model.without if name not in self.columns.named]
+        if unknown:
+            near = nearest(unknown[0], self.columns.named)
+            what = f"{listed(unknown)} has no column"
+            sheet.tell((*self.place, "without"), what, listed(self.columns.named), near)
+        if not self.begin < self.end:
+            what = f"from {model.begin} to {model.end} holds no samples"
+            sheet.tell((*self.place, "to"), what, "an end after the begin")
+        if not self.path.exists():
+            there = [one.name for one in self.path.parent.iterdir()] if self.path.parent.is_dir() else []
+            what = f"no file {self.path.name} in {self.path.parent}"
+            sheet.tell((*self.place, "file"), what, remedy=nearest(self.path.name, there))
+        if len(sheet.problems) > before or self.wrong:
+            return None
+        wanted = {name: one for name, one in mapping.items() if name not in model.without}
+        clock = None if "time" in self.columns.named else "run.step_size"
+        found = columns_of(
+            self.path, wanted, self.columns.units, self.columns.step, sheet.problems, self._part, clock
+        )
+        if found is None:
+            return None
+        stem = Path(self.path.name.removesuffix(".gz")).stem
+        return PortRun(
+            model.name or (stem if model.begin is None else f"{stem}-{self.first}"),
+            model.role,
+            {Port.of(name): values for name, values in found.items() if name != "time"},
+            model.repeats,
+            self.path,
+        )
+
+    def _part(self, time: Array) -> slice | None:
+        """The rows from begin to end, by the times of all [s]; None if they are none, or uneven."""
+        step = self.columns.step
+        assert step is not None
+        log_end = float(time[-1])
+        if np.isfinite(self.end) and self.end > log_end + step * (1.0 + _UNEVEN):
+            what = f"got {self.model.end!r}, but {self.path.name} ends before"
+            remedy = "Leave it out to take all that was logged."
+            self.sheet.tell((*self.place, "to"), what, f"up to {log_end:.6g} s", remedy)
+            return None
+        if not (np.diff(time) >= 0.0).all():
+            self._told_uneven(time, 0)
+            return None
+        # Stamps jitter: a sample is taken as at the nearest communication point.
+        first, last = np.searchsorted(time, [self.begin - step / 2, self.end - step / 2]).tolist()
+        if not first < last - 2:
+            end = "its end" if self.model.end is None else self.model.end
+            what = f"from {self.model.begin or '0 s'} to {end} holds no samples"
+            self.sheet.tell(self.place, what, f"up to {log_end:.6g} s, and at least three")
+            return None
+        taken = time[first:last]
+        even = np.isclose(np.diff(taken), step, rtol=0, atol=_UNEVEN * step)
+        if "time" not in self.columns.named:
+            # Messages come early and late, several at once or not at all: what is not mapped as time need
+            # only be of this step on the whole.
+            whole = np.median(np.diff(taken)), np.mean(np.diff(taken))
+            even = np.isclose(whole, step, rtol=0, atol=_UNEVEN * step).any()
+        if not even.all():
+            self._told_uneven(taken, first)
+            return None
+        self.first = first
+        return slice(first, last)
+
+    def _told_uneven(self, time: Array, first: int) -> None:
+        """Tell that samples are not a communication step apart, and where; first: number of the first row."""
+        step, apart = self.columns.step, np.diff(time)
+        assert step is not None
+        usual, row = float(np.median(apart)), int(np.argmax(np.abs(apart - np.median(apart))))
+        what = f"samples are {usual:.6g} s apart"
+        remedy = "Set run.step_size under `set`, or resample the log."
+        if abs(usual - step) <= _UNEVEN * step:
+            wrong = int(np.sum(np.abs(apart - step) > _UNEVEN * step))
+            what = f"row {first + row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"
+            remedy = "Take the run up to there, by `to`, or the one after, by `from`; or resample the log."
+        allowed = f"the communication step of the system, {step:.6g} s"
+        self.sheet.problems.append(Problem(f"{self.path}: time", what, allowed, remedy))

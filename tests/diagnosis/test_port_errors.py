@@ -1,0 +1,287 @@
+"""What is wrong with a study of ports is told: all of it at once, where it stands, with what to do."""
+
+from __future__ import annotations
+
+import json
+from copy import deepcopy
+
+import numpy as np
+import pytest
+import yaml
+from mcap.writer import Writer
+from ports_bench import study
+
+from orchestrator.__main__ import main
+from orchestrator.diagnosis.cli import _folders
+from orchestrator.diagnosis.ports.diagnose import diagnose_ports
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The folder of a study with nothing wrong."""
+    return study(tmp_path_factory.mktemp("made"))
+
+
+@pytest.fixture
+def told(made, tmp_path):
+    """What is told of the study once it is changed by a function: `line: problem` each; "" if it is taken."""
+    data = deepcopy(yaml.safe_load((made / "study.yaml").read_text()))
+    for one in data["runs"]:
+        one["file"] = str(made / one["file"])
+
+    def problems(change, read=load_port_study):
+        change(data)
+        path = tmp_path / "wrong.yaml"
+        path.write_text(yaml.safe_dump(data, sort_keys=False))
+        try:
+            read(path)
+        except ConfigError as error:
+            return str(error).replace(f"{tmp_path}/", "").replace(f"{made}/", "")
+        return ""
+
+    return problems
+
+
+def placed(said):
+    """Paths of problems, each with the text of its line in the study."""
+    heads = [line for line in said.splitlines() if not line.startswith("  ")]
+    assert all(line.startswith("wrong.yaml:") for line in heads), said
+    return [line.split(": ")[1] for line in heads]
+
+
+def within(*path, **values):
+    """A change of the values at a path."""
+
+    def change(data):
+        for one in path:
+            data = data[one]
+        data.update(values)
+
+    return change
+
+
+TWENTIETH = "Leave it out for a twentieth of each run."
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (within(candidates={"parameters": {"drive.mass": "0 kg"}}),
+         "candidates.parameters.drive.mass: got '0 kg'\n  above 0"),
+        (within(candidates={"parameters": {"drive.mass": "-1 kg"}}),
+         "candidates.parameters.drive.mass: got '-1 kg'\n  above 0"),
+        (within("calibrated", "drive.mass", value="-3 kg"),
+         "calibrated.drive.mass.value: drive.mass = -3 kg is out of range\n  allowed: at least 0.0 kg"),
+        (within("calibrated", "drive.mass", tolerance="0 kg"),
+         "calibrated.drive.mass.tolerance: got '0 kg'\n  above 0"),
+        (within(window="-1 s"), "window: got '-1 s'\n  0 s or more"),
+        (within(window="3 ms"),
+         "window: got '3 ms'\n  two communication steps, 0.004 s, or more. " + TWENTIETH),
+        (within(window="1.96 s"),
+         "window: got '1.96 s'\n  up to 1.952 s, what run-2 holds after it settled. " + TWENTIETH),
+        (within(settle="-1 s"), "settle: got '-1 s'\n  0 s or more"),
+        (within(settle=100), "settle: settle: 100 has no unit\n  a unit must be given, for zero too; "
+         "its unit is s. Write 100 s."),
+        (within(motion={"port": "drive.position", "rest": "0 mm/s"}), "motion.rest: got '0 mm/s'\n  above 0"),
+        (within(motion={"port": "drive.position", "rest": "-1 mm/s"}),
+         "motion.rest: got '-1 mm/s'\n  above 0"),
+        (within("runs", 0, **{"from": "-1 s"}), "runs[0].from: got '-1 s'\n  0 s or more"),
+        (within("runs", 0, to="2.1 s"), "runs[0].to: got '2.1 s', but run-0.csv ends before\n"
+         "  up to 2 s. Leave it out to take all that was logged."),
+        (within("runs", 0, **{"from": "9 s"}), "runs[0]: from 9 s to its end holds no samples\n"
+         "  up to 2 s, and at least three"),
+        (within("runs", 0, without=["drive.positon"]), "runs[0].without: drive.positon has no column\n"
+         "  controller.voltage, drive.position, path.position, time. Did you mean drive.position"),
+        (within("runs", 0, role="heldout"), "runs[0].role: input should be 'train', 'validation', 'held-out' "
+         "or 'repeat', got 'heldout'\n  Did you mean held-out?"),
+        (within("runs", 1, name="run-0"), "runs[1]: two runs are called run-0\n  Give one of them a `name`."),
+        (within("columns", "drive.position", unit="N"), "columns.drive.position.unit: N [kg.m.s-2] cannot be "
+         "converted to m [m]\n  the unit of the column's values, one that can be converted to m"),
+        (within(system="emp"), "system: no config 'emp'\n  neither a file nor a bundled system; "),
+        (within(set=["run.step_size=2 ms", "drive.mas=3 kg"]),
+         "set[1]: instances.drive.start.mas: drive has no variable 'mas'"),
+        (within(set=["run.step_size=2 ms", "path.stroke=[1"]), "set[1]: not YAML: "),
+        (within("columns", **{"drive.position": ["x"]}), "columns.drive.position: got ['x']\n  keys and "
+         "their values: column, unit, sign, offset, clock, noise, feed, start"),
+        (within(runs=["run-0.csv"]), "runs[0]: got 'run-0.csv'\n  keys and their values: file, role, from, "
+         "to, without, repeats, name"),
+        (within(motion="drive.position"),
+         "motion: got 'drive.position'\n  keys and their values: port, rest"),
+        (within(runs=[]), "runs: no run has the role train\n  at least one"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_where_it_stands(told, change, said):
+    found = told(change)
+    assert found.partition(": ")[2].startswith(said), found
+    assert len(placed(found)) == 1
+    number = int(found.partition(": ")[0].removeprefix("wrong.yaml:"))
+    assert number > 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [within(window="0 s"), within(window="4 ms"), within(settle="0 s"), within("runs", 0, to="2.002 s")],
+)
+def test_what_is_at_the_bounds_is_taken(told, change):
+    assert told(change) == ""
+
+
+def test_patterns_that_fit_nothing_are_told_with_what_is_near(told):
+    def read(path):
+        diagnose_ports(path, lambda stage: None, report=False)
+
+    found = told(within(candidates={"only": ["drive.coulom"], "without": ["x*"]}), read)
+    assert placed(found) == ["candidates.only[0]", "candidates.without[0]"]
+    assert "drive.coulom fits no candidate\n" in found and "Did you mean drive.coulomb or" in found
+    found = told(within(candidates={"only": ["drive.coulomb"], "without": ["drive.*"]}), read)
+    assert placed(found) == ["candidates"] and "`only` and `without` leave no candidate" in found
+
+
+def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
+    def change(data):
+        data["settel"] = data.pop("settle")
+        data["set"] += ["drive.mas=3 kg", "path.stroke=[1"]
+        data["columns"]["drive.position"]["nois"] = "1 mm"
+        data["columns"]["drive.speed"] = "x"
+        data["columns"]["path.velocity"] = "v"
+        data["calibrated"]["drive.mass"]["tol"] = "1 kg"
+        data["calibrated"]["drive.viscous_friction"]["tolerance"] = "1 N"
+        data["candidates"] = {"onli": [], "parameters": {"drive.mas": "1 kg"}}
+        data["motion"] = {"port": "drive.positon", "rest": "0 mm/s"}
+        data["experiments"] = [{"nam": "a"}, {"name": "b", "set": ["path.stroke=1 N"]}]
+        data["runs"][0]["rol"] = data["runs"][0].pop("role")
+        data["runs"][0]["to"] = "-1 s"
+        data["runs"][1]["file"] = "run-9.csv"
+
+    found = told(change)
+    heads = [line for line in found.splitlines() if not line.startswith("  ")]
+    assert [line.split(": ")[1] for line in heads if line.startswith("wrong")] == [
+        "settel",
+        "set[2]",
+        "set[1]",
+        "columns.drive.position.nois",
+        "columns.drive.speed",
+        "calibrated.drive.mass.tol",
+        "calibrated.drive.viscous_friction.tolerance",
+        "candidates.onli",
+        "motion.port",
+        "experiments[0]",
+        "experiments[0].nam",
+        "experiments[1].set[0]",
+        "runs[0]",
+        "runs[0].rol",
+        "runs[0].to",
+        "runs[1].file",
+    ]
+    # The step is not known, but columns are; time is mapped.
+    assert [line for line in heads if not line.startswith("wrong")] == [
+        "run-2.csv: path.velocity: no column v"
+    ]
+
+
+def test_without_a_system_files_and_times_are_looked_at(told):
+    def change(data):
+        data["system"] = "emp"
+        data["settle"] = "2"
+        data["runs"][0]["file"] = "run-9.csv"
+        data["runs"][1]["from"] = "-2 s"
+
+    assert placed(told(change)) == ["system", "settle", "runs[0].file", "runs[1].from"]
+
+
+@pytest.mark.parametrize("key", ["format", "system", "columns", "runs"])
+def test_what_is_missing_is_told_alone(told, key):
+    assert told(lambda data: data.pop(key)) == f"wrong.yaml: {key} is missing\n  it has no default"
+
+
+@pytest.mark.parametrize("text", ["- a\n- b\n", "format: [\n", "\xff"])
+def test_files_that_are_no_study(tmp_path, text):
+    (tmp_path / "a.yaml").write_bytes(text.encode("latin-1"))
+    with pytest.raises(
+        ConfigError, match=r"a.yaml(:2)?: (is no study|not YAML|cannot be read: it is no text)"
+    ):
+        load_port_study(tmp_path / "a.yaml")
+
+
+def test_a_time_that_is_not_mapped_is_not_taken_for_the_step(told):
+    def change(data):
+        data["columns"].pop("time", None)
+        data["set"] = ["run.step_size=1 ms"]
+
+    # Of three logs the first is named.
+    assert told(change) == (
+        "run-0.csv: time is not mapped, and column time rises by 0.002 s from row to row; "
+        "the same in 2 more runs\n  0.001 s, of run.step_size. Map `time: time` under columns, or set "
+        "run.step_size; rename the column if it tells no time."
+    )
+    assert told(within(set=["run.step_size=2 ms"])) == ""
+
+
+def test_only_what_is_taken_of_a_log_need_be_right(made, told, tmp_path):
+    header, *rows = (made / "run-0.csv").read_text().splitlines(keepends=True)
+    rows[700] = "1.4,lost,0.1,0.1\n"
+    (tmp_path / "gap.csv").write_text("".join([header, *rows[:100], *rows[130:]]))
+    found = told(within("runs", 0, file="gap.csv"))
+    assert "gap.csv: time: row 100 comes 0.062 s after the one before; 1 such in all" in found
+    found = told(within("runs", 0, **{"from": "0.3 s"}))
+    assert found.startswith("gap.csv:672: path.position: row 670 of column path.position holds 'lost'\n")
+    assert "by `from` and `to`" in found
+    assert told(within("runs", 0, to="1.3 s")) == ""
+    # By the log's time, not by its rows.
+    read = load_port_study(tmp_path / "wrong.yaml").runs[0]
+    whole = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
+    assert len(read) == 500 and read.name == "gap-120"
+    assert next(v for p, v in read.logs.items() if str(p) == "path.position")[0] == whole[150, 1]
+
+
+def test_a_folder_in_place_of_a_log(told):
+    found = told(within("runs", 0, file="."))
+    assert "is a folder, and no ROS bag" in found and "name a file, of .csv" in found
+
+
+def test_studies_in_one_folder_are_called_after_their_files(made, tmp_path, capsys):
+    text = (made / "study.yaml").read_text()
+    (made / "slow.yaml").write_text(text)
+    cases = [made / "slow.yaml", made / "study.yaml", made]
+    assert _folders(cases[:2], tmp_path) == [tmp_path / "slow", tmp_path / made.name]
+    # The folder of a study and its study.yaml are one.
+    assert main(["diagnose", *map(str, cases), "--out", str(tmp_path)]) == 2
+    assert f"several cases are called {made.name}" in capsys.readouterr().err
+
+
+def test_messages_at_another_step_are_not_taken_for_the_step(made, told, tmp_path):
+    """Their stamps jitter, so that only the step on the whole counts where they are not mapped."""
+    log = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
+
+    def write(step):
+        with (tmp_path / "a.mcap").open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            channel = writer.register_channel(
+                "/all", "json", writer.register_schema("x", "jsonschema", b"{}")
+            )
+            for number, row in enumerate(log.tolist()):
+                stamp = 1_700_000_000_000_000_000 + round((step * number + 1e-5 * (number % 3)) * 1e9)
+                writer.add_message(channel, stamp, json.dumps(row[1:]).encode(), stamp)
+            writer.finish()
+
+    def change(data):
+        entries = {"path.position": ("m", {}), "drive.position": ("m", {"noise": "2 um"})}
+        data["columns"] = {
+            name: {"column": f"/all[{number}]", "unit": unit, **more}
+            for number, (name, (unit, more)) in enumerate(entries.items())
+        }
+        data["runs"] = [{"file": "a.mcap", "role": "train", "from": "0.4 s"}]
+
+    write(2e-3)
+    assert told(change) == ""
+    run = load_port_study(tmp_path / "wrong.yaml").runs[0]
+    assert (run.name, len(run)) == ("a-200", 801)
+    assert np.array_equal(next(iter(run.logs.values())), log[200:, 1])
+    write(4e-3)
+    assert told(change) == (
+        "a.mcap: time: samples are 0.00401 s apart\n  the communication step of the system, 0.002 s. "
+        "Set run.step_size under `set`, or resample the log."
+    )
