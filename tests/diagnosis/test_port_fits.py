@@ -7,7 +7,9 @@ import pytest
 
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.ports.candidates import PortEffect, _apart, _pairs, _periods, _resolutions
+from orchestrator.diagnosis.ports.candidates import _apart, _periods, _resolutions
+from orchestrator.diagnosis.ports.effect import PortEffect
+from orchestrator.diagnosis.ports.friction import _pairs
 from orchestrator.diagnosis.ports.wary import WaryFitter
 from orchestrator.effects.gain import Gain
 from orchestrator.system import Port

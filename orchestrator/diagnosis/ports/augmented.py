@@ -12,7 +12,7 @@ from ...fmi import Causality
 from ...system import Port
 from ..effect import by_effect
 from ..finding import Augmented, Finding
-from .candidates import PortEffect
+from .effect import PortEffect
 from .friction_fmu import add_instance, form_of
 from .study import PortStudy
 

@@ -10,7 +10,7 @@ from ...fmi import Causality, Kind
 from ...system import Port
 from ..finding import NOMINAL, Augmented, Finding
 from ..study import Array
-from .candidates import FORCES
+from .friction import FORCES
 from .motion import phases
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role

@@ -6,7 +6,7 @@ from typing import Any
 
 from ...effects import Effect as ConnectionEffect
 from . import laws
-from .candidates import PortEffect
+from .effect import PortEffect
 
 __all__ = ["FMU", "add_instance", "form_of"]
 

@@ -16,7 +16,9 @@ from ..effect import Effect, by_effect
 from ..finding import Augmented
 from ..fit import Fit
 from ..study import Array
-from .candidates import FORCES, PortEffect, Sizes, candidates
+from .candidates import candidates
+from .effect import PortEffect, Sizes
+from .friction import FORCES
 from .player import Inserted, Player
 from .study import PortRun, PortStudy, Role
 

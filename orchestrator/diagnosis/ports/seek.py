@@ -13,7 +13,7 @@ from ..effect import Effect
 from ..fit import Fit, Fitter, cost_of
 from ..search import Search, each, exchanged, search
 from ..study import Array
-from .candidates import PortEffect
+from .effect import PortEffect
 from .replay import PortReplay, Weighted
 from .wary import WaryFitter
 

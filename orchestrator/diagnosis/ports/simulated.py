@@ -17,7 +17,7 @@ from ...system import Port
 from ..effect import Effect
 from ..fit import Fitter
 from ..study import Array
-from .candidates import PortEffect
+from .effect import PortEffect
 from .replay import PortReplay, Weighted
 from .seek import carries
 from .study import PortRun, PortStudy, Role
