@@ -94,7 +94,7 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
     force, way = sizes.spread[port], sizes.way[read]
     level = Parameter("level", force_unit, force, 0.0, np.inf, (0.05 * force, 0.4 * force))
     excess = Parameter("excess", "1", 0.7, 0.0, 2.0, (0.3,), shape=True)
-    corner = Parameter("width", speed_unit, 1.5, 1e-4 * speed, 0.3 * speed, (1e-2 * speed,), shape=True)
+    corner = Parameter("width", speed_unit, 1.5, 1e-4 * speed, 0.05 * speed, (1e-2 * speed,), shape=True)
     slow = Parameter("speed", speed_unit, 1.0, 1e-3 * speed, 3 * speed, (0.2 * speed,), shape=True)
     build = Parameter("distance", way_unit, 1.5, 1e-6 * way, 3 * way, (0.003 * way, 0.05 * way), shape=True)
     soft = Parameter("distance", way_unit, 0.3 * way, 0.0, 3 * way, (0.015 * way, 0.15 * way))

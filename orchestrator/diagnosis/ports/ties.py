@@ -17,6 +17,8 @@ __all__ = ["Alike", "alike"]
 
 # Fitted replays that data like these separate by less are the same [nats]; and how many are fitted.
 _APART, _FITTED = 8.0, 6
+# An effect that moves the residuals by less does nothing [nats].
+_NOTHING = 1.0
 # What is fitted must promise to come so near: as a share of what the effect explains, and in nats.
 _NEAR, _NEAR_NATS = 0.02, 40.0
 
@@ -51,7 +53,9 @@ def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect], workers: in
     return [
         Alike(fit, (fit.effects[-1].id,))
         for fit in fits
-        if np.isfinite(fit.cost) and separation(fitter, top, fit) + _bent(fitter, top, fit) < _APART
+        if np.isfinite(fit.cost)
+        and _acts(fitter, fit)
+        and separation(fitter, top, fit) + _bent(fitter, top, fit) < _APART
     ]
 
 
@@ -78,6 +82,15 @@ def _replaced(fitter: Fitter, top: Fit, place: int, effects: Sequence[Effect], w
     promising = [one for one in each(nearest, new, workers) if one is not None]
     promising.sort(key=lambda one: one[0])
     return each(fitted, promising[:_FITTED], workers)
+
+
+def _acts(fitter: Fitter, fit: Fit) -> bool:
+    """Whether the last effect of a fit does anything: one that came to nothing stands for none."""
+    alone = fitter.stacked(fit.effects[:-1], fit.without(len(fit.effects) - 1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        apart = fitter.stacked(fit.effects, fit.z) - alone
+        # Nor is it nothing where the model runs away without it.
+        return not 0.5 * float(apart @ apart) < _NOTHING
 
 
 def _bent(fitter: Fitter, one: Fit, other: Fit) -> float:
