@@ -17,6 +17,7 @@ from .errors import OrchestratorError, StepError
 from .fmi import Array, FmuInstance, Point, StepStatus, Value
 from .fmi.directory import return_to, working_directory
 from .initialisation import settle
+from .instance_pool import InstancePool
 from .signals import Layout, Signals, Wired
 from .system import Connection, Port, System
 from .wires import Wires
@@ -385,9 +386,13 @@ class Instances:
 
 
 @contextmanager
-def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instances]:
+def instantiate(
+    system: System, layout: Layout | None = None, pool: InstancePool | None = None
+) -> Iterator[Instances]:
     """Make all instances of a system, and free them whatever happens.
 
+    Args:
+        pool: from which they are taken and to which they are given back instead.
     Raises: FmuError if an FMU cannot be loaded.
     """
     instances = Instances(system, layout or Layout.of(system))
@@ -396,7 +401,8 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
     finished = False
     try:
         for instance in system.instances:
-            instances.running.append(instance.fmu.instantiate(instance.name))
+            made = instance.fmu.instantiate(instance.name) if pool is None else pool.take(instance)
+            instances.running.append(made)
             return_to(directory)
         yield instances
         finished = True
@@ -411,5 +417,8 @@ def instantiate(system: System, layout: Layout | None = None) -> Iterator[Instan
                 with suppress(OrchestratorError):  # the first error is the one to tell
                     one.terminate()
             with suppress(OrchestratorError):
-                one.free()
+                if pool is None:
+                    one.free()
+                else:
+                    pool.give_back(system.instances[index], one)
         return_to(directory)

@@ -16,6 +16,7 @@ import numpy as np
 from .config import RunModel
 from .errors import ConfigError, Problem
 from .fmi import Array, Point
+from .instance_pool import InstancePool
 from .instances import Instances, instantiate
 from .ledger import Ledger, Step
 from .master import MasterAlgorithm
@@ -214,6 +215,7 @@ def simulate(
     ledger: Ledger | None = None,
     pace: Pace | None = None,
     layout: Layout | None = None,
+    pool: InstancePool | None = None,
 ) -> None:
     """Run a system.
 
@@ -228,6 +230,7 @@ def simulate(
         ledger: of the coupling; filled also when the run fails. One without bonds costs nothing.
         pace: by which steps begin; as soon as they can without.
         layout: of the signals, where it holds more than those of the system; see `Layout.of`.
+        pool: of instances, where many runs follow each other.
     Raises: ConfigError if the master, or the native loop that is asked for, cannot run the system; StepError
         if an FMU fails or an iteration does not converge; FmuError if an FMU cannot be loaded;
         KeyboardInterrupt, between two steps, if the user asks for it.
@@ -240,7 +243,10 @@ def simulate(
         problems.append(Problem("run.step_size", what, "the system's delays were judged by that one"))
     if problems:
         raise ConfigError(problems)
-    with _held_interrupts() as stop, instantiate(system, layout or Layout.of(system)) as instances:
+    with (
+        _held_interrupts() as stop,
+        instantiate(system, layout or Layout.of(system), pool) as instances,
+    ):
         try:
             report.loop = choose_loop(loop, instances, master, grid.steps)
             signals = instances.initialise(float(grid.start), grid.latest)

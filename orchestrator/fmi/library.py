@@ -56,6 +56,10 @@ class LogBook:
         """The lines, oldest first, each with its status in brackets."""
         return tuple(self._lines)
 
+    def clear(self) -> None:
+        """Forget the lines."""
+        self._lines.clear()
+
     def close(self) -> None:
         """Take no more lines from FMI 2 callbacks."""
         self._open.pop(self.number, None)

@@ -223,6 +223,7 @@ class CompiledInstance(Values):
     def reset(self) -> None:
         """Go back to where the instance stood when it was made, start values included. Raises: StepError."""
         self._call(self._RESET)
+        self._log.clear()
         self._arrays.clear()
         self._time = None
 

@@ -14,6 +14,7 @@ from ...effects import Effect
 from ...errors import ConfigError, StepError
 from ...fmi import Causality, Point, Value
 from ...fmi.compiled import CompiledFmu
+from ...instance_pool import InstancePool
 from ...master import MasterAlgorithm
 from ...signals import Layout, Signals, Wired
 from ...simulate import Grid, simulate
@@ -75,6 +76,9 @@ class Player:
                 kept = ExitStack()
                 kept.enter_context(fmu.unpacked())
                 weakref.finalize(self, kept.close)
+        self._pool = InstancePool() if self.parallel else None
+        if self._pool is not None:
+            weakref.finalize(self, self._pool.close)
 
     def run(
         self,
@@ -107,7 +111,7 @@ class Player:
         def simulated(loop: str) -> None:
             # Of a model that runs away, what it gave until then is there.
             with suppress(StepError):
-                simulate(system, self._master, grid, (seen,), loop=loop, layout=layout)
+                simulate(system, self._master, grid, (seen,), loop=loop, layout=layout, pool=self._pool)
 
         try:
             simulated("native")
