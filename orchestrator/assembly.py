@@ -17,7 +17,7 @@ from .config import BondModel, Config, ConnectionModel, InstanceModel, Places, S
 from .connecting import Ends, connect, elements
 from .errors import ConfigError, FmuError, Problem, listed, nearest
 from .external import ExternalFmu
-from .fmi import Fmu, Handling, Interface, Kind, Value, Variable, load_fmu
+from .fmi import Fmu, Handling, Interface, Kind, ModelDescription, Value, Variable, load_fmu
 from .system import Connection, Instance, Port, System, port_graph
 
 __all__ = ["Part", "assemble", "load_system"]
@@ -188,19 +188,10 @@ def assemble(
     places = places or Places("system")
     found = list(problems)
     notes: list[str] = []
+    descriptions = {part.name: part.fmu.description for part in parts}
+    stated, single, fed = _stated(connections, descriptions, places, found)
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
-    fed: set[str] = set()
-    descriptions = {part.name: part.fmu.description for part in parts}
-    single: list[Ends] = []
-    stated: list[Ends] = []
-    for index, connection in enumerate(connections):
-        whole = Ends.of(index, connection)
-        ends, targets, problems = elements(whole, descriptions, places)
-        fed.update(targets)
-        found += problems
-        single += ends
-        stated += [whole, *ends] if problems else ends
     told: set[Problem] = set()
     for one in single:
         apart: list[Problem] = []
@@ -221,15 +212,7 @@ def assemble(
         checked.append(made)
     instances = [_settle(part, wired, fed, places, found, notes) for part in parts]
     for part in parts:
-        if part.fmu.description.deviations:
-            first, *more = part.fmu.description.deviations
-            further = f" and {len(more)} more" if more else ""
-            notes.append(f"{places.text(('instances', part.name))}: breaks a rule of FMI: {first}{further}")
-        tool = part.fmu.description.tool or "which it does not name"
-        # pythonfmu declares a need that is met wherever this runs: Python.
-        if part.fmu.description.capabilities.execution_tool and not tool.startswith("PythonFMU"):
-            place = places.text(("instances", part.name))
-            notes.append(f"{place}: runs only where the tool that made it is installed, {tool}")
+        notes += _remarks(part, places)
         found += checks.integration(part.name, part.fmu, places)
     found += checks.shared_process(((part.name, part.fmu) for part in parts), places)
     wanted: dict[str, tuple[str | int, ...]] = {}
@@ -241,26 +224,77 @@ def assemble(
     solvable: tuple[tuple[Port, ...], ...] = ()
     if not found:
         solvable = _algebraic_loops(instances, checked, places, loops, found, step_size)
-    variables = {one.name: one.fmu.description.variables for one in instances}
-
-    def variable(port: Port) -> Variable:
-        return variables[port.instance][port.variable]
-
-    bonded: tuple[Bond, ...] = ()
-    if bonds is None:
-        bonded, doubts = find_bonds(checked, variable)
-        notes += doubts
-    else:
-        outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
-        numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
-        bonded = declared_bonds(
-            bonds, checked, variable, numeric, places, found, [one.leading for one in stated], absent
-        )
+    bonded = _bonded(bonds, instances, checked, stated, absent, places, found, notes)
     if found:
         raise ConfigError(found)
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.links)
     longest = step_size if broken else None
     return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest, bonded)
+
+
+def _stated(
+    connections: Iterable[str | ConnectionModel | Mapping[str, Any]],
+    descriptions: Mapping[str, ModelDescription],
+    places: Places,
+    problems: list[Problem],
+) -> tuple[list[Ends], list[Ends], set[str]]:
+    """Take connections apart, element by element.
+
+    Returns: the elements, before those of a connection that has problems the whole of it; the elements alone;
+        all inputs that are fed.
+    """
+    stated: list[Ends] = []
+    single: list[Ends] = []
+    fed: set[str] = set()
+    for index, connection in enumerate(connections):
+        whole = Ends.of(index, connection)
+        ends, targets, wrong = elements(whole, descriptions, places)
+        fed.update(targets)
+        problems += wrong
+        single += ends
+        stated += [whole, *ends] if wrong else ends
+    return stated, single, fed
+
+
+def _remarks(part: Part, places: Places) -> list[str]:
+    """What the user should know of an FMU that is let pass."""
+    description, place = part.fmu.description, places.text(("instances", part.name))
+    notes = []
+    if description.deviations:
+        first, *more = description.deviations
+        further = f" and {len(more)} more" if more else ""
+        notes.append(f"{place}: breaks a rule of FMI: {first}{further}")
+    tool = description.tool or "which it does not name"
+    # pythonfmu declares a need that is met wherever this runs: Python.
+    if description.capabilities.execution_tool and not tool.startswith("PythonFMU"):
+        notes.append(f"{place}: runs only where the tool that made it is installed, {tool}")
+    return notes
+
+
+def _bonded(
+    bonds: Sequence[BondModel] | None,
+    instances: Sequence[Instance],
+    connections: Sequence[Connection],
+    stated: Sequence[Ends],
+    absent: frozenset[str],
+    places: Places,
+    problems: list[Problem],
+    notes: list[str],
+) -> tuple[Bond, ...]:
+    """Power bonds as declared or, with doubts as notes, as they are found."""
+    variables = {one.name: one.fmu.description.variables for one in instances}
+
+    def variable(port: Port) -> Variable:
+        return variables[port.instance][port.variable]
+
+    if bonds is None:
+        bonded, doubts = find_bonds(connections, variable)
+        notes += doubts
+        return bonded
+    outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
+    numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
+    unjudged = [one.leading for one in stated]
+    return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent)
 
 
 def _settle(

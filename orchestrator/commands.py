@@ -1,4 +1,7 @@
-"""What the commands that belong to no package of their own do: run, check, export-results, schema, list."""
+"""What the commands that belong to no package of their own do: run, check, export-results, schema, list.
+
+Their arguments, too, and those of `stability`, whose own module takes long to import.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,88 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
-__all__ = ["check", "export_results", "list_known", "run", "schema", "tell"]
+__all__ = [
+    "add_check_arguments",
+    "add_config",
+    "add_export_results_arguments",
+    "add_json",
+    "add_run_arguments",
+    "add_stability_arguments",
+    "check",
+    "export_results",
+    "list_known",
+    "run",
+    "schema",
+    "tell",
+]
+
+
+def add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    """Declare the config that a command takes, or several, and overrides of it."""
+    parser.add_argument(
+        "config",
+        nargs="+" if several else None,
+        metavar="NAME|CONFIG",
+        help="a bundled system, a YAML file, or a .ssp or .ssd file",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
+        dest="overrides",
+        help='change a value, for example robot.tau_m="6 ms" or run.step_size="50 us"; may be given again',
+    )
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Declare the option that `tell` heeds."""
+    parser.add_argument("--json", action="store_true", help="print JSON, one line a result, and no text")
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator run`."""
+    add_config(parser, several=True)
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="write results, summary and figures to this folder; with several systems, one folder each in it",
+    )
+    parser.add_argument(
+        "--format", default="csv", metavar="LIST", help="formats besides results.arrow: csv, parquet, mat"
+    )
+    parser.add_argument(
+        "--no-halving", action="store_true", help="do not run again with half the step size for `numerics`"
+    )
+    parser.add_argument(
+        "--realtime", action="store_true", help="pace the run by the clock; run.realtime.* has the options"
+    )
+    parser.add_argument(
+        "--speed", type=float, metavar="X", help="simulated seconds per second; implies --realtime"
+    )
+    parser.add_argument("--no-figures", action="store_true", help="draw nothing")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    add_json(parser)
+
+
+def add_check_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator check`."""
+    add_config(parser)
+    add_json(parser)
+
+
+def add_stability_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator stability`."""
+    add_config(parser)
+    parser.add_argument("--out", metavar="DIR", help="write stability.json and figures to this folder")
+    add_json(parser)
+
+
+def add_export_results_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator export-results`."""
+    parser.add_argument("folder", metavar="DIR", help="what `run --out` wrote to, or an .arrow file in it")
+    parser.add_argument("--format", default="csv", metavar="LIST", help="formats: csv, parquet, mat")
+    add_json(parser)
 
 
 def tell(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from orchestrator.__main__ import COMMANDS, function
+
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "orchestrator"
 
@@ -16,9 +18,9 @@ LAYERS = [
     "fmi", "graph", "fixed_point", "system", "bonds", "checks", "connecting", "histogram", "external",
     "assembly", "signals", "wires", "initialisation", "culprits", "instance_pool", "instances", "ledger",
     "master", "native", "pacing", "simulate", "stream", "formats", "recorded", "results", "progress", "measures",
-    "plotting", "page", "folder_lock", "workers", "run_folder", "run", "compare", "table", "fmu_tools",
-    "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report",
-    "commands", "__main__",
+    "plotting", "page", "folder_lock", "workers", "run_folder", "run", "compare", "table", "commands",
+    "fmu_tools", "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report",
+    "__main__",
 ]  # fmt: skip
 
 
@@ -75,6 +77,13 @@ def test_the_reader_of_imports_sees_them():
     assert ("errors",) in imports(PACKAGE / "assembly.py")
     assert ("bundled",) in imports(PACKAGE / "assembly.py")
     assert ("units",) in imports(PACKAGE / "fmi" / "variable.py")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_commands_name_as_text_is_there(name):
+    _, declares, runs = COMMANDS[name]
+    for place in filter(None, (declares, runs)):
+        assert callable(function(place)), place
 
 
 def test_fmu_sources_and_the_package_are_strangers():

@@ -6,7 +6,7 @@ own: those are kept for blind checks.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +17,9 @@ from .challenge.hidden import between
 from .challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
 from .study import Array, Nominal, Role, Run, Study
 
-__all__ = ["ODDITIES", "bare_study", "simulated_case", "simulated_study"]
+__all__ = ["ODDITIES", "bare_study", "observed", "simulated_case", "simulated_study", "train_logs"]
 
+# Of `COLUMNS` as logged; the force's resolution is 0.1 N.
 _DIGITS = (9, 9, 6, 1, 4, 1)
 # Cases are taken from a plan of so many, so that the first ones do not depend on how many are asked for.
 _PLANNED = 1000
@@ -131,18 +132,23 @@ ODDITIES = tuple(hidden.Hidden(name, _no_knobs) for name in _DEFORMED)
 
 def simulated_case(
     seed: int, number: int, tight: float = 1.0, plan: draw.Plan | None = None
-) -> tuple[draw.Case, list[Array]]:
+) -> tuple[draw.Case, dict[int, Array]]:
     """A case of the challenge's rig and what its train runs log, before anything is deformed.
 
     Args:
         tight: by how much the lab's tolerances are smaller than its errors.
         plan: what is hidden; by default what the number has in a plan of many cases.
+    Returns: the case, and logs as of `train_logs`.
     """
     plan = plan or draw.plan_cases(_PLANNED, seed, hidden.HARDWARE, ODDITIES, True)[number - 1]
     rng = np.random.default_rng(np.random.SeedSequence([seed, number, 3]))
     case = draw.draw_case(plan, seed, number, between(rng, *_ROUGHNESS), tight)
-    train = [index for index, run in enumerate(draw.RUNS) if run.role == "train"]
-    return case, [draw.make_run(case, index) for index in train]
+    return case, train_logs(case)
+
+
+def train_logs(case: draw.Case) -> dict[int, Array]:
+    """What the train runs of a case log, each of shape (6, n), SI, by index in `draw.RUNS`."""
+    return {index: draw.make_run(case, index) for index, run in enumerate(draw.RUNS) if run.role == "train"}
 
 
 def simulated_study(
@@ -152,7 +158,29 @@ def simulated_study(
 
     Arguments as those of `simulated_case`.
     """
-    case, rows = simulated_case(seed, number, tight, plan)
+    case, logs = simulated_case(seed, number, tight, plan)
+    if case.plan.kind == "outside":
+        logs = {index: _deformed(case, index, log) for index, log in logs.items()}
+    return observed(case, logs), case.plan
+
+
+def _deformed(case: draw.Case, index: int, log: Array) -> Array:
+    """A log with what is hidden outside the catalogue; size and kind are the same in every run."""
+    rng = np.random.default_rng(np.random.SeedSequence([case.seed, case.number, 4]))
+    chance = np.random.default_rng(np.random.SeedSequence([case.seed, case.number, 5, index]))
+    rows = dict(zip(COLUMNS, log, strict=True))
+    made = _Logged(rows["encoder_position"], rows["sensor_force"], chance)
+    made = _DEFORMED[case.plan.effects[0].id](made, rng, case.plan.magnitude)
+    rows |= {"encoder_position": made.position, "sensor_force": made.force}
+    return np.stack(list(rows.values()))
+
+
+def observed(case: draw.Case, logs: Mapping[int, Array]) -> Study:
+    """What the lab of a case knows, as if read from its files: the nominal rig, and logs of some runs.
+
+    Args:
+        logs: rows by `COLUMNS`, each of shape (6, n), SI, by index in `draw.RUNS`.
+    """
     tolerances = draw.tolerances(case.lab)
     nominal = {name: Nominal(value, tolerances.get(name, 0.0)) for name, value in case.lab.nominal.items()}
     specified = zip(
@@ -161,22 +189,15 @@ def simulated_study(
         strict=True,
     )
     nominal |= {name: Nominal(value, 0.0) for name, value in specified}
-    plans = [run for run in draw.RUNS if run.role == "train"]
     runs = []
-    for run, logged in zip(plans, rows, strict=True):
-        columns = dict(zip(COLUMNS, logged, strict=True))
-        if case.plan.kind == "outside":
-            rng = np.random.default_rng(np.random.SeedSequence([seed, number, 4]))
-            chance = np.random.default_rng(np.random.SeedSequence([seed, number, 5, len(runs)]))
-            log = _Logged(columns["encoder_position"], columns["sensor_force"], chance)
-            log = _DEFORMED[case.plan.effects[0].id](log, rng, case.plan.magnitude)
-            columns |= {"encoder_position": log.position, "sensor_force": log.force}
+    for index, log in logs.items():
         columns = {
-            name: np.round(row, digits) for (name, row), digits in zip(columns.items(), _DIGITS, strict=True)
+            name: np.round(row, digits) for name, row, digits in zip(COLUMNS, log, _DIGITS, strict=True)
         }
-        columns["time"] = TICK * np.arange(logged.shape[1])
-        runs.append(Run(run.name, Role.TRAIN, run.mass, run.speed, columns))
-    return Study(f"case-{number:04d}", TICK, nominal, tuple(runs)), case.plan
+        columns["time"] = TICK * np.arange(log.shape[1])
+        run = draw.RUNS[index]
+        runs.append(Run(run.name, Role(run.role), run.mass, run.speed, columns))
+    return Study(f"case-{case.number:04d}", TICK, nominal, tuple(runs))
 
 
 def bare_study(seed: int, number: int) -> Study:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from ..commands import add_config
 from ..errors import ConfigError, Problem, listed
 
 __all__ = ["add_export_arguments", "add_import_arguments", "export_main", "import_main"]
@@ -72,8 +73,9 @@ IMPORTS: dict[str, Callable[[argparse.Namespace], int]] = {".ssp": _import_ssp, 
 
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `orchestrator export`, beside config and overrides."""
+    """Declare the arguments of `orchestrator export`."""
     parser.description = "Write a system for other tools; the suffix of FILE chooses the format."
+    add_config(parser)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="FILE", help=f"ends in {listed(EXPORTS)}"
     )

@@ -5,13 +5,37 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from math import prod
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
+from ..config import Places
+from ..errors import Problem
 from ..fmi import Array, Point
 from ..instances import Curve, Instances
+from ..system import System
+from .base import Master
+from .rates import slow_with_extrapolation
 
-__all__ = ["Extrapolation", "predicted"]
+__all__ = ["Extrapolating", "Extrapolation", "predicted"]
+
+
+class Extrapolating(Master):
+    """Base of the masters that step every instance once, and may extrapolate what feeds it."""
+
+    extrapolation: Literal[0, 1, 2] = Field(
+        0, description="Order of the polynomial through the latest points that inputs follow; 0 holds them."
+    )
+
+    @property
+    def order(self) -> int:
+        """See MasterAlgorithm.order; FMUs that hold their inputs are of second order at best."""
+        return min(self.extrapolation + 1, 2)
+
+    def check(self, system: System, places: Places | None = None) -> list[Problem]:
+        """See MasterAlgorithm.check."""
+        return super().check(system, places) + slow_with_extrapolation(system, self.extrapolation, places)
 
 
 @lru_cache(maxsize=256)

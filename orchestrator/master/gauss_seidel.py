@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
-from pydantic import Field
-
-from ..config import Places
-from ..errors import Problem
 from ..fmi import Point, StepStatus
 from ..instances import Instances
 from ..signals import Signals
 from ..system import System
-from .base import DONE, Master, StepInfo, failure
-from .extrapolation import Extrapolation
-from .rates import slow_with_extrapolation
+from .base import DONE, StepInfo, failure
+from .extrapolation import Extrapolating, Extrapolation
 
 __all__ = ["GaussSeidel"]
 
 
-class GaussSeidel(Master):
+class GaussSeidel(Extrapolating):
     """Inputs hold the source's value from the end of the step if it has stepped already, else from the begin.
 
     Instances step in the order of direct feedthrough (System.order), so that a signal passes through any
@@ -27,19 +20,6 @@ class GaussSeidel(Master):
     it which connections carry the old value. With extrapolation these follow a polynomial through the latest
     points, and the others one that ends in the value that is known.
     """
-
-    extrapolation: Literal[0, 1, 2] = Field(
-        0, description="Order of the polynomial through the latest points that inputs follow; 0 holds them."
-    )
-
-    @property
-    def order(self) -> int:
-        """See MasterAlgorithm.order; FMUs that hold their inputs are of second order at best."""
-        return min(self.extrapolation + 1, 2)
-
-    def check(self, system: System, places: Places | None = None) -> list[Problem]:
-        """See MasterAlgorithm.check."""
-        return super().check(system, places) + slow_with_extrapolation(system, self.extrapolation, places)
 
     def step(
         self, system: System, instances: Instances, point: Point, signals: Signals

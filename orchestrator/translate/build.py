@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -75,11 +75,7 @@ def build(
     Raises: BuildError for a model or option that is not supported, naming file and line.
     """
     model_file, output = Path(model_file), Path(output)
-    if fmi_version not in ("2.0", "3.0"):
-        raise BuildError(f"FMI version {fmi_version!r} is not supported; choose 2.0 or 3.0")
-    unknown = [name for name in platforms if name not in PLATFORMS]
-    if unknown:
-        raise BuildError(f"unknown platform {', '.join(unknown)}; known: {', '.join(PLATFORMS)}")
+    version = check_options(fmi_version, platforms)
     if not output.parent.is_dir():
         raise BuildError(f"{output}: the folder {output.parent} does not exist; create it first")
     if compiler == "omc":
@@ -90,16 +86,41 @@ def build(
         raise BuildError(f"unknown compiler {compiler!r}; choose rumoca or omc")
     members, report = translate(model_file, model=model, fmi_version=fmi_version)
     identifier = model_identifier(report.model)
-    version = cast(FmiVersion, fmi_version)
+    members |= compiled(members, identifier, version, platforms)
+    write_fmu(output, members)
+    return BuildReport(output, report.model, fmi_version, tuple(platforms), report.counts, report.notes)
+
+
+def check_options(fmi_version: str, platforms: Sequence[str]) -> FmiVersion:
+    """The version, if it and the platforms can be built for. Raises: BuildError."""
+    if fmi_version not in ("2.0", "3.0"):
+        raise BuildError(f"FMI version {fmi_version!r} is not supported; choose 2.0 or 3.0")
+    unknown = [name for name in platforms if name not in PLATFORMS]
+    if unknown:
+        raise BuildError(f"unknown platform {', '.join(unknown)}; known: {', '.join(PLATFORMS)}")
+    return cast(FmiVersion, fmi_version)
+
+
+def need_casadi() -> None:
+    """Raises: BuildError if CasADi, which the modules that build import, is not installed."""
+    try:
+        import casadi  # noqa: F401
+    except ImportError:
+        raise BuildError("CasADi is not installed; run `pip install 'orchestrator[build]'`") from None
+
+
+def compiled(
+    members: Mapping[str, bytes], identifier: str, version: FmiVersion, platforms: Sequence[str]
+) -> dict[str, bytes]:
+    """Binaries of an FMU's sources, as members; both by their paths within the FMU."""
+    if not platforms:
+        return {}
     with tempfile.TemporaryDirectory(prefix="fmu-sources-") as folder:
         for name, content in members.items():
             if name.startswith("sources/"):
                 (Path(folder) / name.removeprefix("sources/")).write_bytes(content)
-        libraries = compile_library(Path(folder), identifier, version, list(platforms)) if platforms else {}
-    for platform, content in libraries.items():
-        members[binary_member(platform, identifier, version)] = content
-    write_fmu(output, members)
-    return BuildReport(output, report.model, fmi_version, tuple(platforms), report.counts, report.notes)
+        libraries = compile_library(Path(folder), identifier, version, list(platforms))
+    return {binary_member(one, identifier, version): content for one, content in libraries.items()}
 
 
 @dataclass(frozen=True)
@@ -121,10 +142,7 @@ def translate(
     Returns: path within the FMU -> content, and a report.
     Raises: BuildError for what is not supported, naming file and line.
     """
-    try:
-        import casadi  # noqa: F401
-    except ImportError:
-        raise BuildError("CasADi is not installed; run `pip install 'orchestrator[build]'`") from None
+    need_casadi()
     from .causalise import solve
     from .description import describe
     from .documents import model_sections, sources_used

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from orchestrator.errors import BuildError
 
-from .build import ALL, BuildReport, content_token
-from .package import (
-    PLATFORMS,
-    FmiVersion,
-    binary_member,
-    build_description,
-    compile_library,
-    runtime_sources,
-    write_fmu,
-)
+from .build import ALL, BuildReport, check_options, compiled, content_token, need_casadi
+from .package import build_description, runtime_sources, write_fmu
 from .presentation import Section, dress, sources_of
 from .python_fmu import described_model, docstrings, source_files
 from .shared_source import assembled
@@ -43,10 +34,7 @@ def build_native_fmu(
     Raises: BuildError for code that has no native form, naming the line, and for a native form that does
         not do what the Python code does.
     """
-    try:
-        import casadi  # noqa: F401
-    except ImportError:
-        raise BuildError("CasADi is not installed; run `pip install 'orchestrator[build]'`") from None
+    need_casadi()
     from .component import trace_component
     from .generate import TOKEN_MARK
     from .step_check import check_component
@@ -54,12 +42,7 @@ def build_native_fmu(
     from .step_description import describe_native
 
     script, output = Path(script), Path(output)
-    if fmi_version not in ("2.0", "3.0"):
-        raise BuildError(f"FMI version {fmi_version!r} is not supported; choose 2.0 or 3.0")
-    unknown = [name for name in platforms if name not in PLATFORMS]
-    if unknown:
-        raise BuildError(f"unknown platform {', '.join(unknown)}; known: {', '.join(PLATFORMS)}")
-    version = cast(FmiVersion, fmi_version)
+    version = check_options(fmi_version, platforms)
     _, root, model = described_model(script)
     name = type(model).__name__
     program = trace_component(script.resolve(), name)
@@ -85,12 +68,7 @@ def build_native_fmu(
     members["modelDescription.xml"] = description(token)
     made_of = sources_of(source_files(script), ("pythonfmu", "casadi", "ziglang"))
     members |= dress(members["modelDescription.xml"], _sections(model, script), made_of)
-    with tempfile.TemporaryDirectory(prefix="fmu-sources-") as folder:
-        for file, content in sources.items():
-            (Path(folder) / file).write_bytes(content)
-        libraries = compile_library(Path(folder), name, version, list(platforms)) if platforms else {}
-    for platform, content in libraries.items():
-        members[binary_member(platform, name, version)] = content
+    members |= compiled(members, name, version, platforms)
     output.parent.mkdir(parents=True, exist_ok=True)
     write_fmu(output, members)
     counts = {

@@ -18,33 +18,11 @@ from orchestrator.diagnosis.answers import REPLAYS
 from orchestrator.diagnosis.catalogue import catalogue, of_hardware
 from orchestrator.diagnosis.challenge import draw, hidden
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
-from orchestrator.diagnosis.challenge.rig import COLUMNS
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.practice import observed, train_logs
 from orchestrator.diagnosis.search import roughness
-from orchestrator.diagnosis.study import Nominal, Role, Run, Study
-
-_DIGITS = (9, 9, 6, 2, 4, 1)
-_SPECIFIED = ("encoder_noise", "force_noise", "encoder_resolution", "force_resolution")
-
-
-def observed(case: draw.Case) -> Study:
-    """What the lab of a case knows: the nominal rig and the train runs."""
-    spread = draw.tolerances(case.lab)
-    nominal = {name: Nominal(value, spread.get(name, 0.0)) for name, value in case.lab.nominal.items()}
-    values = zip(_SPECIFIED, (*draw.NOISE, 1e-6, 0.1), strict=True)
-    nominal |= {name: Nominal(value, 0.0) for name, value in values}
-    runs = []
-    for index, run in enumerate(draw.RUNS):
-        if run.role != "train":
-            continue
-        rows = draw.make_run(case, index)
-        columns = {
-            name: np.round(row, digits) for name, row, digits in zip(COLUMNS, rows, _DIGITS, strict=True)
-        }
-        columns["time"] = 0.001 * np.arange(rows.shape[1])
-        runs.append(Run(run.name, Role.TRAIN, run.mass, run.speed, columns))
-    return Study(f"case-{case.number}", 0.001, nominal, tuple(runs))
+from orchestrator.diagnosis.study import Study
 
 
 def fitter_of(study: Study, place: str) -> Fitter:
@@ -64,7 +42,7 @@ def recover(name: str, magnitude: float, seed: int, number: int) -> str:
     if name == "robot.command-quantisation":
         truth[1] /= truth[0]
     truth += [one.starts[0] for one in effect.parameters[len(truth) :]]
-    fitter = fitter_of(observed(case), effect.place)
+    fitter = fitter_of(observed(case, train_logs(case)), effect.place)
     count = len(fitter.replay.tolerances)
     none = fitter.fit(())
     bases = [fitter.base((), np.zeros(count)), fitter.base((), none.z)]

@@ -23,10 +23,11 @@ from orchestrator.diagnosis.challenge.hidden import between
 from orchestrator.diagnosis.experiments import _tied, next_experiment
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.menu import menu
-from orchestrator.diagnosis.study import Array, Role, Study
+from orchestrator.diagnosis.practice import observed, train_logs
+from orchestrator.diagnosis.study import Role, Study
 from orchestrator.diagnosis.trial import Chain, Trial
 from orchestrator.diagnosis.weigh import weigh
-from tests.benchmarks.recovery import observed
+from tests.diagnosis.labs import Noisy
 
 _ALIKE = (
     "sensor.gain", "contact.stiffness", "structure.compliance", "sensor.delay", "sensor.low-pass",
@@ -34,20 +35,6 @@ _ALIKE = (
     "dynamics.mass-offset", "structure.offset", "contact.wall-offset", "structure.kinematic-scale",
 )  # fmt: skip
 _BROKEN = 10.0  # nats
-
-
-class _Noisy:
-    """A trial as a lab would log it."""
-
-    def __init__(self, trial: Trial, seed: int) -> None:
-        self.trial, self.tolerances, self.seed = trial, trial.tolerances, seed
-
-    def residuals(self, calibrated, effects, theta) -> list[Array]:
-        """See `Replay`; the noise is the same each time."""
-        rng = np.random.default_rng(self.seed)
-        return [
-            one + rng.standard_normal(len(one)) for one in self.trial.residuals(calibrated, effects, theta)
-        ]
 
 
 def broken(study: Study, truth: str, seed: int) -> tuple[str, float] | None:
@@ -63,7 +50,7 @@ def broken(study: Study, truth: str, seed: int) -> tuple[str, float] | None:
     trial = Trial(study, experiment, tied[truth], effects)
     costs = {}
     for name, model in tied.items():
-        chain = Chain((Chain.of(study, study.of(Role.TRAIN), model.effects), _Noisy(trial, seed)))
+        chain = Chain((Chain.of(study, study.of(Role.TRAIN), model.effects), Noisy(trial, seed)))
         fitter = Fitter(chain)
         (effect,) = model.effects
         count = len(fitter.replay.tolerances)
@@ -89,7 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             truth = options.effects[(number - 1) % len(options.effects)]
             magnitude = between(np.random.default_rng([options.seed, number]), 0.1, 1.2)
             plan = draw.Plan("single", (hidden.HIDDEN[truth],), magnitude)
-            study = observed(draw.draw_case(plan, options.seed, number))
+            case = draw.draw_case(plan, options.seed, number)
+            study = observed(case, train_logs(case))
             told = broken(study, truth, number)
             if told is None:
                 print(f"{number:3d} {truth:<26} {magnitude:.2f}  no tie with it", flush=True)

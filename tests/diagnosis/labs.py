@@ -8,10 +8,9 @@ import numpy as np
 
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
-from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.rig import CHANNELS, Inject
-from orchestrator.diagnosis.study import Role, Run, Study
-from tests.diagnosis.rigs import NOMINAL
+from orchestrator.diagnosis.study import Role, Study
+from tests.diagnosis.rigs import NOMINAL, TICK, own_run
 
 _RUNS = (
     ("train-1", Role.TRAIN, 279.07, 0.02),
@@ -34,19 +33,28 @@ def lab(ids=(), theta=(), noise=1.0, ticks=2000, seed=0):
     effects = tuple(catalogue()[one] for one in ids)
     random = np.random.default_rng(seed)
     made = []
-    for name, role, mass, speed in _RUNS:
-        blank = {column: np.zeros(ticks) for column in ("time", *CHANNELS[:6])}
-        run = Run(name, role, mass, speed, blank)
+    for entry in _RUNS:
         inject = np.zeros((4, ticks + 1))
         inject[Inject.FORCE] = noise * NOMINAL["force_noise"].value * random.normal(size=ticks + 1)
-        out = RigModel(Study("lab", 0.001, NOMINAL, ()), [run]).closed_loop(
-            0, {}, effects, np.array(theta, float), inject
-        )
-        columns = dict(zip(CHANNELS[:6], out, strict=False), time=np.arange(ticks) * 0.001)
+        run = own_run(*entry, ticks, effects, theta, inject)
         if noise:
-            columns |= {name: np.round(columns[name], digits) for name, digits in _DIGITS.items()}
-        made.append(replace(run, columns=columns))
-    return Study("lab", 0.001, NOMINAL, tuple(made))
+            rounded = {name: np.round(run[name], digits) for name, digits in _DIGITS.items()}
+            run = replace(run, columns={**run.columns, **rounded})
+        made.append(run)
+    return Study("lab", TICK, NOMINAL, tuple(made))
+
+
+class Noisy:
+    """A trial as a lab would log it: with the noise of its channels, the same each time."""
+
+    def __init__(self, trial, seed):
+        self.trial, self.tolerances, self.seed = trial, trial.tolerances, seed
+
+    def residuals(self, calibrated, effects, theta):
+        """See `Replay`."""
+        random = np.random.default_rng(self.seed)
+        parts = self.trial.residuals(calibrated, effects, theta)
+        return [part + random.standard_normal(len(part)) for part in parts]
 
 
 def model(ids=(), theta=()):

@@ -26,17 +26,22 @@ NOMINAL = {
     "encoder_noise": Nominal(2e-6, 0.0),
     "encoder_resolution": Nominal(1e-6, 0.0),
 }
-_LOGGED = CHANNELS[:6]
+TICK = 0.001
+
+
+def own_run(name, role, mass, speed, ticks, effects=(), theta=(), inject=None):
+    """A run that the model itself made, in closed loop; inject as in `RigModel.closed_loop`."""
+    blank = {column: np.zeros(ticks) for column in ("time", *CHANNELS[:6])}
+    run = Run(name, role, mass, speed, blank)
+    model = RigModel(Study("own", TICK, NOMINAL, (run,)), [run])
+    out = model.closed_loop(0, {}, tuple(effects), np.array(theta, dtype=float), inject)
+    return replace(run, columns=dict(zip(CHANNELS[:6], out, strict=False), time=np.arange(ticks) * TICK))
 
 
 def study(effects=(), theta=(), ticks=1500, runs=((279.07, 0.02), (404.49, 0.02))):
     """A study whose logs the model itself made, without noise."""
-    made = []
-    for number, (mass, speed) in enumerate(runs, start=1):
-        blank = {name: np.zeros(ticks) for name in ("time", *_LOGGED)}
-        run = Run(f"train-{number}", Role.TRAIN, mass, speed, blank)
-        model = RigModel(Study("own", 0.001, NOMINAL, (run,)), [run])
-        out = model.closed_loop(0, {}, tuple(effects), np.array(theta, dtype=float))
-        columns = dict(zip(_LOGGED, out, strict=False), time=np.arange(ticks) * 0.001)
-        made.append(replace(run, columns=columns))
-    return Study("own", 0.001, NOMINAL, tuple(made))
+    made = [
+        own_run(f"train-{number}", Role.TRAIN, mass, speed, ticks, effects, theta)
+        for number, (mass, speed) in enumerate(runs, start=1)
+    ]
+    return Study("own", TICK, NOMINAL, tuple(made))

@@ -24,40 +24,17 @@ from orchestrator.diagnosis.challenge.evidence import imitated, visibility
 from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.challenge.rig import (
-    COLUMNS,
-    FORCE_RESOLUTION,
-    POSITION_RESOLUTION,
-    TICK,
-    drive,
-)
+from orchestrator.diagnosis.challenge.rig import drive
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.practice import observed
 from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
-from orchestrator.diagnosis.study import Nominal, Role, Run, Study
 
-_DIGITS = (9, 9, 6, 2, 4, 1)
 _ALL = {**HIDDEN, **OUTSIDE}
 
 
 def study_of(case, indices):
     """What the lab hands over of some runs of a case, without files between."""
-    nominal = {name: Nominal(value, tolerances(case.lab)[name]) for name, value in case.lab.nominal.items()}
-    nominal |= {
-        "encoder_noise": Nominal(NOISE[0], 0.0),
-        "force_noise": Nominal(NOISE[1], 0.0),
-        "encoder_resolution": Nominal(POSITION_RESOLUTION, 0.0),
-        "force_resolution": Nominal(FORCE_RESOLUTION, 0.0),
-    }
-    runs = []
-    for index in indices:
-        log = make_run(case, index)
-        columns = {
-            name: np.round(row, digits) for name, row, digits in zip(COLUMNS, log, _DIGITS, strict=True)
-        }
-        columns["time"] = TICK * np.arange(log.shape[1])
-        plan = RUNS[index]
-        runs.append(Run(plan.name, Role(plan.role), plan.mass, plan.speed, columns))
-    return Study("made", TICK, nominal, tuple(runs))
+    return observed(case, {index: make_run(case, index) for index in indices})
 
 
 def square(parts):

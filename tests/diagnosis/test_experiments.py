@@ -18,7 +18,7 @@ from orchestrator.diagnosis.outlook import chosen
 from orchestrator.diagnosis.study import Role, _experiments
 from orchestrator.diagnosis.trial import Chain, Trial
 from orchestrator.errors import ConfigError
-from tests.diagnosis.labs import found, lab, model
+from tests.diagnosis.labs import Noisy, found, lab, model
 from tests.extent import all_or
 
 TIES = [
@@ -56,24 +56,12 @@ def test_the_proposed_experiment_breaks_the_tie(ids, theta, ties):
     costs = {}
     for name in (*ids, *ties):
         effect = catalogue()[name]
-        chain = Chain((Chain.of(study, study.of(Role.TRAIN), (effect,)), _Noisy(trial)))
+        chain = Chain((Chain.of(study, study.of(Role.TRAIN), (effect,)), Noisy(trial, 3)))
         fitter = Fitter(chain)
         signs = (1.0,) if effect.parameters[0].low == 0.0 else (1.0, -1.0)
         costs[name] = min(fitter.fit((effect,), None, sign * fitter.starts(effect)[0]).cost for sign in signs)
     for tie in ties:
         assert costs[tie] - costs[ids[0]] > told["expected_evidence"] * 0.5
-
-
-class _Noisy:
-    """A trial with the noise of its channels."""
-
-    def __init__(self, trial):
-        self.trial, self.tolerances = trial, trial.tolerances
-
-    def residuals(self, calibrated, effects, theta):
-        random = np.random.default_rng(3)
-        parts = self.trial.residuals(calibrated, effects, theta)
-        return [part + random.normal(size=len(part)) for part in parts]
 
 
 def test_what_tells_nothing_is_told_to_tell_nothing():

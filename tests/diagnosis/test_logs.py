@@ -21,6 +21,7 @@ from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.logs import LogError, read_log
 from orchestrator.diagnosis.mapping import columns_of, read_mapping
 from orchestrator.diagnosis.ports.keys import Logged
+from orchestrator.diagnosis.study import UNITS as NOMINAL_UNITS
 from orchestrator.diagnosis.study import load_study
 from orchestrator.errors import ConfigError
 
@@ -49,17 +50,10 @@ def lab_units():
 
 def write_study(study, folder, suffix, column, **columns):
     """A study file whose signals are called `column.format(name)` in its logs."""
-    unit = {"stiffness": "N/m", "damping": "N.s/m", "ratio": "1", "bias": "N", "force": "N",
-            "frequency": "rad/s", "cutoff": "rad/s", "delay": "s"}  # fmt: skip
-    nominal = {}
-    for name, one in study.nominal.items():
-        first, last = name.split("_")
-        kind = "force" if first == "force" else last
-        nominal[name] = {
-            "value": float(one.value),
-            "unit": unit.get(kind, "m"),
-            "tolerance": float(one.tolerance),
-        }
+    nominal = {
+        name: {"value": float(one.value), "unit": NOMINAL_UNITS[name], "tolerance": float(one.tolerance)}
+        for name, one in study.nominal.items()
+    }
     mapping = {name: {"column": column.format(name), "unit": lab_units()[name]} for name in SIGNALS}
     mapping["sensor_force"]["sign"] = -1
     runs = [

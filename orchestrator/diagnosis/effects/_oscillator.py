@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from numba import njit
 
-from ..effect import Context
+from ..effect import Context, Effect, Parameter, Site
+from ..written import start
 
-__all__ = ["body_force"]
+__all__ = ["body_force", "hanging"]
 
 _POSITION = int(Context.POSITION)
 _VELOCITY = int(Context.VELOCITY)
@@ -32,3 +36,31 @@ def body_force(step, value, context, memory, share, frequency, damping_ratio):
     memory[1] += step * pull
     memory[0] += step * memory[1]
     return (value - share * context[_MASS] * pull) / (1.0 - share)
+
+
+def hanging(name: str, source: str, law: Any, damping_ratio: float, starts: Sequence[float]) -> Effect:
+    """The effect of a hanging mass.
+
+    Args:
+        law: that calls `body_force` with this damping ratio [1].
+        starts: frequencies that a fit begins from [rad/s].
+    """
+    return Effect(
+        id=name,
+        equation="m_a (q'' + 2 z w q' + w^2 q) = -m_a x'', (m - m_a) x'' = F - m_a (x'' + q''), "
+        f"z = {damping_ratio:g}",
+        source=source,
+        parameters=(
+            Parameter("mass", "1", 0.1, low=0.0, high=0.9, starts=(0.05,)),
+            Parameter("frequency", "rad/s", 0.8, low=0.5, high=400.0, starts=tuple(starts), shape=True),
+        ),
+        site=Site.BODY,
+        apply=law,
+        memory=3,
+        written=lambda t, rig: start(
+            "satellite",
+            hanging_share=(t["mass"], "1"),
+            hanging_frequency=(t["frequency"], "rad/s"),
+            hanging_damping=(damping_ratio, "1"),
+        ),
+    )

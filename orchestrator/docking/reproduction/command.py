@@ -7,6 +7,7 @@ import json
 import sys
 from pathlib import Path
 
+from ...commands import add_json
 from ...errors import ConfigError, Problem
 from ...plotting import save
 from .page import headline, number, page, verdict
@@ -25,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--jobs", metavar="N", type=int, help="number of processes (default: one per core)")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
+    add_json(parser)
 
 
 def main(args: argparse.Namespace) -> int:

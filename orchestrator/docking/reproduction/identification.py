@@ -24,6 +24,7 @@ FIGURES = {
 }
 SEEDS = (1, 2, 3)
 _CONTACTS = 8
+_ALIKE = "almost the same (4.3)"
 
 
 def cases() -> tuple[Case, ...]:
@@ -38,6 +39,11 @@ def cases() -> tuple[Case, ...]:
 
 def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
     """Frequencies, stiffness and damping by mass and diameter."""
+    return [*_of_masses(runs), *_of_rods(runs)]
+
+
+def _of_masses(runs: Mapping[str, Recorded]) -> list[Quantity]:
+    """Those of the first rod, which Fig. 12 shows."""
     found = []
     rod = paper.ROD_DIAMETERS[0]
     for mass, stated in paper.ROD_FREQUENCIES.items():
@@ -76,18 +82,23 @@ def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
         )
         for mass, value in zip(rig.MASSES, damping, strict=True)
     ]
-    alike = "almost the same (4.3)"
     found.append(
         Quantity(
             "damping_alike",
             "fig12",
             "highest over lowest damping of the three masses, less one",
             "%",
-            alike,
+            _ALIKE,
             (max(damping) / min(damping) - 1.0) * 100.0,
             below(10.0),
         )
     )
+    return found
+
+
+def _of_rods(runs: Mapping[str, Recorded]) -> list[Quantity]:
+    """Stiffness by the rods' diameters, from all masses."""
+    found = []
     averages = {}
     for diameter in paper.ROD_DIAMETERS:
         by_mass = [_average(runs[rig.case_name(diameter, mass)], "stiffness") for mass in rig.MASSES]
@@ -98,7 +109,7 @@ def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
                 "fig14",
                 f"highest over lowest stiffness of the three masses, less one, {diameter:g} mm",
                 "%",
-                alike,
+                _ALIKE,
                 (max(by_mass) / min(by_mass) - 1.0) * 100.0,
                 below(1.0),
             )
