@@ -26,7 +26,7 @@ from .run_folder import begin_folder, folder_at, incomplete, write_run
 from .simulate import Grid, Observer, Report, simulate
 from .system import System
 
-__all__ = ["Prepared", "RunResult", "fmus_of", "prepare", "run"]
+__all__ = ["Prepared", "RunResult", "instance_fmus", "prepare", "run"]
 
 # What a run that writes to no folder may keep in memory [B].
 _IN_MEMORY = 256 << 20
@@ -335,10 +335,10 @@ def _numerics(
 
 
 def _provenance(prepared: Prepared) -> dict[str, Any]:
-    return {**origin(), "packages": versions(_PACKAGES), "fmus": fmus_of(prepared.system)}
+    return {**origin(), "packages": versions(_PACKAGES), "fmus": instance_fmus(prepared.system)}
 
 
-def fmus_of(system: System) -> dict[str, dict[str, Any]]:
+def instance_fmus(system: System) -> dict[str, dict[str, Any]]:
     """Which FMU each instance of a system is of, by name: model, file, FMI version, checksum."""
     checksums: dict[int, str] = {}
     found = {}

@@ -13,7 +13,7 @@ import yaml
 
 from ...errors import ConfigError
 from ...formats import strict
-from ...run import fmus_of
+from ...run import instance_fmus
 from ...system import Port
 from ..content import Told, content, provenance
 from ..effect import by_effect
@@ -86,7 +86,7 @@ def diagnose_ports(
         _files(path, study),
         effects=len(weighed.effects),
         seconds=round(perf_counter() - begin, 3),
-        fmus=fmus_of(study.prepared.system),
+        fmus=instance_fmus(study.prepared.system),
     )
     known = [*warned, *doubts(own)]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
