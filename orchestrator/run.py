@@ -26,7 +26,7 @@ from .run_folder import begin_folder, folder_at, incomplete, write_run
 from .simulate import Grid, Observer, Report, simulate
 from .system import System
 
-__all__ = ["Prepared", "RunResult", "prepare", "run"]
+__all__ = ["Prepared", "RunResult", "instance_fmus", "prepare", "run"]
 
 # What a run that writes to no folder may keep in memory [B].
 _IN_MEMORY = 256 << 20
@@ -335,23 +335,24 @@ def _numerics(
 
 
 def _provenance(prepared: Prepared) -> dict[str, Any]:
+    return {**origin(), "packages": versions(_PACKAGES), "fmus": instance_fmus(prepared.system)}
+
+
+def instance_fmus(system: System) -> dict[str, dict[str, Any]]:
+    """Which FMU each instance of a system is of, by name: model, file, FMI version, checksum."""
     checksums: dict[int, str] = {}
-    fmus = {}
-    for instance in prepared.system.instances:
+    found = {}
+    for instance in system.instances:
         fmu = instance.fmu
         if id(fmu) not in checksums:
             checksums[id(fmu)] = fmu.checksum()
-        fmus[instance.name] = {
+        found[instance.name] = {
             "model": fmu.description.name,
             "file": fmu.path.name if fmu.path is not None else None,
             "fmi_version": fmu.description.fmi_version,
             "checksum": checksums[id(fmu)],
         }
-    return {
-        **origin(),
-        "packages": versions(_PACKAGES),
-        "fmus": fmus,
-    }
+    return found
 
 
 def _finish_failed(

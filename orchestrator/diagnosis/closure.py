@@ -128,7 +128,9 @@ def _ahead(
         floor = min(options) if options else (noise if name == "nrmse" else 0.0)
         squares = {key: value[:, place] ** 2 for key, value in gaps.items()}
         measures[name] = closure_of(squares, floor, _BLOCK)
-    return {**measures["nrmse"], "contacts": len(gaps["before"]), "measures": measures}
+    repeated = any(len(part) for parts in floors.values() for part in parts)
+    told = {"contacts": len(gaps["before"]), "measures": measures}
+    return {**measures["nrmse"], "noise_floor_from": "repeats" if repeated else "specified", **told}
 
 
 def _differences(one: Ahead, other: Ahead) -> Array:
@@ -250,7 +252,8 @@ def _whole(
         again = of.pop("repeat", None)
         floor = 0.0 if again is None else float(np.sqrt(np.mean(again) / 2.0))
         measures[name] = closure_of(of, floor, 1)
-    return {**measures["nrmse"], "measures": measures}
+    repeated = any(repeat is not None for _, repeat in pairs)
+    return {**measures["nrmse"], "noise_floor_from": "repeats" if repeated else "none", "measures": measures}
 
 
 _MOVING = ("desired_position", "desired_velocity")

@@ -14,7 +14,7 @@ from .motion import contacts
 from .study import Array, Role, Run, Study
 from .traces import CHANNEL_OF, Trace, traces
 
-__all__ = ["figure_of", "finish", "shown_run"]
+__all__ = ["NOISE", "figure_of", "finish", "shown_run"]
 
 _TITLES = {
     "encoder_position": "robot position",
@@ -22,6 +22,8 @@ _TITLES = {
     "compensated_force": "controller output",
     "body_force": "force that moves the satellite",
 }
+# What the band about zero is, in the legend.
+NOISE = "band: noise, two standard deviations"
 _BEFORE, _AFTER, _MEASURED = COLORS[1], COLORS[0], "#444444"
 # What is shown around a contact, as a part of its length, and at the least [ticks].
 _MARGIN, _FEWEST = 0.3, 25
@@ -46,25 +48,21 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
     _draw_left(grid["run"], trace, slice(None), scale, unit)
     grid["run"].axvspan(trace.time[first], trace.time[last], color="#000000", alpha=0.07, linewidth=0)
     grid["run"].set_title(f"residual over {run.name}; shaded: enlarged below", fontsize="small", loc="left")
-    grid["run"].legend(
-        loc="lower right", bbox_to_anchor=(1.0, 0.97), fontsize="x-small", ncols=3, frameon=False
-    )
     span = slice(first, last + 1)
     axes = grid["zoom"]
     size, size_unit = _scale(trace, trace.measured)
     for values, color, width, label in (
         (trace.measured, _MEASURED, 2.6, "logged"),
-        (trace.before, _BEFORE, 1.3, "model as calibrated"),
-        (trace.after, _AFTER, 1.3, "model of the verdict"),
+        (trace.before, _BEFORE, 1.3, "before: model as calibrated"),
+        (trace.after, _AFTER, 1.3, "after: model of the verdict"),
     ):
         axes.plot(trace.time[span], size * values[span], color=color, linewidth=width, label=label)
     axes.set_title(
         _TITLES[trace.name] + (f", contact {number}" if number else ""), fontsize="small", loc="left"
     )
     axes.set_ylabel(f"[{size_unit}]")
-    axes.legend(fontsize="x-small", frameon=False)
     _draw_left(grid["left"], trace, span, scale, unit)
-    finish(grid)
+    finish(figure, grid)
     before, after = trace.misfit()
     words = (
         f"{_TITLES[trace.name].capitalize()} in {run.name}: the residual is {before:.3g} times the noise "
@@ -73,14 +71,20 @@ def figure_of(study: Study, place: str, model: Augmented) -> tuple[str, str]:
     return svg(figure, f"{place}-{run.name}"), words
 
 
-def finish(grid: Mapping[str, Axes]) -> None:
-    """Grid lines, ticks and axis titles of a figure's parts: the run, what is enlarged, the residual."""
+def finish(figure: Figure, grid: Mapping[str, Axes]) -> None:
+    """Grid lines, ticks, axis titles and legend of a figure's parts: the run, what is enlarged, the residual.
+
+    One legend stands for all parts, below them: within one it would cover traces.
+    """
     grid["left"].set_title("residual: logged minus model", fontsize="small", loc="left")
     for name in ("run", "zoom", "left"):
         grid[name].grid(alpha=0.25)
         grid[name].tick_params(labelsize="x-small")
+        grid[name].yaxis.get_offset_text().set_fontsize("x-small")
     for name in ("zoom", "left"):
         grid[name].set_xlabel("time [s]", fontsize="small")
+    handles = [one for name in ("zoom", "left") for one in grid[name].get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", fontsize="x-small", ncols=4, frameon=False)
 
 
 def _worst(study: Study, run: Run, trace: Trace) -> tuple[int, int, int]:
@@ -107,8 +111,8 @@ def _draw_left(axes: Axes, trace: Trace, span: slice, scale: float, unit: str) -
     time = trace.time[span]
     axes.axhspan(
         -2 * scale * trace.noise, 2 * scale * trace.noise, color=COLORS[2], alpha=0.15, linewidth=0,
-        label="noise (2 sigma)",
+        label=NOISE,
     )  # fmt: skip
-    for model, color, label in ((trace.before, _BEFORE, "before"), (trace.after, _AFTER, "after")):
-        axes.plot(time, scale * (trace.measured - model)[span], color=color, linewidth=0.9, label=label)
+    for model, color in ((trace.before, _BEFORE), (trace.after, _AFTER)):
+        axes.plot(time, scale * (trace.measured - model)[span], color=color, linewidth=0.9)
     axes.set_ylabel(f"[{unit}]")

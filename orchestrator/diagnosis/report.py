@@ -5,16 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
+from ..page import aside, document, figure
 from ..page import bar as _bar
 from ..page import card as _card
-from ..page import document, figure
 from .catalogue import catalogue, in_words
+from .caveats import caveats
 from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
 from .headline import TELLS, given, headline, leaves_in_words, listed_or, nats, percent
+from .report_energy import energy, ledger
 from .study import Role, Study
-from .verdict import Diagnosis, Gap
+from .verdict import Diagnosis, Gap, HowFar
 
 __all__ = ["compose", "page", "remarks"]
 
@@ -24,8 +26,6 @@ _WORTH, _LINES = 0.005, 8
 _TIED = 0.05
 # So many answers of the 95 % set are named.
 _NAMED = 6
-# Energy shares are shown with a colour that is full from here on.
-_FULL = 0.5
 
 
 def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
@@ -46,6 +46,7 @@ def compose(
     assumed: Sequence[str],
     known: Mapping[str, Effect],
     gap: str,
+    believed: Mapping[str, float] | None = None,
 ) -> str:
     """A page of a diagnosis, as HTML.
 
@@ -54,12 +55,14 @@ def compose(
         assumed: sentences.
         known: the effects that were weighed, by id.
         gap: over what the gap is measured.
+        believed: parameters that effects change, as configured, by name.
     """
     parts = [
         f"<p class=headline>{escape(headline(diagnosis))}</p>",
+        aside("About the answer", caveats(diagnosis)),
         _warnings(diagnosis),
         "<div class=cards>",
-        _card("Which effect", _posterior(diagnosis, known)),
+        _card("Which effect", _posterior(diagnosis, known, believed or {})),
         _card("Where the gap lies", _where(diagnosis)),
         _card("How far it shrinks", _how_far(diagnosis, gap)),
         _card("What to run next", _next(diagnosis)),
@@ -67,8 +70,8 @@ def compose(
         "<h2>Residuals before and after</h2>",
         *(figure(drawn, words) for words, drawn in figures.items()),
         _augmented(diagnosis),
-        _ledger(diagnosis),
-        _energy(diagnosis),
+        ledger(diagnosis),
+        energy(diagnosis),
         _calibration(diagnosis),
         _told(assumed),
         _provenance(diagnosis),
@@ -80,13 +83,14 @@ def _number(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect]) -> str:
+def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapping[str, float]) -> str:
     rows = []
     answer = given(diagnosis)
     shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
     for one in shown:
         label = " + ".join(one.effects) or "no effect"
-        notes = [_in_words(effect, one.parameters, known) for effect in one.effects if effect in known]
+        effects = [known[name] for name in one.effects if name in known]
+        notes = [_in_words(effect, one.parameters, believed) for effect in effects]
         if one.ties and (one is answer or one.probability >= _TIED):
             notes.append(f"tied with {', '.join(one.ties)}")
         note = "; ".join(part for part in notes if part)
@@ -101,15 +105,19 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect]) -> str:
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
 
-def _in_words(name: str, parameters: Mapping[str, float], known: Mapping[str, Effect]) -> str:
-    """What an effect is, and its fitted parameters with their units."""
+def _in_words(effect: Effect, parameters: Mapping[str, float], believed: Mapping[str, float]) -> str:
+    """What an effect is, and its fitted parameters with their units; of a change the value, too."""
     fitted = []
-    for one in known[name].parameters:
-        value = parameters.get(f"{name}.{one.name}")
+    for one in effect.parameters:
+        value = parameters.get(f"{effect.id}.{one.name}")
         if value is not None:
             unit = "" if one.unit in ("", "1") else f" {one.unit}"
-            fitted.append(f"{one.name.replace('_', ' ')} {value:.4g}{unit}")
-    told = in_words(known[name])
+            changed = [
+                believed[name] for name, by in effect.changes.items() if by == one.name and name in believed
+            ]
+            fitted += [f"{before + value:.6g}{unit}, not {before:.6g}{unit}" for before in changed]
+            fitted.append(f"{one.name} {value:.4g}{unit}")
+    told = in_words(effect)
     return f"{told} ({', '.join(fitted)})" if fitted else told
 
 
@@ -120,7 +128,8 @@ def _where(diagnosis: Diagnosis) -> str:
         _bar(one.place, one.share, percent(one.share), strong=one.place in diagnosis.verdict.places)
         for one in diagnosis.where
     ]
-    note = "Shares of the held-out closed-loop gap; they add up to 100 %."
+    runs = "train" if "how_far" in diagnosis.left_out else "held-out"
+    note = f"Shares of the closed-loop gap on {runs} runs; they add up to 100 %."
     if diagnosis.how_far is not None and diagnosis.how_far.within_floor:
         note += " The gap is within the noise: they mean little."
     return f"{''.join(rows)}<p class=note>{note}</p>"
@@ -136,10 +145,21 @@ def _how_far(diagnosis: Diagnosis, over: str) -> str:
         f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
     )
     note = (
-        "Error of the model on held-out runs, relative to the size of the signals; noise: what two runs of "
-        "the same rig differ by. High closure alone does not prove the cause."
+        "Error of the model on held-out runs, relative to the size of the signals; "
+        f"noise: {_noise_in_words(gap)}. High closure alone does not prove the cause."
     )
     return f"<table><tr>{head}</tr>{body}</table><p class=note>{note}</p>"
+
+
+def _noise_in_words(gap: HowFar) -> str:
+    """Where the noise comes from that a gap is held against."""
+    text = {
+        "repeats": "what runs differ by that repeat each other",
+        "specified": "as specified, since no held-out run was repeated",
+        "both": "what runs differ by that repeat each other, else as specified",
+    }.get(gap.noise_floor_from, "what does not repeat")
+    unknown = gap.full_run is not None and gap.full_run.noise_floor_from == "none"
+    return f"{text}; over whole runs none is known" if unknown else text
 
 
 def _gap_cells(gap: Gap) -> str:
@@ -198,67 +218,13 @@ def _warnings(diagnosis: Diagnosis) -> str:
     return f"<aside><b>About the data</b><ul>{items}</ul></aside>" if items else ""
 
 
-def _ledger(diagnosis: Diagnosis) -> str:
-    if not diagnosis.ledger:
-        return ""
-    components = list(dict.fromkeys(one.component for one in diagnosis.ledger))
-    phases = list(dict.fromkeys(one.phase for one in diagnosis.ledger))
-    bands = list(dict.fromkeys(one.band for one in diagnosis.ledger))
-    shares = {(one.component, one.phase, one.band): one.share for one in diagnosis.ledger}
-    head = "".join(f"<th colspan={len(bands)}>{escape(phase)}</th>" for phase in phases)
-    sub = "".join(f"<th class=band>{escape(band)}</th>" for _ in phases for band in bands)
-    body = ""
-    for component in components:
-        cells = [shares.get((component, phase, band), 0.0) for phase in phases for band in bands]
-        body += f"<tr><th>{escape(component)}</th>{''.join(map(_heat, cells))}{_heat(sum(cells))}</tr>"
-    return (
-        "<h2>Residual energy</h2><p class=note>Excess over noise, in percent of all of it, by component, "
-        "phase of motion and frequency band. Cells add up to 100.</p>"
-        f"<div class=wide><table class=heat><tr><th></th>{head}"
-        f"<th>all</th></tr><tr><th></th>{sub}<th></th></tr>{body}</table></div>"
-    )
-
-
-def _heat(share: float) -> str:
-    depth = min(abs(share) / _FULL, 1.0) ** 0.5
-    colour = f"rgba(213,94,0,{0.75 * depth:.2f})" if share >= 0 else f"rgba(0,114,178,{0.75 * depth:.2f})"
-    text = f"{100 * share:.1f}"
-    return f'<td style="background:{colour}">{text.removeprefix("-") if float(text) == 0 else text}</td>'
-
-
-def _energy(diagnosis: Diagnosis) -> str:
-    energy = diagnosis.energy
-    if not energy.get("interfaces"):
-        return ""
-    columns = [name for name in ("measured", "nominal", "excess", "answer") if name in energy]
-    head = "".join(f"<th>{escape(one)}</th>" for one in columns)
-    rows = [
-        f"<tr><th>{escape(one)}</th>{''.join(f'<td>{energy[name][one]:+.4f}</td>' for name in columns)}</tr>"
-        for one in energy["interfaces"]
-    ]
-    total = "".join(f"<td><b>{energy['change'][name]:+.4f}</b></td>" for name in columns)
-    title, words, whole = (
-        "Energy of a contact",
-        "CoR^2 - 1, the share of kinetic energy that a contact adds, by the interface at which it enters; "
-        "mean over held-out contacts, or all where no run was held out.",
-        "CoR^2 - 1",
-    )
-    if "unit" in energy:
-        title, whole = "Energy at interfaces", f"all [{energy['unit']}]"
-        words = f"Force times velocity over the runs [{energy['unit']}], by interface and phase of motion."
-    return (
-        f"<h2>{title}</h2><p class=note>{words} Excess is measured less nominal.</p>"
-        f"<table><tr><th></th>{head}</tr>{''.join(rows)}<tr><th>{whole}</th>{total}</tr></table>"
-    )
-
-
 def _calibration(diagnosis: Diagnosis) -> str:
     rows = ""
     for name, one in diagnosis.calibration.items():
         moved = [(one[key] - one["nominal"]) / one["tolerance"] for key in ("fitted", "recalibrated")]
         cells = f"<td>{_number(one['nominal'], 6)}</td><td>{_number(one['tolerance'])}</td>"
         cells += "".join(f"<td>{'<b>' if abs(by) > 3 else ''}{by:+.1f}</td>" for by in moved)
-        rows += f"<tr><th>{escape(name.replace('_', ' '))}</th>{cells}</tr>"
+        rows += f"<tr><th>{escape(name)}</th>{cells}</tr>"
     head = "".join(
         f"<th>{one}</th>"
         for one in ("", "as calibrated (SI)", "tolerance", "moved, with effects", "moved, without effects")
@@ -314,9 +280,12 @@ def _told(assumed: Sequence[str]) -> str:
 def _provenance(diagnosis: Diagnosis) -> str:
     kept = diagnosis.provenance
     packages = ", ".join(f"{name} {version}" for name, version in (kept.get("packages") or {}).items())
+    sums = dict(kept.get("sha256") or {})
+    for name, one in (kept.get("fmus") or {}).items():
+        sums[f"{name}: {one.get('file') or one.get('model')}"] = str(one.get("checksum"))
     lines = "".join(
-        f"<tr><td>{escape(name)}</td><td><code>{escape(digest)}</code></td></tr>"
-        for name, digest in (kept.get("sha256") or {}).items()
+        f"<tr><td>{escape(name)}</td><td><code>{escape(digest.removeprefix('sha256:'))}</code></td></tr>"
+        for name, digest in sums.items()
     )
     return (
         f"<details><summary>Provenance</summary><p>{escape(str(kept.get('created', '')))}; Python "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .caveats import caveats
 from .diagnose import Diagnosed
 from .headline import TELLS, headline, leaves_in_words, nats, percent
 
@@ -13,7 +14,7 @@ _LINES = 4
 def text(made: Diagnosed) -> str:
     """What a command prints of a case."""
     found = made.diagnosis
-    lines = [f"{found.case}: {headline(found)}"]
+    lines = [f"{found.case}: {headline(found)}", *(f"  {one}" for one in caveats(found))]
     for one in found.which[:_LINES]:
         ties = f" (tied with {', '.join(one.ties)})" if one.ties else ""
         lines.append(f"  {percent(one.probability):>12}  {' + '.join(one.effects) or 'no effect'}{ties}")

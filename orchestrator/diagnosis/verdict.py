@@ -92,7 +92,9 @@ class Gap(_Open):
 
     Attributes:
         before, after: of the model as calibrated, and with the effects added.
-        noise_floor: of two runs of the same rig.
+        noise_floor: of what does not repeat.
+        noise_floor_from: what tells it: repeats, the noise as specified, for some runs the one and for some
+            the other, or nothing; "" where nothing was held out.
         closure: (before - after)/(before - noise_floor); None where the gap is within the noise.
         interval: 95 % of it.
         recalibration_only: closure by other calibrated numbers alone.
@@ -101,6 +103,7 @@ class Gap(_Open):
     before: Number | None
     after: Number | None
     noise_floor: Number | None
+    noise_floor_from: Literal["repeats", "specified", "both", "none", ""] = ""
     closure: Number | None
     interval: tuple[Number, Number] | None
     recalibration_only: Number | None

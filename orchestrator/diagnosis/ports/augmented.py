@@ -16,7 +16,7 @@ from .effect import PortEffect
 from .friction_fmu import add_instance, form_of
 from .study import PortStudy
 
-__all__ = ["augmented_config"]
+__all__ = ["augmented_config", "parameter_values"]
 
 
 def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> tuple[str, dict[str, str]]:
@@ -54,13 +54,18 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
     return dump(data), left_out
 
 
-def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> None:
+def parameter_values(study: PortStudy, answer: Augmented) -> dict[str, float]:
+    """All calibrated parameters and those that the answer's effects change, as they are with the answer."""
     values = {name: answer.calibrated.get(name, one.value) for name, one in study.nominal.items()}
     for effect, theta in by_effect(answer.effects, answer.theta):
         for name in effect.changes:
             before = values[name] if name in values else study.prepared.system.start(Port.of(name))
             values[name] = before + float(theta[0])
-    for name, value in values.items():
+    return values
+
+
+def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> None:
+    for name, value in parameter_values(study, answer).items():
         port = Port.of(name)
         data["instances"][port.instance]["start"][port.variable] = _with(value, study.unit(port))
 

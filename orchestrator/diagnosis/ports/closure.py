@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...system import Port
 from ..closure import closure_of
 from ..finding import NOMINAL, Finding
 from ..study import Array
@@ -23,13 +24,13 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
 
     Errors are relative: root mean square of log minus model over the standard deviation of the log, root mean
     square over the compared ports. The noise floor is that of half the difference of repeats, where there
-    are any, else that of the noise as specified.
+    are any, else that of the noise as specified; `noise_floor_from` tells which.
     """
     models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}
     runs = study.of(Role.HELDOUT)
     replay = PortReplay(study, runs)
     squares: dict[str, list[Array]] = {name: [] for name in models}
-    floors, by_port = [], {}
+    floors, repeated, by_port = [], set(), {}
     left = {name: replay.of(model) for name, model in models.items()}
     place = 0
     for run in runs:
@@ -43,7 +44,9 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
                 r = left[name][place] * scale
                 parts[name].append(r**2)
                 by_port.setdefault(str(port), {}).setdefault(name, []).append(float(np.mean(r**2)))
-            floors.append(_floor(study, run, port, scale))
+            apart = _apart(study, run, port)
+            repeated.add(apart is not None)
+            floors.append(scale**2 * (1.0 if apart is None else apart))
             place += 1
         for name, those in parts.items():
             mean = np.mean(those, axis=0)
@@ -54,16 +57,18 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
         port: {name: float(np.sqrt(np.mean(values))) for name, values in told.items()}
         for port, told in by_port.items()
     }
-    return {**closure_of(joined, float(np.sqrt(np.mean(floors))), 2), "outputs": outputs}
+    told_by = "both" if len(repeated) > 1 else "repeats" if repeated == {True} else "specified"
+    found = closure_of(joined, float(np.sqrt(np.mean(floors))), 2)
+    return {**found, "noise_floor_from": told_by, "outputs": outputs}
 
 
-def _floor(study: PortStudy, run: PortRun, port: Any, scale: float) -> float:
-    """Mean square of what does not repeat, relative."""
+def _apart(study: PortStudy, run: PortRun, port: Port) -> float | None:
+    """Mean square of what does not repeat, over that of the noise as specified; None without a repeat."""
     for other in study.of(Role.REPEAT):
         if other.repeats == run.name and port in other.logs:
             n = min(len(run), len(other))
             noise = study.columns[port].noise
             assert noise is not None
-            apart = (run.logs[port][:n] - other.logs[port][:n])[study.settled :] / noise * scale
+            apart = (run.logs[port][:n] - other.logs[port][:n])[study.settled :] / noise
             return float(np.mean(apart**2)) / 2.0
-    return scale**2
+    return None

@@ -9,14 +9,17 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import yaml
+
 from ...errors import ConfigError
 from ...formats import strict
+from ...run import instance_fmus
 from ...system import Port
 from ..content import Told, content, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
 from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable
-from .augmented import augmented_config
+from .augmented import augmented_config, parameter_values
 from .closure import how_far
 from .energy import energy
 from .experiments import next_experiment, no_experiment
@@ -80,7 +83,10 @@ def diagnose_ports(
     changed = _changed(study, finding.answer, missing)
     augmented = Runnable(file=AUGMENTED, run="", changed=changed, left_out=missing)
     origins = provenance(
-        _files(path, study), effects=len(weighed.effects), seconds=round(perf_counter() - begin, 3)
+        _files(path, study),
+        effects=len(weighed.effects),
+        seconds=round(perf_counter() - begin, 3),
+        fmus=instance_fmus(study.prepared.system),
     )
     known = [*warned, *doubts(own)]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
@@ -142,25 +148,41 @@ def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Ma
 
 
 def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> list[str]:
-    """What differs from the configured system, in words."""
-    found = []
+    """What differs from the configured system, in words; parameters as values, not as changes alone."""
+    found, told = [], {}
+    for name, value in parameter_values(study, answer).items():
+        port = Port.of(name)
+        nominal = study.nominal.get(name)
+        believed = study.prepared.system.start(port) if nominal is None else nominal.value
+        if value != believed:
+            unit = "" if study.unit(port) == "1" else f" {study.unit(port)}"
+            told[name] = f"{name}: {value:.6g}{unit}, not {believed:.6g}{unit}"
     for effect, own in by_effect(answer.effects, answer.theta):
         if effect.id not in missing:
-            numbers = [
+            numbers = ", ".join(
                 f"{one.name} {value:.4g} {one.unit}".removesuffix(" 1")
                 for one, value in zip(effect.parameters, own.tolist(), strict=True)
-            ]
-            found.append(f"{effect.id}: {', '.join(numbers)}" if numbers else effect.id)
-    for name, one in study.nominal.items():
-        value = answer.calibrated.get(name, one.value)
-        if value != one.value:
-            found.append(f"{name}: {value:.6g} {study.unit(Port.of(name))}, not {one.value:g}")
-    return found
+            )
+            if effect.changes:
+                found += [f"{told.pop(name)} ({numbers})" for name in effect.changes if name in told]
+            else:
+                found.append(f"{effect.id}: {numbers}" if numbers else effect.id)
+    return [*found, *told.values()]
 
 
 def _files(path: Path, study: PortStudy) -> dict[str, Path]:
-    """The study's file and its logs, by name."""
+    """The study's file, the user's own configs, and the logs, by name."""
     folder = path if path.is_dir() else path.parent
     logs = dict.fromkeys(run.file for run in study.runs if run.file and run.file.is_file())
-    files = [study_file(path), *logs]
+    files = [study_file(path), *_configs(study_file(path)), *logs]
     return {(one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): one for one in files}
+
+
+def _configs(file: Path, key: str = "system") -> list[Path]:
+    """The config that a file names, and those which that extends; bundled ones come with the product."""
+    if file.suffix.lower() in (".ssp", ".ssd"):
+        return []  # these extend nothing
+    name = yaml.safe_load(file.read_text(encoding="utf-8")).get(key)
+    options = [] if name is None else [file.parent / name, *([Path(name)] if key == "system" else [])]
+    found = [one for one in options if one.is_file()][:1]
+    return [*found, *(base for one in found for base in _configs(one, "extends"))]

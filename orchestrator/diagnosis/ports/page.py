@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ...plotting import COLORS, svg
 from ...system import Port
-from ..figures import finish
+from ..figures import NOISE, finish
 from ..finding import NOMINAL
 from ..headline import percent
 from ..report import compose, remarks
@@ -45,9 +45,11 @@ def page(
         figure, words = _figure(study, run, port, before[port], after[port])
         figures[words] = svg(figure, f"{port}-{run.name}")
     known = {one.id: one for one in weighed.effects}
-    return compose(
-        diagnosis, figures, _assumed(study, diagnosis, weighed, taught or {}), known, "held-out runs"
-    )
+    # Of a calibrated one it is not known by how much each answer's calibration moved it besides.
+    names = [name for one in weighed.effects for name in one.changes if name not in study.nominal]
+    believed = {name: study.prepared.system.start(Port.of(name)) for name in names}
+    assumed = _assumed(study, diagnosis, weighed, taught or {})
+    return compose(diagnosis, figures, assumed, known, "held-out runs", believed)
 
 
 def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Array) -> tuple[Figure, str]:
@@ -65,23 +67,21 @@ def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Ar
     thin = slice(None, None, max(len(run) // _MOST_POINTS, 1))
     span = slice(first, first + width)
     for axes, part in ((grid["run"], thin), (grid["left"], span)):
-        for values, color, label in ((before, COLORS[1], "before"), (after, COLORS[0], "after")):
-            axes.plot(time[part], (log - values)[part], color=color, linewidth=0.9, label=label)
-        axes.axhspan(-2 * noise, 2 * noise, color=COLORS[2], alpha=0.15, linewidth=0)
+        for values, color in ((before, COLORS[1]), (after, COLORS[0])):
+            axes.plot(time[part], (log - values)[part], color=color, linewidth=0.9)
+        axes.axhspan(-2 * noise, 2 * noise, color=COLORS[2], alpha=0.15, linewidth=0, label=NOISE)
         axes.set_ylabel(f"[{unit}]")
     for values, color, line, label in (
         (log, "#444444", 2.6, "logged"),
-        (before, COLORS[1], 1.3, "model as configured"),
-        (after, COLORS[0], 1.3, "model of the verdict"),
+        (before, COLORS[1], 1.3, "before: model as configured"),
+        (after, COLORS[0], 1.3, "after: model of the verdict"),
     ):
         grid["zoom"].plot(time[span], values[span], color=color, linewidth=line, label=label)
     grid["run"].axvspan(time[first], time[span][-1], color="#000000", alpha=0.07, linewidth=0)
     grid["run"].set_title(f"residual over {run.name}; shaded: enlarged below", fontsize="small", loc="left")
-    grid["run"].legend(loc="upper right", fontsize="x-small", ncols=2, frameon=False)
     grid["zoom"].set_title(str(port), fontsize="small", loc="left")
     grid["zoom"].set_ylabel(f"[{unit}]")
-    grid["zoom"].legend(fontsize="x-small", frameon=False)
-    finish(grid)
+    finish(figure, grid)
     spread = float(log[study.settled :].std()) or noise
     shares = [float(np.std((log - one)[study.settled :])) / spread for one in (before, after)]
     words = (

@@ -1,0 +1,76 @@
+"""What a verdict in a sentence does not tell: how much it leaves, and where the gap shows instead."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .headline import percent
+from .verdict import Diagnosis
+
+__all__ = ["caveats"]
+
+# Mean square of what is left, over that of the noise, from which it is told: twice the noise.
+_MUCH = 4.0
+# The gap clearly shows at a place that has this share of it, and so many times that of any place named.
+_MOST, _TIMES = 0.5, 2.0
+
+
+def caveats(diagnosis: Diagnosis) -> list[str]:
+    """Sentences to stand beside the headline; none where nothing is to be added."""
+    return [one for one in (_leaves(diagnosis), _elsewhere(diagnosis)) if one]
+
+
+def _leaves(diagnosis: Diagnosis) -> str:
+    """That an answer leaves much more than the noise at some port; "" if it does not.
+
+    Of a docking rig's places nothing is told: there `misfit` is that of the best fit, which may be another
+    answer than the one given, and has in it what random effects draw, which no replay takes off.
+    """
+    much = {port: value for port, value in diagnosis.misfit.items() if "." in port and value > _MUCH}
+    if not much:
+        return ""
+    worst = max(much, key=lambda port: much[port])
+    times = much[worst] ** 0.5
+    what = "The best answer of the list" if diagnosis.verdict.effects == ["outside"] else "The answer"
+    text = f"{what} leaves {times:.1f}" if times < 9.95 else f"{what} leaves {times:.0f}"
+    text += f" times the noise at {worst}"
+    if len(much) > 1:
+        more = len(much) - 1
+        text += f", and more than {_MUCH**0.5:g} times at {more} more port{'s' if more > 1 else ''}"
+    return f"{text}."
+
+
+def _elsewhere(diagnosis: Diagnosis) -> str:
+    """That the gap shows at another place than where the effects named act; "" if it does not."""
+    effects, places = diagnosis.verdict.effects, diagnosis.verdict.places
+    noise = diagnosis.how_far is not None and diagnosis.how_far.within_floor
+    if not diagnosis.where or not effects or "outside" in effects or noise:
+        return ""
+    shares = {one.place: one.share for one in diagnosis.where}
+    first = max(shares, key=lambda place: shares[place])
+    own = max(shares.get(place, 0.0) for place in places)
+    if first in _alike(diagnosis) or shares[first] < _MOST or shares[first] < _TIMES * own:
+        return ""
+    one = len(effects) == 1
+    return (
+        f"The gap shows most at {first} ({percent(shares[first])}), while {_listed(effects)} "
+        f"{'acts' if one else 'act'} at {_listed(places)}: if {'it is' if one else 'they are'} the cause, "
+        f"{'its error travels' if one else 'their errors travel'} on."
+    )
+
+
+def _alike(diagnosis: Diagnosis) -> set[str]:
+    """Places that the logs cannot tell from those named: of tied effects, and of the same component."""
+    named = set(diagnosis.verdict.places)
+    effects = set(diagnosis.verdict.effects)
+    ties = [tie for one in diagnosis.which if set(one.effects) == effects for tie in one.ties]
+    found = named | {tie.partition(".")[0] for tie in ties}
+    for row in diagnosis.ledger:
+        places = set(row.component.split("+"))
+        if places & named:
+            found |= places
+    return found
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,218 @@
+"""What the page and the lines of a diagnosis say beside the verdict, and what it is told to be made from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+from matplotlib.figure import Figure
+from ports_bench import study, system
+
+from orchestrator.diagnosis.caveats import caveats
+from orchestrator.diagnosis.diagnose import Diagnosed, diagnose
+from orchestrator.diagnosis.effect import Parameter
+from orchestrator.diagnosis.figures import NOISE
+from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
+from orchestrator.diagnosis.ports.closure import how_far
+from orchestrator.diagnosis.ports.diagnose import _changed
+from orchestrator.diagnosis.ports.effect import PortEffect
+from orchestrator.diagnosis.ports.page import _figure
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.report import compose
+from orchestrator.diagnosis.report_text import text
+from orchestrator.diagnosis.study import Nominal
+from orchestrator.diagnosis.verdict import Diagnosis
+from orchestrator.system import Port
+
+GAIN = "drive.force_per_voltage"
+GAP = {"before": 0.1, "after": 0.01, "noise_floor": 0.008, "closure": 0.978, "interval": None,
+       "recalibration_only": 0.2}  # fmt: skip
+CHANGE = PortEffect(GAIN, "another value than configured", "config", (Parameter("change", "N/V", 5.0),),
+                    changes={GAIN: "change"})  # fmt: skip
+
+
+def made(effects=("drive.coulomb",), ties=(), **other):
+    """A diagnosis that names some effects."""
+    where = other.pop("where", {"drive": 1.0})
+    data = {
+        "case": "x",
+        "verdict": {"effects": effects, "places": sorted({one.partition(".")[0] for one in effects})},
+        "where": [{"place": place, "share": share} for place, share in where.items()],
+        "which": [{"effects": effects, "probability": 1.0, "parameters": {}, "ties": ties}],
+        "answer_set": [], "doubtful_tolerances": False, "how_far": GAP, "next_experiment": None,
+        "numerics": None, "misfit": {}, "calibration": {}, "data": [], "provenance": {}, **other,
+    }  # fmt: skip
+    return Diagnosis.model_validate(data)
+
+
+def page(diagnosis, known=None, believed=None):
+    return compose(diagnosis, {}, [], known or {}, "held-out runs", believed)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "said"),
+    [
+        ({"drive.position": 3.9, "controller.voltage": 1.0}, None),
+        ({"drive.position": 6.25, "controller.voltage": 1.0},
+         "The answer leaves 2.5 times the noise at drive.position."),
+        ({"drive.position": 6.25, "controller.voltage": 900.0, "drive.velocity": 3.0},
+         "The answer leaves 30 times the noise at controller.voltage, and more than 2 times at 1 more port."),
+        # A docking rig's is told by place and holds what random effects draw.
+        ({"contact": 900.0}, None),
+    ],
+)  # fmt: skip
+def test_what_the_answer_leaves_is_told_beside_the_headline(misfit, said):
+    diagnosis = made(misfit=misfit)
+    assert caveats(diagnosis) == ([] if said is None else [said])
+    lines = text(Diagnosed(None, None, diagnosis)).splitlines()
+    assert lines[1:2] == [f"  {said}"] if said else "leaves" not in lines[1]
+    html = page(diagnosis)
+    if said:
+        assert html.index("headline") < html.index(said) < html.index("Which effect")
+    else:
+        assert "leaves" not in html
+
+
+def test_the_best_answer_where_none_of_the_list_is_given():
+    diagnosis = made(("outside",), misfit={"drive.position": 100.0}, outside_place="drive")
+    assert caveats(diagnosis) == ["The best answer of the list leaves 10 times the noise at drive.position."]
+
+
+def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_told():
+    where = {"drive": 0.9, "controller": 0.1}
+    (told,) = caveats(made(("controller.voltage.gain",), where=where))
+    assert told == (
+        "The gap shows most at drive (90 %), while controller.voltage.gain acts at controller: "
+        "if it is the cause, its error travels on."
+    )
+    assert told in page(made(("controller.voltage.gain",), where=where))
+    (told,) = caveats(made(("path.gain", "controller.voltage.gain"), where=where))
+    assert "path.gain and controller.voltage.gain act at controller and path" in told
+    # Not where one of those named has it, where no place clearly has, where a tie or the same component has,
+    # where all of it is noise, or where nothing of the list is named.
+    assert not caveats(made(("controller.voltage.gain", "drive.coulomb"), where=where))
+    assert not caveats(made(("controller.gain",), where={"drive": 0.6, "controller": 0.4}))
+    assert not caveats(made(("controller.gain",), where={"a": 0.4, "b": 0.35, "controller": 0.25}))
+    assert not caveats(made(("controller.gain",), ties=("drive.gain",), where=where))
+    row = {"component": "controller+drive", "phase": "all", "band": "all", "share": 1.0}
+    assert not caveats(made(("controller.gain",), where=where, ledger=[row]))
+    assert not caveats(made(("controller.gain",), where=where, how_far=GAP | {"within_floor": True}))
+    assert not caveats(made(("outside",), where=where, outside_place="controller"))
+    assert not caveats(made((), where=where))
+
+
+@pytest.mark.parametrize(
+    ("told_by", "said"),
+    [
+        ("repeats", "noise: what runs differ by that repeat each other."),
+        ("specified", "noise: as specified, since no held-out run was repeated."),
+        ("both", "noise: what runs differ by that repeat each other, else as specified."),
+        ("", "noise: what does not repeat."),
+    ],
+)
+def test_the_page_tells_where_the_noise_comes_from(told_by, said):
+    assert said in page(made(how_far=GAP | {"noise_floor_from": told_by}))
+    whole = GAP | {"noise_floor_from": "none"}
+    words = f"{said[:-1]}; over whole runs none is known."
+    assert words in page(made(how_far=GAP | {"noise_floor_from": told_by, "full_run": whole}))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """A study that hides nothing."""
+    return load_port_study(study(tmp_path_factory.mktemp("plain")))
+
+
+def test_the_floor_is_that_of_repeats_where_there_are_any(plain):
+    (run,) = plain.of(Role.HELDOUT)
+    none = Finding((Candidate((), 1.0, {}, (), 0.0, NOMINAL),), (), (), "", (), NOMINAL)
+    assert how_far(plain, none)["noise_floor_from"] == "specified"
+    again = replace(run, name="again", role=Role.REPEAT, repeats=run.name)
+    found = how_far(replace(plain, runs=(*plain.runs, again)), none)
+    assert (found["noise_floor_from"], found["noise_floor"]) == ("repeats", 0.0)
+    position = Port("drive", "position")
+    part = replace(again, logs={position: again.logs[position]})
+    assert how_far(replace(plain, runs=(*plain.runs, part)), none)["noise_floor_from"] == "both"
+
+
+def test_a_changed_parameter_is_told_with_its_value(plain):
+    answer = Augmented({}, (CHANGE,), np.array([-2.5]))
+    assert _changed(plain, answer, {}) == [f"{GAIN}: 32.6507 N/V, not 35.1507 N/V (change -2.5 N/V)"]
+    # One that is calibrated, too, is told once, against what the study believes.
+    known = replace(plain, nominal={GAIN: Nominal(34.0, 1.0), "drive.mass": Nominal(95.1, 2.0)})
+    answer = Augmented({GAIN: 35.0, "drive.mass": 96.0}, (CHANGE,), np.array([-2.5]))
+    assert _changed(known, answer, {}) == [
+        f"{GAIN}: 32.5 N/V, not 34 N/V (change -2.5 N/V)",
+        "drive.mass: 96 kg, not 95.1 kg",
+    ]
+
+
+def test_names_stand_as_they_are(plain):
+    parameter = "controller.velocity.low-pass.time_constant"
+    low_pass = PortEffect(
+        "controller.velocity.low-pass", "T y' + y = x", "", (Parameter("time_constant", "s", 1.0),),
+        port=Port("controller", "velocity"), make=lambda p: SimpleNamespace(),
+    )  # fmt: skip
+    effects = [low_pass.id, GAIN]
+    one = {"effects": effects, "probability": 1.0, "parameters": {parameter: 0.02, f"{GAIN}.change": -2.5}}
+    moved = {"nominal": 203.5, "tolerance": 10.0, "fitted": 203.5, "recalibrated": 203.5}
+    diagnosis = made(
+        effects, which=[one | {"ties": []}], calibration={"drive.viscous_friction": moved}
+    )  # fmt: skip
+    html = page(diagnosis, {low_pass.id: low_pass, GAIN: CHANGE}, {GAIN: 35.15})
+    assert "time_constant 0.02 s" in html and "drive.viscous_friction" in html
+    assert "viscous friction" not in html and "time constant" not in html
+    # What is changed is told by its value, too.
+    assert "another value than configured (32.65 N/V, not 35.15 N/V, change -2.5 N/V)" in html
+
+
+def test_phases_stand_over_their_bands():
+    rows = [
+        {"component": "drive", "phase": phase, "band": band, "share": 0.25}
+        for phase in ("forth", "back") for band in ("0-1 Hz", "over 1 Hz")
+    ]  # fmt: skip
+    html = page(made(ledger=rows))
+    assert "<th class=phase colspan=2>forth</th>" in html
+    assert re.search(r"\.phase \{[^}]*text-align: center", html)
+
+
+def test_a_legend_below_all_traces_tells_the_band(plain):
+    (run,) = plain.of(Role.HELDOUT)
+    port = Port("drive", "position")
+    log = run.logs[port]
+    drawn, _ = _figure(plain, run, port, log + 1e-5, log)
+    assert isinstance(drawn, Figure)
+    (legend,) = drawn.legends
+    assert [one.get_text() for one in legend.get_texts()] == [
+        "logged", "before: model as configured", "after: model of the verdict", NOISE
+    ]  # fmt: skip
+    assert all(axes.get_legend() is None for axes in drawn.axes)
+    drawn.draw_without_rendering()
+    below = legend.get_window_extent().y1
+    assert below <= min(axes.get_window_extent().y0 for axes in drawn.axes)
+
+
+def test_configs_and_fmus_are_among_what_a_diagnosis_was_made_from(tmp_path):
+    path = study(tmp_path / "case", candidates={"only": ["drive.viscous"]})
+    (path / "base.yaml").write_text(yaml.safe_dump(system(0.2)))
+    (path / "own.yaml").write_text("extends: base.yaml\n")
+    data = yaml.safe_load((path / "study.yaml").read_text())
+    (path / "study.yaml").write_text(yaml.safe_dump(data | {"system": "own.yaml", "settle": "50 ms"}))
+    diagnose(path, tmp_path / "out")
+    kept = json.loads((tmp_path / "out" / "diagnosis.json").read_text())["provenance"]
+    runs = {f"run-{number}.csv" for number in range(3)}
+    assert set(kept["sha256"]) == {"study.yaml", "own.yaml", "base.yaml", *runs}
+    own = load_port_study(path).prepared.system
+    assert {name: one["checksum"] for name, one in kept["fmus"].items()} == {
+        one.name: f"sha256:{hashlib.sha256(one.fmu.path.read_bytes()).hexdigest()}" for one in own.instances
+    }
+    html = (tmp_path / "out" / "report.html").read_text()
+    for one in kept["fmus"].values():
+        assert one["file"] in html and one["checksum"].removeprefix("sha256:") in html
