@@ -18,9 +18,9 @@ LAYERS = [
     "fmi", "graph", "fixed_point", "system", "bonds", "checks", "connecting", "histogram", "external",
     "assembly", "signals", "wires", "initialisation", "culprits", "instance_pool", "instances", "ledger",
     "master", "native", "pacing", "simulate", "stream", "formats", "recorded", "results", "progress",
-    "measures", "plotting", "page", "folder_lock", "workers", "run_folder", "run", "compare", "table", "commands",
-    "fmu_tools", "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report",
-    "__main__",
+    "measures", "plotting", "page", "folder_lock", "workers", "run_folder", "run", "compare", "table",
+    "commands", "fmu_tools", "translate", "exchange", "frequency", "docking", "diagnosis", "campaign",
+    "report", "__main__",
 ]  # fmt: skip
 
 
