@@ -6,15 +6,16 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .effect import Effect, Parameter, Seen
 from .marginal import Marginal
 from .study import Array
 
-__all__ = ["Base", "Fit", "Fitter", "Replay", "cost_of"]
+__all__ = ["Base", "Fit", "Fitter", "Replay", "Seeing", "cost_of"]
 
 _MAX_ITERATIONS = 30
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
@@ -100,8 +101,13 @@ class Replay(Protocol):
     ) -> list[Array]:
         """Measured minus replayed outputs over their noise, per run and channel."""
 
+
+@runtime_checkable
+class Seeing(Protocol):
+    """A replay that tells effects what they propose starts from."""
+
     def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
-        """What effects that propose starts read; needed only for effects of the docking rig."""
+        """What effects that propose starts read."""
 
 
 class Fitter:
@@ -357,7 +363,7 @@ class Fitter:
 
     def _proposed(self, effect: Effect, base: Base) -> list[Array]:
         """Starts that the runs themselves show, in normalised parameters."""
-        if effect.propose is None or not hasattr(self.replay, "seen"):
+        if effect.propose is None or not isinstance(self.replay, Seeing):
             return []
         seen = self.replay.seen(self._calibrated(base.z), base.effects, self._theta(base.effects, base.z))
         starts = effect.propose(seen)
@@ -381,7 +387,7 @@ class Fitter:
     def _bounded(self, effects: tuple[Effect, ...], z: Array) -> Array:
         return np.clip(z, *self._limits(effects))
 
-    def _held(self, effects: tuple[Effect, ...], z: Array, slope: Array) -> Array:
+    def _held(self, effects: tuple[Effect, ...], z: Array, slope: Array) -> NDArray[np.bool_]:
         """Which parameters stand at a bound that the slope leads beyond.
 
         Others would be moved as if these could follow.
@@ -397,7 +403,7 @@ def cost_of(r: Array, z: Array) -> float:
     return cost if math.isfinite(cost) else math.inf
 
 
-def _less(z: Array, places: Array, step: Array) -> Array:
+def _less(z: Array, places: NDArray[np.intp], step: Array) -> Array:
     ahead = z.copy()
     ahead[places] -= step
     return ahead

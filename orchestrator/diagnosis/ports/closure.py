@@ -30,7 +30,9 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
     runs = study.of(Role.HELDOUT)
     replay = PortReplay(study, runs)
     squares: dict[str, list[Array]] = {name: [] for name in models}
-    floors, repeated, by_port = [], set(), {}
+    floors: list[float] = []
+    repeated: set[bool] = set()
+    by_port: dict[str, dict[str, list[float]]] = {}
     left = {name: replay.of(model) for name, model in models.items()}
     place = 0
     for run in runs:

@@ -117,7 +117,7 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
         return (Parameter(name, f"{force_unit}.s/{way_unit}" if unit == "v" else f"{force_unit}/{way_unit}",
                           scale, starts=(0.05 * scale,)),)  # fmt: skip
 
-    found = [
+    found: list[Effect] = [
         law("coulomb", "F = level sgn(v), its corner rounded over width", "Coulomb (1785)", (level, corner),
             lambda p: laws.Coulomb(sign=sign, level=p[0], width=p[1])),
         law("stribeck", "F = level (1 + excess exp(-(v/speed)^2)) sgn(v)", "Stribeck (1902)",

@@ -124,11 +124,11 @@ def _left(study: PortStudy, replays: Sequence[PortReplay], fit: Fit, none: Fit) 
         for (_, port), r, r0 in zip(replay.channels, replay.of(fit), replay.of(none), strict=True):
             excess.setdefault(str(port), []).append((float(r @ r), float(r0 @ r0), len(r)))
     found = {}
-    for port, parts in excess.items():
+    for name, parts in excess.items():
         n = sum(part[2] for part in parts)
         left, whole = (sum(part[place] for part in parts) / n - 1.0 for place in (0, 1))
         if whole > _EXCESS:
-            found[port] = max(left, 0.0) / whole
+            found[name] = max(left, 0.0) / whole
     return found
 
 
