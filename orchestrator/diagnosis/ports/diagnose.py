@@ -88,7 +88,7 @@ def diagnose_ports(
         seconds=round(perf_counter() - begin, 3),
         fmus=instance_fmus(study.prepared.system),
     )
-    known = [*warned, *doubts(own)]
+    known = [*warned, *weighed.warned, *doubts(own)]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
     exportable, _ = augmented_config(study, finding, fmus=True)

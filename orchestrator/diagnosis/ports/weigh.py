@@ -17,6 +17,8 @@ from ..finding import Augmented, Candidate, Finding, most_probable
 from ..fit import Fit, Fitter
 from ..search import Search
 from ..study import Array
+from ..verdict import Warned
+from .noise import structured, understated
 from .replay import PortReplay, Weighted, candidates_of
 from .seek import sought
 from .study import PortStudy, Role
@@ -43,8 +45,10 @@ class Weighed:
         finding: the answers.
         effects: all candidates that were weighed.
         left: share of the excess over noise that the answer leaves, by port; on train and validation.
+        share: of the excess of all ports, each as it counts; 0 where there is none.
         weights: of the compared ports' residuals in the fits.
         answers: none first; what they were made probabilities with.
+        warned: of noise that is larger than specified.
     """
 
     finding: Finding
@@ -53,11 +57,8 @@ class Weighed:
     weights: Mapping[Port, float]
     answers: tuple[Answer, ...]
     tempering: Tempering
-
-    @property
-    def share(self) -> float:
-        """Mean of `left` over the ports; 0 where there is no excess."""
-        return _mean(self.left)
+    share: float = 0.0
+    warned: tuple[Warned, ...] = ()
 
 
 def weigh_ports(study: PortStudy, tempering: Tempering | None = None, workers: int = 2) -> Weighed:
@@ -117,23 +118,24 @@ def _answers(
     return [nothing, *kept]
 
 
-def _left(study: PortStudy, replays: Sequence[PortReplay], fit: Fit, none: Fit) -> dict[str, float]:
-    """Share of the excess over noise of the model without effects that one with them leaves, by port."""
+def _left(replays: Sequence[PortReplay], fit: Fit, none: Fit) -> tuple[dict[str, float], float]:
+    """Share of the excess over noise of the model without effects that one with them leaves.
+
+    Returns: by port; and of all ports. There a port counts by the logarithm of its excess: one that is hardly
+        beyond its noise tells little, one that is far beyond does not tell all.
+    """
     excess: dict[str, list[tuple[float, float, int]]] = {}
     for replay in replays:
         for (_, port), r, r0 in zip(replay.channels, replay.of(fit), replay.of(none), strict=True):
-            excess.setdefault(str(port), []).append((float(r @ r), float(r0 @ r0), len(r)))
-    found = {}
+            excess.setdefault(str(port), []).append((structured(r), structured(r0), len(r)))
+    found, counts = {}, {}
     for name, parts in excess.items():
         n = sum(part[2] for part in parts)
-        left, whole = (sum(part[place] for part in parts) / n - 1.0 for place in (0, 1))
+        left, whole = (sum(part[place] * part[2] for part in parts) / n for place in (0, 1))
         if whole > _EXCESS:
-            found[name] = max(left, 0.0) / whole
-    return found
-
-
-def _mean(left: Mapping[str, float]) -> float:
-    return float(np.mean(list(left.values()))) if left else 0.0
+            found[name], counts[name] = left / whole, math.log1p(whole)
+    total = sum(counts.values())
+    return found, sum(found[name] * count for name, count in counts.items()) / total if total else 0.0
 
 
 @dataclass(frozen=True)
@@ -151,8 +153,8 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     replay, effects = by.replay, by.effects
     top = answers[int(np.argmax(tempering.scores(answers, len(effects))))]
     assert top.fit is not None
-    left = _left(by.study, (replay, by.checked), top.fit, found.none)
-    probabilities = tempering.probabilities(answers, len(effects), _mean(left))
+    left, share = _left((replay, by.checked), top.fit, found.none)
+    probabilities = tempering.probabilities(answers, len(effects), share)
     recalibrated = Augmented(found.none.calibrated, (), np.zeros(0))
     made = [_candidate(one, float(p)) for one, p in zip(answers, probabilities[:-1], strict=True)]
     made.append(Candidate(("outside",), float(probabilities[-1]), {}, (), 0.0))
@@ -161,11 +163,13 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     first = made[0]
     place = max(left, key=lambda port: left[port]).partition(".")[0] if left else ""
     places = {place} if first.effects == ("outside",) else {one.partition(".")[0] for one in first.effects}
-    strayed = any(abs(value) > _STRAYED for value in found.none.deviation.values())
-    squares: dict[str, list[Array]] = {}
+    # Of an answer with effects its own calibration counts: what they explain needs no other tolerances.
+    believed = found.none if first.effects in ((), ("outside",)) else top.fit
+    strayed = any(abs(value) > _STRAYED for value in believed.deviation.values())
+    residuals: dict[str, list[Array]] = {}
     for (_, port), r in zip(replay.channels, replay.of(top.fit), strict=True):
-        squares.setdefault(str(port), []).append(r**2)
-    misfit = {port: float(np.mean(np.concatenate(some))) for port, some in squares.items()}
+        residuals.setdefault(str(port), []).append(r)
+    misfit = {port: float(np.mean(np.concatenate(some) ** 2)) for port, some in residuals.items()}
     finding = Finding(
         tuple(made),
         first.effects,
@@ -173,10 +177,11 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
         place if first.effects == ("outside",) else "",
         most_probable(made, SET),
         recalibrated,
-        strayed and first.effects in ((), ("outside",)),
+        strayed,
         misfit,
     )
-    return Weighed(finding, effects, left, by.weights, tuple(answers), tempering)
+    warned = tuple(understated(residuals))
+    return Weighed(finding, effects, left, by.weights, tuple(answers), tempering, share, warned)
 
 
 def _folded(made: list[Candidate]) -> list[Candidate]:
