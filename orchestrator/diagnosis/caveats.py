@@ -26,7 +26,7 @@ def _leaves(diagnosis: Diagnosis) -> str:
     Of a docking rig's places nothing is told: there `misfit` is that of the best fit, which may be another
     answer than the one given, and has in it what random effects draw, which no replay takes off.
     """
-    much = {port: value for port, value in diagnosis.misfit.items() if "." in port and value > _MUCH}
+    much = {port: value for port, value in _at_ports(diagnosis).items() if value > _MUCH}
     if not much:
         return ""
     worst = max(much, key=lambda port: much[port])
@@ -40,17 +40,32 @@ def _leaves(diagnosis: Diagnosis) -> str:
     return f"{text}."
 
 
+def _at_ports(diagnosis: Diagnosis) -> dict[str, float]:
+    """What is left by port; nothing of a docking rig."""
+    return {name: value for name, value in diagnosis.misfit.items() if "." in name}
+
+
 def _elsewhere(diagnosis: Diagnosis) -> str:
-    """That the gap shows at another place than where the effects named act; "" if it does not."""
+    """That the gap shows at another place than where the effects named act; "" if it does not.
+
+    Nor of something outside a docking rig's catalogue: its place is told by how residuals look. That of a
+    study of ports is only where the best answer leaves most, which may be downstream of what acts.
+    """
     effects, places = diagnosis.verdict.effects, diagnosis.verdict.places
     noise = diagnosis.how_far is not None and diagnosis.how_far.within_floor
-    if not diagnosis.where or not effects or "outside" in effects or noise:
+    if not diagnosis.where or not effects or noise or ("outside" in effects and not _at_ports(diagnosis)):
         return ""
     shares = {one.place: one.share for one in diagnosis.where}
     first = max(shares, key=lambda place: shares[place])
     own = max(shares.get(place, 0.0) for place in places)
     if first in _alike(diagnosis) or shares[first] < _MOST or shares[first] < _TIMES * own:
         return ""
+    if "outside" in effects:
+        return (
+            f"The gap shows most at {first} ({percent(shares[first])}), while the best answer of the list "
+            f"leaves most at {_listed(places)}: the effect may act at {first} instead, and its error "
+            "travel on."
+        )
     one = len(effects) == 1
     return (
         f"The gap shows most at {first} ({percent(shares[first])}), while {_listed(effects)} "

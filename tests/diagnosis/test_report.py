@@ -41,9 +41,11 @@ CHANGE = PortEffect(GAIN, "another value than configured", "config", (Parameter(
 def made(effects=("drive.coulomb",), ties=(), **other):
     """A diagnosis that names some effects."""
     where = other.pop("where", {"drive": 1.0})
+    places = {one.partition(".")[0] for one in effects} - {"outside"}
+    places |= {other["outside_place"]} if "outside" in effects else set()
     data = {
         "case": "x",
-        "verdict": {"effects": effects, "places": sorted({one.partition(".")[0] for one in effects})},
+        "verdict": {"effects": effects, "places": sorted(places)},
         "where": [{"place": place, "share": share} for place, share in where.items()],
         "which": [{"effects": effects, "probability": 1.0, "parameters": {}, "ties": ties}],
         "answer_set": [], "doubtful_tolerances": False, "how_far": GAP, "next_experiment": None,
@@ -96,7 +98,7 @@ def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_told():
     (told,) = caveats(made(("path.gain", "controller.voltage.gain"), where=where))
     assert "path.gain and controller.voltage.gain act at controller and path" in told
     # Not where one of those named has it, where no place clearly has, where a tie or the same component has,
-    # where all of it is noise, or where nothing of the list is named.
+    # where all of it is noise, or where nothing is named.
     assert not caveats(made(("controller.voltage.gain", "drive.coulomb"), where=where))
     assert not caveats(made(("controller.gain",), where={"drive": 0.6, "controller": 0.4}))
     assert not caveats(made(("controller.gain",), where={"a": 0.4, "b": 0.35, "controller": 0.25}))
@@ -104,8 +106,28 @@ def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_told():
     row = {"component": "controller+drive", "phase": "all", "band": "all", "share": 1.0}
     assert not caveats(made(("controller.gain",), where=where, ledger=[row]))
     assert not caveats(made(("controller.gain",), where=where, how_far=GAP | {"within_floor": True}))
-    assert not caveats(made(("outside",), where=where, outside_place="controller"))
     assert not caveats(made((), where=where))
+
+
+def test_a_gap_that_shows_elsewhere_than_most_is_left_is_told_of_what_is_outside():
+    def outside(place, **other):
+        misfit = {"drive.position": 1.0, "controller.voltage": 2.0}
+        data = {"where": {"drive": 1.1, "controller": -0.1}, "misfit": misfit, "outside_place": place} | other
+        return made(("outside",), **data)
+
+    said = (
+        "The gap shows most at drive (110 %), while the best answer of the list leaves most at controller: "
+        "the effect may act at drive instead, and its error travel on."
+    )
+    assert caveats(outside("controller")) == [said]
+    html = page(outside("controller"))
+    assert html.index("acts at the controller") < html.index(said) < html.index("Which effect")
+    assert said in text(Diagnosed(None, None, outside("controller")))
+    assert not caveats(outside("drive"))
+    assert not caveats(outside("controller", where={"drive": 0.6, "controller": 0.4}))
+    assert not caveats(outside("controller", how_far=GAP | {"within_floor": True}))
+    # A docking rig's place is told by how residuals look, not by where most is left.
+    assert not caveats(outside("controller", misfit={"contact": 2.0}))
 
 
 @pytest.mark.parametrize(
@@ -196,7 +218,7 @@ def test_a_legend_below_all_traces_tells_the_band(plain):
     assert all(axes.get_legend() is None for axes in drawn.axes)
     drawn.draw_without_rendering()
     below = legend.get_window_extent().y1
-    assert below <= min(axes.get_window_extent().y0 for axes in drawn.axes)
+    assert below <= min(axes.get_tightbbox().y0 for axes in drawn.axes)  # axis titles, too
 
 
 def test_configs_and_fmus_are_among_what_a_diagnosis_was_made_from(tmp_path):
