@@ -13,11 +13,13 @@ __all__ = ["caveats"]
 _MUCH = 4.0
 # The gap clearly shows at a place that has this share of it, and so many times that of any place named.
 _MOST, _TIMES = 0.5, 2.0
+# Closures that differ by less are the same; and tolerances that a number must stray by to be named.
+_AS_WELL, _FAR = 0.02, 3.0
 
 
 def caveats(diagnosis: Diagnosis) -> list[str]:
     """Sentences to stand beside the headline; none where nothing is to be added."""
-    return [one for one in (_leaves(diagnosis), _elsewhere(diagnosis)) if one]
+    return [one for one in (_leaves(diagnosis), _elsewhere(diagnosis), _unneeded(diagnosis)) if one]
 
 
 def _leaves(diagnosis: Diagnosis) -> str:
@@ -71,6 +73,29 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
         f"The gap shows most at {first} ({percent(shares[first])}), while {_listed(effects)} "
         f"{'acts' if one else 'act'} at {_listed(places)}: if {'it is' if one else 'they are'} the cause, "
         f"{'its error travels' if one else 'their errors travel'} on."
+    )
+
+
+def _unneeded(diagnosis: Diagnosis) -> str:
+    """That other values of the calibrated numbers close the gap as well as an answer's effects; "" if not."""
+    gap, effects = diagnosis.how_far, diagnosis.verdict.effects
+    if not effects or "outside" in effects or gap is None or gap.within_floor:
+        return ""
+    if gap.closure is None or gap.recalibration_only is None or not diagnosis.calibration:
+        return ""
+    if gap.recalibration_only < gap.closure - _AS_WELL:
+        return ""
+    moved = {
+        name: (one["recalibrated"] - one["nominal"]) / one["tolerance"]
+        for name, one in diagnosis.calibration.items()
+    }
+    name = max(moved, key=lambda name: abs(moved[name]))
+    if abs(moved[name]) < _FAR:
+        return ""
+    return (
+        f"Other values of calibrated numbers alone close {percent(gap.recalibration_only)} of the gap, "
+        f"{name} {moved[name]:+.1f} tolerances from its own: if its tolerance can be that wrong, no effect is "
+        "needed."
     )
 
 

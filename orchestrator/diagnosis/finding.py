@@ -64,8 +64,8 @@ class Finding:
         outside_place: where an effect outside the catalogue acts; "" if there is none.
         answer_set: names of the most probable answers that hold enough together, see `Calibration.enough`.
         recalibrated: the model without effects, its calibration refitted.
-        doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: of a docking
-            rig, while no effect explains it; of other systems, with the answer's effects.
+        doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: of a
+            docking rig, while no effect explains it; of other systems, with the answer's effects.
         misfit: mean square of what the answer leaves, normalised by the noise, by place.
     """
 

@@ -238,3 +238,15 @@ def test_configs_and_fmus_are_among_what_a_diagnosis_was_made_from(tmp_path):
     html = (tmp_path / "out" / "report.html").read_text()
     for one in kept["fmus"].values():
         assert one["file"] in html and one["checksum"].removeprefix("sha256:") in html
+
+
+@pytest.mark.parametrize(
+    ("closed", "stray", "said"), [(0.97, 12.0, True), (0.97, 2.0, False), (0.5, 12.0, False)]
+)
+def test_that_recalibration_closes_as_much_is_told_beside_the_headline(closed, stray, said):
+    numbers = {"nominal": 25.0, "tolerance": 2.5, "fitted": 25.0, "recalibrated": 25.0 + 2.5 * stray}
+    gap = {**GAP, "recalibration_only": closed}
+    told = caveats(made(how_far=gap, calibration={"room.vent": numbers}))
+    assert bool(told) == said
+    if said:
+        assert "room.vent +12.0 tolerances" in told[0] and "97 %" in told[0]

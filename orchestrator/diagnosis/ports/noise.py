@@ -11,8 +11,8 @@ from ..verdict import Warned
 
 __all__ = ["structured", "understated", "white"]
 
-# Residuals are noise where white noise makes this share of their mean square at least: what comes back through
-# a loop is not quite white. It is worth a word from so much on.
+# Residuals are noise where white noise makes this share of their mean square at least: what comes back
+# through a loop is not quite white. It is worth a word from so much on.
 _MOSTLY, _WORTH = 0.5, 1.5
 
 
