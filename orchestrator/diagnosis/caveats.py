@@ -94,8 +94,8 @@ def _unneeded(diagnosis: Diagnosis) -> str:
         return ""
     return (
         f"Other values of calibrated numbers alone close {percent(gap.recalibration_only)} of the gap, "
-        f"{name} {moved[name]:+.1f} tolerances from its own: if its tolerance can be that wrong, no effect is "
-        "needed."
+        f"{name} {moved[name]:+.1f} tolerances from its own: if its tolerance can be that wrong, no effect "
+        "is needed."
     )
 
 

@@ -74,8 +74,10 @@ def weighted(found):
 def test_halving_tells_the_error_of_the_step(rubbing):
     found = numerics(rubbing, {"nominal": NOMINAL})
     assert 0.0 < found["error"] < found["gap"] and found["fraction"] == found["error"] / found["gap"]
-    assert found["fraction"] < 0.1 and doubts(found) == []
-    assert "25 % of the gap" in doubts({**found, "fraction": 0.25})[0].what
+    quiet = {**found, "noise": found["error"]}
+    assert found["fraction"] < 0.1 and doubts(quiet) == []
+    assert "4 times the noise" in doubts({**found, "noise": found["error"] / 4.0})[0].what
+    assert "25 % of the gap" in doubts({**quiet, "fraction": 0.25})[0].what
     # The error of this loop is of first order in the step: with half of it, half as large.
     replays = [PortReplay(rubbing, rubbing.of(Role.HELDOUT), parts=parts) for parts in (1, 2, 4)]
     coarse, half, quarter = (

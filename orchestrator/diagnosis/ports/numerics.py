@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,8 +15,9 @@ from .study import PortStudy, Role
 
 __all__ = ["doubts", "numerics"]
 
-# A step whose halving changes more than this share of the gap is no step to diagnose with.
-_DOUBTFUL = 0.1
+# A step whose halving changes more than this share of the gap is no step to diagnose with; nor one whose
+# halving changes so many times the noise of the logs: effects of that size may be the step's.
+_DOUBTFUL, _LOUD = 0.1, 2.0
 
 
 def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any]:
@@ -28,12 +30,14 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
     Args:
         models: by name; the gap is that of the first.
     Returns: `error`, the root mean square change at the compared ports over the spread of their logs, of the
-        model that changes most; `gap`, between model and log; `fraction`, of the two; `step_size` [s];
+        model that changes most; `gap`, between model and log; `noise`, of the logs as specified, both the
+        same way; `fraction`, of error and gap; `step_size` [s];
         `models`, the error of each. None where a model runs away.
     """
     runs = study.of(Role.HELDOUT) or study.of(Role.TRAIN)
     step, fine = PortReplay(study, runs), PortReplay(study, runs, parts=2)
     gaps: list[float] = []
+    noises: list[float] = []
     errors: dict[str, float] = {}
     for name, model in models.items():
         changes = []
@@ -48,12 +52,14 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
                 changes.append(float(np.mean(apart**2)))
                 if name == next(iter(models)):
                     gaps.append(float(np.mean(((log - coarse[port][study.settled :]) / spread) ** 2)))
+                    noises.append((float(study.columns[port].noise or 0.0) / spread) ** 2)
         errors[name] = float(np.sqrt(np.mean(changes)))
     gap, error = float(np.sqrt(np.mean(gaps))), max(errors.values())
     known = np.isfinite(gap) and np.isfinite(error)
     return {
         "error": error if known else None,
         "gap": gap if known else None,
+        "noise": float(np.sqrt(np.mean(noises))),
         "fraction": error / gap if known and gap > 0.0 else None,
         "step_size": float(study.prepared.grid.step_size),
         "models": {name: value if np.isfinite(value) else None for name, value in errors.items()},
@@ -64,13 +70,15 @@ def doubts(found: Mapping[str, Any]) -> list[Warned]:
     """What to tell of a step that is too long."""
     fraction = found["fraction"]
     runs_away = found["error"] is None
-    if not runs_away and (fraction is None or fraction <= _DOUBTFUL):
+    loud = not runs_away and found["error"] > _LOUD * found["noise"]
+    if not runs_away and (fraction is None or (fraction <= _DOUBTFUL and not loud)):
         return []  # without any gap there is none that the step could make
     step = f"{1e3 * found['step_size']:g} ms"
-    what = (
-        "a model runs away, so that the co-simulation's own error is not known"
-        if runs_away
-        else f"halving the step of {step} changes the signals by {100 * fraction:.3g} % of the gap"
-    )
+    what = "a model runs away, so that the co-simulation's own error is not known"
+    if not runs_away:
+        what = f"halving the step of {step} changes the signals by {100 * fraction:.3g} % of the gap"
+    if loud:
+        times = found["error"] / found["noise"] if found["noise"] > 0.0 else math.inf
+        what += f" and {times:.2g} times the noise: effects of that size may be the step's"
     remedy = "Take a shorter step and resample the logs, unless the step is a controller's sample time."
     return [Warned(place="numerics", what=what, remedy=remedy)]
