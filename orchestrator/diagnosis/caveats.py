@@ -51,7 +51,8 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     """That the gap shows at another place than where the effects named act; "" if it does not.
 
     Nor of something outside a docking rig's catalogue: its place is told by how residuals look. That of a
-    study of ports is only where the best answer leaves most, which may be downstream of what acts.
+    study of ports is only where the best answer explains the least share, which may be downstream of what
+    acts, and need not be the port at which most is left.
     """
     effects, places = diagnosis.verdict.effects, diagnosis.verdict.places
     noise = diagnosis.how_far is not None and diagnosis.how_far.within_floor
@@ -65,7 +66,7 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     if "outside" in effects:
         return (
             f"The gap shows most at {first} ({percent(shares[first])}), while the best answer of the list "
-            f"leaves most at {_listed(places)}: the effect may act at {first} instead, and its error "
+            f"explains least at {_listed(places)}: the effect may act at {first} instead, and its error "
             "travel on."
         )
     one = len(effects) == 1
