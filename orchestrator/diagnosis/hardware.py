@@ -33,6 +33,9 @@ _KEPT, _WEAK = 12, 40.0
 # Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
 # [nats].
 _CLEAR = 20.0
+# Log likelihood of a period in the link from which it is where something outside the catalogue acts: other
+# things shake commands as well [nats].
+_PERIOD = 3.0
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
 # each of which is one of many and costs `_EACH`, while calibrated numbers of several kinds stray by more than
 # `_STRAYED`: one effect, as a delay, strays in all numbers of its kind.
@@ -78,14 +81,14 @@ class _Told(NamedTuple):
     Attributes:
         answers: largest log evidence first; left: residuals of the best fit, by run and channel.
         periodic: log evidence of losses that keep a period and are no effect [nats].
-        linked: whether something that keeps a period is in the link.
+        regular: log likelihood that what is random in the link keeps a period [nats].
         by: what the best answers were fitted by.
     """
 
     answers: list[Answer]
     left: list[Array]
     periodic: float
-    linked: bool
+    regular: float
     by: Fitter
 
 
@@ -121,8 +124,11 @@ def _weigh(
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
     noises += [lost] if lost is not None else []
     doubt = _doubt(weighing, found.none)
-    answers, left, periodic, linked, by = _linked(weighing, fitter, found, noises, colour, chance, without)
-    linked = linked or (lost is not None and lost.uneven > 0.0)
+    answers, left, periodic, regular, by = _linked(weighing, fitter, found, noises, colour, chance, without)
+    if lost is not None:
+        regular = max(regular, lost.uneven)
+    # A line in the force shakes the commands, too: where more speaks for that, it comes from there.
+    linked = regular > _PERIOD and not odd > max(_CLEAR, regular)
     answers = tied(by, simplest(answers))
     doubtful = doubt > max([_DOUBTED, *(one.gain - _EACH * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
@@ -212,7 +218,7 @@ def _linked(
     answers = _answers(weighing, fitter, found, noises, colour)
     links = random_links(weighing.model, found.none, chance, without)
     if not links:
-        return _Told(answers, left, chance.periodic, chance.periodic > 0.0, fitter)
+        return _Told(answers, left, chance.periodic, chance.periodic, fitter)
     alone = {(): found.none} | {_ids(one): one for one in found.fits}
     gains = {(): 0.0} | {one.effects: one.gain for one in reversed(answers)}
     level = max(gains.values()) + chance.log_evidence
@@ -236,7 +242,7 @@ def _linked(
     left = behind.marginal.left(again.best.residuals) if again.best.effects else left
     # Lost commands that keep a period are told apart from chance, or beside it, or within what is random.
     by = behind if {PACKETS, JITTER} & set(answers[0].effects) else fitter
-    return _Told(answers, left, 0.0, chance.regular > 0.0, by)
+    return _Told(answers, left, 0.0, chance.regular, by)
 
 
 def _ids(fit: Fit) -> tuple[str, ...]:
