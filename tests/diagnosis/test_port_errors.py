@@ -76,9 +76,16 @@ TWENTIETH = "Leave it out for a twentieth of each run."
          "calibrated.drive.mass.value: drive.mass = -3 kg is out of range\n  allowed: at least 0.0 kg"),
         (within("calibrated", "drive.mass", tolerance="0 kg"),
          "calibrated.drive.mass.tolerance: got '0 kg'\n  above 0"),
+        (within("columns", "drive.position", hold=True),
+         "columns.drive.position.hold: drive.position is compared at its samples, not fed\n"
+         "  what is fed. Leave it out, or feed it."),
+        (within("columns", "controller.voltage", start=True),
+         "columns.controller.voltage.start: controller.voltage takes no start value\n"
+         "  an output whose start value can be set. Set what it starts from under "
+         "instances.controller.start of the system, and leave out the begin of each run by `settle`."),
         (within(window="-1 s"), "window: got '-1 s'\n  0 s or more"),
         (within(window="3 ms"),
-         "window: got '3 ms'\n  two communication steps, 0.004 s, or more. " + TWENTIETH),
+         "window: got '3 ms'\n  two samples, 0.004 s, or more. " + TWENTIETH),
         (within(window="1.96 s"),
          "window: got '1.96 s'\n  up to 1.952 s, what run-2 holds after it settled. " + TWENTIETH),
         (within(settle="-1 s"), "settle: got '-1 s'\n  0 s or more"),
@@ -282,6 +289,6 @@ def test_messages_at_another_step_are_not_taken_for_the_step(made, told, tmp_pat
     assert np.array_equal(next(iter(run.logs.values())), log[200:, 1])
     write(4e-3)
     assert told(change) == (
-        "a.mcap: time: samples are 0.00401 s apart\n  the communication step of the system, 0.002 s. "
-        "Set run.step_size under `set`, or resample the log."
+        "a.mcap: time: samples are 0.00401 s apart\n  the communication step of the system, or the "
+        "study's interval, 0.002 s. Set the study's interval, `interval: 0.004 s`, or resample the log."
     )

@@ -79,7 +79,7 @@ def test_halving_tells_the_error_of_the_step(rubbing):
     assert "4 times the noise" in doubts({**found, "noise": found["error"] / 4.0})[0].what
     assert "25 % of the gap" in doubts({**quiet, "fraction": 0.25})[0].what
     # The error of this loop is of first order in the step: with half of it, half as large.
-    replays = [PortReplay(rubbing, rubbing.of(Role.HELDOUT), parts=parts) for parts in (1, 2, 4)]
+    replays = [PortReplay(rubbing, rubbing.of(Role.HELDOUT), finer=finer) for finer in (1, 2, 4)]
     coarse, half, quarter = (
         one.signals(one.runs[0], {}, (), np.zeros(0))[POSITION] for one in replays
     )  # fmt: skip

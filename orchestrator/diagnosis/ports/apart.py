@@ -14,8 +14,8 @@ from ...system import Port
 from ..finding import Augmented
 from ..study import Array
 from .playback import Release
-from .player import Inserted, Player
-from .replay import PortReplay
+from .player import Inserted, between
+from .replay import PortReplay, player_of
 from .study import PortRun, PortStudy
 
 __all__ = ["Apart", "Component", "Window", "closed", "components", "estimates", "modelled"]
@@ -162,13 +162,9 @@ class Apart:
         self._given = given
         replay = PortReplay(study, [run])
         self._start, self._inserted = replay.made(base.calibrated, base.effects, base.theta)
-        prepared = study.prepared
-
-        def player(*fed: Port) -> Player:
-            step = prepared.grid.step_size
-            return Player(prepared.system, prepared.master, step, fed, self.ports)
-
-        self._open, self._closed = player(*given, *self.ports), player(*given)
+        self._open, self._closed = (
+            player_of(study, fed, self.ports) for fed in ((*given, *self.ports), tuple(given))
+        )
 
     @cached_property
     def windows(self) -> tuple[Window, ...]:
@@ -194,13 +190,16 @@ class Apart:
 
         Returns: what the components' ports give, from the begin on.
         """
-        step, first = float(self.study.prepared.grid.step_size), window.begin - window.lead
+        parts, first = self.study.parts, window.begin - window.lead
+        step = self.study.interval / parts
         inserted = list(self._inserted)
         for number, component in enumerate(self.components):
             for port in component.ports:
                 added = residuals[port] if number in injected else np.zeros(window.end - window.lead)
                 held = self.signals[port][window.lead : window.end]
-                inserted.append(Inserted(Release.of(step, first, held, added), port))
+                hold = port in self.study.held
+                tables = (between(values, parts, hold) for values in (held, added))
+                inserted.append(Inserted(Release.of(step, first * parts, *tables), port))
         found = self._closed.run(
             self._logs(window), window.end - window.lead, self._taken_up(window), inserted
         )

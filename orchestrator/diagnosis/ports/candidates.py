@@ -118,7 +118,7 @@ def _ports(study: PortStudy) -> list[Port]:
 
 def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
     """Effects of connections at a port."""
-    unit, step = unit_at(study, port), float(study.prepared.grid.step_size)
+    unit, step = unit_at(study, port), study.interval
     if not sizes.spread.get(port, 0.0) > 0.0 or not sizes.rate.get(port, 0.0) > 0.0:
         return []
     spread, peak, rate = sizes.spread[port], sizes.peak[port], sizes.rate[port]

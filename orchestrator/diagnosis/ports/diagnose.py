@@ -28,9 +28,10 @@ from .numerics import doubts, numerics
 from .practice import Practise, practise
 from .reader import load_port_study
 from .replay import candidates_of
+from .steps import told_of_step, weighed_without_step
 from .study import PortStudy, Role, study_file
 from .tempering import Tempering, read_practice
-from .weigh import Weighed, weigh_ports
+from .weigh import Weighed
 from .where import ledger, no_shares, where
 
 __all__ = ["PRACTICE", "PortDiagnosed", "diagnose_ports"]
@@ -76,7 +77,10 @@ def diagnose_ports(
     own = numerics(study, {"nominal": NOMINAL})
     progress("weigh")
     taught, tempering = _taught(path, study, practice)
-    weighed = weigh_ports(study, tempering)
+    configured = study
+    study, weighed = weighed_without_step(study, tempering)
+    if study.parts > configured.parts:
+        own = numerics(study, {"nominal": NOMINAL})
     finding = weighed.finding
     told = _told(study, weighed, progress)
     config, missing = augmented_config(study, finding)
@@ -88,7 +92,7 @@ def diagnose_ports(
         seconds=round(perf_counter() - begin, 3),
         fmus=instance_fmus(study.prepared.system),
     )
-    known = [*warned, *weighed.warned, *doubts(own)]
+    known = [*warned, *weighed.warned, *told_of_step(study, configured), *doubts(own)]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
     exportable, _ = augmented_config(study, finding, fmus=True)

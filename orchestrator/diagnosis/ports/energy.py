@@ -79,7 +79,7 @@ def energy(study: PortStudy, finding: Finding) -> dict[str, Any]:
     """
     told: dict[str, dict[str, float]] = {name: {} for name in ("measured", "nominal", "excess", "answer")}
     parts: dict[str, dict[str, float]] = {}
-    step = float(study.prepared.grid.step_size)
+    step = study.interval
     for run in study.of(Role.HELDOUT) or study.of(Role.TRAIN):
         among = pairs(study, run)
         if not among:

@@ -53,7 +53,7 @@ def _without_start(column: Any) -> Any:
 
 def predicted(study: PortStudy, cause: Augmented) -> PortRun:
     """A run of an experiment as a candidate makes it, without noise."""
-    samples = study.prepared.grid.steps + 1
+    samples = study.prepared.grid.steps // study.parts + 1
     open_study = replace(study, fed=())
     empty = PortRun("trial", Role.TRAIN, {study.compared[0]: np.zeros(samples)})
     replay = PortReplay(open_study, [empty])

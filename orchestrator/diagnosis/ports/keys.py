@@ -44,11 +44,15 @@ class Logged(Column):
         feed: whether the log takes the place of the system's own signal wherever that goes. By default so,
             but for outputs that are compared.
         start: whether the first sample is the start value of this output in each run.
+        hold: whether the signal stays at each sample until the next one, as what a digital controller or a
+            converter gives; else it goes along the line between them. Matters where steps are shorter than
+            samples are apart.
     """
 
     noise: float | None = None
     feed: bool | None = None
     start: bool = False
+    hold: bool = False
 
 
 class RunModel(BaseModel):
@@ -113,6 +117,7 @@ class StudyModel(BaseModel):
     overrides: list[str] = Field([], alias="set")
     columns: Any
     calibrated: dict[str, Any] = {}
+    interval: Any = None
     settle: Any = None
     runs: list[Any]
     candidates: Any = None

@@ -62,7 +62,7 @@ def _velocity(study: PortStudy, run: PortRun, signals: Mapping[Port, Array]) -> 
         return None
     if study.unit(port) == SPEEDS[study.unit(port)]:
         return values
-    step = float(study.prepared.grid.step_size)
+    step = study.interval
     column = study.columns.get(port)
     noise = 0.0 if column is None or column.noise is None or port not in run.logs else column.noise
     speed = float(np.std(np.diff(values))) / step

@@ -35,7 +35,7 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
         `models`, the error of each. None where a model runs away.
     """
     runs = study.of(Role.HELDOUT) or study.of(Role.TRAIN)
-    step, fine = PortReplay(study, runs), PortReplay(study, runs, parts=2)
+    step, fine = PortReplay(study, runs), PortReplay(study, runs, finer=2)
     gaps: list[float] = []
     noises: list[float] = []
     errors: dict[str, float] = {}

@@ -56,7 +56,7 @@ def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Ar
     """A port's log and models over a run, and enlarged where the model as configured is farthest off."""
     log, unit, noise = run.logs[port], study.unit(port), study.columns[port].noise
     assert noise is not None
-    time = np.arange(len(run)) * float(study.prepared.grid.step_size)
+    time = np.arange(len(run)) * study.interval
     left = np.abs(log - before)
     left[: study.settled] = 0.0
     width = max(int(_ENLARGED * len(run)), min(len(run), 50))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -22,7 +22,7 @@ from ...system import Connection, Leg, Link, Port, System, Wire
 from ..study import Array
 from .playback import Playback
 
-__all__ = ["Inserted", "Player"]
+__all__ = ["Inserted", "Player", "between"]
 
 # Tool that made an FMU, as its model description tells.
 _OWN = "orchestrator"
@@ -52,20 +52,25 @@ class Player:
 
     Args:
         system: all its numeric outputs recorded.
-        step_size: communication step, and what samples of logs are apart [s].
+        interval: what samples of logs are apart [s].
         fed: ports whose logged signals take the place of the system's own; inputs must be unconnected.
         compared: outputs that are compared with their logs, as the effects at them leave them.
+        parts: communication steps from one sample to the next.
+        held: fed ports whose signals stay at each sample until the next one; others go along the line
+            between them.
     """
 
     def __init__(
         self,
         system: System,
         master: MasterAlgorithm,
-        step_size: Fraction,
+        interval: Fraction,
         fed: Sequence[Port],
         compared: Sequence[Port],
+        parts: int = 1,
+        held: Collection[Port] = (),
     ) -> None:
-        self.system, self.step_size = system, step_size
+        self.system, self.step_size, self._parts, self._held = system, interval / parts, parts, held
         self.fed, self.compared = tuple(fed), tuple(compared)
         self._master = master
         fmus = {id(one.fmu): one.fmu for one in system.instances}.values()
@@ -86,7 +91,6 @@ class Player:
         samples: int,
         start: Mapping[Port, Value] | None = None,
         inserted: Sequence[Inserted] = (),
-        parts: int = 1,
     ) -> dict[Port, Array]:
         """Run from 0 s over so many samples.
 
@@ -94,19 +98,14 @@ class Player:
             logs: of the fed ports; those without keep the system's own signal. In the units of the ports.
             start: start values in place of the config's, in the units of the variables.
             inserted: in the order in which they act.
-            parts: communication steps from one sample to the next. What is fed in between lies on the line
-                between the samples.
         Returns: what the compared ports give, each of shape (samples,); NaN where the run failed.
         """
-        step = self.step_size / parts
-        if parts > 1:
-            between = np.arange((samples - 1) * parts + 1) / parts
-            logs = {port: np.interp(between, np.arange(len(log)), log) for port, log in logs.items()}
-        system = self._system(logs, start or {}, inserted, float(step))
-        layout, places = self._layout(system, logs, inserted, float(step))
-        taken = np.full((len(places), (samples - 1) * parts + 1), np.nan)
+        logs = {port: between(log, self._parts, port in self._held) for port, log in logs.items()}
+        system = self._system(logs, start or {}, inserted, float(self.step_size))
+        layout, places = self._layout(system, logs, inserted, float(self.step_size))
+        taken = np.full((len(places), (samples - 1) * self._parts + 1), np.nan)
         seen = _Seen(np.array(places, np.intp), taken)
-        grid = Grid(Fraction(0), step, (samples - 1) * parts)
+        grid = Grid(Fraction(0), self.step_size, (samples - 1) * self._parts)
 
         def simulated(loop: str) -> None:
             # Of a model that runs away, what it gave until then is there.
@@ -118,7 +117,7 @@ class Player:
         except ConfigError:
             taken[:] = np.nan
             simulated("python")
-        return dict(zip(self.compared, taken[:, ::parts], strict=True))
+        return dict(zip(self.compared, taken[:, :: self._parts], strict=True))
 
     def feeding(self, port: Port) -> Connection | None:
         """The connection that feeds an input."""
@@ -223,6 +222,20 @@ class Player:
             smooth=np.concatenate([plain.smooth, np.ones(more, np.bool_)]),
         )
         return layout, places
+
+
+def between(samples: Array, parts: int, held: bool = False) -> Array:
+    """Samples with others between them, shape ((n - 1) * parts + 1,).
+
+    Args:
+        samples: shape (n,).
+        held: whether the signal stays at each sample until the next one; else along the line between them.
+    """
+    if parts == 1:
+        return samples
+    if held:
+        return np.repeat(samples, parts)[: (len(samples) - 1) * parts + 1]
+    return np.interp(np.arange((len(samples) - 1) * parts + 1) / parts, np.arange(len(samples)), samples)
 
 
 _NONE = np.zeros(0, np.intp)

@@ -93,7 +93,8 @@ class _Reader:
     def __init__(self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool) -> None:
         self.sheet, self.model, self.prepared, self.faithful = sheet, model, prepared, faithful
         self.place, self.problems = sheet.place, sheet.problems
-        self.step = float(prepared.grid.step_size)
+        self.parts = self._parts()
+        self.step = self.parts * float(prepared.grid.step_size)
         variables = {
             f"{one.name}.{variable.name}": variable
             for one in prepared.system.instances
@@ -111,6 +112,17 @@ class _Reader:
             for name, one in variables.items()
             if one.causality is Causality.PARAMETER and one.kind is Kind.REAL and not one.shape
         }
+
+    def _parts(self) -> int:
+        """Communication steps from one sample of the logs to the next."""
+        step, given = float(self.prepared.grid.step_size), self.model.interval
+        interval = self.sheet.seconds(given, "interval", absent=step)
+        parts = max(round(interval / step), 1)
+        if self.faithful and abs(interval - parts * step) > 1e-6 * step:
+            near = listed([f"{n * step:.6g} s" for n in (parts, parts + 1)])
+            what, allowed = f"got {given!r}", f"a whole number of communication steps, as {near}"
+            self.sheet.tell(("interval",), what, allowed, "Or set run.step_size under `set`.")
+        return parts
 
     def study(self) -> PortStudy | None:
         """The study; None if something is wrong, which is told."""
@@ -150,6 +162,8 @@ class _Reader:
             round(window / self.step),
             trials,
             practice,
+            self.parts,
+            model.interval is not None,
             sheet.places,
         )
 
@@ -180,7 +194,7 @@ class _Reader:
         """After which components are taken up anew [s]; 0 by default."""
         window = self.sheet.seconds(self.model.window, "window")
         if self.faithful and 0.0 < window < 2.0 * self.step * (1.0 - 1e-9):
-            allowed = f"two communication steps, {2.0 * self.step:.6g} s, or more"
+            allowed = f"two samples, {2.0 * self.step:.6g} s, or more"
             remedy = "Leave it out for a twentieth of each run."
             self.sheet.tell(("window",), f"got {self.model.window!r}", allowed, remedy)
             return 0.0
@@ -232,9 +246,10 @@ class _Reader:
             except ConfigError as error:
                 self.sheet.of_system(error, dict(enumerate(one.overrides)), (*place, "set"), place)
                 continue
-            if self.faithful and prepared.grid.step_size != self.prepared.grid.step_size:
+            step = self.prepared.grid.step_size
+            if self.faithful and prepared.grid.step_size != step:
                 what = f"changes the communication step to {float(prepared.grid.step_size):g} s"
-                self.sheet.tell((*place, "set"), what, f"that of the study, {self.step:g} s")
+                self.sheet.tell((*place, "set"), what, f"that of the study, {float(step):g} s")
             found[one.name] = Trial(one.name, one.description, prepared)
         return tuple(found.values())
 
@@ -273,7 +288,18 @@ class _Reader:
             elif one.noise is None:
                 self.problems.append(Problem(place, "is neither fed nor compared", "feed: true, or a noise"))
             if one.start and not self.ports[str(port)].settable:
-                self.problems.append(Problem(f"{place}.start", f"{port} takes no start value"))
+                self.problems.append(
+                    Problem(
+                        f"{place}.start",
+                        f"{port} takes no start value",
+                        "an output whose start value can be set",
+                        f"Set what it starts from under instances.{port.instance}.start of the system, and "
+                        "leave out the begin of each run by `settle`.",
+                    )
+                )
+            if one.hold and port not in fed:
+                what, allowed = f"{port} is compared at its samples, not fed", "what is fed"
+                self.problems.append(Problem(f"{place}.hold", what, allowed, "Leave it out, or feed it."))
         return tuple(fed), tuple(compared)
 
     def _number(

@@ -22,12 +22,19 @@ from .friction import FORCES
 from .player import Inserted, Player
 from .study import PortRun, PortStudy, Role
 
-__all__ = ["PortReplay", "Weighted", "candidates_of", "measure"]
+__all__ = ["PortReplay", "Weighted", "candidates_of", "measure", "player_of"]
 
 # A model that gives this many times as much as was logged has run away.
 _RUNAWAY = 100.0
 # Numbers that are kept of earlier replays.
 _KEPT = 20_000_000
+
+
+def player_of(study: PortStudy, fed: Sequence[Port], compared: Sequence[Port], finer: int = 1) -> Player:
+    """What runs the system of a study, with steps so many times shorter than the study's."""
+    prepared, parts = study.prepared, study.parts * finer
+    interval = prepared.grid.step_size * study.parts
+    return Player(prepared.system, prepared.master, interval, fed, compared, parts, study.held)
 
 
 class PortReplay:
@@ -38,25 +45,18 @@ class PortReplay:
         player: runs the system.
 
     Args:
-        parts: communication steps from one sample of the logs to the next.
+        finer: by how much shorter the communication step is than the study's.
         seen: ports whose signals are given, in place of the compared ones.
     """
 
     def __init__(
-        self, study: PortStudy, runs: Sequence[PortRun], parts: int = 1, seen: Sequence[Port] | None = None
+        self, study: PortStudy, runs: Sequence[PortRun], finer: int = 1, seen: Sequence[Port] | None = None
     ) -> None:
         self.study, self.runs = study, tuple(runs)
-        self._parts = parts
         # Searches come back to the same models with other weights.
         self._kept: OrderedDict[Any, list[Array]] = OrderedDict()
         self._lock = threading.Lock()
-        self.player = Player(
-            study.prepared.system,
-            study.prepared.master,
-            study.prepared.grid.step_size,
-            study.fed,
-            study.compared if seen is None else seen,
-        )
+        self.player = player_of(study, study.fed, study.compared if seen is None else seen, finer)
 
     @property
     def channels(self) -> list[tuple[PortRun, Port]]:
@@ -76,7 +76,7 @@ class PortReplay:
         for port, column in self.study.columns.items():
             if column.start and port in run.logs:
                 start[port] = float(run.logs[port][0])
-        return self.player.run(run.logs, len(run), start, inserted, self._parts)
+        return self.player.run(run.logs, len(run), start, inserted)
 
     def made(
         self, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
@@ -125,7 +125,7 @@ class PortReplay:
                 noise, log = self.study.columns[port].noise, run.logs[port]
                 assert noise is not None
                 with np.errstate(invalid="ignore", over="ignore"):
-                    r = (log - given[port])[self.study.settled :] / noise
+                    r = (log - given[port] - run.errors.get(port, 0.0))[self.study.settled :] / noise
                     ran_away = not np.abs(r).max() < _RUNAWAY * (np.abs(log).max() / noise + 1.0)
                 # Where a model runs away, fits are to stay out, and not to compare by how far.
                 found.append(np.full_like(r, np.nan) if ran_away else r)
@@ -178,9 +178,9 @@ def measure(study: PortStudy, run: PortRun) -> Sizes:
     """How large the signals of all ports are in a run, as logged, or else as the system gives them."""
     system = study.prepared.system
     everything = [port for port in system.recorded if system.variable(port).kind is Kind.REAL]
-    player = Player(system, study.prepared.master, study.prepared.grid.step_size, study.fed, everything)
+    player = player_of(study, study.fed, everything)
     signals = player.run(run.logs, len(run))
-    step, settled = float(study.prepared.grid.step_size), study.settled
+    step, settled = study.interval, study.settled
     spread, peak, rate, way = {}, {}, {}, {}
 
     def take(port: Port, values: Array) -> None:

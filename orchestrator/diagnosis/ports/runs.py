@@ -176,15 +176,18 @@ class _Run:
         return slice(first, last)
 
     def _told_uneven(self, time: Array, first: int) -> None:
-        """Tell that samples are not a communication step apart, and where; first: number of the first row."""
+        """Tell that samples are not apart as they should be, and where; first: number of the first row."""
         step, apart = self.columns.step, np.diff(time)
         assert step is not None
         usual, row = float(np.median(apart)), int(np.argmax(np.abs(apart - np.median(apart))))
         what = f"samples are {usual:.6g} s apart"
         remedy = "Set run.step_size under `set`, or resample the log."
+        parts = round(usual / step)
+        if parts > 1 and abs(usual - parts * step) <= _UNEVEN * step:
+            remedy = f"Set the study's interval, `interval: {parts * step:.6g} s`, or resample the log."
         if abs(usual - step) <= _UNEVEN * step:
             wrong = int(np.sum(np.abs(apart - step) > _UNEVEN * step))
             what = f"row {first + row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"
             remedy = "Take the run up to there, by `to`, or the one after, by `from`; or resample the log."
-        allowed = f"the communication step of the system, {step:.6g} s"
+        allowed = f"the communication step of the system, or the study's interval, {step:.6g} s"
         self.sheet.problems.append(Problem(f"{self.path}: time", what, allowed, remedy))

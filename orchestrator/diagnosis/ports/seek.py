@@ -95,13 +95,12 @@ def _combed(
         share: see `Comb.best`.
     """
     run, settled = replay.runs[0], replay.study.settled
-    step = float(replay.study.prepared.grid.step_size)
+    step = replay.study.interval
     more = len(run) - settled
     ends = [settled + max(more // part, 1) for part in (8, 4, 2, 1)]
     parts: dict[int, PortReplay] = {}
     for end in ends:
-        logs = {port: log[:end] for port, log in run.logs.items()}
-        parts[end] = PortReplay(replay.study, [replace(run, logs=logs)])
+        parts[end] = PortReplay(replay.study, [run.until(end)])
 
     def combed(effect: Effect) -> Effect:
         comb = effect.comb if isinstance(effect, PortEffect) else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import yaml
@@ -24,6 +24,7 @@ class PortRun:
     Attributes:
         logs: by port, in the unit of the port, each of shape (n,), a communication step apart.
         repeats: name of the run that it repeats; file: that it was read from.
+        errors: what is to be added to replays of compared ports for the error of their step; see `steps`.
     """
 
     name: str
@@ -31,9 +32,17 @@ class PortRun:
     logs: Mapping[Port, Array]
     repeats: str | None = None
     file: Path | None = None
+    errors: Mapping[Port, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.logs.values())))
+
+    def until(self, end: int) -> PortRun:
+        """The run up to a sample."""
+        logs, errors = (
+            {port: values[:end] for port, values in one.items()} for one in (self.logs, self.errors)
+        )
+        return replace(self, logs=logs, errors=errors)
 
 
 @dataclass(frozen=True)
@@ -67,6 +76,8 @@ class PortStudy:
         window: samples after which components are taken up from the measured state anew; 0: by the run.
         trials: what the lab can run next.
         practice: file with what practice on simulated cases of this study taught; None without.
+        parts: communication steps from one sample of the logs to the next.
+        fixed: whether no shorter steps are tried; see `steps`.
         places: where in its file things stand; None of one that was not read.
     """
 
@@ -86,11 +97,23 @@ class PortStudy:
     window: int = 0
     trials: tuple[Trial, ...] = ()
     practice: Path | None = None
+    parts: int = 1
+    fixed: bool = False
     places: Places | None = field(default=None, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
         """The runs of some roles."""
         return tuple(run for run in self.runs if run.role in roles)
+
+    @property
+    def interval(self) -> float:
+        """What samples of the logs are apart [s]."""
+        return float(self.prepared.grid.step_size * self.parts)
+
+    @property
+    def held(self) -> frozenset[Port]:
+        """Ports whose signals stay at each sample until the next one."""
+        return frozenset(port for port, one in self.columns.items() if one.hold)
 
     def place(self, *path: str | int) -> str:
         """Where in the study's file something stands, for problems."""

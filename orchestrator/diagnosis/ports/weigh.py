@@ -48,6 +48,7 @@ class Weighed:
         share: of the excess of all ports, each as it counts; 0 where there is none.
         weights: of the compared ports' residuals in the fits.
         answers: none first; what they were made probabilities with.
+        top: fit of the best of them.
         warned: of noise that is larger than specified.
     """
 
@@ -57,6 +58,7 @@ class Weighed:
     weights: Mapping[Port, float]
     answers: tuple[Answer, ...]
     tempering: Tempering
+    top: Fit
     share: float = 0.0
     warned: tuple[Warned, ...] = ()
 
@@ -181,7 +183,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
         misfit,
     )
     warned = tuple(understated(residuals))
-    return Weighed(finding, effects, left, by.weights, tuple(answers), tempering, share, warned)
+    return Weighed(finding, effects, left, by.weights, tuple(answers), tempering, top.fit, share, warned)
 
 
 def _folded(made: list[Candidate]) -> list[Candidate]:

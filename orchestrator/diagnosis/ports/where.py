@@ -43,7 +43,7 @@ def ledger(study: PortStudy, finding: Finding) -> list[dict[str, Any]]:
         noise leaves. Empty if no energy is in excess.
     """
     base = finding.faultless(study.nominal)
-    step = float(study.prepared.grid.step_size)
+    step = study.interval
     edges = (*(share / step for share in _BANDS), np.inf)
     rng = np.random.default_rng(_SEED)
     total: dict[tuple[str, str, int], float] = {}

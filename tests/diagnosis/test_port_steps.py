@@ -1,0 +1,161 @@
+"""The communication step of a study: its error is no effect's, and logs may be sampled more coarsely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+from ports_bench import STEP, friction, study
+
+from orchestrator.config import load_config
+from orchestrator.diagnosis.diagnose import diagnose
+from orchestrator.diagnosis.finding import NOMINAL
+from orchestrator.diagnosis.ports.diagnose import diagnose_ports
+from orchestrator.diagnosis.ports.player import between
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.ports.replay import PortReplay
+from orchestrator.diagnosis.ports.steps import with_steps
+from orchestrator.errors import ConfigError
+from orchestrator.run import run
+from orchestrator.system import Port
+
+POSITION, VOLTAGE = Port("drive", "position"), Port("controller", "voltage")
+FEW = {"only": ["drive.position.offset", "drive.voltage.delay", "drive.coulomb"]}
+COULOMB = friction("Coulomb", level="12 N", width="1 mm/s")
+
+
+def changed(path, name="changed.yaml", **keys):
+    """The study with other keys; None takes one out."""
+    data = yaml.safe_load((path / "study.yaml").read_text()) | keys
+    data = {key: value for key, value in data.items() if value is not None}
+    (path / name).write_text(yaml.safe_dump(data))
+    return path / name
+
+
+@pytest.fixture(scope="module")
+def smooth(tmp_path_factory):
+    """A machine with nothing hidden, that knows no steps."""
+    return study(tmp_path_factory.mktemp("smooth"), finer=20, candidates=FEW)
+
+
+def told(made):
+    return [one.what for one in made.diagnosis.data if "error of the configured step" in one.what]
+
+
+def test_what_the_step_is_too_long_for_is_no_effect(smooth):
+    """With its own steps the study takes what they miss for an offset."""
+    own = diagnose_ports(changed(smooth, interval="2 ms"), lambda stage: None, report=False)
+    assert own.diagnosis.verdict.effects == ["drive.position.offset"] and told(own) == []
+    made = diagnose_ports(smooth / "study.yaml", lambda stage: None, report=False)
+    assert made.diagnosis.verdict.effects == [] and made.diagnosis.which[0].probability > 0.9
+    assert made.study.parts > 1 and made.study.interval == STEP
+    (said,) = told(made)
+    step = float(made.study.prepared.grid.step_size)
+    assert said.startswith("the error of the configured step, 2 ms, shows") and f"{1e3 * step:g} ms" in said
+    assert made.diagnosis.numerics.fraction < own.diagnosis.numerics.fraction
+
+
+def test_a_hidden_effect_is_found_behind_the_error_of_the_step(tmp_path):
+    folder = study(tmp_path / "case", [COULOMB], finer=20, candidates=FEW)
+    made = diagnose(folder, tmp_path / "out")
+    assert made.diagnosis.verdict.effects == ["drive.coulomb"] and len(told(made)) == 1
+    # The system with the effect runs with the steps that it was found with, and comes close to the machine.
+    augmented = load_config(tmp_path / "out" / "augmented.yaml")
+    steps = round(STEP / float(made.study.prepared.grid.step_size))
+    results = run(augmented, overrides=["path.stroke=170 mm", "path.frequency=0.5 Hz"], halving=False).results
+    log = np.loadtxt(folder / "run-2.csv", delimiter=",", skiprows=1)[:, 2]
+    position = np.asarray(results["drive.position"])[::steps][: len(log)]
+    assert np.std(position[50:] - log[50 : len(position)]) < 3e-6
+
+
+@pytest.mark.parametrize("hidden", [[], [COULOMB]])
+def test_a_step_that_is_right_is_kept(tmp_path, hidden):
+    folder = study(tmp_path, hidden, candidates=FEW)
+    made = diagnose_ports(folder, lambda stage: None, report=False)
+    assert made.diagnosis.verdict.effects == (["drive.coulomb"] if hidden else [])
+    assert made.study.parts == 1 and told(made) == []
+
+
+def test_logs_may_be_sampled_more_coarsely_than_the_system_steps(tmp_path):
+    """What is fed lies on the line between samples, or stays: what a system that steps so gave replays."""
+    folder = study(tmp_path, seed=None)
+    for log in folder.glob("run-*.csv"):
+        header, *rows = log.read_text().splitlines()
+        log.write_text("\n".join([header, *rows[::4]]) + "\n")
+    with pytest.raises(
+        ConfigError, match=r"(?s)samples are 0\.008 s apart.*Set the study's interval, `interval: 0\.008 s`"
+    ):
+        load_port_study(folder)
+    columns = yaml.safe_load((folder / "study.yaml").read_text())["columns"]
+    columns["path.position"] = {"column": "path.position"}
+    left = {}
+    for hold in (False, True):
+        columns["path.position"]["hold"] = hold
+        coarse = load_port_study(changed(folder, interval="8 ms", columns=columns))
+        assert (coarse.parts, coarse.interval, coarse.fixed) == (4, 4 * STEP, True)
+        assert coarse.settled == round(0.05 / (4 * STEP))
+        (replayed,) = [PortReplay(coarse, coarse.runs[:1])]
+        left[hold] = np.abs(np.concatenate(replayed.of(NOMINAL))).max()
+    # The path is smooth: along the line it is missed by its bend alone.
+    assert left[False] < 0.01 * left[True]
+
+
+def test_what_a_digital_controller_gave_is_held(tmp_path):
+    """Voltages that stay for 4 ms, logged when they change, replay to rounding with steps of 2 ms."""
+    made = study(tmp_path, seed=None)
+    data = load_config(
+        "emps", ["run.step_size=2 ms", "run.stop_time=2 s", "path.stroke=0.2 m"]
+    ).model.to_data()
+    data["instances"]["controller"]["step_size"] = data["instances"]["path"]["step_size"] = "4 ms"
+    (tmp_path / "digital.yaml").write_text(yaml.safe_dump(data))
+    results = run(data, halving=False).results
+    names = ("path.position", "drive.position", "controller.voltage")
+    rows = np.column_stack([np.asarray(results.time), *(np.asarray(results[name]) for name in names)])[::2]
+    text = "\n".join(
+        [
+            ",".join(("time [s]", "a [m]", "b [m]", "c [V]")),
+            *(",".join(map(repr, row.tolist())) for row in rows),
+        ]
+    )
+    (tmp_path / "run-0.csv").write_text(text + "\n")
+    left = {}
+    for hold in (False, True):
+        columns = {
+            "time": "time",
+            "drive.position": {"column": "b", "noise": "2 um", "feed": False},
+            "controller.voltage": {"column": "c", "feed": True, "hold": hold},
+        }
+        path = changed(made, columns=columns, interval="4 ms", runs=[{"file": "run-0.csv", "role": "train"}],
+                       system="digital.yaml", set=None)  # fmt: skip
+        found = load_port_study(path)
+        left[hold] = np.abs(PortReplay(found, found.runs).of(NOMINAL)[0]).max()
+    assert left[True] < 1e-6 < left[False]
+
+
+def test_samples_between_samples():
+    samples = np.array([0.0, 2.0, 6.0])
+    assert between(samples, 1) is samples
+    assert between(samples, 2).tolist() == [0.0, 1.0, 2.0, 4.0, 6.0]
+    assert between(samples, 2, held=True).tolist() == [0.0, 0.0, 2.0, 2.0, 6.0]
+
+
+def test_an_interval_is_of_whole_steps(tmp_path):
+    folder = study(tmp_path, seed=None)
+    allowed = "a whole number of communication steps, as 0.004 s, 0.006 s"
+    with pytest.raises(ConfigError, match=r"yaml:\d+: interval: got '5 ms'") as caught:
+        load_port_study(changed(folder, interval="5 ms"))
+    assert allowed in str(caught.value)
+    with pytest.raises(ConfigError, match="interval: got '1 ms'"):
+        load_port_study(changed(folder, interval="1 ms"))
+
+
+def test_shorter_steps_leave_samples_where_they_are(smooth):
+    found = load_port_study(smooth)
+    finer = with_steps(found, 5)
+    assert (finer.parts, finer.interval) == (5, found.interval)
+    assert float(finer.prepared.grid.step_size) == STEP / 5
+    own, short, shortest = (
+        PortReplay(each, each.runs[:1]).of(NOMINAL)[0] for each in (found, finer, with_steps(found, 40))
+    )
+    assert len(own) == len(short) == len(shortest)
+    assert np.std(short - shortest) < 0.2 * np.std(own - shortest)
