@@ -19,7 +19,8 @@ _AS_WELL, _FAR = 0.02, 3.0
 
 def caveats(diagnosis: Diagnosis) -> list[str]:
     """Sentences to stand beside the headline; none where nothing is to be added."""
-    return [one for one in (_leaves(diagnosis), _elsewhere(diagnosis), _unneeded(diagnosis)) if one]
+    told = (_leaves(diagnosis), _elsewhere(diagnosis), _unneeded(diagnosis) or _strayed(diagnosis))
+    return [one for one in told if one]
 
 
 def _leaves(diagnosis: Diagnosis) -> str:
@@ -86,10 +87,7 @@ def _unneeded(diagnosis: Diagnosis) -> str:
         return ""
     if gap.recalibration_only < gap.closure - _AS_WELL:
         return ""
-    moved = {
-        name: (one["recalibrated"] - one["nominal"]) / one["tolerance"]
-        for name, one in diagnosis.calibration.items()
-    }
+    moved = _moved(diagnosis, "recalibrated")
     name = max(moved, key=lambda name: abs(moved[name]))
     if abs(moved[name]) < _FAR:
         return ""
@@ -98,6 +96,24 @@ def _unneeded(diagnosis: Diagnosis) -> str:
         f"{name} {moved[name]:+.1f} tolerances from its own: if its tolerance can be that wrong, no effect "
         "is needed."
     )
+
+
+def _strayed(diagnosis: Diagnosis) -> str:
+    """That calibrated numbers moved farther than their tolerances allow, beside effects; "" if none did."""
+    effects = diagnosis.verdict.effects
+    if not diagnosis.doubtful_tolerances or not effects:
+        return ""
+    moved = _moved(diagnosis, "recalibrated" if "outside" in effects else "fitted")
+    far = [f"{name} {by:+.1f}" for name, by in moved.items() if abs(by) > _FAR]
+    named = f" ({', '.join(far)} tolerances)" if far else ""
+    return f"Calibrated numbers moved farther than their tolerances allow{named}: doubt the tolerances."
+
+
+def _moved(diagnosis: Diagnosis, key: str) -> dict[str, float]:
+    """By how many tolerances calibrated numbers moved in a fit, `recalibrated` or `fitted` with effects."""
+    return {
+        name: (one[key] - one["nominal"]) / one["tolerance"] for name, one in diagnosis.calibration.items()
+    }
 
 
 def _alike(diagnosis: Diagnosis) -> set[str]:

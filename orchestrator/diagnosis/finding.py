@@ -61,7 +61,8 @@ class Finding:
     Attributes:
         candidates: most probable first; probabilities add up to 1.
         effects, places: the answer given.
-        outside_place: where an effect outside the catalogue acts; "" if there is none.
+        outside_place: where an effect outside the catalogue acts; "" if there is none. Places that no logged
+            signal tells apart are joined by "+".
         answer_set: names of the most probable answers that hold enough together, see `Calibration.enough`.
         recalibrated: the model without effects, its calibration refitted.
         doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: of a

@@ -45,8 +45,9 @@ def _answer(diagnosis: Diagnosis) -> str:
             )
         return text
     if effects == ["outside"]:
+        place = diagnosis.outside_place.replace("+", " or the ")
         return (
-            f"An effect outside the catalogue acts at the {diagnosis.outside_place} ({chance}). None of the "
+            f"An effect outside the catalogue acts at the {place} ({chance}). None of the "
             f"{diagnosis.provenance.get('effects', len(catalogue()))} known effects leaves only noise."
         )
     named = " and ".join(effects)

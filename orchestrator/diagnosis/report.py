@@ -212,8 +212,6 @@ def _augmented(diagnosis: Diagnosis) -> str:
 
 def _warnings(diagnosis: Diagnosis) -> str:
     told = [f"{one.place}: {one.what}. {one.remedy}" for one in diagnosis.data]
-    if diagnosis.doubtful_tolerances and diagnosis.verdict.effects:
-        told.insert(0, "Calibrated numbers moved farther than their tolerances allow: doubt the tolerances.")
     items = "".join(f"<li>{escape(one)}</li>" for one in told)
     return f"<aside><b>About the data</b><ul>{items}</ul></aside>" if items else ""
 

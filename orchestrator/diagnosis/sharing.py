@@ -58,7 +58,7 @@ def by_place(
     for candidate in finding.candidates:
         places = [place_of(one) for one in candidate.effects if one != "outside"]
         if candidate.effects == ("outside",):
-            places = [finding.outside_place] if finding.outside_place else []
+            places = finding.outside_place.split("+") if finding.outside_place else []
         for place in places:
             if place in told:
                 told[place] += candidate.probability / len(places)

@@ -12,10 +12,17 @@ from ports_bench import friction, study
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
+from orchestrator.diagnosis.outlook import laplace
 from orchestrator.diagnosis.ports.apart import Apart, closed, components, estimates
 from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.energy import energy
-from orchestrator.diagnosis.ports.experiments import next_experiment
+from orchestrator.diagnosis.ports.experiments import (
+    _expected,
+    next_experiment,
+    no_experiment,
+    predicted,
+    sensors,
+)
 from orchestrator.diagnosis.ports.motion import PHASES, phases
 from orchestrator.diagnosis.ports.numerics import doubts, numerics
 from orchestrator.diagnosis.ports.practice import Case, Practise, _Answer, coverage, learn, practise
@@ -208,11 +215,37 @@ def test_the_next_experiment_is_told_with_its_evidence(rubbing, effects):
     weights = {POSITION: 0.02, VOLTAGE: 0.02}
     told = next_experiment(rubbing, one, weights, tuple(effects.values()))
     assert told["between"] == ["drive.coulomb", "drive.viscous"]
-    assert set(told["menu"]) == {"the same again", "slow"}
+    assert set(told["menu"]) == {"the same again", "slow", "log drive.velocity"}
     assert told["name"] == max(told["menu"], key=told["menu"].get)
     assert told["expected_evidence"] == told["menu"][told["name"]] > 0.0
     # No rival, no experiment.
     assert next_experiment(rubbing, answer(effects, "drive.coulomb", 12.0, 1e-3), weights, ()) is None
+
+
+def test_an_output_that_was_not_logged_is_proposed(rubbing, effects):
+    """A speed tells dry friction from an inertia that positions cannot; a study need not name experiments."""
+    own = replace(rubbing, trials=())
+    one = answer(effects, "drive.coulomb", 12.0, 1e-3, ties=("drive.viscous",))
+    weights = {POSITION: 0.02, VOLTAGE: 0.02}
+    told = next_experiment(own, one, weights, tuple(effects.values()))
+    assert told["name"] == "log drive.velocity" and set(told["menu"]) == {told["name"]}
+    assert told["description"].startswith("run-0 again, with drive.velocity logged, too; of a sensor with a ")
+    models = [Augmented({}, (effects[name],), np.array(theta)) for name, *theta in
+              (("drive.coulomb", 12.0, 1e-3), ("drive.viscous", 50.0))]  # fmt: skip
+    (planned,) = sensors(own, models).values()
+    noise = planned.study.columns[VELOCITY].noise
+    run = predicted(planned.study, models[0], planned.like)
+    assert noise == pytest.approx(1e-3 * np.std(run.logs[VELOCITY]), rel=0.1)
+    # What it is expected to tell comes from the speed: with a sensor as noisy as the signal it is lost.
+    dull = planned.study.columns[VELOCITY].model_copy(update={"noise": 1e3 * noise})
+    deaf = replace(planned, study=replace(planned.study, columns={**planned.study.columns, VELOCITY: dull}))
+    candidates_ = [laplace(weighted(own), one) for one in models]
+    heard, lost = (_expected(each, *candidates_, {**weights, VELOCITY: 1.0}) for each in (planned, deaf))
+    assert heard > lost + 100.0
+    assert no_experiment(own, one) == ""
+    everything = replace(own, columns={**own.columns, VELOCITY: dull})
+    assert "all outputs are logged" in no_experiment(everything, one)
+    assert next_experiment(everything, one, weights, tuple(effects.values())) is None
 
 
 def test_wrong_settings_are_told_at_once(rubbing, tmp_path):

@@ -87,6 +87,27 @@ def test_the_best_answer_where_none_of_the_list_is_given():
     assert caveats(diagnosis) == ["The best answer of the list leaves 10 times the noise at drive.position."]
 
 
+@pytest.mark.parametrize(
+    ("effects", "doubted", "said"),
+    [
+        (("drive.coulomb",), True, "drive.mass -4.0 tolerances"),
+        (("outside",), True, "drive.mass +5.0, drive.friction +3.5 tolerances"),
+        (("drive.coulomb",), False, ""),
+        ((), True, ""),  # of which the headline tells
+    ],
+)
+def test_numbers_beyond_their_tolerances_are_named(effects, doubted, said):
+    calibration = {
+        "drive.mass": {"nominal": 95.0, "tolerance": 2.0, "fitted": 87.0, "recalibrated": 105.0},
+        "drive.friction": {"nominal": 200.0, "tolerance": 10.0, "fitted": 229.0, "recalibrated": 235.0},
+    }
+    diagnosis = made(effects, outside_place="drive", calibration=calibration, doubtful_tolerances=doubted)
+    words = "Calibrated numbers moved farther than their tolerances allow"
+    assert caveats(diagnosis) == ([f"{words} ({said}): doubt the tolerances."] if said else [])
+    for shown in (page(diagnosis), text(Diagnosed(None, None, diagnosis))):
+        assert shown.count(words) == (1 if said else 0)
+
+
 def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_told():
     where = {"drive": 0.9, "controller": 0.1}
     (told,) = caveats(made(("controller.voltage.gain",), where=where))

@@ -18,7 +18,7 @@ from .player import Inserted, between
 from .replay import PortReplay, player_of
 from .study import PortRun, PortStudy
 
-__all__ = ["Apart", "Component", "Window", "closed", "components", "estimates", "modelled"]
+__all__ = ["Apart", "Component", "Window", "closed", "components", "driven_of", "estimates", "modelled"]
 
 # Windows of a run, and the fewest samples of one, where the study does not tell.
 _WINDOWS, _SHORTEST = 20, 25
@@ -62,7 +62,7 @@ def components(study: PortStudy) -> tuple[Component, ...]:
         for source in connection.sources:
             if source not in given:
                 feeders.setdefault(connection.target.instance, []).append(source.instance)
-    driven = _driven(study)
+    driven = driven_of(study)
     found, taken = [], set(measured)
     for name in (one.name for one in system.instances if one.name in measured):
         chain = [name]
@@ -85,7 +85,7 @@ def _given(study: PortStudy) -> tuple[Port, ...]:
     return tuple(port for port in study.fed if port not in study.compared)
 
 
-def _driven(study: PortStudy) -> set[str]:
+def driven_of(study: PortStudy) -> set[str]:
     """Instances that something is fed to."""
     targets = {one.target.instance for one in study.prepared.system.connections}
     return targets | {
@@ -114,7 +114,7 @@ def modelled(study: PortStudy, run: PortRun, model: Augmented) -> dict[Port, Arr
     system, given = study.prepared.system, set(_given(study))
     wanted = dict.fromkeys(port for one in components(study) for port in one.ports)
     sources = {port for one in system.connections for port in one.sources}
-    driven = _driven(study)
+    driven = driven_of(study)
     wanted |= dict.fromkeys(
         port for port in sources if port.instance not in driven and system.variable(port).kind is Kind.REAL
     )
@@ -125,7 +125,7 @@ def modelled(study: PortStudy, run: PortRun, model: Augmented) -> dict[Port, Arr
 
 def _startable(study: PortStudy) -> list[Port]:
     """Outputs of driven instances that take start values: states that can be taken up anew."""
-    driven = _driven(study)
+    driven = driven_of(study)
     return [
         Port(one.name, name)
         for one in study.prepared.system.instances
@@ -157,7 +157,7 @@ class Apart:
         self.components = components(study)
         self.ports = tuple(port for one in self.components for port in one.ports)
         given = {port: run.logs[port] for port in _given(study) if port in run.logs}
-        driven = _driven(study)
+        driven = driven_of(study)
         given |= {port: values for port, values in signals.items() if port.instance not in driven}
         self._given = given
         replay = PortReplay(study, [run])

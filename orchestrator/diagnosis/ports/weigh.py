@@ -18,6 +18,7 @@ from ..fit import Fit, Fitter
 from ..search import Search
 from ..study import Array
 from ..verdict import Warned
+from .apart import components
 from .noise import structured, understated
 from .replay import PortReplay, Weighted, candidates_of
 from .seek import sought
@@ -163,8 +164,12 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     made.sort(key=lambda one: -one.probability)
     made = [foremost(replay, by.weights, one) if one.probability > _WORTH else one for one in _folded(made)]
     first = made[0]
-    place = max(left, key=lambda port: left[port]).partition(".")[0] if left else ""
-    places = {place} if first.effects == ("outside",) else {one.partition(".")[0] for one in first.effects}
+    # Where least is explained; what stands unlogged before that port may be it as well.
+    worst = max(left, key=lambda port: left[port]).partition(".")[0] if left else ""
+    chain = next((one for one in components(by.study) if one.places[0] == worst), None)
+    places = {one.partition(".")[0] for one in first.effects}
+    if first.effects == ("outside",):
+        places = set(chain.places) if chain else set()
     # Of an answer with effects its own calibration counts: what they explain needs no other tolerances.
     believed = found.none if first.effects in ((), ("outside",)) else top.fit
     strayed = any(abs(value) > _STRAYED for value in believed.deviation.values())
@@ -176,7 +181,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
         tuple(made),
         first.effects,
         tuple(sorted(places)),
-        place if first.effects == ("outside",) else "",
+        chain.name if chain and first.effects == ("outside",) else "",
         most_probable(made, SET),
         recalibrated,
         strayed,
