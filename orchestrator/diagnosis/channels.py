@@ -13,8 +13,8 @@ from .study import Array
 
 __all__ = ["Stuck", "clipped", "frozen", "logged_twice"]
 
-# A value that stands still for so many rows, while the channel moves elsewhere, is frozen.
-_FROZEN = 60
+# A value that stands still for so many rows, while the channel moves elsewhere, is frozen; at how many places.
+_FROZEN, _STRETCHES = 60, 3
 # So many rows in succession at the highest or lowest value, and so many times as many as just below it.
 _PILED, _PILE = 8, 4
 
@@ -23,10 +23,12 @@ _STOPPED = "The channel stopped; leave the run out, or log it again."
 
 
 class Stuck(NamedTuple):
-    """What is wrong with a channel, from which row on."""
+    """What is wrong with a channel, and its longest stretch: first row and the one after the last."""
 
     what: str
     remedy: str
+    first: int
+    end: int
 
 
 def clipped(values: Array) -> list[Stuck]:
@@ -40,25 +42,29 @@ def clipped(values: Array) -> list[Stuck]:
         if longest >= _PILED and counts[end] > _PILE * counts[near].max(initial=1):
             row = int(firsts[at][lengths[at] >= _PILED][0])
             name = "lowest" if end == 0 else "highest"
-            what = f"clipped: {counts[end]} rows stand at exactly this value, the {name}"
-            found.append(_at(row, values, what, _CLIPPED))
+            what = f"row {row} ({values[row]:.9g}): clipped: {counts[end]} rows stand at exactly this value, "
+            first = int(firsts[at][np.argmax(lengths[at])])
+            found.append(Stuck(f"{what}the {name}", _CLIPPED, first, first + longest))
     return found
 
 
 def frozen(values: Array) -> list[Stuck]:
-    """A stretch in which the channel stands still, and nowhere else for nearly as long."""
+    """Stretches in which the channel stands still, and nowhere else for nearly as long, but in one or two."""
     firsts, lengths = _runs(values)
     order = np.argsort(lengths)[::-1]
-    longest, others = int(lengths[order[0]]), lengths[order[1:11]]
-    extreme = values[firsts[order[0]]] in (values.min(), values.max())
-    jumps = _left_by_jump(values, firsts, lengths)[order[0]]
-    if longest < _FROZEN or longest <= 5 * np.median(others) or (extreme and not jumps):
-        return []
-    return [_at(int(firsts[order[0]]), values, f"frozen for {longest} rows", _STOPPED)]
-
-
-def _at(row: int, values: Array, what: str, remedy: str) -> Stuck:
-    return Stuck(f"row {row} ({values[row]:.9g}): {what}", remedy)
+    ends, left = (values.min(), values.max()), _left_by_jump(values, firsts, lengths)
+    found = []
+    for number, place in enumerate(order[:_STRETCHES].tolist()):
+        row, length, others = (
+            int(firsts[place]),
+            int(lengths[place]),
+            lengths[order[number + 1 : number + 11]],
+        )
+        at_end = values[row] in ends and not left[place]
+        if length >= _FROZEN and length > 5 * np.median(others) and not at_end:
+            what = f"row {row} ({values[row]:.9g}): frozen for {length} rows"
+            found.append(Stuck(what, _STOPPED, row, row + length))
+    return found
 
 
 def _runs(values: Array) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ import yaml
 from ports_bench import change_log, friction, study
 
 from orchestrator.__main__ import main
+from orchestrator.diagnosis.channels import clipped
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate
 from orchestrator.diagnosis.headline import headline
@@ -353,6 +354,30 @@ def test_exchanged_and_stuck_columns_are_named(tmp_path):
     refused, _ = check_logs(load_port_study(path))
     assert [one.place for one in refused] == ["run-0: controller.voltage, drive.position"]
     assert "exchanged" in refused[0].remedy
+
+
+def test_an_axis_at_rest_is_not_frozen(tmp_path):
+    """Its encoder tells one value for as long; of a channel that stopped, the model moves on."""
+    path = study(tmp_path, seed=None)
+    rest = 200
+    with change_log(tmp_path / "run-0.csv") as columns:
+        for name, values in columns.items():
+            if name != "time":
+                values[rest:] = values[:-rest].copy()
+                values[:rest] = 0.0
+        position = columns["drive.position"]
+        position[:] = np.round(position / 5e-6) * 5e-6
+        (one,) = clipped(position)
+    assert one.first == 0 and rest <= one.end < rest + 50 and "the lowest" in one.what
+    assert check_logs(load_port_study(path)) == ([], [])
+    # A sensor at the end of its range is told.
+    with change_log(tmp_path / "run-1.csv") as columns:
+        columns["drive.position"][:] = np.minimum(columns["drive.position"], 0.1)
+    assert ["clipped" in one.what for one in check_logs(load_port_study(path))[1]] == [True]
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["drive.position"][500:700] = columns["drive.position"][500]
+    refused, warned = check_logs(load_port_study(path))
+    assert refused == [] and any(one.what.endswith("frozen for 200 rows") for one in warned)
 
 
 def test_the_command(tmp_path, capsys):

@@ -12,6 +12,7 @@ from ...errors import Problem
 from ...system import Port
 from ..channels import clipped, frozen
 from ..mistakes import Mistake, told_once, wrong_factors
+from ..study import Array
 from ..verdict import Warned
 from .replay import PortReplay
 from .study import PortRun, PortStudy
@@ -21,6 +22,9 @@ __all__ = ["check_logs"]
 # Misfit of a port, over the variance of its log, from which on a mistake is sought; what it may be once that
 # is mended, and as what share of the misfit before.
 _WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
+
+# A model that moves by no more times the noise is at rest.
+_REST = 3.0
 
 
 def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
@@ -35,17 +39,22 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
 
 
 def _stuck(study: PortStudy) -> list[Warned]:
-    """Channels that are constant, clipped, or frozen for a while."""
+    """Channels that are constant, clipped, or frozen for a while in which the model moves on."""
     found = []
     for run in study.runs:
+        given: dict[Port, Array] = {}
         for port, values in run.logs.items():
             place = f"{run.name}: {port}"
             if np.ptp(values) == 0.0:
                 what = f"the log is constant, {values[0]:g} {study.unit(port)}"
                 found.append(Warned(place=place, what=what, remedy="Check the column."))
                 continue
-            stretches = [*clipped(values), *frozen(values)] if port in study.compared else []
-            found += [Warned(place=place, what=one.what, remedy=one.remedy) for one in stretches]
+            for one in [*clipped(values), *frozen(values)] if port in study.compared else []:
+                given = given or PortReplay(study, [run]).signals(run, {}, (), np.zeros(0))
+                # An axis at rest stands still, too, as its encoder tells it.
+                moved = float(np.ptp(given[port][one.first : one.end]))
+                if not moved <= _REST * float(study.columns[port].noise or 0.0):
+                    found.append(Warned(place=place, what=one.what, remedy=one.remedy))
     return found
 
 
