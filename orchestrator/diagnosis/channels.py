@@ -13,7 +13,7 @@ from .study import Array
 
 __all__ = ["Stuck", "clipped", "frozen", "logged_twice"]
 
-# A value that stands still for so many rows, while the channel moves elsewhere, is frozen; at how many places.
+# A value that stands still for so many rows, while the channel moves elsewhere, is frozen; places told of.
 _FROZEN, _STRETCHES = 60, 3
 # So many rows in succession at the highest or lowest value, and so many times as many as just below it.
 _PILED, _PILE = 8, 4
