@@ -53,6 +53,7 @@ def frozen(values: Array) -> list[Stuck]:
     firsts, lengths = _runs(values)
     order = np.argsort(lengths)[::-1]
     ends, left = (values.min(), values.max()), _left_by_jump(values, firsts, lengths)
+    told = {values[one.first] for one in clipped(values)}
     found = []
     for number, place in enumerate(order[:_STRETCHES].tolist()):
         row, length, others = (
@@ -60,7 +61,7 @@ def frozen(values: Array) -> list[Stuck]:
             int(lengths[place]),
             lengths[order[number + 1 : number + 11]],
         )
-        at_end = values[row] in ends and not left[place]
+        at_end = values[row] in told or (values[row] in ends and not left[place])
         if length >= _FROZEN and length > 5 * np.median(others) and not at_end:
             what = f"row {row} ({values[row]:.9g}): frozen for {length} rows"
             found.append(Stuck(what, _STOPPED, row, row + length))

@@ -358,7 +358,7 @@ def test_words_of_a_mapping_are_the_product_s_own():
     assert [str(one) for one in problems] == [
         "study.yaml: columns.force.noise: got '-1 N'\n  above 0. Leave it out where nothing is compared.",
         "study.yaml: columns.force.nois: unknown key 'nois'\n  allowed: column, unit, sign, offset, clock, "
-        "noise, feed, start. Did you mean noise?",
+        "noise, feed, start, hold. Did you mean noise?",
         "study.yaml: columns.way.noise: noise: cannot take '2 N', N [kg.m.s-2] cannot be converted to m [m]\n"
         "  its unit is m",
     ]
