@@ -58,23 +58,31 @@ def study(
     seed: int | None = 1,
     candidates: dict[str, Any] | None = None,
     finer: int = 1,
+    instances: dict[str, Any] | None = None,
+    logged: dict[str, tuple[str, float]] | None = None,
     **more: Any,
 ) -> Path:
     """Write a study of three runs; without a seed, logs have no noise.
 
     Args:
         finer: by how much shorter steps the logs are made with than the study has.
+        instances: more of them in the machine.
+        logged: unit and noise of more outputs that are logged and compared.
     """
     folder.mkdir(parents=True, exist_ok=True)
     draw = np.random.default_rng(seed)
     runs = []
     for number, (role, stroke) in enumerate((("train", 0.2), ("validation", 0.14), ("held-out", 0.17))):
         overrides = [f"run.step_size={1e3 * STEP / finer!r} ms"]
-        results = run(system(stroke, hidden), overrides=overrides, halving=False).results
+        machine = system(stroke, hidden)
+        machine["instances"] |= instances or {}
+        results = run(machine, overrides=overrides, halving=False).results
         columns = {"time [s]": np.asarray(results.time)[::finer]}
-        for name, unit in UNITS.items():
+        units = UNITS | {name: unit for name, (unit, _) in (logged or {}).items()}
+        sizes = NOISE | {name: size for name, (_, size) in (logged or {}).items()}
+        for name, unit in units.items():
             values = np.asarray(results[name])[::finer]
-            noise = NOISE.get(name, 0.0) * draw.standard_normal(len(values)) if seed is not None else 0.0
+            noise = sizes.get(name, 0.0) * draw.standard_normal(len(values)) if seed is not None else 0.0
             columns[f"{name} [{unit}]"] = values + noise
         rows = np.column_stack(list(columns.values()))
         text = ",".join(columns) + "\n" + "\n".join(",".join(map(repr, row.tolist())) for row in rows) + "\n"
@@ -89,6 +97,10 @@ def study(
             "path.position": "path.position",
             "drive.position": {"column": "drive.position", "noise": "2 um", "feed": False},
             "controller.voltage": {"column": "controller.voltage", "noise": "5 mV", "feed": False},
+            **{
+                name: {"column": name, "noise": f"{size} {unit}", "feed": False}
+                for name, (unit, size) in (logged or {}).items()
+            },
         },
         "calibrated": {
             "drive.mass": {"tolerance": "2 kg"},

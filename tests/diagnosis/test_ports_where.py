@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from ports_bench import friction, study
+from ports_bench import friction, study, system
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
@@ -32,7 +32,7 @@ from orchestrator.diagnosis.ports.simulated import simulated
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.tempering import Tempering, read_practice
 from orchestrator.diagnosis.ports.ties import alike
-from orchestrator.diagnosis.ports.where import ledger, no_shares, shapley_shares, where
+from orchestrator.diagnosis.ports.where import lasting, ledger, no_shares, shapley_shares, where
 from orchestrator.diagnosis.study import Nominal
 from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.system import Port
@@ -92,6 +92,33 @@ def test_halving_tells_the_error_of_the_step(rubbing):
     )  # fmt: skip
     ratio = np.std(coarse - half) / np.std(half - quarter)
     assert ratio == pytest.approx(2.0, rel=0.3)
+
+
+@pytest.mark.parametrize(("cutoff", "told"), [("5 Hz", ""), ("0.2 Hz", "remembers more than the 0.352 s")])
+def test_what_a_component_remembers_is_not_its_fault(tmp_path, cutoff, told):
+    """A filter without start values misses its own log in windows that are shorter than it remembers."""
+    sensor = {"sensor": {"fmu": "ForceSensor", "start": {"cutoff": cutoff}}}
+    listen = {"from": [{"port": "controller.voltage", "gain": "1 N/V"}], "to": "sensor.force"}
+    logged = {"sensor.measured_force": ("N", 5e-3)}
+    path = study(tmp_path, [COULOMB, listen], instances=sensor, logged=logged, window="20 ms")
+    believed = system(0.2, [listen])
+    believed["instances"] |= sensor
+    (path / "believed.yaml").write_text(yaml.safe_dump(believed))
+    data = yaml.safe_load((path / "study.yaml").read_text()) | {"system": "believed.yaml"}
+    (path / "study.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(path)
+    finding = Finding((Candidate((), 1.0, {}, (), 0.0, NOMINAL),), (), (), "", (), NOMINAL)
+    led, warned = lasting(found, finding)
+    assert led.leads > 4 and ([one.place for one in warned] == ["sensor"]) == bool(told)
+    assert all(told in one.what for one in warned)
+    assert where(found, finding)["sensor"] > 0.3
+    shares = where(led, finding)
+    assert shares["drive"] > 0.99 and abs(shares["sensor"]) < 0.01
+
+
+def test_windows_need_no_longer_lead_where_states_are_taken_up(rubbing):
+    finding = Finding((Candidate((), 1.0, {}, (), 0.0, NOMINAL),), (), (), "", (), NOMINAL)
+    assert lasting(rubbing, finding) == (rubbing, [])
 
 
 def test_the_components_and_their_ports(rubbing):

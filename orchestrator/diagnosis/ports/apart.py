@@ -143,7 +143,7 @@ class Apart:
     """A run taken apart: windows in which each component is driven by measured signals, or the loop closed.
 
     Components are taken up at a window's lead by the start values of their outputs, where they take any, and
-    led by measured signals up to its begin; what they remember beyond that is lost.
+    led by measured signals up to its begin; what they remember beyond that is lost; see `where.lasting`.
 
     Args:
         signals: see `estimates`.
@@ -173,7 +173,8 @@ class Apart:
         size = self.study.window or max((n - first) // _WINDOWS, _SHORTEST)
         count = max((n - first) // size, 1)
         edges = np.linspace(first, n, count + 1).astype(int).tolist()
-        return tuple(Window(max(begin - size, 0), begin, end) for begin, end in pairwise(edges))
+        lead = self.study.leads * size
+        return tuple(Window(max(begin - lead, 0), begin, end) for begin, end in pairwise(edges))
 
     def residuals(self, window: Window) -> dict[Port, Array]:
         """Measured minus given by each component driven by measured signals, from the lead on."""

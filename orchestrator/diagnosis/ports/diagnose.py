@@ -32,7 +32,7 @@ from .steps import told_of_step, weighed_without_step
 from .study import PortStudy, Role, study_file
 from .tempering import Tempering, read_practice
 from .weigh import Weighed
-from .where import ledger, no_shares, where
+from .where import lasting, ledger, no_shares, where
 
 __all__ = ["PRACTICE", "PortDiagnosed", "diagnose_ports"]
 
@@ -82,6 +82,7 @@ def diagnose_ports(
     if study.parts > configured.parts:
         own = numerics(study, {"nominal": NOMINAL})
     finding = weighed.finding
+    study, forgetful = lasting(study, finding)
     told = _told(study, weighed, progress)
     config, missing = augmented_config(study, finding)
     changed = _changed(study, finding.answer, missing)
@@ -92,7 +93,7 @@ def diagnose_ports(
         seconds=round(perf_counter() - begin, 3),
         fmus=instance_fmus(study.prepared.system),
     )
-    known = [*warned, *weighed.warned, *told_of_step(study, configured), *doubts(own)]
+    known = [*warned, *weighed.warned, *told_of_step(study, configured), *doubts(own), *forgetful]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
     exportable, _ = augmented_config(study, finding, fmus=True)

@@ -160,11 +160,11 @@ class _Reader:
             motion,
             rest,
             round(window / self.step),
-            trials,
-            practice,
-            self.parts,
-            model.interval is not None,
-            sheet.places,
+            trials=trials,
+            practice=practice,
+            parts=self.parts,
+            fixed=model.interval is not None,
+            places=sheet.places,
         )
 
     def _columns(

@@ -74,6 +74,7 @@ class PortStudy:
         motion: port by whose velocity, or position, phases of motion are told; None: as the logs offer.
         rest: speed below which nothing moves [the port's unit, per second if a position]; None: by its size.
         window: samples after which components are taken up from the measured state anew; 0: by the run.
+        leads: windows before one in which measured signals lead components to its begin; see `where.lasting`.
         trials: what the lab can run next.
         practice: file with what practice on simulated cases of this study taught; None without.
         parts: communication steps from one sample of the logs to the next.
@@ -95,6 +96,7 @@ class PortStudy:
     motion: Port | None = None
     rest: float | None = None
     window: int = 0
+    leads: int = 1
     trials: tuple[Trial, ...] = ()
     practice: Path | None = None
     parts: int = 1

@@ -12,11 +12,12 @@ from ...system import Port
 from ..finding import Finding
 from ..sharing import by_place, cells, coalitions, shapley_values, white_cells
 from ..study import Array
+from ..verdict import Warned
 from .apart import Apart, Window, closed, components, estimates, modelled
 from .motion import phases
 from .study import PortRun, PortStudy, Role
 
-__all__ = ["Shares", "ledger", "no_shares", "shapley_shares", "where"]
+__all__ = ["Shares", "lasting", "ledger", "no_shares", "shapley_shares", "where"]
 
 # Edges of the bands, as shares of the sampling frequency.
 _BANDS = (0.0, 0.002, 0.01, 0.05)
@@ -25,10 +26,65 @@ _DRAWS, _SEED = 2, 20190611
 # Windows that the loop is closed in at most, and runs for that over all coalitions.
 _WINDOWS, _RUNS = 24, 400
 _MOST = 6
+# Windows through which measured signals lead before one, as tried; what may be lost so, in squares of the
+# noise, and what is worth a word.
+_LEADS, _LOST, _MUCH = (1, 2, 4, 8, 16), 0.1, 1.0
 
 
 def _among(study: PortStudy) -> tuple[PortRun, ...]:
     return study.of(Role.HELDOUT) or study.of(Role.TRAIN)
+
+
+def lasting(study: PortStudy, finding: Finding) -> tuple[PortStudy, list[Warned]]:
+    """The study with as many windows to lead through as its components need, and those that need more.
+
+    What a component remembers that no start value takes up is lost with each window. What that makes is told
+    by signals of the model itself, without noise: its components, taken apart, leave nothing of them but
+    that.
+
+    Returns: the study; warnings of components of which much is lost all the same.
+    """
+    run, base = _among(study)[0], finding.faultless(study.nominal)
+    own = closed(study)
+    bare = modelled(own, run, base)
+    logs = {port: bare.get(port, values) for port, values in run.logs.items()}
+    run = replace(run, logs=logs)
+    found: dict[int, dict[str, float]] = {}
+    size = 0.0
+    for leads in _LEADS:
+        apart = Apart(replace(own, leads=leads), run, {**bare, **logs}, base)
+        found[leads], window = _lost(apart), apart.windows[-1]
+        size = study.interval * (window.end - window.begin)
+        if max(found[leads].values(), default=0.0) < _LOST:
+            break
+    best = min(found, key=lambda leads: (max(found[leads].values(), default=0.0), leads))
+    told = [
+        Warned(
+            place=name,
+            what=f"remembers more than the {best * size:.3g} s before a window of {size:.3g} s: what is lost "
+            f"so makes {lost**0.5:.2g} times the noise, and where the gap lies is told worse",
+            remedy="Set a longer `window`; or let outputs of the FMU's states take start values.",
+        )
+        for name, lost in found[best].items()
+        if lost > _MUCH
+    ]
+    return replace(study, leads=best), told
+
+
+def _lost(apart: Apart) -> dict[str, float]:
+    """Mean square of residuals over all windows, over that of the noise: of each component's worst port."""
+    squares: dict[Port, list[float]] = {}
+    for window in apart.windows:
+        for port, values in apart.residuals(window).items():
+            if port in apart.study.compared:
+                noise = float(apart.study.columns[port].noise or 0.0)
+                kept = values[window.begin - window.lead :] / noise
+                squares.setdefault(port, []).append(float(np.mean(kept**2)))
+    names = {port: one.name for one in apart.components for port in one.ports}
+    found: dict[str, float] = {}
+    for port, values in squares.items():
+        found[names[port]] = max(found.get(names[port], 0.0), float(np.mean(values)))
+    return found
 
 
 def ledger(study: PortStudy, finding: Finding) -> list[dict[str, Any]]:
