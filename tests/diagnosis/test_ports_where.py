@@ -11,6 +11,7 @@ import yaml
 from ports_bench import friction, study, system
 
 from orchestrator.__main__ import main
+from orchestrator.diagnosis.answers import Answer
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
 from orchestrator.diagnosis.outlook import laplace
 from orchestrator.diagnosis.ports.apart import Apart, closed, components, estimates
@@ -214,8 +215,6 @@ def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):
     known = {one.id: one for one in candidates(found, measure(found, found.runs[0]))}
     fitter = weighted(found)
     fit = fitter.fit((known["drive.voltage.gain"],), None, np.array([0.2]))
-    from orchestrator.diagnosis.answers import Answer
-
     ties = alike(fitter, Answer(("drive.voltage.gain",), 100.0, 0.0, fit), list(known.values()))
     # Another mass and damping can stand for it, too; dry friction is no gain, however large.
     aliens = [name for one in ties for name in one.alien]
@@ -247,6 +246,24 @@ def test_the_next_experiment_is_told_with_its_evidence(rubbing, effects):
     assert told["expected_evidence"] == told["menu"][told["name"]] > 0.0
     # No rival, no experiment.
     assert next_experiment(rubbing, answer(effects, "drive.coulomb", 12.0, 1e-3), weights, ()) is None
+
+
+def test_ties_of_one_effect_among_several_need_an_experiment(rubbing, effects):
+    fitter = weighted(rubbing)
+    gain, equal = ("drive.coulomb", "drive.voltage.gain"), ("drive.coulomb", "drive.force_per_voltage")
+    fits = [fitter.fit(tuple(effects[name] for name in names)) for names in (gain, equal)]
+    models = [Augmented(fit.calibrated, fit.effects, fit.theta) for fit in fits]
+    ties = ("drive.force_per_voltage",)
+    finding = Finding(
+        (Candidate(gain, 1.0, {}, ties, 100.0, models[0]),), gain, ("drive",), "", gain, NOMINAL
+    )
+    answers = [Answer(gain, 100.0, 0.0, fits[0], ties), Answer(equal, 99.0, 0.0, fits[1])]
+    weights = {POSITION: 0.02, VOLTAGE: 0.02}
+    told = next_experiment(rubbing, finding, weights, tuple(effects.values()), answers)
+    assert told["between"] == [
+        "drive.coulomb + drive.voltage.gain",
+        "drive.coulomb + drive.force_per_voltage",
+    ]
 
 
 def test_an_output_that_was_not_logged_is_proposed(rubbing, effects):

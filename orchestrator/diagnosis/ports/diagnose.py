@@ -134,7 +134,7 @@ def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -
     if reason := no_experiment(study, finding):
         left_out["next_experiment"] = reason
     else:
-        proposed = next_experiment(study, finding, weighed.weights, weighed.effects)
+        proposed = next_experiment(study, finding, weighed.weights, weighed.effects, weighed.answers)
     progress("numerics")
     both = numerics(study, {"nominal": NOMINAL, "answer": finding.answer})
     return Told(shares, rows, worked, far, proposed or None, both, left_out)

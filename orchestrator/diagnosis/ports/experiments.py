@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ...fmi import Kind
 from ...system import Port
+from ..answers import Answer
 from ..effect import Effect
 from ..finding import Augmented, Finding, name_of
 from ..fit import Fitter
@@ -124,7 +125,11 @@ def predicted(study: PortStudy, cause: Augmented, like: PortRun | None = None) -
 
 
 def next_experiment(
-    study: PortStudy, finding: Finding, weights: Mapping[Port, float], effects: tuple[Effect, ...]
+    study: PortStudy,
+    finding: Finding,
+    weights: Mapping[Port, float],
+    effects: tuple[Effect, ...],
+    answers: Sequence[Answer] = (),
 ) -> dict[str, Any] | None:
     """The experiment with the largest expected evidence between the first candidate and its rivals.
 
@@ -134,10 +139,10 @@ def next_experiment(
 
     Args:
         weights: of the compared ports' residuals, as fits took them.
-        effects: all candidates.
+        effects: all candidates; answers: with their fits, ties among them.
     Returns: as `outlook.chosen`; None where nothing rivals the first candidate.
     """
-    models = _tied(study, finding, weights, effects)
+    models = _tied(study, finding, weights, effects, answers)
     if len(models) < 2:
         return None
     train = PortReplay(study, study.of(Role.TRAIN))
@@ -173,18 +178,27 @@ def _expected(planned: _Planned, cause: Posterior, rival: Posterior, weights: Ma
 
 
 def _tied(
-    study: PortStudy, finding: Finding, weights: Mapping[Port, float], effects: tuple[Effect, ...]
+    study: PortStudy,
+    finding: Finding,
+    weights: Mapping[Port, float],
+    effects: tuple[Effect, ...],
+    answers: Sequence[Answer],
 ) -> dict[str, Augmented]:
     """The first candidate, its ties and other probable ones, by their effects."""
     first = finding.candidates[0] if finding.candidates else None
     if first is None or first.model is None:
         return {}
     found = {name_of(first.effects): first.model}
-    alone = {one.effects[0]: one for one in finding.candidates if len(one.effects) == 1}
     known = {one.id: one for one in effects}
-    for tie in first.ties if len(first.effects) == 1 else ():
-        model = alone[tie].model if tie in alone else None
-        found[tie] = model or _fitted(study, known[tie], weights)
+    for tie in first.ties:
+        swapped = [{tie, *first.effects} - {gone} for gone in first.effects]
+        fits = [one.fit for one in answers if one.fit is not None and set(one.effects) in swapped]
+        if fits:
+            best = min(fits, key=lambda fit: fit.cost)
+            model = Augmented(best.calibrated, best.effects, best.theta)
+            found[name_of([one.id for one in best.effects])] = model
+        elif len(first.effects) == 1:
+            found[tie] = _fitted(study, known[tie], weights)
     for one in finding.candidates[1:]:
         if one.probability >= RIVAL and one.model is not None:
             found.setdefault(name_of(one.effects), one.model)
