@@ -12,6 +12,7 @@ import yaml
 from ports_bench import change_log, friction, study
 
 from orchestrator.__main__ import main
+from orchestrator.diagnosis.catalogue import in_words
 from orchestrator.diagnosis.channels import clipped
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate
@@ -354,6 +355,14 @@ def test_exchanged_and_stuck_columns_are_named(tmp_path):
     refused, _ = check_logs(load_port_study(path))
     assert [one.place for one in refused] == ["run-0: controller.voltage, drive.position"]
     assert "exchanged" in refused[0].remedy
+
+
+def test_a_limit_is_told_in_its_unit(plain):
+    found = load_port_study(plain)
+    words = {one.id: in_words(one) for one in candidates(found, measure(found, found.runs[0]))}
+    peak = np.abs(found.runs[0].logs[VOLTAGE]).max()
+    assert words["controller.voltage.saturate"] == f"|y| at most (1 - cut) of the peak, {peak:.4g} V"
+    assert words["drive.position.rate-limit"].endswith(" m per second")
 
 
 def test_an_axis_at_rest_is_not_frozen(tmp_path):

@@ -150,7 +150,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
         "saturate": (
             cut,
             lambda p: Saturate(low=-peak * (1.0 - p[0]), high=peak * (1.0 - p[0])),
-            "|y| at most (1 - cut) of the peak",
+            f"|y| at most (1 - cut) of the peak, {peak:.4g} {unit}",
         ),
         "quantise": (
             jagged("resolution", unit, 0.1 * spread, 0.3, 1.0),
@@ -160,7 +160,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
         "rate-limit": (
             cut,
             lambda p: RateLimit(rate=rate * (1.0 - p[0])),
-            "|y'| at most (1 - cut) of the largest",
+            f"|y'| at most (1 - cut) of the largest, {rate:.4g} {unit} per second",
         ),
         "dead-band": (
             size("threshold", unit, 0.2 * spread, 0.1, 1.0),
