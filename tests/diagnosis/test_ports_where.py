@@ -273,7 +273,7 @@ def test_an_output_that_was_not_logged_is_proposed(rubbing, effects):
     weights = {POSITION: 0.02, VOLTAGE: 0.02}
     told = next_experiment(own, one, weights, tuple(effects.values()))
     assert told["name"] == "log drive.velocity" and set(told["menu"]) == {told["name"]}
-    assert told["description"].startswith("run-0 again, with drive.velocity logged, too; of a sensor with a ")
+    assert told["description"].startswith("run-0 again, with drive.velocity logged, too, by a sensor with a ")
     models = [Augmented({}, (effects[name],), np.array(theta)) for name, *theta in
               (("drive.coulomb", 12.0, 1e-3), ("drive.viscous", 50.0))]  # fmt: skip
     (planned,) = sensors(own, models).values()

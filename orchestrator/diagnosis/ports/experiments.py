@@ -103,7 +103,7 @@ def sensors(study: PortStudy, models: Sequence[Augmented]) -> dict[str, _Planned
             compared=(*study.compared, port),
             runs=(),
         )
-        text = f"{like.name} again, with {port} logged, too; of a sensor with a noise of {noise:.2g}{unit}"
+        text = f"{like.name} again, with {port} logged, too, by a sensor with a noise of {noise:.2g}{unit}"
         found[f"log {port}"] = _Planned(text, then, like)
     return found
 
