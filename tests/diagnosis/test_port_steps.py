@@ -77,7 +77,7 @@ def test_a_step_that_is_right_is_kept(tmp_path, hidden):
 
 
 def test_logs_may_be_sampled_more_coarsely_than_the_system_steps(tmp_path):
-    """What is fed lies on the line between samples, or stays: what a system that steps so gave replays."""
+    """What is fed lies on a curve through samples, or stays: what a system that steps so gave replays."""
     folder = study(tmp_path, seed=None)
     for log in folder.glob("run-*.csv"):
         header, *rows = log.read_text().splitlines()
@@ -96,7 +96,7 @@ def test_logs_may_be_sampled_more_coarsely_than_the_system_steps(tmp_path):
         assert coarse.settled == round(0.05 / (4 * STEP))
         (replayed,) = [PortReplay(coarse, coarse.runs[:1])]
         left[hold] = np.abs(np.concatenate(replayed.of(NOMINAL))).max()
-    # The path is smooth: along the line it is missed by its bend alone.
+    # The path is smooth.
     assert left[False] < 0.01 * left[True]
 
 
@@ -135,8 +135,20 @@ def test_what_a_digital_controller_gave_is_held(tmp_path):
 def test_samples_between_samples():
     samples = np.array([0.0, 2.0, 6.0])
     assert between(samples, 1) is samples
-    assert between(samples, 2).tolist() == [0.0, 1.0, 2.0, 4.0, 6.0]
+    assert between(samples, 2)[::2].tolist() == samples.tolist() and len(between(samples, 2)) == 5
     assert between(samples, 2, held=True).tolist() == [0.0, 0.0, 2.0, 2.0, 6.0]
+
+
+def test_a_smooth_signal_has_no_corners_at_samples():
+    """A controller that differentiates would be driven by them; and nothing goes beyond what jumps."""
+    fine = np.linspace(0.0, 2.0, 401)
+    for parts in (4, 10):
+        smooth = np.sin(4.0 * fine)
+        line = np.interp(fine, fine[::parts], smooth[::parts])
+        curve = between(smooth[::parts], parts)
+        assert np.abs(curve - smooth).max() < 0.1 * np.abs(line - smooth).max()
+    jump = between(np.repeat([0.0, 1.0], 5), 4)
+    assert jump.min() == 0.0 and jump.max() == 1.0 and jump[16] == 0.0 and jump[20] == 1.0
 
 
 def test_an_interval_is_of_whole_steps(tmp_path):

@@ -45,7 +45,7 @@ class Logged(Column):
             but for outputs that are compared.
         start: whether the first sample is the start value of this output in each run.
         hold: whether the signal stays at each sample until the next one, as what a digital controller or a
-            converter gives; else it goes along the line between them. Matters where steps are shorter than
+            converter gives; else it goes along a curve through them. Matters where steps are shorter than
             samples are apart.
     """
 

@@ -23,7 +23,7 @@ _DOUBTFUL, _LOUD = 0.1, 2.0
 def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any]:
     """What halving the communication step changes, as a fraction of the gap.
 
-    Logs are fed on the line between their samples, so that the hold of their values over a step, which acts
+    Logs are fed on a curve through their samples, so that the hold of their values over a step, which acts
     as half a step's delay, counts as an error of the step, too. Held-out runs; train runs where there are
     none.
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 
 from ...effects import Effect
 from ...errors import ConfigError, StepError
@@ -56,8 +57,8 @@ class Player:
         fed: ports whose logged signals take the place of the system's own; inputs must be unconnected.
         compared: outputs that are compared with their logs, as the effects at them leave them.
         parts: communication steps from one sample to the next.
-        held: fed ports whose signals stay at each sample until the next one; others go along the line
-            between them.
+        held: fed ports whose signals stay at each sample until the next one; others go along a curve through
+            them.
     """
 
     def __init__(
@@ -229,13 +230,17 @@ def between(samples: Array, parts: int, held: bool = False) -> Array:
 
     Args:
         samples: shape (n,).
-        held: whether the signal stays at each sample until the next one; else along the line between them.
+        held: whether the signal stays at each sample until the next one; else along a smooth curve through
+            them: what is driven by a line's corners is not what a smooth signal drives.
     """
     if parts == 1:
         return samples
     if held:
         return np.repeat(samples, parts)[: (len(samples) - 1) * parts + 1]
-    return np.interp(np.arange((len(samples) - 1) * parts + 1) / parts, np.arange(len(samples)), samples)
+    curve = Akima1DInterpolator(np.arange(len(samples)), samples)
+    found: Array = curve(np.arange((len(samples) - 1) * parts + 1) / parts)
+    found[::parts] = samples
+    return found
 
 
 _NONE = np.zeros(0, np.intp)

@@ -58,11 +58,12 @@ def lasting(study: PortStudy, finding: Finding) -> tuple[PortStudy, list[Warned]
         if max(found[leads].values(), default=0.0) < _LOST:
             break
     best = min(found, key=lambda leads: (max(found[leads].values(), default=0.0), leads))
+    between = ", or is driven by what happens between samples" if study.parts > 1 else ""
     told = [
         Warned(
             place=name,
-            what=f"remembers more than the {best * size:.3g} s before a window of {size:.3g} s: what is lost "
-            f"so makes {lost**0.5:.2g} times the noise, and where the gap lies is told worse",
+            what=f"remembers more than the {best * size:.3g} s before a window of {size:.3g} s{between}: what "
+            f"is lost so makes {lost**0.5:.2g} times the noise, and where the gap lies is told worse",
             remedy="Set a longer `window`; or let outputs of the FMU's states take start values.",
         )
         for name, lost in found[best].items()
@@ -72,7 +73,10 @@ def lasting(study: PortStudy, finding: Finding) -> tuple[PortStudy, list[Warned]
 
 
 def _lost(apart: Apart) -> dict[str, float]:
-    """Mean square of residuals over all windows, over that of the noise: of each component's worst port."""
+    """Mean square of residuals over that of the noise, in the median window: of each component's worst port.
+
+    Where a run begins, signals may jump between samples, which is no memory.
+    """
     squares: dict[Port, list[float]] = {}
     for window in apart.windows:
         for port, values in apart.residuals(window).items():
@@ -83,7 +87,7 @@ def _lost(apart: Apart) -> dict[str, float]:
     names = {port: one.name for one in apart.components for port in one.ports}
     found: dict[str, float] = {}
     for port, values in squares.items():
-        found[names[port]] = max(found.get(names[port], 0.0), float(np.mean(values)))
+        found[names[port]] = max(found.get(names[port], 0.0), float(np.median(values)))
     return found
 
 
