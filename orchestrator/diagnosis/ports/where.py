@@ -62,8 +62,8 @@ def lasting(study: PortStudy, finding: Finding) -> tuple[PortStudy, list[Warned]
     told = [
         Warned(
             place=name,
-            what=f"remembers more than the {best * size:.3g} s before a window of {size:.3g} s{between}: what "
-            f"is lost so makes {lost**0.5:.2g} times the noise, and where the gap lies is told worse",
+            what=f"remembers more than the {best * size:.3g} s before a window of {size:.3g} s{between}: "
+            f"what is lost so makes {lost**0.5:.2g} times the noise, and where the gap lies is told worse",
             remedy="Set a longer `window`; or let outputs of the FMU's states take start values.",
         )
         for name, lost in found[best].items()
