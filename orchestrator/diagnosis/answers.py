@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 from .catalogue import SOFTWARE, catalogue
+from .effect import by_effect
 from .fit import Fit, Fitter
 from .search import search, separation
 from .software import ControllerReplay, DynamicsReplay
 from .stochastic import Noise
 from .study import Role, Study
 
-__all__ = ["REPLAYS", "Answer", "Group", "complete", "simplest", "tied", "weigh_software"]
+__all__ = ["REPLAYS", "Answer", "Group", "complete", "simplest", "strongest", "tied", "weigh_software"]
 
 REPLAYS = dict(zip(SOFTWARE, (DynamicsReplay, ControllerReplay), strict=True))
 # Effects whose log evidence differs by less [nats], and whose fitted replays data like these would hardly
@@ -38,6 +39,7 @@ class Answer:
         noises: stochastic effects among the effects.
         unseen: effects among them for which the logs do not speak; they are too small to be seen.
         numerics: what of that which is left the replay's own error may make, see `remainder.numerics` [nats].
+        size: of the strongest effect that the logs speak for, see `Effect.size`; 0 where none has one.
     """
 
     effects: tuple[str, ...]
@@ -50,6 +52,7 @@ class Answer:
     odd: float = 0.0
     random: float = 0.0
     numerics: float = 0.0
+    size: float = 0.0
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -93,13 +96,20 @@ def weigh_software(study: Study, place: str) -> Group:
     answers = []
     for fit in found.fits[:8]:
         left = max(0.0, 0.5 * (fit.chi2 - size))
-        answers.append(Answer(tuple(one.id for one in fit.effects), found.gain(fit), left, fit))
+        names = tuple(one.id for one in fit.effects)
+        answers.append(Answer(names, found.gain(fit), left, fit, size=strongest(fit)))
     answers = tied(fitter, answers)
     best = answers[0] if answers else nothing
     square = (best.fit or none).chi2 / size
     # A few last digits of rounding are no effect; what is left beyond them is not in the catalogue.
     over = 0.5 * size * max(0.0, square / _EXACT - 1.0)
     return Group((nothing, *answers), over, place, none, {place: square})
+
+
+def strongest(fit: Fit, noises: Sequence[Noise] = ()) -> float:
+    """Size of the strongest effect of a fit, or of noises beside it: see `Answer.size`."""
+    sizes = [effect.size(theta) for effect, theta in by_effect(fit.effects, fit.theta)]
+    return max([*sizes, *(catalogue()[one.id].size(one.theta) for one in noises)], default=0.0)
 
 
 def simplest(answers: Sequence[Answer]) -> list[Answer]:
@@ -129,7 +139,9 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
         better = max(within, key=lambda one: one.gain, default=answer)
         if better.gain > answer.gain:
             added = tuple(one for one in answer.effects if one not in better.seen)
-            answer = replace(answer, gain=better.gain, random=better.random, unseen=added)
+            answer = replace(
+                answer, gain=better.gain, random=better.random, unseen=added, size=better.size
+            )
         found[frozenset(answer.effects)] = answer
     best = max(one.gain for one in found.values())
     bases = [

@@ -17,7 +17,18 @@ from .rig import Calibrated
 from .search import roughness
 from .study import Array
 
-__all__ = ["SETTLED", "WIDER", "Weighing", "Weighted", "Widened", "scatter", "settled", "touching", "waves"]
+__all__ = [
+    "SETTLED",
+    "WIDER",
+    "Weighing",
+    "Weighted",
+    "Widened",
+    "along_way",
+    "scatter",
+    "settled",
+    "touching",
+    "waves",
+]
 
 # Standard deviation of where a contact begins, from one to the next, on every rig [m].
 _SCATTER = 1e-6
@@ -157,6 +168,17 @@ def scatter(model: RigModel, replay: Replay, fit: Fit) -> Array:
                     column[ends[channel] + first : ends[channel] + last] = change[first:last]
                     columns.append(column)
     return np.column_stack(columns) if columns else np.zeros((ends[-1], 0))
+
+
+def along_way(model: RigModel, left: Sequence[Array]) -> float:
+    """Share of what residuals of the encoder hold that a wave along the robot's way explains.
+
+    Args:
+        left: normalised residuals, by run and channel.
+    """
+    total = sum(float(r @ r) for r in left[0::2])
+    gain, _, _ = wave(left[0::2], [run["encoder_position"] for run in model.runs])
+    return 2.0 * gain / total if total > 0.0 else 0.0
 
 
 def waves(model: RigModel, left: Sequence[Array], weights: Sequence[Array]) -> Array | None:

@@ -110,6 +110,7 @@ def practise(
             left=float(one.left),
             random=float(one.random),
             numerics=float(one.numerics),
+            size=float(one.size),
             fit=None,
             noises=(),
         )
@@ -145,8 +146,10 @@ class _Lesson:
             of = learned.table(case.answers)
             columns = [
                 one.tolist()
-                for one in (of.gain, of.formed, of.left, of.odd, of.astray, of.usual, of.seen, of.unseen)
-            ]
+                for one in (
+                    of.gain, of.formed, of.left, of.odd, of.astray, of.usual, of.seen, of.unseen, of.strength
+                )
+            ]  # fmt: skip
             spread = np.exp(-of.rarity).tolist()
             for *key, weight, answer in zip(*columns, spread, case.answers, strict=True):
                 found = own.setdefault(tuple(key), [0.0, 0.0, 0.0, 0.0])
@@ -158,7 +161,7 @@ class _Lesson:
             alike.append(own)
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
-        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0)]
+        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)]
         common, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):
@@ -385,7 +388,7 @@ def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[
 def _written(one: Practice) -> list[Any]:
     """Without answers of two unseen effects, which `_read` adds again."""
     answers = [
-        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random, a.numerics]
+        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random, a.numerics, a.size]
         for a in one.answers
         if len(a.unseen) < 2
     ]
@@ -404,8 +407,9 @@ def _read(data: list[Any]) -> Practice:
             odd=odd,
             random=random,
             numerics=numerics,
+            size=size,
         )
-        for effects, gain, left, ties, unseen, odd, random, numerics in answers
+        for effects, gain, left, ties, unseen, odd, random, numerics, size in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
     return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from .study import Array
 
-__all__ = ["FILE", "LEAVES", "SET", "Calibration", "Table", "Weighable", "calibration", "own_gains"]
+__all__ = ["FILE", "LEAVES", "SET", "Calibration", "Table", "Weighable", "calibration", "own_gains", "strength"]
 
 # Log evidence of more is none of an effect's form: the model without it ran away [nats].
 _RUNAWAY = 1e6
@@ -27,6 +27,8 @@ SET = 0.95
 # A replay that halving its sub-steps changes strays from the rig by more: on rigs at a servo's limit by one
 # to three times as much.
 _ASTRAY = 4.0
+# Size at which many an effect shows and many do not, see `strength`.
+_ORDINARY = 0.2
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
 
@@ -41,6 +43,7 @@ class Weighable(Protocol):
     odd: float
     random: float
     numerics: float
+    size: float
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -57,6 +60,7 @@ class Table:
         seen, unseen: how many effects the logs speak for, and how many not.
         astray: what of that which is left the replay's own error may make [nats].
         usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
+        strength: see `strength`.
             Each of shape (answers,), or (groups, answers).
     """
 
@@ -68,6 +72,7 @@ class Table:
     usual: Array
     seen: Array
     unseen: Array
+    strength: Array
     rarity: Array
 
 
@@ -82,7 +87,8 @@ class Calibration:
     effect hardly mends all that its form lacks. What the replay's own error may make, see `Table`, is
     usual, too, and is not lacking. Effects that the logs speak for have a price: the first of
     them `first`, the second `second`, each further one `further`. One that is too small to be seen costs
-    `hidden`, beside another one `beside`, as a third `further`, and more the seldomer it stays unseen.
+    `hidden`, beside another one `beside` and `fainter` times its `strength`, since the effects of one rig are
+    about as strong, as a third `further`, and more the seldomer it stays unseen.
     Something outside the catalogue scores what the best answer of its group has, less `outside`, plus what
     answers lack: `slope` times ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`),
     plus the log likelihood that what an answer holds to be random is not, plus `several` for a second effect
@@ -112,6 +118,7 @@ class Calibration:
     further: float = 8.0
     hidden: float = 1.5
     beside: float = 2.0
+    fainter: float = 1.0
     outside: float = 8.0
     slope: float = 1.5
     several: float = 1.0
@@ -123,17 +130,24 @@ class Calibration:
     leaves: Mapping[str, float] = field(default_factory=dict)
     roughness: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
-    def price(self, seen: int | Array, unseen: int | Array = 0, rarity: float | Array = 0.0) -> float | Array:
+    def price(
+        self,
+        seen: int | Array,
+        unseen: int | Array = 0,
+        rarity: float | Array = 0.0,
+        strong: float | Array = 0.0,
+    ) -> float | Array:
         """What effects cost, in all groups of logs together: beyond two, each `further`, seen or not.
 
         Args:
             seen, unseen: how many effects the logs speak for, and how many are too small for that.
-            rarity: of the latter, see `rarity`; all three of one shape.
+            rarity: of the latter, see `rarity`; strong: of the former, see `strength`; all of one shape.
         """
         cost = self.first * np.minimum(seen, 1) + self.second * np.clip(np.subtract(seen, 1), 0, 1)
         cost = cost + self.further * np.maximum(np.subtract(seen, 2), 0)
         few = np.minimum(unseen, np.maximum(np.subtract(2, seen), 0))
-        alone = np.where(np.equal(seen, 0), self.hidden, self.beside) * np.minimum(few, 1)
+        other = self.beside + self.fainter * np.asarray(strong)
+        alone = np.where(np.equal(seen, 0), self.hidden, other) * np.minimum(few, 1)
         cost = cost + alone + self.beside * np.maximum(few - 1, 0)
         return cost + self.further * np.subtract(unseen, few) + rarity
 
@@ -171,6 +185,7 @@ class Calibration:
             self.usual(answers),
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
+            np.array([strength(one.size) for one in answers]),
             np.array([self.rarity(one.unseen) for one in answers]),
         )
 
@@ -193,7 +208,7 @@ class Calibration:
         lacking = np.minimum(usual - 1.0 + astray, np.maximum(left, 1.0))
         form = self.form * lacking * best / np.maximum(np.maximum(most, best), 1.0)
         scores = of.gain / (self.temperature + self.growth * best**self.power + form)
-        prices = self.price(of.seen, of.unseen, of.rarity)
+        prices = self.price(of.seen, of.unseen, of.rarity, of.strength)
         priced = np.where(of.unseen > 0, -np.inf, scores - prices)
         top = priced.max(-1, keepdims=True)
         more = of.seen - 1.0
@@ -227,8 +242,17 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/12", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/13", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
+
+
+def strength(size: float) -> float:
+    """How far an effect is above sizes at which logs hardly speak for one, a logarithm; 0 where it is below.
+
+    Args:
+        size: see `Effect.size`; 0, an unknown one, is ordinary.
+    """
+    return math.log1p(((size or _ORDINARY) / _ORDINARY) ** 2)
 
 
 def own_gains(answers: Sequence[Weighable]) -> list[dict[str, float]]:

@@ -202,6 +202,15 @@ class Effect:
         """The component that it belongs to."""
         return self.id.partition(".")[0]
 
+    def size(self, theta: Sequence[float] | NDArray[np.float64]) -> float:
+        """How strong it is, in standard deviations of its prior; 0 where no parameter of it is a size.
+
+        Args:
+            theta: its own parameters.
+        """
+        first = self.parameters[0]
+        return 0.0 if first.shape or first.whole else abs(float(theta[0])) / first.scale
+
 
 def by_effect(
     effects: Iterable[Effect], theta: NDArray[np.float64]

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .answers import Answer, Group, complete, simplest, tied
+from .answers import Answer, Group, complete, simplest, strongest, tied
 from .arrival import JITTER, PACKETS
-from .benign import Weighing, Weighted, Widened, scatter, settled, touching, waves
+from .benign import Weighing, Weighted, Widened, along_way, scatter, settled, touching, waves
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import WHITE, Colour, whitened
@@ -36,6 +36,9 @@ _CLEAR = 20.0
 # Log likelihood of a period in the link from which it is where something outside the catalogue acts: other
 # things shake commands as well [nats].
 _PERIOD = 3.0
+# Share of what the encoder strays that a wave along the way explains, from which on the robot is where it
+# comes from.
+_WAY = 0.5
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
 # each of which is one of many and costs `_EACH`, while calibrated numbers of several kinds stray by more than
 # `_STRAYED`: one effect, as a delay, strays in all numbers of its kind.
@@ -127,8 +130,10 @@ def _weigh(
     answers, left, periodic, regular, by = _linked(weighing, fitter, found, noises, colour, chance, without)
     if lost is not None:
         regular = max(regular, lost.uneven)
-    # A line in the force shakes the commands, too: where more speaks for that, it comes from there.
-    linked = regular > _PERIOD and not odd > max(_CLEAR, regular)
+    # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What comes
+    # back at the same places of the way, as cogging, comes back in time where the robot goes at one speed.
+    elsewhere = odd > max(_CLEAR, regular) or along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
+    linked = regular > _PERIOD and not elsewhere
     answers = tied(by, simplest(answers))
     doubtful = doubt > max([_DOUBTED, *(one.gain - _EACH * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
@@ -295,10 +300,9 @@ def _answers(
             random = sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
-                odd = sum(one.uneven for one in some)
-                answers.append(
-                    Answer(every, over + random, rest, fit, (), some, odd=odd, random=random, numerics=own)
-                )
+                odd, size = sum(one.uneven for one in some), strongest(fit, some)
+                told = {"odd": odd, "random": random, "numerics": own, "size": size}
+                answers.append(Answer(every, over + random, rest, fit, (), some, **told))
     return simplest(answers)
 
 

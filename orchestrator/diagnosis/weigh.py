@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from .answers import Answer, Group, weigh_software
-from .calibration import Calibration, calibration
+from .calibration import Calibration, calibration, strength
 from .catalogue import SOFTWARE, catalogue
 from .effect import Effect, by_effect
 from .finding import Augmented, Candidate, Finding, most_probable
@@ -111,7 +111,8 @@ def _price(answers: Sequence[Answer], named: Collection[str], learned: Calibrati
     standing = [one for one in answers if one is not _OUTSIDE]
     seen = {name for one in standing for name in one.seen}
     unseen = [name for one in standing for name in one.unseen]
-    price = float(learned.price(len(seen), len(unseen), learned.rarity(unseen)))
+    strong = strength(max((one.size for one in standing), default=0.0))
+    price = float(learned.price(len(seen), len(unseen), learned.rarity(unseen), strong))
     # Chance shows in the logs of one group as often, whatever is seen in those of another.
     afresh = sum(bool(one.seen) for one in standing) - 1
     price += max(afresh, 0) * max(learned.first - learned.second, 0.0)

@@ -87,10 +87,22 @@ def main() -> None:
     for kind in ("single", "pair"):
         count = sum(one.effect_right for one in every if one.kind == kind)
         print(f"{kind + ', named, clear or not':<40} {count}/{kinds[kind]}")
-    exact = _ece_exact([one.confidence for one in every])
-    assert exact is not None
-    error = _ece([(one.confidence, one.first_right) for one in every])
-    print(f"{'calibration error':<40} {error:.3f} (exact probabilities: {exact['mean']:.3f})")
+    for name in ("all", "none", *(name for name, _ in BANDS)):
+        here = [one for one in every if name in ("all", _band(one))]
+        exact = _ece_exact([one.confidence for one in here])
+        assert exact is not None
+        error = _ece([(one.confidence, one.first_right) for one in here])
+        claimed, right = (
+            sum(some) / len(here)
+            for some in ([one.confidence for one in here], [one.first_right for one in here])
+        )
+        told = f"{error:.3f} (exact probabilities: {exact['mean']:.3f}); claimed {claimed:.2f}, right {right:.2f}"
+        print(f"{'calibration error, ' + name:<40} {told}")
+
+
+def _band(one: Marked) -> str:
+    """Of its magnitude; "none" where nothing is hidden."""
+    return "none" if one.kind == "none" else band(one.truth["magnitude"])
 
 
 if __name__ == "__main__":

@@ -269,6 +269,27 @@ def test_beyond_two_an_effect_costs_as_much_unseen():
     assert one.price(seen, unseen).tolist() == [one.price(*each) for each in zip(seen, unseen, strict=True)]
 
 
+def test_beside_a_strong_effect_another_one_seldom_stays_unseen():
+    learned = replace(_SIMPLE, fainter=0.8)
+
+    def unseen_beside(size: float) -> float:
+        answers = complete([Answer((), 0.0, 0.0), Answer(("a.x",), 90.0, 0.0, size=size)], ["a.x", "a.y"])
+        p = dict(zip([one.effects for one in answers], learned.probabilities(answers, 0.0), strict=False))
+        return p["a.x", "a.y"] / p["a.x",]
+
+    usual, strong, weak = (unseen_beside(size) for size in (0.2, 0.4, 0.2 / 3.0))
+    assert strong == pytest.approx(usual * (5.0 / 2.0) ** -0.8, rel=0.05)
+    assert weak == pytest.approx(usual * (10.0 / 9.0 / 2.0) ** -0.8, rel=0.05)
+    assert unseen_beside(0.0) == usual  # whose size tells nothing
+
+
+def test_the_size_of_an_effect_is_that_of_its_prior():
+    known = catalogue()
+    assert known["sensor.bias"].size([-3.0]) == pytest.approx(2.0)
+    assert known["contact.adhesion"].size([1.0, 1e-5]) == pytest.approx(0.5)
+    assert known["robot.rate-limit"].size([0.01]) == known["link.sample-and-hold"].size([4.0]) == 0.0
+
+
 def test_the_set_holds_effects_that_the_logs_do_not_exclude():
     found = named(own_study())
     assert found.effects == ()

@@ -186,6 +186,16 @@ def test_hum_is_outside_the_catalogue():
     assert found.effects == ("outside",) and found.outside_place == "sensor"
 
 
+def test_what_comes_back_along_the_way_is_the_robots_though_it_comes_back_in_time():
+    def cogging(run, rng) -> dict:
+        columns = noisy(run, rng)
+        wave = 3e-5 * np.sin(2 * np.pi * run["encoder_position"] / 1.3e-3)
+        return columns | {"encoder_position": np.round(columns["encoder_position"] + wave, 6)}
+
+    found = named(with_columns(study(), cogging))
+    assert found.effects == ("outside",) and found.outside_place == "robot"
+
+
 def test_tolerances_too_tight_are_doubted_and_no_effect_is_named():
     strays = {"front_wall": 3.2, "natural_frequency": 3.0, "force_bias": 3.0}
     true = study()
@@ -400,7 +410,7 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
     command = [sys.executable, "-m", "orchestrator.diagnosis.calibrate", *options]
     subprocess.run(command, check=True, capture_output=True)
     made = json.loads(out.read_text())
-    assert made["format"] == "weigh/12" and made["provenance"]["seed"] == 5
+    assert made["format"] == "weigh/13" and made["provenance"]["seed"] == 5
     weighed = json.loads(seen.read_text())
     assert (
         sorted(weighed["cases"]) == ["1", "2"] and len(weighed["forms"]) == made["provenance"]["forms"] == 1

@@ -232,6 +232,8 @@ def _band(marked: Sequence[Marked], name: str) -> dict[str, Any]:
         "wrongly_named": _rate(single, lambda one: bool(one.verdict.effects) and not one.effect_right),
         "coverage": _rate(here, lambda one: one.covered),
         "ece": _ece([(one.confidence, one.first_right) for one in here]),
+        "claimed": sum(one.confidence for one in here) / len(here) if here else None,
+        "first_right": _rate(here, lambda one: one.first_right),
     }
 
 
@@ -347,14 +349,17 @@ def score_text(found: Mapping[str, Any]) -> str:
         lines.append(f"{title:<{_TITLE}} {'-' if found[name] is None else format(found[name], '.3f')}")
     lines.append("")
     lines.append(
-        f"{'magnitude':<9} {'cases':>5} {'clear':>5}  {'effect right':<18} {'wrongly named':<18} 95 % sets"
+        f"{'magnitude':<9} {'cases':>5} {'clear':>5}  {'effect right':<16} {'wrongly named':<16} "
+        f"{'95 % sets':<16} first answer: claimed, right"
     )
     for name, low in BANDS:
         one = found["bands"][name]
-        shown = [_shown(one[key], short=True) for key in ("effect_right", "wrongly_named", "coverage")]
+        keys = ("effect_right", "wrongly_named", "coverage", "first_right")
+        shown = [_shown(one[key], short=True) for key in keys]
+        claimed = "-" if one["claimed"] is None else format(one["claimed"], ".2f")
         lines.append(
-            f"{name:<9} {one['cases']:>5} {one['clear']:>5}  {shown[0]:<18} {shown[1]:<18} {shown[2]}"
-            f"   (from {low:g})"
+            f"{name:<9} {one['cases']:>5} {one['clear']:>5}  {shown[0]:<16} {shown[1]:<16} {shown[2]:<16} "
+            f"{claimed}, {shown[3]}   (from {low:g})"
         )
     lines.append(f"clear: the logs hold at least {CLEAR:g} nats for who knew the effect")
     lines.append(
