@@ -139,9 +139,7 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
         better = max(within, key=lambda one: one.gain, default=answer)
         if better.gain > answer.gain:
             added = tuple(one for one in answer.effects if one not in better.seen)
-            answer = replace(
-                answer, gain=better.gain, random=better.random, unseen=added, size=better.size
-            )
+            answer = replace(answer, gain=better.gain, random=better.random, unseen=added, size=better.size)
         found[frozenset(answer.effects)] = answer
     best = max(one.gain for one in found.values())
     bases = [

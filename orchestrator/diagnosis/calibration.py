@@ -16,7 +16,17 @@ from scipy.special import logsumexp
 
 from .study import Array
 
-__all__ = ["FILE", "LEAVES", "SET", "Calibration", "Table", "Weighable", "calibration", "own_gains", "strength"]
+__all__ = [
+    "FILE",
+    "LEAVES",
+    "SET",
+    "Calibration",
+    "Table",
+    "Weighable",
+    "calibration",
+    "own_gains",
+    "strength",
+]
 
 # Log evidence of more is none of an effect's form: the model without it ran away [nats].
 _RUNAWAY = 1e6

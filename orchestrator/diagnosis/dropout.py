@@ -1,4 +1,4 @@
-"""Samples of the force that stay put: lost ones, and such as only stay put in contact."""
+"""Samples of the force that stay put: lost ones, and such as do in contact alone or at an end of the range."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from scipy.optimize import minimize_scalar
 
 from .study import Array
 
-__all__ = ["held_longer", "lost_in_contact", "lost_in_flight"]
+__all__ = ["held_longer", "lost_in_contact", "lost_in_flight", "piled"]
 
 # Samples at the ends of a contact, where the force is not smooth.
 _ENDS = 3
 # Samples do not repeat by chance more seldom than that: the force is not quite as smooth as a line.
 _SELDOM = 2e-3
+# Samples so near an end of a run's range, in deviations of their noise, may be at the end by chance; and log
+# evidence from which on they are not [nats].
+_NEAR, _PILED = 3.0, 10.0
 
 
 def held_longer(
@@ -38,6 +41,28 @@ def held_longer(
     both = (a + b) / (n + m)
     apart = likelihood(a, n, a / n) + likelihood(b, m, b / m)
     return max(0.0, apart - likelihood(a, n, both) - likelihood(b, m, both) - 0.5 * math.log(n))
+
+
+def piled(forces: Sequence[Array], step: float, noise: float) -> float:
+    """Log evidence that samples pile up at an end of a run's range, as where the sensor is at its own [nats].
+
+    Noise spreads those of a force that turns there: few of the nearest share the last step.
+
+    Args:
+        forces: by run [N]; step, noise: resolution, below the noise, and its standard deviation [N].
+    """
+    chance, total = step / (noise * math.sqrt(2.0 * math.pi)), 0.0
+    for force in forces:
+        for values in (force, -force):
+            last = float(values.max())
+            n = int(np.sum(values > last - _NEAR * noise))
+            share = min(int(np.sum(values > last - 0.5 * step)) / n, 1.0 - 0.5 / n)
+            if share > chance:
+                told = share * math.log(share / chance) + (1.0 - share) * math.log(
+                    (1.0 - share) / (1.0 - chance)
+                )
+                total += max(n * told - 0.5 * math.log(n), 0.0)
+    return total if total > _PILED else 0.0
 
 
 def lost_in_flight(parts: Sequence[Array], step: float) -> tuple[float, float]:

@@ -130,9 +130,11 @@ def _weigh(
     answers, left, periodic, regular, by = _linked(weighing, fitter, found, noises, colour, chance, without)
     if lost is not None:
         regular = max(regular, lost.uneven)
-    # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What comes
-    # back at the same places of the way, as cogging, comes back in time where the robot goes at one speed.
-    elsewhere = odd > max(_CLEAR, regular) or along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
+    # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
+    # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
+    elsewhere = (
+        odd > max(_CLEAR, regular) or along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
+    )
     linked = regular > _PERIOD and not elsewhere
     answers = tied(by, simplest(answers))
     doubtful = doubt > max([_DOUBTED, *(one.gain - _EACH * len(one.seen) for one in answers)])

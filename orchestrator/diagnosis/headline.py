@@ -57,9 +57,16 @@ def _answer(diagnosis: Diagnosis) -> str:
         together = first.probability + sum(one.probability for one in tied)
         named = f"One of {listed_or([*effects, *first.ties])}"
         chance = f"together {percent(together)}; these logs cannot tell them apart"
+    it = "them" if len(effects) > 1 else effects[0] if among else "it"
     text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
-    if gap is not None and gap.closure is not None:
-        it = "them" if len(effects) > 1 else effects[0] if among else "it"
+    if gap is not None and gap.closure is not None and gap.closure <= 0.0:
+        text = (
+            f"The runs that were fitted speak for {named} ({chance}), but adding {it} makes the gap on runs "
+            f"that no fit saw larger ({percent(-gap.closure)} of it): do not rely on this answer"
+        )
+    elif gap is not None and gap.within_floor:
+        text += "; on runs that no fit saw the gap is within the noise, so that they do not confirm it"
+    elif gap is not None and gap.closure is not None:
         closed = percent(gap.closure) if gap.closure < 1.0 else "all"
         text += f"; adding {it} closes {closed} of the gap on runs that no fit saw"
     text += "."

@@ -19,10 +19,6 @@ _FACTORS = {
     39.37007874015748: "it is 39.37 times too large, as if logged in inches",
     0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
 }
-_REMEDIES = (
-    "Correct the unit in its header, or give `unit` in a study file.",
-    "Correct its values, or give `sign: -1` in a study file.",
-)
 
 
 @dataclass(frozen=True)
@@ -30,10 +26,20 @@ class Mistake(Problem):
     """A problem of a run without which all fits; the remedy says so. The place is "run: column"."""
 
 
-def wrong_factors() -> Iterator[tuple[float, str]]:
-    """What a column may be too large by, its sign included, each with what to do."""
+def wrong_factors(sign: int = 1, unit: str | None = None) -> Iterator[tuple[float, str]]:
+    """What a column may be too large by, its sign included, each with what to do.
+
+    Args:
+        sign, unit: that a study file gives the column.
+    """
+    correct = "Correct the unit in its header, or give `unit` in a study file."
+    if unit is not None:
+        correct = f"The study file says `unit: {unit}`: correct that."
+    turn = "Correct its values, or give `sign: -1` in a study file."
+    if sign < 0:
+        turn = "The study file says `sign: -1`: take that out."
     for factor, text in _FACTORS.items():
-        yield factor, f"All fits if {text}. {_REMEDIES[factor < 0.0]}"
+        yield factor, f"All fits if {text}. {turn if factor < 0.0 else correct}"
 
 
 def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Problem) -> list[Problem]:

@@ -33,7 +33,8 @@ def text(made: Diagnosed) -> str:
             lines.append(f"  next: {found.next_experiment.name}{expected}")
             if found.next_experiment.leaves:
                 lines.append(f"        {leaves_in_words(found.next_experiment)}")
-    lines += [f"  data: {one.place}: {one.what}" for one in found.data]
+    for one in found.data:
+        lines += [f"  data: {one.place}: {one.what}", *([f"        {one.remedy}"] if one.remedy else [])]
     lines += [f"  left out: {name.replace('_', ' ')}: {why}" for name, why in found.left_out.items()]
     if made.folder is not None:
         lines.append(f"  written to {made.folder}: {', '.join(made.files)}")

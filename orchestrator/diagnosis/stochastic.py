@@ -10,7 +10,7 @@ import numpy as np
 
 from .benign import settled
 from .colour import COLOUR, WHITE, Colour, coloured, small_colour
-from .dropout import held_longer, lost_in_contact, lost_in_flight
+from .dropout import held_longer, lost_in_contact, lost_in_flight, piled
 from .misfit import hum, stretches, uneven
 from .model import RigModel
 from .study import Array
@@ -97,7 +97,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         found.append(Noise("sensor.quantisation", (step,), float(len(samples)) * math.log(step / resolution)))
     repeats = tuple(np.concatenate([[False], np.diff(force) == 0.0]) for force in forces)
     raw = [force[window] for force, some in zip(forces, windows, strict=True) for window in some]
-    held = 0.0 if step >= noise else held_longer(repeats, contact, windows)
+    held = 0.0 if step >= noise else held_longer(repeats, contact, windows) + piled(forces, step, noise)
     lost = 0.0
     if raw and step < noise:
         lost, evidence = lost_in_flight(raw, step)

@@ -96,8 +96,8 @@ def main() -> None:
             sum(some) / len(here)
             for some in ([one.confidence for one in here], [one.first_right for one in here])
         )
-        told = f"{error:.3f} (exact probabilities: {exact['mean']:.3f}); claimed {claimed:.2f}, right {right:.2f}"
-        print(f"{'calibration error, ' + name:<40} {told}")
+        told = f"{error:.3f} (exact probabilities: {exact['mean']:.3f})"
+        print(f"{'calibration error, ' + name:<40} {told}; claimed {claimed:.2f}, right {right:.2f}")
 
 
 def _band(one: Marked) -> str:

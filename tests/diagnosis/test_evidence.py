@@ -15,7 +15,7 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.dropout import lost_in_contact
+from orchestrator.diagnosis.dropout import lost_in_contact, piled
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.links import search_behind
@@ -281,6 +281,14 @@ def test_beside_a_strong_effect_another_one_seldom_stays_unseen():
     assert strong == pytest.approx(usual * (5.0 / 2.0) ** -0.8, rel=0.05)
     assert weak == pytest.approx(usual * (10.0 / 9.0 / 2.0) ** -0.8, rel=0.05)
     assert unseen_beside(0.0) == usual  # whose size tells nothing
+
+
+def test_samples_that_pile_up_at_the_end_of_the_range_are_no_noise():
+    rng = np.random.default_rng(3)
+    force = 150.0 * np.sin(np.arange(3000) / 60.0) + 0.5 * rng.standard_normal(3000)
+    assert piled([np.round(force, 1)], 0.1, 0.5) == 0.0
+    clipped = np.clip(np.round(force, 1), None, 148.0)
+    assert piled([clipped], 0.1, 0.5) > 100.0 and piled([-clipped], 0.1, 0.5) > 100.0
 
 
 def test_the_size_of_an_effect_is_that_of_its_prior():

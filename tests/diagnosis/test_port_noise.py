@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
+from scipy.signal import lfilter
 
-from orchestrator.diagnosis.ports.noise import structured, understated, white
+from orchestrator.diagnosis.ports.noise import lines, structured, understated, white
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.weigh import weigh_ports
 from tests.diagnosis.ports_bench import study
@@ -26,6 +27,23 @@ def test_what_is_slow_has_one(size):
     """Its mean square is kept but for what its noise may make."""
     assert structured(size * SWING + NOISE) == pytest.approx(0.5 * size**2 - 1.0, abs=0.05 * size + 0.2)
     assert white(size * SWING + NOISE) == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [0.7, 1.4, 5.0])
+def test_a_periodic_disturbance_counts_beside_noise_of_any_size(size):
+    """Less than the noise it may be, and yet it is none: a line keeps its phase."""
+    line = size * np.sin(2.0 * np.pi * 0.0143 * np.arange(4000) + 0.3)
+    assert lines(NOISE) == 0.0 and lines(NOISE + line) == pytest.approx(0.5 * size**2, rel=0.15)
+    assert structured(NOISE + line) >= lines(NOISE + line)
+    assert lines(line[:100]) == 0.0 and lines(np.full(4000, np.nan)) == 0.0
+
+
+@pytest.mark.parametrize("damping", [0.3, 0.05, 0.02])
+def test_a_mode_that_noise_drives_is_no_line(damping):
+    turn = 2.0 * np.pi * 0.02
+    keep = np.exp(-damping * turn)
+    rung = lfilter([1.0], [1.0, -2.0 * keep * np.cos(turn), keep**2], NOISE)
+    assert lines(rung / rung.std() + 0.3 * NOISE[::-1]) == 0.0
 
 
 def test_the_reader_is_told_of_noise_and_of_nothing_else():

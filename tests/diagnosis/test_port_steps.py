@@ -11,10 +11,13 @@ from orchestrator.config import load_config
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import NOMINAL
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
-from orchestrator.diagnosis.ports.player import between
+from orchestrator.diagnosis.ports.numerics import numerics
+from orchestrator.diagnosis.ports.player import Inserted, between
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay
 from orchestrator.diagnosis.ports.steps import with_steps
+from orchestrator.diagnosis.ports.weigh import weigh_ports
+from orchestrator.effects.quantise import Quantise
 from orchestrator.errors import ConfigError
 from orchestrator.run import run
 from orchestrator.system import Port
@@ -44,15 +47,35 @@ def told(made):
 
 def test_what_the_step_is_too_long_for_is_no_effect(smooth):
     """With its own steps the study takes what they miss for an offset."""
-    own = diagnose_ports(changed(smooth, interval="2 ms"), lambda stage: None, report=False)
-    assert own.diagnosis.verdict.effects == ["drive.position.offset"] and told(own) == []
+    alone = load_port_study(smooth)
+    assert weigh_ports(alone).finding.effects == ("drive.position.offset",)
+    own = numerics(alone, {"nominal": NOMINAL})
     made = diagnose_ports(smooth / "study.yaml", lambda stage: None, report=False)
     assert made.diagnosis.verdict.effects == [] and made.diagnosis.which[0].probability > 0.9
     assert made.study.parts > 1 and made.study.interval == STEP
     (said,) = told(made)
     step = float(made.study.prepared.grid.step_size)
     assert said.startswith("the error of the configured step, 2 ms, shows") and f"{1e3 * step:g} ms" in said
-    assert made.diagnosis.numerics.fraction < own.diagnosis.numerics.fraction
+    assert made.diagnosis.numerics.fraction < own["fraction"]
+
+
+def test_an_interval_keeps_no_step_that_is_too_long(smooth):
+    made = diagnose_ports(changed(smooth, interval="2 ms"), lambda stage: None, report=False)
+    assert made.diagnosis.verdict.effects == [] and len(told(made)) == 1
+
+
+def test_what_acts_at_a_log_acts_on_the_error_of_the_step_too(smooth):
+    """A coarse resolution rounds what the machine did, not what the step made of it."""
+    own = load_port_study(smooth)
+    run, player = own.runs[0], PortReplay(own, own.runs[:1]).player
+    error = {POSITION: np.full(len(run), 4e-5)}
+    plain, shifted = (player.run(run.logs, len(run), errors=one)[POSITION] for one in ({}, error))
+    assert shifted == pytest.approx(plain + 4e-5, abs=1e-15)
+    rounding = [Inserted(Quantise(resolution=1e-4), POSITION)]
+    counts = player.run(run.logs, len(run), inserted=rounding, errors=error)[POSITION] / 1e-4
+    assert counts == pytest.approx(np.round(counts), abs=1e-6) and np.ptp(counts) > 100
+    without = player.run(run.logs, len(run), inserted=rounding)[POSITION] / 1e-4
+    assert 0.2 < np.mean(counts - without) < 0.6
 
 
 def test_a_hidden_effect_is_found_behind_the_error_of_the_step(tmp_path):
@@ -92,7 +115,7 @@ def test_logs_may_be_sampled_more_coarsely_than_the_system_steps(tmp_path):
     for hold in (False, True):
         columns["path.position"]["hold"] = hold
         coarse = load_port_study(changed(folder, interval="8 ms", columns=columns))
-        assert (coarse.parts, coarse.interval, coarse.fixed) == (4, 4 * STEP, True)
+        assert (coarse.parts, coarse.interval) == (4, 4 * STEP)
         assert coarse.settled == round(0.05 / (4 * STEP))
         (replayed,) = [PortReplay(coarse, coarse.runs[:1])]
         left[hold] = np.abs(np.concatenate(replayed.of(NOMINAL))).max()

@@ -320,6 +320,52 @@ def test_logs_that_break_off_or_stand_twice_are_refused(plain):
         assert "no run has the role train" not in str(caught.value)
 
 
+def test_a_sign_or_unit_that_the_study_gives_is_to_be_corrected_there(tmp_path):
+    folder = study(tmp_path)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    data["columns"]["drive.position"] |= {"sign": -1}
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    (problem,) = check_logs(load_port_study(folder))[0]
+    assert problem.remedy.endswith("The study file says `sign: -1`: take that out.")
+    data["columns"]["drive.position"] |= {"sign": 1, "unit": "mm"}
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    (problem,) = check_logs(load_port_study(folder))[0]
+    assert problem.remedy.endswith("The study file says `unit: mm`: correct that.")
+
+
+def test_runs_that_were_driven_otherwise_repeat_nothing(tmp_path):
+    folder = study(tmp_path)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    first, second = (one["file"].partition(".")[0] for one in data["runs"][:2])
+    again = folder / "again.csv"
+    again.write_text((folder / f"{second}.csv").read_text())
+    with change_log(again) as columns:
+        columns["drive.position"] += 1e-6
+    data["runs"].append({"file": again.name, "role": "repeat", "repeats": first})
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    own = load_port_study(folder)
+    (found,) = [one for one in check_logs(own)[1] if one.place == "again"]
+    said = f"path.position differs from that of {first}, which it is said to repeat, by "
+    assert found.what.startswith(said)
+    alike = [replace(run, repeats=second) if run.name == "again" else run for run in own.runs]
+    assert not [one for one in check_logs(replace(own, runs=tuple(alike)))[1] if one.place == "again"]
+
+
+def test_noise_that_is_fed_is_warned_of(tmp_path):
+    """The voltage drives the drive by as much noise as the log has, where it is fed."""
+    folder = study(tmp_path)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+
+    def told(noise: str) -> list[str]:
+        data["columns"]["controller.voltage"] |= {"feed": True, "noise": noise}
+        (folder / "study.yaml").write_text(yaml.safe_dump(data))
+        return [one.what for one in check_logs(load_port_study(folder))[1] if "is fed" in one.what]
+
+    assert told("0.05 mV") == []
+    (what,) = told("5 mV")
+    assert "which moves drive.position by" in what
+
+
 @pytest.mark.parametrize(
     ("column", "factor", "said"),
     [

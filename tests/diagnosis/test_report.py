@@ -19,6 +19,7 @@ from orchestrator.diagnosis.diagnose import Diagnosed, diagnose
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.figures import NOISE
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
+from orchestrator.diagnosis.headline import headline
 from orchestrator.diagnosis.ports.closure import how_far
 from orchestrator.diagnosis.ports.diagnose import _changed
 from orchestrator.diagnosis.ports.effect import PortEffect
@@ -52,6 +53,18 @@ def made(effects=("drive.coulomb",), ties=(), **other):
         "numerics": None, "misfit": {}, "calibration": {}, "data": [], "provenance": {}, **other,
     }  # fmt: skip
     return Diagnosis.model_validate(data)
+
+
+def test_held_out_runs_that_contradict_an_answer_are_told_in_the_headline():
+    worse = made(how_far=GAP | {"closure": -6.33, "after": 0.7})
+    assert headline(worse) == (
+        "The runs that were fitted speak for drive.coulomb (probability 100 %), but adding it makes the gap "
+        "on runs that no fit saw larger (633 % of it): do not rely on this answer."
+    )
+    within = made(how_far=GAP | {"closure": None, "within_floor": True})
+    assert headline(within).endswith(
+        "; on runs that no fit saw the gap is within the noise, so that they do not confirm it."
+    )
 
 
 def page(diagnosis, known=None, believed=None):

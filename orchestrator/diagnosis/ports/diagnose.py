@@ -78,9 +78,13 @@ def diagnose_ports(
     progress("weigh")
     taught, tempering = _taught(path, study, practice)
     configured = study
-    study, weighed = weighed_without_step(study, tempering)
+    stepped = weighed_without_step(study, tempering)
+    study, weighed = stepped.study, stepped.weighed
     if study.parts > configured.parts:
         own = numerics(study, {"nominal": NOMINAL})
+    of_step = told_of_step(stepped, configured)
+    if of_step is None or study.parts > configured.parts:
+        of_step = [*(of_step or []), *doubts(own)]
     finding = weighed.finding
     study, forgetful = lasting(study, finding)
     told = _told(study, weighed, progress)
@@ -93,7 +97,7 @@ def diagnose_ports(
         seconds=round(perf_counter() - begin, 3),
         fmus=instance_fmus(study.prepared.system),
     )
-    known = [*warned, *weighed.warned, *told_of_step(study, configured), *doubts(own), *forgetful]
+    known = [*warned, *weighed.warned, *of_step, *forgetful]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
     exportable, _ = augmented_config(study, finding, fmus=True)

@@ -15,7 +15,7 @@ from ..mistakes import Mistake, told_once, wrong_factors
 from ..study import Array
 from ..verdict import Warned
 from .replay import PortReplay
-from .study import PortRun, PortStudy
+from .study import PortRun, PortStudy, Role
 
 __all__ = ["check_logs"]
 
@@ -25,6 +25,10 @@ _WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
 
 # A model that moves by no more times the noise is at rest.
 _REST = 3.0
+# Runs whose inputs differ by more of their spread do not repeat each other.
+_UNLIKE = 0.2
+# Noise that is fed is worth a word where it makes so much of a compared signal's own.
+_DRIVEN = 0.3
 
 
 def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
@@ -35,7 +39,62 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     """
     found = [_mistake(study, run) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    return told_once(mistakes, "the same in {} more runs"), _stuck(study)
+    return told_once(mistakes, "the same in {} more runs"), [
+        *_stuck(study),
+        *_unlike(study),
+        *_driven_by_noise(study),
+    ]
+
+
+def _unlike(study: PortStudy) -> list[Warned]:
+    """Runs that are said to repeat others, but were driven otherwise."""
+    found = []
+    for run in study.runs:
+        of = next((one for one in study.runs if one.name == run.repeats), None)
+        for port in study.fed if of is not None else ():
+            if of is None or port not in run.logs or port not in of.logs:
+                continue
+            n = min(len(run), len(of))
+            log, other = run.logs[port][:n], of.logs[port][:n]
+            noise = float(study.columns[port].noise or 0.0)
+            apart, spread = float(np.sqrt(np.mean((log - other) ** 2))), float(np.std(other))
+            if apart > _UNLIKE * spread + _REST * noise:
+                what = f"{port} differs from that of {of.name}, which it is said to repeat, by {apart:.3g} "
+                what += f"{study.unit(port)}, which spreads by {spread:.3g}"
+                remedy = "Correct `repeats`: runs driven alike tell what does not repeat."
+                found.append(Warned(place=run.name, what=what, remedy=remedy))
+    return found
+
+
+def _driven_by_noise(study: PortStudy) -> list[Warned]:
+    """Fed logs whose noise drives the model so that it shows: effects may imitate what it makes."""
+    found: list[Warned] = []
+    run = study.of(Role.TRAIN)[0]
+    replay = PortReplay(study, [run])
+    given: dict[Port, Array] = {}
+    for number, port in enumerate(study.fed):
+        noise = study.columns[port].noise
+        if not noise or port not in run.logs:
+            continue
+        given = given or replay.signals(run, {}, (), np.zeros(0))
+        more = noise * np.random.default_rng(number).standard_normal(len(run))
+        noisier = replay.signals(_with(run, {port: run.logs[port] + more}), {}, (), np.zeros(0))
+        moved = {
+            one: float(np.std((noisier[one] - given[one])[study.settled :]))
+            / float(study.columns[one].noise or 1)
+            for one in replay.compared(run)
+            if one != port
+        }
+        worst = max(moved, key=lambda one: moved[one], default=None)
+        if worst is not None and moved[worst] > _DRIVEN:
+            what = "the log is fed, and so is its noise, which moves "
+            what += f"{worst} by {moved[worst]:.2g} times its own"
+            remedy = (
+                "Effects may imitate what that makes: leave `feed` out, where the model computes the signal "
+                "itself, or feed a log without noise, as a controller has it."
+            )
+            found.append(Warned(place=str(port), what=what, remedy=remedy))
+    return found
 
 
 def _stuck(study: PortStudy) -> list[Warned]:
@@ -66,7 +125,7 @@ def _mistake(study: PortStudy, run: PortRun) -> Mistake | None:
     if not wrong:
         return None
     found = []
-    for port, told, mended in (*_factors(run), *_exchanged(run)):
+    for port, told, mended in (*_factors(study, run), *_exchanged(run)):
         after = _misfits(study, replay, mended)
         share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
         if share < _MENDED and max(after.values(), default=np.inf) < _FITS:
@@ -93,10 +152,11 @@ def _misfits(study: PortStudy, replay: PortReplay, run: PortRun) -> dict[Port, f
     return found
 
 
-def _factors(run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
+def _factors(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
     """A column's name, the mistake in it as a remedy, and the run without it."""
     for port, log in run.logs.items():
-        for factor, told in wrong_factors():
+        column = study.columns[port]
+        for factor, told in wrong_factors(column.sign, column.unit):
             yield str(port), told, _with(run, {port: log / factor})
 
 

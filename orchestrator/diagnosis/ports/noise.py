@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.ndimage import binary_dilation, median_filter
 
 from ..study import Array
 from ..verdict import Warned
@@ -14,6 +16,9 @@ __all__ = ["structured", "understated", "white"]
 # Residuals are noise where white noise makes this share of their mean square at least: what comes back
 # through a loop is not quite white. It is worth a word from so much on.
 _MOSTLY, _WORTH = 0.5, 1.5
+# A line in a spectrum stands out of the frequencies about it by so much, and they are so many on each side; a
+# lightly damped mode that noise drives is lower, or wider.
+_STANDS_OUT, _ABOUT = 200.0, 32
 
 
 def white(r: Array) -> float:
@@ -29,12 +34,33 @@ def white(r: Array) -> float:
 def structured(r: Array) -> float:
     """Mean square of a normalised residual beyond noise, as specified or larger; not below zero.
 
-    A log's noise is rarely known well, and noise of a sensor comes back through the loop.
+    A log's noise is rarely known well, and noise of a sensor comes back through the loop. That makes no line:
+    what a periodic disturbance leaves counts in full.
 
     Args:
         r: shape (n,).
     """
-    return max(float(np.mean(r**2)) - max(white(r) / _MOSTLY, 1.0), 0.0)
+    return max(float(np.mean(r**2)) - max(white(r) / _MOSTLY, 1.0), lines(r), 0.0)
+
+
+def lines(r: Array) -> float:
+    """Mean square of the lines in a residual's spectrum.
+
+    Args:
+        r: shape (n,).
+    """
+    n = len(r)
+    if n <= 4 * _ABOUT or not np.isfinite(r).all():
+        return 0.0
+    # Windowed, or a line between two frequencies of the transform would leak into all.
+    window = np.hanning(n)
+    power = np.abs(np.fft.rfft(window * (r - np.mean(r)))) ** 2 / float(window @ window)
+    # The median of an exponential distribution is ln 2 of its mean.
+    about = median_filter(power, 2 * _ABOUT + 1, mode="nearest") / math.log(2.0)
+    stands = power > _STANDS_OUT * np.maximum(about, np.finfo(float).tiny)
+    # A turn in several runs' length is a trend, not a line.
+    stands[:_ABOUT] = False
+    return 2.0 * float(np.sum((power - about)[binary_dilation(stands, iterations=2)])) / n
 
 
 def understated(residuals: Mapping[str, Sequence[Array]]) -> list[Warned]:

@@ -18,6 +18,8 @@ __all__ = ["doubts", "numerics"]
 # A step whose halving changes more than this share of the gap is no step to diagnose with; nor one whose
 # halving changes so many times the noise of the logs: effects of that size may be the step's.
 _DOUBTFUL, _LOUD = 0.1, 2.0
+# A gap of so many times the noise is noise.
+_NOISY = 1.3
 
 
 def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any]:
@@ -31,7 +33,7 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
         models: by name; the gap is that of the first.
     Returns: `error`, the root mean square change at the compared ports over the spread of their logs, of the
         model that changes most; `gap`, between model and log; `noise`, of the logs as specified, both the
-        same way; `fraction`, of error and gap; `step_size` [s];
+        same way; `fraction`, of error and gap; `step_size` and `interval` of the samples [s];
         `models`, the error of each. None where a model runs away.
     """
     runs = study.of(Role.HELDOUT) or study.of(Role.TRAIN)
@@ -62,6 +64,7 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
         "noise": float(np.sqrt(np.mean(noises))),
         "fraction": error / gap if known and gap > 0.0 else None,
         "step_size": float(study.prepared.grid.step_size),
+        "interval": study.interval,
         "models": {name: value if np.isfinite(value) else None for name, value in errors.items()},
     }
 
@@ -71,8 +74,11 @@ def doubts(found: Mapping[str, Any]) -> list[Warned]:
     fraction = found["fraction"]
     runs_away = found["error"] is None
     loud = not runs_away and found["error"] > _LOUD * found["noise"]
-    if not runs_away and (fraction is None or (fraction <= _DOUBTFUL and not loud)):
-        return []  # without any gap there is none that the step could make
+    if not runs_away:
+        # Without any gap, or with one that noise makes, there is none that the step could make.
+        noisy = found["gap"] <= _NOISY * found["noise"] and found["error"] < found["noise"]
+        if not loud and (fraction is None or fraction <= _DOUBTFUL or noisy):
+            return []
     step = f"{1e3 * found['step_size']:g} ms"
     what = "a model runs away, so that the co-simulation's own error is not known"
     if not runs_away:
@@ -80,5 +86,8 @@ def doubts(found: Mapping[str, Any]) -> list[Warned]:
     if loud:
         times = found["error"] / found["noise"] if found["noise"] > 0.0 else math.inf
         what += f" and {times:.2g} times the noise: effects of that size may be the step's"
-    remedy = "Take a shorter step and resample the logs, unless the step is a controller's sample time."
+    remedy = (
+        f"Set run.step_size to a part of {step} and the study's interval to {1e3 * found['interval']:g} ms, "
+        "unless the step is a controller's sample time."
+    )
     return [Warned(place="numerics", what=what, remedy=remedy)]

@@ -21,7 +21,7 @@ from ...signals import Layout, Signals, Wired
 from ...simulate import Grid, simulate
 from ...system import Connection, Leg, Link, Port, System, Wire
 from ..study import Array
-from .playback import Playback
+from .playback import Playback, Release
 
 __all__ = ["Inserted", "Player", "between"]
 
@@ -92,6 +92,7 @@ class Player:
         samples: int,
         start: Mapping[Port, Value] | None = None,
         inserted: Sequence[Inserted] = (),
+        errors: Mapping[Port, Array] | None = None,
     ) -> dict[Port, Array]:
         """Run from 0 s over so many samples.
 
@@ -99,11 +100,13 @@ class Player:
             logs: of the fed ports; those without keep the system's own signal. In the units of the ports.
             start: start values in place of the config's, in the units of the variables.
             inserted: in the order in which they act.
+            errors: added to what compared ports give, before effects act on it, each of shape (samples,).
         Returns: what the compared ports give, each of shape (samples,); NaN where the run failed.
         """
         logs = {port: between(log, self._parts, port in self._held) for port, log in logs.items()}
         system = self._system(logs, start or {}, inserted, float(self.step_size))
-        layout, places = self._layout(system, logs, inserted, float(self.step_size))
+        added = {port: between(one, self._parts) for port, one in (errors or {}).items()}
+        layout, places = self._layout(system, logs, inserted, added)
         taken = np.full((len(places), (samples - 1) * self._parts + 1), np.nan)
         seen = _Seen(np.array(places, np.intp), taken)
         grid = Grid(Fraction(0), self.step_size, (samples - 1) * self._parts)
@@ -182,10 +185,18 @@ class Player:
         return Link(one.effect, "candidate", (), True)
 
     def _layout(
-        self, system: System, logs: Mapping[Port, Array], inserted: Sequence[Inserted], step: float
+        self,
+        system: System,
+        logs: Mapping[Port, Array],
+        inserted: Sequence[Inserted],
+        added: Mapping[Port, Array],
     ) -> tuple[Layout, list[int]]:
-        """The layout, with signals that logs replace in place, and the places of the compared signals."""
-        plain = Layout.of(system)
+        """The layout, with signals that logs replace in place, and the places of the compared signals.
+
+        Args:
+            added: to what compared ports give, by communication step.
+        """
+        plain, step = Layout.of(system), float(self.step_size)
         wire_of = {one.connection.target: one.place for one in plain.wired}
         feed_of = {one.target: one.source for one in system.connections}
 
@@ -210,6 +221,8 @@ class Player:
         places = []
         for port in self.compared:
             own = tuple((one.effect, reads[id(one.effect)]) for one in inserted if one.port == port)
+            if port in added:
+                own = ((Release.of(step, 0, added[port], added[port]), _NONE), *own)
             wired.append(_extra(port, plain.index[port], size, own))
             places.append(size)
             size += 1

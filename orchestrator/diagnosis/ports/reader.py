@@ -163,7 +163,6 @@ class _Reader:
             trials=trials,
             practice=practice,
             parts=self.parts,
-            fixed=model.interval is not None,
             places=sheet.places,
         )
 

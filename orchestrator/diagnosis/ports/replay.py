@@ -71,12 +71,15 @@ class PortReplay:
     def signals(
         self, run: PortRun, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
     ) -> dict[Port, Array]:
-        """What a model gives at the ports that are seen, in their units, each of shape (samples,)."""
+        """What a model gives at the ports that are seen, in their units, each of shape (samples,).
+
+        The error of the step is taken off, where the run tells it.
+        """
         start, inserted = self.made(calibrated, effects, theta)
         for port, column in self.study.columns.items():
             if column.start and port in run.logs:
                 start[port] = float(run.logs[port][0])
-        return self.player.run(run.logs, len(run), start, inserted)
+        return self.player.run(run.logs, len(run), start, inserted, run.errors)
 
     def made(
         self, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
@@ -125,7 +128,7 @@ class PortReplay:
                 noise, log = self.study.columns[port].noise, run.logs[port]
                 assert noise is not None
                 with np.errstate(invalid="ignore", over="ignore"):
-                    r = (log - given[port] - run.errors.get(port, 0.0))[self.study.settled :] / noise
+                    r = (log - given[port])[self.study.settled :] / noise
                     ran_away = not np.abs(r).max() < _RUNAWAY * (np.abs(log).max() / noise + 1.0)
                 # Where a model runs away, fits are to stay out, and not to compare by how far.
                 found.append(np.full_like(r, np.nan) if ran_away else r)

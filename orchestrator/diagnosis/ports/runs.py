@@ -22,6 +22,8 @@ __all__ = ["Columns", "read_runs"]
 
 # Samples may be apart by other than the communication step by this share of it.
 _UNEVEN = 0.01
+# Seconds that a clock's counts may be taken for.
+_CLOCKS = {1e-3: "ms", 1e3: "s, not ms", 1e-6: "us", 1e6: "s, not us", 1e-9: "ns", 1e9: "s, not ns"}
 # Samples of a run that are compared, at the least.
 _FEWEST = 100
 
@@ -185,6 +187,9 @@ class _Run:
         parts = round(usual / step)
         if parts > 1 and abs(usual - parts * step) <= _UNEVEN * step:
             remedy = f"Set the study's interval, `interval: {parts * step:.6g} s`, or resample the log."
+        for factor, told in _CLOCKS.items():
+            if abs(factor * usual - step) <= _UNEVEN * step:
+                remedy = f"All fits if the log's clock counts in {told}: correct its unit, in header or study."
         if abs(usual - step) <= _UNEVEN * step:
             wrong = int(np.sum(np.abs(apart - step) > _UNEVEN * step))
             what = f"row {first + row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"

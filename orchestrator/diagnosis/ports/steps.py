@@ -3,81 +3,123 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import ConfigError
 from ...run import Prepared, prepare
 from ...system import Port
-from ..effect import Effect
+from ..effect import Effect, by_effect
 from ..finding import NOMINAL, Augmented
+from ..headline import nats
 from ..study import Array
 from ..verdict import Warned
+from .effect import PortEffect
 from .replay import PortReplay, Weighted
-from .study import PortStudy, Role
+from .study import PortRun, PortStudy, Role
 from .tempering import Tempering
 from .wary import WaryFitter
 from .weigh import Weighed, weigh_ports
 
-__all__ = ["told_of_step", "weighed_without_step", "with_steps"]
+__all__ = ["Stepped", "told_of_step", "weighed_without_step", "with_steps"]
 
 # By how much shorter the step is at most by which its error is told, and with which a study goes on then.
 _SHORTEST, _ONWARD = 32, 8
-# A step whose halving moves the weighed residuals by less makes nothing that logs could tell [nats].
+# An error of the step that moves the weighed residuals by less makes nothing that logs could tell [nats].
 _UNSEEN = 1.0
+# Log evidence by which shorter steps explain less, from which on the machine itself takes the step [nats].
+_WORSE = 10.0
 
-_Models = Mapping[tuple[Effect, ...], Array]
+
+@dataclass(frozen=True)
+class _Limit:
+    """Two studies with shorter steps, the second with half as long ones: what they give leads to no steps.
+
+    An error that halves with the step, as that of signals held over steps, is gone in twice the second less
+    the first (Richardson's extrapolation); of one that falls faster, more is left than in the second alone,
+    but less than in the first.
+
+    Attributes:
+        onward: by how much shorter steps are whose error is not seen, without extrapolation.
+    """
+
+    longer: PortStudy
+    shorter: PortStudy
+    onward: int
+
+    def signals(self, run: PortRun, model: Augmented) -> dict[Port, Array]:
+        """What a model gives of a run without steps, by compared port."""
+        before, after = (_signals(one, run, model) for one in (self.longer, self.shorter))
+        return {port: 2.0 * after[port] - before[port] for port in after}
 
 
-def weighed_without_step(study: PortStudy, tempering: Tempering) -> tuple[PortStudy, Weighed]:
+class Stepped(NamedTuple):
+    """What was found once the error of the step was looked at.
+
+    Attributes:
+        study: with shorter steps where they are right.
+        worse: by how much less the logs are explained without the step's error [nats]; 0 if they are not.
+    """
+
+    study: PortStudy
+    weighed: Weighed
+    worse: float = 0.0
+
+
+def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     """Weigh a study's candidates; again without the step's own error, where that explains the logs better.
 
     What a step is too long for, effects imitate: a delay of half a step, a gain of what oscillates. Its error
-    is what a model gives with steps so short that halving them changes nothing that logs tell, less what it
-    gives with the step as configured. That hardly depends on the effects, so that one model's stands for
-    all: that of the answer, of it less one of its effects, or of none, whichever explains the train runs best
-    with its error taken off. If it explains them better than the answer did before, all candidates are
-    weighed so. Components that work at that very step, as digital controllers do, explain less with another.
+    is what a model gives without steps, see `_Limit`, less what it gives with the step as configured. That
+    hardly depends on the effects, but for those at compared outputs, which act on it, too; so that one
+    model's stands for all: that of the answer, of it less one of its effects, of none, or as believed,
+    whichever explains the train runs best with its error taken off. If it explains them better than the
+    answer did before, all candidates are weighed so. Components that work at that very step, as digital
+    controllers do, explain less with another.
 
-    Returns: the study, with shorter steps where they are right; and what was found.
     """
     weighed = weigh_ports(study, tempering)
-    if study.fixed:
-        return study, weighed
-    finest = _finest(study, weighed.weights)
-    if finest is None:
-        return study, weighed
+    limit = _limit(study, weighed.weights)
+    if limit is None:
+        return Stepped(study, weighed)
     top = weighed.top
     places = range(len(top.effects))
-    models = {(*top.effects[:place], *top.effects[place + 1 :]): top.without(place) for place in places}
-    models |= {top.effects: top.z, (): top.z[: len(study.nominal)]}
+    models = [((*top.effects[:place], *top.effects[place + 1 :]), top.without(place)) for place in places]
+    models += [(top.effects, top.z), ((), top.z[: len(study.nominal)]), ((), np.zeros(len(study.nominal)))]
     before = _evidence(study, top.effects, top.z, weighed.weights)
-    corrected = {effects: _corrected(study, finest, effects, z) for effects, z in models.items()}
-    found = {
-        effects: _evidence(corrected[effects], effects, z, weighed.weights) for effects, z in models.items()
-    }
-    best = max(found, key=lambda effects: found[effects])
+    tried = [(_corrected(study, limit, effects, z), effects, z) for effects, z in models]
+    found = [_evidence(*one, weighed.weights) for one in tried]
+    best = int(np.argmax(found))
     if not found[best] > before:
-        return study, weighed
-    onward = with_steps(study, min(finest.parts // study.parts, _ONWARD))
+        return Stepped(study, weighed, before - found[best])
+    onward = with_steps(study, limit.onward)
     assert onward is not None
-    return onward, weigh_ports(corrected[best], tempering)
+    return Stepped(onward, weigh_ports(tried[best][0], tempering))
 
 
-def told_of_step(study: PortStudy, configured: PortStudy) -> list[Warned]:
-    """What to tell of a step other than the configured one."""
-    if study.parts == configured.parts:
-        return []
+def told_of_step(found: Stepped, configured: PortStudy) -> list[Warned] | None:
+    """What to tell of a step other than the configured one, or of that as the machine's; None: nothing."""
+    study = found.study
     step, before = (f"{1e3 * float(one.prepared.grid.step_size):g} ms" for one in (study, configured))
+    interval = f"{1e3 * study.interval:g} ms"
+    if study.parts == configured.parts:
+        if not found.worse > _WORSE:
+            return None
+        what = (
+            f"shorter steps than {step} explain the logs less, by {nats(found.worse)}: the machine itself is "
+        )
+        what += "taken to work in these, as a digital controller or a simulation does"
+        return [Warned(place="numerics", what=what, remedy="")]
     return [
         Warned(
             place="numerics",
             what=f"the error of the configured step, {before}, shows in the logs: without it they are "
             f"explained better, so that it is taken off, and steps of {step} are taken",
-            remedy=f"Set run.step_size to {step} and the study's interval to {1e3 * study.interval:g} ms; "
-            "or, if the step is a controller's sample time, the interval alone.",
+            remedy=f"augmented.yaml has these steps. Set run.step_size to {step} and the study's interval to "
+            f"{interval} to have them from the begin.",
         )
     ]
 
@@ -100,41 +142,68 @@ def with_steps(study: PortStudy, parts: int) -> PortStudy | None:
     return replace(study, prepared=prepared, trials=trials, parts=study.parts * parts)
 
 
-def _finest(study: PortStudy, weights: Mapping[Port, float]) -> PortStudy | None:
-    """The study with steps whose error cannot be seen; None if its own cannot, or it takes no other."""
-    runs, before = study.of(Role.TRAIN), PortReplay(study, study.of(Role.TRAIN)).of(NOMINAL)
-    found, parts = None, 2
+def _apart(
+    weights: Mapping[Port, float], replay: PortReplay, one: Sequence[Array], other: Sequence[Array]
+) -> float:
+    """Log likelihood that residuals tell from others, by channel [nats]."""
+    pairs = zip(replay.channels, one, other, strict=True)
+    return 0.5 * sum(
+        (weights.get(port, 0.0) * float(np.linalg.norm(a - b))) ** 2 for (_, port), a, b in pairs
+    )
+
+
+def _limit(study: PortStudy, weights: Mapping[Port, float]) -> _Limit | None:
+    """Steps short enough to tell what none would give; None if the study's own are, or it takes no other."""
+    runs = study.of(Role.TRAIN)
+    longer, given = study, PortReplay(study, runs).of(NOMINAL)
+    own, extrapolated, found, parts = given, given, None, 2
     while parts <= _SHORTEST:
-        finer = with_steps(study, parts)
-        if finer is None:
+        shorter = with_steps(study, parts)
+        if shorter is None:
             return found
-        replay = PortReplay(finer, runs)
+        replay = PortReplay(shorter, runs)
         now = replay.of(NOMINAL)
-        moved = 0.5 * sum(
-            (weights.get(port, 0.0) * float(np.linalg.norm(one - other))) ** 2
-            for (_, port), one, other in zip(replay.channels, now, before, strict=True)
+        before, extrapolated = (
+            extrapolated,
+            [2.0 * one - other for one, other in zip(now, given, strict=True)],
         )
-        if not moved > _UNSEEN:
+        if not _apart(weights, replay, extrapolated, before) > _UNSEEN:
             return found
-        found, before, parts = finer, now, 2 * parts
+        # What steps miss falls with their length, what that tells with its square.
+        least = math.sqrt(_apart(weights, replay, own, extrapolated) / _UNSEEN)
+        onward = 2 ** math.ceil(math.log2(min(max(least, 2.0), _ONWARD)))
+        found = _Limit(longer, shorter, onward)
+        longer, given, parts = shorter, now, 2 * parts
     return found
 
 
-def _corrected(study: PortStudy, finest: PortStudy, effects: tuple[Effect, ...], z: Array) -> PortStudy:
+def _on_log(study: PortStudy, effect: Effect) -> bool:
+    """Whether an effect acts at a compared output."""
+    return isinstance(effect, PortEffect) and effect.port in study.compared
+
+
+def _signals(study: PortStudy, run: PortRun, model: Augmented) -> dict[Port, Array]:
+    return PortReplay(study, [run]).signals(run, model.calibrated, model.effects, model.theta)
+
+
+def _corrected(study: PortStudy, limit: _Limit, effects: tuple[Effect, ...], z: Array) -> PortStudy:
     """A study that knows the error of its step, by a model.
 
     Args:
         z: normalised parameters of the model.
     """
     calibrated, theta = WaryFitter(PortReplay(study, [])).values(effects, z)
-    model = Augmented(calibrated, effects, theta)
+    # What acts on the way to the log acts on what the step made of the signal, too.
+    inside = [one for one in by_effect(effects, theta) if not _on_log(study, one[0])]
+    model = Augmented(
+        calibrated,
+        tuple(effect for effect, _ in inside),
+        np.concatenate([np.zeros(0), *(own for _, own in inside)]),
+    )
     runs = []
     for run in study.runs:
-        coarse, fine = (
-            PortReplay(one, [run]).signals(run, model.calibrated, model.effects, model.theta)
-            for one in (study, finest)
-        )
-        runs.append(replace(run, errors={port: fine[port] - coarse[port] for port in coarse}))
+        coarse, without = _signals(study, run, model), limit.signals(run, model)
+        runs.append(replace(run, errors={port: without[port] - coarse[port] for port in coarse}))
     return replace(study, runs=tuple(runs))
 
 

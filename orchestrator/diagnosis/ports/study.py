@@ -78,7 +78,6 @@ class PortStudy:
         trials: what the lab can run next.
         practice: file with what practice on simulated cases of this study taught; None without.
         parts: communication steps from one sample of the logs to the next.
-        fixed: whether no shorter steps are tried; see `steps`.
         places: where in its file things stand; None of one that was not read.
     """
 
@@ -100,7 +99,6 @@ class PortStudy:
     trials: tuple[Trial, ...] = ()
     practice: Path | None = None
     parts: int = 1
-    fixed: bool = False
     places: Places | None = field(default=None, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
