@@ -1,4 +1,4 @@
-"""Samples of the force that stay put: lost ones, and such as do in contact alone or at an end of the range."""
+"""Samples of the force that stay put: lost ones, and such as do in contact or at an end of the range."""
 
 from __future__ import annotations
 

@@ -189,7 +189,7 @@ class _Run:
             remedy = f"Set the study's interval, `interval: {parts * step:.6g} s`, or resample the log."
         for factor, told in _CLOCKS.items():
             if abs(factor * usual - step) <= _UNEVEN * step:
-                remedy = f"All fits if the log's clock counts in {told}: correct its unit, in header or study."
+                remedy = f"All fits if the log's clock counts in {told}: correct the unit of time."
         if abs(usual - step) <= _UNEVEN * step:
             wrong = int(np.sum(np.abs(apart - step) > _UNEVEN * step))
             what = f"row {first + row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"
