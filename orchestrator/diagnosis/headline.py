@@ -15,6 +15,8 @@ _SURE = 0.8
 TELLS = 1.0
 # Beyond this an experiment decides; how far beyond only tells how many digits exact software has [nats].
 _DECIDES = 1000.0
+# A share that is no more is rounding.
+_NOTHING = 1e-7
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -97,6 +99,8 @@ def percent(value: float) -> str:
     """A share or probability, without digits that mean nothing."""
     if 0.999 < value < 1.0:
         return "over 99.9 %"
+    if _NOTHING < value < 0.0005:
+        return "under 0.1 %"
     digits = 1 if 0.0005 <= abs(value) < 0.0995 or 0.99 < value < 1.0 else 0
     text = f"{100 * value:.{digits}f} %"
     return text.removeprefix("-") if abs(value) < 0.0005 else text

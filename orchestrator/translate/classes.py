@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from orchestrator.errors import BuildError
 
@@ -48,11 +49,13 @@ def find_classes(texts: Mapping[str, str], label: str = "") -> dict[str, Modelic
     Args:
         texts: path of a file -> its content.
         label: what is put before a path in messages.
-    Raises: BuildError if a file is no Modelica or two classes have one name.
+    Raises: BuildError if a file is no Modelica, has a keyword for a name, or two classes have one name.
     """
     found: dict[str, ModelicaClass] = {}
     for file, text in texts.items():
-        for item in _classes_of(file, tokenise(text, label + file), label):
+        tokens = tokenise(text, label + file)
+        _refuse_keywords_as_names(tokens, label + file)
+        for item in _classes_of(file, tokens, label):
             if item.name in found:
                 other = found[item.name]
                 raise BuildError(
@@ -61,6 +64,16 @@ def find_classes(texts: Mapping[str, str], label: str = "") -> dict[str, Modelic
                 )
             found[item.name] = item
     return found
+
+
+def _refuse_keywords_as_names(tokens: Sequence[Token], file: str) -> None:
+    """A class's kind is followed by the class's name; a variable that is called like it, by a sign."""
+    for token, after in pairwise(tokens):
+        if token.kind == "keyword" and token.text in _CLASS_KEYWORDS and after.kind == "sign":
+            raise BuildError(
+                f"{file}:{token.line}: `{token.text}` is a keyword of Modelica and names nothing; choose "
+                f"another name, as {token.text}_1"
+            )
 
 
 def used_classes(classes: Mapping[str, ModelicaClass], model: str) -> list[ModelicaClass]:

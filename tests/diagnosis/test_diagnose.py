@@ -192,7 +192,7 @@ def test_headlines():
 @pytest.mark.parametrize(
     ("value", "text"),
     [(1.0, "100 %"), (0.9995, "over 99.9 %"), (0.991, "99.1 %"), (0.5, "50 %"), (0.012, "1.2 %"),
-     (-1e-9, "0 %"), (0.0, "0 %"), (-0.2, "-20 %"), (1.03, "103 %")],
+     (-1e-9, "0 %"), (0.0, "0 %"), (1e-9, "0 %"), (5e-5, "under 0.1 %"), (-0.2, "-20 %"), (1.03, "103 %")],
 )  # fmt: skip
 def test_percent(value, text):
     assert percent(value) == text
