@@ -132,10 +132,11 @@ def _weigh(
         regular = max(regular, lost.uneven)
     # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
     # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
-    elsewhere = (
-        odd > max(_CLEAR, regular) or along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
+    linked = (
+        regular > _PERIOD
+        and not odd > max(_CLEAR, regular)
+        and not along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
     )
-    linked = regular > _PERIOD and not elsewhere
     answers = tied(by, simplest(answers))
     doubtful = doubt > max([_DOUBTED, *(one.gain - _EACH * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
