@@ -257,7 +257,7 @@ class Calibration:
 
 
 def strength(size: float) -> float:
-    """How far an effect is above sizes at which logs hardly speak for one, a logarithm; 0 where it is below.
+    """How far an effect is above sizes at which logs hardly speak for one, a logarithm; below, next to 0.
 
     Args:
         size: see `Effect.size`; 0, an unknown one, is ordinary.

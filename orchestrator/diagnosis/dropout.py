@@ -46,7 +46,8 @@ def held_longer(
 def piled(forces: Sequence[Array], step: float, noise: float) -> float:
     """Log evidence that samples pile up at an end of a run's range, as where the sensor is at its own [nats].
 
-    Noise spreads those of a force that turns there: few of the nearest share the last step.
+    Noise spreads those of a force that turns there: few of the nearest share the last step with the last one,
+    whose own place is where the range ends.
 
     Args:
         forces: by run [N]; step, noise: resolution, below the noise, and its standard deviation [N].
@@ -55,8 +56,8 @@ def piled(forces: Sequence[Array], step: float, noise: float) -> float:
     for force in forces:
         for values in (force, -force):
             last = float(values.max())
-            n = int(np.sum(values > last - _NEAR * noise))
-            share = min(int(np.sum(values > last - 0.5 * step)) / n, 1.0 - 0.5 / n)
+            n = int(np.sum(values > last - _NEAR * noise)) - 1
+            share = min((int(np.sum(values > last - 0.5 * step)) - 1) / max(n, 1), 1.0 - 0.5 / max(n, 1))
             if share > chance:
                 told = share * math.log(share / chance) + (1.0 - share) * math.log(
                     (1.0 - share) / (1.0 - chance)

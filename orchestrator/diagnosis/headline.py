@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .catalogue import catalogue
-from .verdict import SUSPECTED, Diagnosis, Experiment, Which, chance_outside
+from .verdict import SUSPECTED, Diagnosis, Experiment, Gap, Which, chance_outside
 
 __all__ = ["TELLS", "given", "headline", "leaves_in_words", "listed_or", "nats", "percent"]
 
@@ -52,7 +52,7 @@ def _answer(diagnosis: Diagnosis) -> str:
             f"An effect outside the catalogue acts at the {place} ({chance}). None of the "
             f"{diagnosis.provenance.get('effects', len(catalogue()))} known effects leaves only noise."
         )
-    named = " and ".join(effects)
+    named = both = " and ".join(effects)
     tied = [one for one in diagnosis.which if len(one.effects) == 1 and one.effects[0] in first.ties]
     among = len(effects) == 1 and bool(tied) and first.probability < _SURE
     if among:
@@ -61,10 +61,11 @@ def _answer(diagnosis: Diagnosis) -> str:
         chance = f"together {percent(together)}; these logs cannot tell them apart"
     it = "them" if len(effects) > 1 else effects[0] if among else "it"
     text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
-    if gap is not None and gap.closure is not None and gap.closure <= 0.0:
+    if gap is not None and _contradicted(gap):
+        grows = f"by {percent(-gap.closure)} of it" if gap.closure is not None else "without bounds"
         text = (
-            f"The runs that were fitted speak for {named} ({chance}), but adding {it} makes the gap on runs "
-            f"that no fit saw larger ({percent(-gap.closure)} of it): do not rely on this answer"
+            f"The runs that were fitted speak for {both} ({chance}), but on runs that no fit saw "
+            f"the gap grows {grows} with {it}: do not rely on this answer"
         )
     elif gap is not None and gap.within_floor:
         text += "; on runs that no fit saw the gap is within the noise, so that they do not confirm it"
@@ -77,6 +78,13 @@ def _answer(diagnosis: Diagnosis) -> str:
             f" These logs cannot tell {'them' if len(effects) > 1 else 'it'} from {listed_or(first.ties)}."
         )
     return text
+
+
+def _contradicted(gap: Gap) -> bool:
+    """Whether held-out runs speak against the answer: the gap is larger with it, or the model runs away."""
+    if gap.closure is None:
+        return gap.before is not None and gap.after is None and not gap.within_floor
+    return gap.closure < 0.0 and (gap.interval is None or gap.interval[1] < 0.0)
 
 
 def given(diagnosis: Diagnosis) -> Which:

@@ -64,8 +64,8 @@ class Force:
     Attributes:
         noises: stochastic effects found.
         line: log evidence of a narrow-band line [nats]; held: of samples that repeat in contact more often
-            than out of it, as where the sensor saturates; spiky: of single samples that stand out, as no
-            normal noise has. None is an effect of the catalogue.
+            than out of it, or pile up at an end of a run's range, as where the sensor saturates; spiky: of
+            single samples that stand out, as no normal noise has. None is an effect of the catalogue.
         repeats: which samples repeat the one before, by run.
         colour: small coloured noise that is no effect.
     """
@@ -97,7 +97,9 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         found.append(Noise("sensor.quantisation", (step,), float(len(samples)) * math.log(step / resolution)))
     repeats = tuple(np.concatenate([[False], np.diff(force) == 0.0]) for force in forces)
     raw = [force[window] for force, some in zip(forces, windows, strict=True) for window in some]
-    held = 0.0 if step >= noise else held_longer(repeats, contact, windows) + piled(forces, step, noise)
+    held = 0.0
+    if step < noise:
+        held = max(held_longer(repeats, contact, windows), piled(forces, step, noise))
     lost = 0.0
     if raw and step < noise:
         lost, evidence = lost_in_flight(raw, step)

@@ -287,6 +287,9 @@ def test_samples_that_pile_up_at_the_end_of_the_range_are_no_noise():
     rng = np.random.default_rng(3)
     force = 150.0 * np.sin(np.arange(3000) / 60.0) + 0.5 * rng.standard_normal(3000)
     assert piled([np.round(force, 1)], 0.1, 0.5) == 0.0
+    for step in (0.02, 0.001, 1e-6):
+        runs = [force + 0.5 * np.random.default_rng(seed).standard_normal(3000) for seed in range(5)]
+        assert piled([np.round(one / step) * step for one in runs], step, 0.5) == 0.0
     clipped = np.clip(np.round(force, 1), None, 148.0)
     assert piled([clipped], 0.1, 0.5) > 100.0 and piled([-clipped], 0.1, 0.5) > 100.0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -10,12 +12,14 @@ from ports_bench import STEP, friction, study
 from orchestrator.config import load_config
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import NOMINAL
+from orchestrator.diagnosis.ports import steps
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
-from orchestrator.diagnosis.ports.numerics import numerics
+from orchestrator.diagnosis.ports.numerics import doubts, numerics
 from orchestrator.diagnosis.ports.player import Inserted, between
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay
-from orchestrator.diagnosis.ports.steps import with_steps
+from orchestrator.diagnosis.ports.steps import told_of_step, weighed_without_step, with_steps
+from orchestrator.diagnosis.ports.tempering import Tempering
 from orchestrator.diagnosis.ports.weigh import weigh_ports
 from orchestrator.effects.quantise import Quantise
 from orchestrator.errors import ConfigError
@@ -59,14 +63,42 @@ def test_what_the_step_is_too_long_for_is_no_effect(smooth):
     assert made.diagnosis.numerics.fraction < own["fraction"]
 
 
+def test_a_step_is_not_doubted_where_there_is_no_gap():
+    told = {"error": 1.0, "gap": 0.0, "noise": 0.1, "fraction": None, "step_size": 1e-3, "interval": 1e-3}
+    assert doubts(told) == []
+    assert doubts(told | {"gap": 0.12, "fraction": 0.5, "error": 0.06}) == []  # a gap that noise makes
+    (said,) = doubts(told | {"gap": 2.0, "fraction": 0.5})
+    assert "50 % of the gap and 10 times the noise" in said.what and "1 ms" in said.remedy
+
+
+def test_a_model_that_runs_away_in_shorter_steps_says_nothing_of_the_step(smooth, monkeypatch):
+    own = load_port_study(smooth)
+    wild = [replace(run, errors={POSITION: np.full(len(run), np.nan)}) for run in own.runs]
+    monkeypatch.setattr(steps, "_corrected", lambda study, *_: replace(study, runs=tuple(wild)))
+    found = weighed_without_step(own, Tempering())
+    assert found.study is own and found.worse == 0.0 and told_of_step(found, own) is None
+
+
+def test_a_study_goes_on_with_no_shorter_steps_than_its_fmus_take(smooth, monkeypatch):
+    own, taken = load_port_study(smooth), []
+
+    def halved(study, parts):
+        taken.append(parts)
+        return with_steps(study, parts) if parts == 2 else None
+
+    monkeypatch.setattr(steps, "with_steps", halved)
+    assert weighed_without_step(own, Tempering()).study.parts in (1, 2) and taken[:2] == [2, 4]
+
+
 def test_an_interval_keeps_no_step_that_is_too_long(smooth):
     made = diagnose_ports(changed(smooth, interval="2 ms"), lambda stage: None, report=False)
     assert made.diagnosis.verdict.effects == [] and len(told(made)) == 1
 
 
-def test_what_acts_at_a_log_acts_on_the_error_of_the_step_too(smooth):
+@pytest.mark.parametrize("parts", [1, 4])
+def test_what_acts_at_a_log_acts_on_the_error_of_the_step_too(smooth, parts):
     """A coarse resolution rounds what the machine did, not what the step made of it."""
-    own = load_port_study(smooth)
+    own = with_steps(load_port_study(smooth), parts)
     run, player = own.runs[0], PortReplay(own, own.runs[:1]).player
     error = {POSITION: np.full(len(run), 4e-5)}
     plain, shifted = (player.run(run.logs, len(run), errors=one)[POSITION] for one in ({}, error))

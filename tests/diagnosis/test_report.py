@@ -58,9 +58,13 @@ def made(effects=("drive.coulomb",), ties=(), **other):
 def test_held_out_runs_that_contradict_an_answer_are_told_in_the_headline():
     worse = made(how_far=GAP | {"closure": -6.33, "after": 0.7})
     assert headline(worse) == (
-        "The runs that were fitted speak for drive.coulomb (probability 100 %), but adding it makes the gap "
-        "on runs that no fit saw larger (633 % of it): do not rely on this answer."
+        "The runs that were fitted speak for drive.coulomb (probability 100 %), but on runs that no fit saw "
+        "the gap grows by 633 % of it with it: do not rely on this answer."
     )
+    runs_away = made(how_far=GAP | {"closure": None, "after": None})
+    assert "the gap grows without bounds with it: do not rely" in headline(runs_away)
+    unsure = made(how_far=GAP | {"closure": -0.01, "interval": (-0.2, 0.2)})
+    assert "do not rely" not in headline(unsure)
     within = made(how_far=GAP | {"closure": None, "within_floor": True})
     assert headline(within).endswith(
         "; on runs that no fit saw the gap is within the noise, so that they do not confirm it."

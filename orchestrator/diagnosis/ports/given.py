@@ -14,6 +14,7 @@ from ..channels import clipped, frozen
 from ..mistakes import Mistake, told_once, wrong_factors
 from ..study import Array
 from ..verdict import Warned
+from .noise import white
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
 
@@ -27,6 +28,8 @@ _WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
 _REST = 3.0
 # Runs whose inputs differ by more of their spread do not repeat each other.
 _UNLIKE = 0.2
+# Last digits of a signal, as a share of it.
+_LAST = 1e-6
 # Noise that is fed is worth a word where it makes so much of a compared signal's own.
 _DRIVEN = 0.3
 
@@ -56,9 +59,10 @@ def _unlike(study: PortStudy) -> list[Warned]:
                 continue
             n = min(len(run), len(of))
             log, other = run.logs[port][:n], of.logs[port][:n]
-            noise = float(study.columns[port].noise or 0.0)
-            apart, spread = float(np.sqrt(np.mean((log - other) ** 2))), float(np.std(other))
-            if apart > _UNLIKE * spread + _REST * noise:
+            # Noise of a sensor does not repeat.
+            square = float(np.mean((log - other) ** 2)) - white(log - other)
+            apart, spread = float(np.sqrt(max(square, 0.0))), float(np.std(other))
+            if apart > _UNLIKE * spread + _LAST * float(np.abs(other).max()):
                 what = f"{port} differs from that of {of.name}, which it is said to repeat, by {apart:.3g} "
                 what += f"{study.unit(port)}, which spreads by {spread:.3g}"
                 remedy = "Correct `repeats`: runs driven alike tell what does not repeat."
@@ -85,13 +89,14 @@ def _driven_by_noise(study: PortStudy) -> list[Warned]:
             for one in replay.compared(run)
             if one != port
         }
+        moved = {one: by for one, by in moved.items() if np.isfinite(by)}
         worst = max(moved, key=lambda one: moved[one], default=None)
         if worst is not None and moved[worst] > _DRIVEN:
             what = "the log is fed, and so is its noise, which moves "
             what += f"{worst} by {moved[worst]:.2g} times its own"
             remedy = (
-                "Effects may imitate what that makes: leave `feed` out, where the model computes the signal "
-                "itself, or feed a log without noise, as a controller has it."
+                "Right where the machine was given this very log, noise and all. Elsewhere effects may "
+                "imitate what that makes: leave `feed` out where the model computes the signal itself."
             )
             found.append(Warned(place=str(port), what=what, remedy=remedy))
     return found

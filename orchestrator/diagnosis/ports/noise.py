@@ -58,7 +58,7 @@ def lines(r: Array) -> float:
     # The median of an exponential distribution is ln 2 of its mean.
     about = median_filter(power, 2 * _ABOUT + 1, mode="nearest") / math.log(2.0)
     stands = power > _STANDS_OUT * np.maximum(about, np.finfo(float).tiny)
-    # A turn in several runs' length is a trend, not a line.
+    # What turns so few times in a run is a trend, not a line.
     stands[:_ABOUT] = False
     return 2.0 * float(np.sum((power - about)[binary_dilation(stands, iterations=2)])) / n
 

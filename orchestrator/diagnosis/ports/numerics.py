@@ -77,7 +77,7 @@ def doubts(found: Mapping[str, Any]) -> list[Warned]:
     if not runs_away:
         # Without any gap, or with one that noise makes, there is none that the step could make.
         noisy = found["gap"] <= _NOISY * found["noise"] and found["error"] < found["noise"]
-        if not loud and (fraction is None or fraction <= _DOUBTFUL or noisy):
+        if fraction is None or (not loud and (fraction <= _DOUBTFUL or noisy)):
             return []
     step = f"{1e3 * found['step_size']:g} ms"
     what = "a model runs away, so that the co-simulation's own error is not known"

@@ -87,17 +87,24 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
         return Stepped(study, weighed)
     top = weighed.top
     places = range(len(top.effects))
+    count = len(study.nominal)
     models = [((*top.effects[:place], *top.effects[place + 1 :]), top.without(place)) for place in places]
-    models += [(top.effects, top.z), ((), top.z[: len(study.nominal)]), ((), np.zeros(len(study.nominal)))]
+    models += [(top.effects, top.z), ((), top.z[:count]), ((), np.zeros(count))]
+    distinct = {(effects, z.tobytes()): (effects, z) for effects, z in models}
     before = _evidence(study, top.effects, top.z, weighed.weights)
-    tried = [(_corrected(study, limit, effects, z), effects, z) for effects, z in models]
-    found = [_evidence(*one, weighed.weights) for one in tried]
+    tried = [(_corrected(study, limit, effects, z), effects, z) for effects, z in distinct.values()]
+    # Where a model runs away with shorter steps, it tells nothing of the error of the step.
+    steady = [one for one in tried if all(map(_finite, one[0].runs))]
+    if not steady:
+        return Stepped(study, weighed)
+    found = [_evidence(*one, weighed.weights) for one in steady]
     best = int(np.argmax(found))
     if not found[best] > before:
-        return Stepped(study, weighed, before - found[best])
+        worse = before - found[best]
+        return Stepped(study, weighed, worse if math.isfinite(worse) else 0.0)
     onward = with_steps(study, limit.onward)
     assert onward is not None
-    return Stepped(onward, weigh_ports(tried[best][0], tempering))
+    return Stepped(onward, weigh_ports(steady[best][0], tempering))
 
 
 def told_of_step(found: Stepped, configured: PortStudy) -> list[Warned] | None:
@@ -171,10 +178,14 @@ def _limit(study: PortStudy, weights: Mapping[Port, float]) -> _Limit | None:
             return found
         # What steps miss falls with their length, what that tells with its square.
         least = math.sqrt(_apart(weights, replay, own, extrapolated) / _UNSEEN)
-        onward = 2 ** math.ceil(math.log2(min(max(least, 2.0), _ONWARD)))
+        onward = min(2 ** math.ceil(math.log2(min(max(least, 2.0), _ONWARD))), parts)
         found = _Limit(longer, shorter, onward)
         longer, given, parts = shorter, now, 2 * parts
     return found
+
+
+def _finite(run: PortRun) -> bool:
+    return all(np.isfinite(one).all() for one in run.errors.values())
 
 
 def _on_log(study: PortStudy, effect: Effect) -> bool:
