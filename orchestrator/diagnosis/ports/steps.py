@@ -30,6 +30,8 @@ __all__ = ["Stepped", "told_of_step", "weighed_without_step", "with_steps"]
 _SHORTEST, _ONWARD = 32, 8
 # An error of the step that moves the weighed residuals by less makes nothing that logs could tell [nats].
 _UNSEEN = 1.0
+# Share of an error that is just not seen, the inverse of it, to which steps are shortened to go on with.
+_BELOW = 4.0
 # Log evidence by which shorter steps explain less, from which on the machine itself takes the step [nats].
 _WORSE = 10.0
 
@@ -177,7 +179,7 @@ def _limit(study: PortStudy, weights: Mapping[Port, float]) -> _Limit | None:
         if not _apart(weights, replay, extrapolated, before) > _UNSEEN:
             return found
         # What steps miss falls with their length, what that tells with its square.
-        least = math.sqrt(_apart(weights, replay, own, extrapolated) / _UNSEEN)
+        least = _BELOW * math.sqrt(_apart(weights, replay, own, extrapolated) / _UNSEEN)
         onward = min(2 ** math.ceil(math.log2(min(max(least, 2.0), _ONWARD))), parts)
         found = _Limit(longer, shorter, onward)
         longer, given, parts = shorter, now, 2 * parts
