@@ -104,8 +104,10 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     if not found[best] > before:
         worse = before - found[best]
         return Stepped(study, weighed, worse if math.isfinite(worse) else 0.0)
-    onward = with_steps(study, limit.onward)
-    assert onward is not None
+    # FMUs may refuse steps that are shorter still than those by which the error was told.
+    halvings = range(int(math.log2(limit.onward)), 0, -1)
+    shorter = (with_steps(study, 2**number) for number in halvings)
+    onward = next(one for one in shorter if one is not None)
     return Stepped(onward, weigh_ports(steady[best][0], tempering))
 
 
@@ -180,7 +182,7 @@ def _limit(study: PortStudy, weights: Mapping[Port, float]) -> _Limit | None:
             return found
         # What steps miss falls with their length, what that tells with its square.
         least = _BELOW * math.sqrt(_apart(weights, replay, own, extrapolated) / _UNSEEN)
-        onward = min(2 ** math.ceil(math.log2(min(max(least, 2.0), _ONWARD))), parts)
+        onward = 2 ** math.ceil(math.log2(min(max(least, 2.0), _ONWARD)))
         found = _Limit(longer, shorter, onward)
         longer, given, parts = shorter, now, 2 * parts
     return found
