@@ -81,7 +81,6 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     whichever explains the train runs best with its error taken off. If it explains them better than the
     answer did before, all candidates are weighed so. Components that work at that very step, as digital
     controllers do, explain less with another.
-
     """
     weighed = weigh_ports(study, tempering)
     limit = _limit(study, weighed.weights)
