@@ -93,7 +93,8 @@ def _misstated(study: Study, run: Run) -> Iterator[tuple[tuple[str, str], Study,
 def _mistakes(study: Study, run: Run, suspects: list[str]) -> Iterator[tuple[tuple[str, str], Study, Run]]:
     """Single mistakes in the log as column and remedy, and the study and the run without them."""
     for name in suspects:
-        for factor, told in wrong_factors():
+        column = study.mapping.get(name)
+        for factor, told in wrong_factors(column.sign, column.unit) if column else wrong_factors():
             mended = {**run.columns, name: run[name] / factor}
             yield (f"column {name}", told), study, replace(run, columns=mended)
     names = [name for name in run.columns if name != "time"]

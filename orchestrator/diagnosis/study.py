@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from ..config import parse
+from ..config import Places, parse
 from ..errors import ConfigError, Problem, listed, nearest
 from ..quantities import Measure, quantity
 from ..units import UnitError, convert, parse_unit
@@ -22,6 +21,7 @@ from .mapping import Column, columns_of, read_mapping
 __all__ = ["UNITS", "Nominal", "Role", "Run", "Study", "load_study"]
 
 Array = NDArray[np.float64]
+_Path = tuple[str | int, ...]
 
 _FORMATS = ("gap-case/1", "gap-study/1")
 _KEYS = ("format", "rig", "tick", "nominal", "runs", "experiments")
@@ -107,6 +107,7 @@ class Study:
         tick: of the rig's software [s].
         nominal: by name, SI (angular frequencies in rad/s).
         experiments: that the lab can make beyond the menu, as `menu.Experiment` takes them, SI.
+        mapping: of signals to the logs' columns; a signal that is not there has its own name.
     """
 
     name: str
@@ -114,6 +115,7 @@ class Study:
     nominal: Mapping[str, Nominal]
     runs: tuple[Run, ...]
     experiments: tuple[Mapping[str, Any], ...] = ()
+    mapping: Mapping[str, Column] = field(default_factory=dict)
 
     def noise(self, signal: str) -> float:
         """Standard deviation of a sensor's samples, rounding included, SI.
@@ -146,10 +148,7 @@ def load_study(folder: Path) -> Study:
             [Problem(str(folder), "no case.yaml", "a folder with case.yaml and its logs, or a study.yaml")]
         )
     try:
-        text = path.read_text(encoding="utf-8")
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ConfigError([Problem(str(path), f"is no YAML: {error}")]) from None
+        data, places = parse(path.read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
         told = "is no text" if isinstance(error, UnicodeDecodeError) else f"cannot be read: {error.strerror}"
         allowed = "a folder with case.yaml and its logs, or a study.yaml"
@@ -160,95 +159,95 @@ def load_study(folder: Path) -> Study:
     if data.get("format") not in _FORMATS:
         got = data.get("format")
         allowed = listed((*_FORMATS, "port-study/1"))
-        raise ConfigError([Problem(f"{path}: format", f"got {got!r}", allowed)])
-    _known(data, (*_KEYS, *(("columns",) if data["format"] == _FORMATS[1] else ())), f"{path}: ", problems)
+        raise ConfigError([Problem(places.text(("format",)), f"got {got!r}", allowed)])
+    keys = (*_KEYS, *(("columns",) if data["format"] == _FORMATS[1] else ()))
+    _known(data, keys, places, (), problems)
     tick = data.get("tick")
     clock: str | None = "tick"
     if not isinstance(tick, int | float) or not 0 < tick < math.inf:
-        problems.append(Problem(f"{path}: tick", f"got {tick!r}", "a positive number of seconds"))
+        problems.append(Problem(places.text(("tick",)), f"got {tick!r}", "a positive number of seconds"))
         tick, clock = 1.0, None
-    nominal = _nominal(data.get("nominal") or {}, path, problems)
+    nominal = _nominal(data.get("nominal") or {}, places, problems)
     # The logs of a case call the signals as they are called here.
     mapping = {name: Column(column=name) for name in _COLUMNS}
     if data["format"] == "gap-study/1":
-        _, places = parse(text, str(path))
         given = data.get("columns")
         mapping = read_mapping(given, _COLUMNS, places, ("columns",), problems)
         if isinstance(given, dict) and "time" in given:
             clock = None  # also if something is wrong with it
     entries = data.get("runs") or []
     if not isinstance(entries, list):
-        problems.append(Problem(f"{path}: runs", f"got {entries!r}", "a list of runs"))
+        problems.append(Problem(places.text(("runs",)), f"got {entries!r}", "a list of runs"))
         entries = []
     runs: list[Run] = []
     for number, entry in enumerate(entries):
-        place = f"{path}: runs[{number}]"
-        run = _run(folder, entry, place, problems, mapping, tick, clock)
+        run = _run(folder, entry, number, places, problems, mapping, tick, clock)
         if run is None:
             continue
         if any(run.name == other.name for other in runs):
-            problems.append(
-                Problem(f"{place}.file", f"another run is called {run.name}, too", "one name for each run")
-            )
+            place = places.text(("runs", number, "file"))
+            problems.append(Problem(place, f"another run is called {run.name}, too", "one name for each run"))
         runs.append(run)
-    experiments = _experiments(data.get("experiments") or [], f"{path}: experiments", problems)
+    experiments = _experiments(data.get("experiments") or [], places, problems)
     if not any(run.role is Role.TRAIN for run in runs) and not problems:
-        problems.append(Problem(f"{path}: runs", "no run has the role train", "at least one"))
+        problems.append(Problem(places.text(("runs",)), "no run has the role train", "at least one"))
     if problems:
         raise ConfigError(problems)
-    return Study(folder.resolve().name, float(tick), nominal, tuple(runs), experiments)
+    return Study(folder.resolve().name, float(tick), nominal, tuple(runs), experiments, mapping)
 
 
-def _experiments(data: Any, place: str, problems: list[Problem]) -> tuple[dict[str, Any], ...]:
+def _experiments(data: Any, places: Places, problems: list[Problem]) -> tuple[dict[str, Any], ...]:
     """Experiments of the lab's own: name, description, and numbers with units."""
     found: list[dict[str, Any]] = []
     allowed = ("name", "description", *_EXPERIMENT)
     for number, entry in enumerate(data if isinstance(data, list) else [data]):
-        where = f"{place}[{number}]"
+        path = ("experiments", number)
         if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
-            problems.append(Problem(where, "needs a name", listed(allowed)))
+            problems.append(Problem(places.text(path), "needs a name", listed(allowed)))
             continue
         made: dict[str, Any] = {"name": entry["name"], "description": str(entry.get("description", ""))}
-        _known(entry, allowed, f"{where}.", problems)
+        _known(entry, allowed, places, path, problems)
         for key, value in entry.items():
             if key in _EXPERIMENT:
-                unit = _EXPERIMENT[key]
-                size = quantity(key, Measure(unit, parse_unit(unit)), value, f"{where}.{key}")
+                unit, where = _EXPERIMENT[key], places.text((*path, key))
+                size = quantity(key, Measure(unit, parse_unit(unit)), value, where)
                 if isinstance(size, Problem):
                     problems.append(size)
                 elif not size > 0.0 or (key == "ticks" and (size != int(size) or size < 2)):
-                    problems.append(
-                        Problem(f"{where}.{key}", f"got {value!r}", "above 0; ticks whole, from 2")
-                    )
+                    problems.append(Problem(where, f"got {value!r}", "above 0; ticks whole, from 2"))
                 else:
                     made[key] = int(size) if key == "ticks" else size
         found.append(made)
     return tuple(found)
 
 
-def _known(data: Mapping[Any, Any], allowed: Sequence[str], place: str, problems: list[Problem]) -> None:
-    """Refuse keys that mean nothing, most of them misspelt; place ends with what stands before a key."""
+def _known(
+    data: Mapping[Any, Any], allowed: Sequence[str], places: Places, path: _Path, problems: list[Problem]
+) -> None:
+    """Refuse keys that mean nothing, most of them misspelt."""
     problems += [
-        Problem(f"{place}{key}", "unknown", listed(allowed), nearest(str(key), allowed))
+        Problem(places.text((*path, str(key))), "unknown", listed(allowed), nearest(str(key), allowed))
         for key in data
         if key not in allowed
     ]
 
 
-def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nominal]:
+def _nominal(data: Any, places: Places, problems: list[Problem]) -> dict[str, Nominal]:
     found: dict[str, Nominal] = {}
+    whole = places.text(("nominal",))
     if not isinstance(data, dict):
-        problems.append(Problem(f"{path}: nominal", f"got {data!r}", f"entries for {listed(tuple(UNITS))}"))
+        problems.append(Problem(whole, f"got {data!r}", f"entries for {listed(tuple(UNITS))}"))
         return found
-    _known(data, tuple(UNITS), f"{path}: nominal.", problems)
+    _known(data, tuple(UNITS), places, ("nominal",), problems)
     for name, entry in data.items():
-        place = f"{path}: nominal.{name}"
+        path = ("nominal", name)
+        place = places.text(path)
         if name not in UNITS:
             continue
         if not isinstance(entry, dict) or not {"value", "unit"} <= set(entry):
             problems.append(Problem(place, f"got {entry!r}", f"value and unit (as {UNITS[name]}), tolerance"))
             continue
-        _known(entry, _NOMINAL_KEYS, f"{place}: ", problems)
+        _known(entry, _NOMINAL_KEYS, places, path, problems)
         try:
             if str(entry["unit"]) == "Hz" and UNITS[name] == "rad/s":
                 factor = 2.0 * np.pi  # frequencies of oscillations and filters, which turn once per period
@@ -256,7 +255,9 @@ def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nomina
                 factor = convert(parse_unit(str(entry["unit"])), parse_unit(UNITS[name]))[0]
             found[name] = Nominal(float(entry["value"]) * factor, float(entry.get("tolerance", 0)) * factor)
         except UnitError as error:
-            problems.append(Problem(f"{place}.unit", str(error), f"a unit such as {UNITS[name]}"))
+            problems.append(
+                Problem(places.text((*path, "unit")), str(error), f"a unit such as {UNITS[name]}")
+            )
             continue
         except (TypeError, ValueError):
             problems.append(Problem(place, f"got {entry!r}", "numbers for value and tolerance"))
@@ -265,57 +266,61 @@ def _nominal(data: Any, path: Path, problems: list[Problem]) -> dict[str, Nomina
         least = 0.0 if name not in _ANY_SIGN else -math.inf
         if not least <= value < math.inf or (name in _POSITIVE and value == 0.0):
             allowed = "above 0" if name in _POSITIVE else "not below 0" if least == 0.0 else "finite"
-            problems.append(Problem(f"{place}.value", f"got {entry['value']}", f"a number, {allowed}"))
+            where = places.text((*path, "value"))
+            problems.append(Problem(where, f"got {entry['value']}", f"a number, {allowed}"))
         if not 0.0 <= tolerance < math.inf:
-            problems.append(
-                Problem(f"{place}.tolerance", f"got {entry['tolerance']}", "a number, not below 0")
-            )
-    problems += [Problem(f"{path}: nominal", f"{name} is missing") for name in UNITS if name not in data]
+            where = places.text((*path, "tolerance"))
+            problems.append(Problem(where, f"got {entry['tolerance']}", "a number, not below 0"))
+    problems += [Problem(whole, f"{name} is missing") for name in UNITS if name not in data]
     walls = [found[name].value for name in ("front_wall", "rear_wall") if name in found]
     if len(walls) == 2 and not walls[0] > walls[1]:
         what = f"front_wall at {walls[0]:g} m is not before rear_wall at {walls[1]:g} m"
-        problems.append(Problem(f"{path}: nominal", what, "the rod between the two"))
+        problems.append(Problem(whole, what, "the rod between the two"))
     for signal in ("encoder", "force"):
         pair = (f"{signal}_noise", f"{signal}_resolution")
         if all(name in found and found[name].value == 0.0 for name in pair):
-            problems.append(Problem(f"{path}: nominal", f"{' and '.join(pair)} are 0", "one of them above 0"))
+            problems.append(Problem(whole, f"{' and '.join(pair)} are 0", "one of them above 0"))
     return found
 
 
 def _run(
     folder: Path,
     entry: Any,
-    place: str,
+    number: int,
+    places: Places,
     problems: list[Problem],
     mapping: Mapping[str, Column],
     tick: float,
     clock: str | None,
 ) -> Run | None:
     before = len(problems)
+    at = ("runs", number)
+    place = places.text(at)
     if not isinstance(entry, dict):
         problems.append(Problem(place, f"got {entry!r}", listed(_RUN_KEYS)))
         return None
-    _known(entry, _RUN_KEYS, f"{place}: ", problems)
+    _known(entry, _RUN_KEYS, places, at, problems)
     problems += [
         Problem(place, f"{key} is missing", listed(_RUN_KEYS)) for key in _RUN_KEYS if key not in entry
     ]
     roles = [one.value for one in Role]
     if "role" in entry and entry["role"] not in roles:
-        problems.append(Problem(f"{place}.role", f"got {entry['role']!r}", listed(roles)))
+        problems.append(Problem(places.text((*at, "role")), f"got {entry['role']!r}", listed(roles)))
     for key in ("mass", "approach_speed"):
         if key in entry and not isinstance(entry[key], int | float):
-            problems.append(Problem(f"{place}.{key}", f"got {entry[key]!r}", "a number"))
+            problems.append(Problem(places.text((*at, key)), f"got {entry[key]!r}", "a number"))
     if len(problems) > before:
         return None
     file, role = str(entry["file"]), Role(entry["role"])
     mass, speed = float(entry["mass"]), float(entry["approach_speed"])
     if not 0.0 < mass < math.inf:
-        problems.append(Problem(f"{place}.mass", f"got {mass}", "a positive mass [kg]"))
+        problems.append(Problem(places.text((*at, "mass")), f"got {mass}", "a positive mass [kg]"))
     if not math.isfinite(speed) or speed == 0.0:
-        problems.append(Problem(f"{place}.approach_speed", f"got {speed}", "a speed other than 0 [m/s]"))
+        where = places.text((*at, "approach_speed"))
+        problems.append(Problem(where, f"got {speed}", "a speed other than 0 [m/s]"))
     path = folder / file
     if not path.exists() or path.resolve().parent != folder.resolve():
-        problems.append(Problem(f"{place}.file", f"no file {file} in {folder}"))
+        problems.append(Problem(places.text((*at, "file")), f"no file {file} in {folder}"))
     if len(problems) > before:
         return None
     columns = columns_of(path, mapping, _COLUMNS, tick, problems, clock=clock)

@@ -15,6 +15,7 @@ from orchestrator.diagnosis.challenge.verdict import read_verdict
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.mapping import Column
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.servo import pulse_response
 from orchestrator.diagnosis.study import Role, load_study
@@ -66,19 +67,19 @@ def test_all_mistakes_of_a_case_are_told_at_once(case):
     data["runs"][3]["mass"] = "404,49"
     said = case.said()
     for part in (
-        "case.yaml: experimentss: unknown",
+        "case.yaml:1: experimentss: unknown",
         "Did you mean experiments?",
         "front_wall at -0.01 m is not before rear_wall",
         "nominal.natural_frequency.value: got 0.0",
         "nominal.response_delay.value: got -0.002",
         "nominal.sensor_delay.tolerance: got -1e-05",
-        "nominal.contact_damping: tolerence: unknown",
+        "nominal.contact_damping.tolerence: unknown",
         "Did you mean tolerance?",
         "nominal.contact_stiffness.unit",
-        "nominal.force_bias.value: got nan",
+        "nominal.force_bias: got",
         "nominal.damping_ratio: got 0.8",
         "encoder_noise and encoder_resolution are 0",
-        "runs[0]: speed: unknown",
+        "runs[0].speed: unknown",
         "runs[0]: approach_speed is missing",
         "runs[1].approach_speed: got 0.0",
         "runs[2].role: got 'held-out'",
@@ -163,6 +164,17 @@ def test_a_wrong_number_of_the_study_is_not_blamed_on_the_log(logged):
     assert refused.place == "train-1: approach_speed" and "0.02 m/s" in refused.remedy
     (refused,), _ = check_logs(with_column(logged, "sensor_force", np.negative))
     assert "sign: -1" in refused.remedy and "header" not in refused.remedy
+
+
+def test_a_sign_or_unit_that_a_rig_study_gives_is_to_be_corrected_there(logged):
+    turned = with_column(logged, "sensor_force", np.negative)
+    given = {"sensor_force": Column(column="fx", sign=-1)}
+    (refused,), _ = check_logs(replace(turned, mapping=given))
+    assert refused.remedy.endswith("The study file says `sign: -1`: take that out.")
+    large = with_column(logged, "sensor_force", lambda force: 1e3 * force)
+    given = {"sensor_force": Column(column="fx", unit="kN")}
+    (refused,), _ = check_logs(replace(large, mapping=given))
+    assert refused.remedy.endswith("The study file says `unit: kN`: correct that.")
 
 
 def test_one_case_that_trips_does_not_stop_the_others(logged, tmp_path, monkeypatch, capsys):

@@ -188,7 +188,7 @@ def test_files_and_names(tmp_path):
     )
     path = bench.model_file(tmp_path, 'model M\nReal x = "open;\nend M;\n')
     assert refused(path) == f"{path}:2: cannot read Modelica from '\"open;\\nend M;\\n' on"
-    path = bench.model_file(tmp_path, "model M\nReal x = time;\noutput Real block(unit=\"K\") = x;\nend M;\n")
+    path = bench.model_file(tmp_path, 'model M\nReal x = time;\noutput Real block(unit="K") = x;\nend M;\n')
     assert refused(path) == (
         f"{path}:3: `block` is a keyword of Modelica and names nothing; choose another name, as block_1"
     )

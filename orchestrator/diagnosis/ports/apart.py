@@ -199,8 +199,8 @@ class Apart:
                 added = residuals[port] if number in injected else np.zeros(window.end - window.lead)
                 held = self.signals[port][window.lead : window.end]
                 hold = port in self.study.held
-                tables = (between(values, parts, hold) for values in (held, added))
-                inserted.append(Inserted(Release.of(step, first * parts, *tables), port))
+                held, added = (between(values, parts, hold) for values in (held, added))
+                inserted.append(Inserted(Release.of(step, held[: first * parts], added), port))
         found = self._closed.run(
             self._logs(window), window.end - window.lead, self._taken_up(window), inserted
         )

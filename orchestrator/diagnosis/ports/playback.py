@@ -51,22 +51,21 @@ class Release(Effect):
     table: Any = None
 
     @staticmethod
-    def of(step: float, first: int, held: Samples, added: Samples) -> Release:
-        """Tables whose samples are `step` apart [s] from 0 s on; x is let through from sample `first` on."""
-        return Release.model_construct(
-            table=np.concatenate([[step, float(first), float(len(held))], held, added])
-        )
+    def of(step: float, held: Samples, added: Samples) -> Release:
+        """Tables whose samples are `step` apart [s] from 0 s on; x is let through where the first ends."""
+        return Release.model_construct(table=np.concatenate([[step, float(len(held))], held, added]))
 
     def numbers(self) -> Any:
-        """See Effect.numbers: step [s], first sample, how many; then both tables."""
+        """See Effect.numbers: step [s], how many samples the first table has; then both."""
         return self.table
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
         """See Effect.kernel."""
-        sample, count = int(time / options[0] + 0.5), int(options[2])
-        if sample >= count:
-            sample = count - 1
-        if sample < options[1]:
-            return options[3 + sample]
-        return x[0] + options[3 + count + sample]
+        sample, held = int(time / options[0] + 0.5), int(options[1])
+        if sample < held:
+            return options[2 + sample]
+        place = 2 + held + sample
+        if place >= len(options):
+            place = len(options) - 1
+        return x[0] + options[place]

@@ -222,7 +222,7 @@ class Player:
         for port in self.compared:
             own = tuple((one.effect, reads[id(one.effect)]) for one in inserted if one.port == port)
             if port in added:
-                own = ((Release.of(step, 0, added[port], added[port]), _NONE), *own)
+                own = ((Release.of(step, np.zeros(0), added[port]), _NONE), *own)
             wired.append(_extra(port, plain.index[port], size, own))
             places.append(size)
             size += 1
