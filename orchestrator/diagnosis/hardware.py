@@ -40,9 +40,9 @@ _PERIOD = 3.0
 # comes from.
 _WAY = 0.5
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
-# each of which is one of many and costs `_EACH`, while calibrated numbers of several kinds stray by more than
-# `_STRAYED`: one effect, as a delay, strays in all numbers of its kind.
-_STRAYED, _DOUBTED, _EACH = 2.0, 2.0, 2.0
+# each of which is one of many and costs `_EACH`. Where calibrated numbers of one kind alone stray by more
+# than `_STRAYED`, it costs `_SAME_KIND`: one effect, as a delay, strays in all numbers of its kind.
+_STRAYED, _DOUBTED, _EACH, _SAME_KIND = 2.0, 2.0, 2.0, 1.0
 # Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
 # them [nats], and the share of the evidence that has to stay.
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
@@ -126,7 +126,7 @@ def _weigh(
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
     noises += [lost] if lost is not None else []
-    doubt = _doubt(weighing, found.none)
+    doubt, each = _doubt(weighing, found.none)
     answers, left, periodic, regular, by = _linked(weighing, fitter, found, noises, colour, chance, without)
     if lost is not None:
         regular = max(regular, lost.uneven)
@@ -138,7 +138,7 @@ def _weigh(
         and not along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
     )
     answers = tied(by, simplest(answers))
-    doubtful = doubt > max([_DOUBTED, *(one.gain - _EACH * len(one.seen) for one in answers)])
+    doubtful = doubt > max([_DOUBTED, *(one.gain - each * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
     rest = remains(weighing, fitter, found.none, colour, rougher=not doubtful)
     nothing = Answer((), doubt if doubtful else 0.0, rest, found.none)
@@ -257,22 +257,24 @@ def _ids(fit: Fit) -> tuple[str, ...]:
     return tuple(sorted(one.id for one in fit.effects))
 
 
-def _doubt(weighing: Weighing, none: Fit) -> float:
-    """Log evidence of wider tolerances over those given.
+def _doubt(weighing: Weighing, none: Fit) -> tuple[float, float]:
+    """Log evidence of wider tolerances over those given, and what an effect costs beside them [nats].
 
-    It is zero unless numbers of several kinds stray, and none does beyond wider tolerances.
+    It is zero unless some number strays, and none does beyond wider tolerances.
     """
-    kinds = [[abs(none.deviation.get(name, 0.0)) for name in kind] for kind in KINDS]
-    if none.effects or sum(max(kind) > _STRAYED for kind in kinds) < 2:
-        return 0.0
+    kinds = [max(abs(none.deviation.get(name, 0.0)) for name in kind) for kind in KINDS]
+    far = sum(most > _STRAYED for most in kinds)
+    each = _EACH if far > 1 else _SAME_KIND
+    if none.effects or not far:
+        return 0.0, each
     columns = weighing.roughness()
     given, wider = (
         Fitter(one(weighing.model, weighing.weights), 1.0, columns).fit(()) for one in (Weighted, Widened)
     )
     if max(map(abs, wider.deviation.values())) > _ORDINARY:
-        return 0.0
+        return 0.0, each
     # Like is compared with like: what the answers reckon with besides, as a wave, is in neither.
-    return max(0.0, wider.log_evidence - given.log_evidence)
+    return max(0.0, wider.log_evidence - given.log_evidence), each
 
 
 def _answers(

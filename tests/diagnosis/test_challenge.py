@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import gzip
 import json
+import math
 import re
 from pathlib import Path
 
@@ -281,6 +282,10 @@ def test_figures_of_verdicts_made_by_hand():
     assert tossed == {"mean": 0.5, "most": 0.5}
     sure = figures([marked("none", [], [([], 1.0, ())])] * 20)["ece_exact"]
     assert sure == {"mean": 0.0, "most": 0.0}
+    # Of ten at 0.75 five are right: 0.25 too much, less what chance makes of the share of ten.
+    half = [marked("none", [], [([], 0.75, ())])] * 5 + [marked("single", bias, [([], 0.75, ())])] * 5
+    assert figures(half)["calibration_rms"] == pytest.approx(math.sqrt(0.25**2 - 0.25 / 9))
+    assert figures(half[:7])["calibration_rms"] == 0.0
     # A tie is one of two at 0.5, and in its set anyway.
     assert found["ece_without_ties"] == pytest.approx((0.5 + 1.2 + 0.3 + 0.2 + abs(4.89 - 2)) / 10)
     assert found["coverage_without_ties"]["count"] == 7

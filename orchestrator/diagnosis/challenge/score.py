@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -209,6 +210,7 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "suspected_false": _rate(inside, lambda one: one.suspects),
         "ece": _ece([(one.confidence, one.first_right) for one in marked]),
         "ece_exact": _ece_exact([one.confidence for one in marked]),
+        "calibration_rms": _rms_debiased([(one.confidence, one.first_right) for one in marked]),
         "doubtful_tight": _rate(tight, lambda one: one.verdict.doubtful),
         "doubtful_false": _rate(sound, lambda one: one.verdict.doubtful),
         "ece_without_ties": _ece([one.first_itself for one in marked]),
@@ -285,6 +287,23 @@ def _ece_exact(confidences: Sequence[float]) -> dict[str, float] | None:
     return {"mean": float(strayed.mean()), "most": float(np.quantile(strayed, 0.95))}
 
 
+def _rms_debiased(group: Sequence[tuple[float, bool]]) -> float | None:
+    """Root mean square calibration error less what chance makes of it (Kumar, Liang and Ma, 2019).
+
+    In the bins of `_ece` the square of what was stated too much, less the variance that the share of right
+    ones has by chance; 0 where chance makes more. Bins of a single case tell nothing.
+    """
+    if not group:
+        return None
+    p, right = (np.array(one, float) for one in zip(*group, strict=True))
+    bins = np.eye(_BINS)[np.minimum((p * _BINS).astype(int), _BINS - 1)]
+    bins = bins[:, bins.sum(axis=0) > 1.0]
+    count = bins.sum(axis=0)
+    share = right @ bins / count
+    beyond = (p @ bins / count - share) ** 2 - share * (1.0 - share) / (count - 1.0)
+    return math.sqrt(max(float(count @ beyond) / len(p), 0.0))
+
+
 def _line(one: Marked) -> dict[str, Any]:
     return {
         "case": one.name,
@@ -342,6 +361,7 @@ def score_text(found: Mapping[str, Any]) -> str:
         f"{'of exact ones, as many cases':<{_TITLE}} {exact['mean']:.3f}, 95 % below {exact['most']:.3f}"
     )
     lines.append(f"{'the same, ties not counted':<{_TITLE}} {found['ece_without_ties']:.3f}")
+    lines.append(f"{'its root mean square beyond chance':<{_TITLE}} {found['calibration_rms']:.3f}")
     for name, title in (
         ("closure_median", "closure, median where right"),
         ("recalibration_median", "recalibration alone"),
