@@ -161,11 +161,14 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
 
 
 def tied(fitter: Fitter, answers: Sequence[Answer]) -> list[Answer]:
-    """Answers with their ties: other effects that explain as much by replays that hardly differ."""
+    """Answers with their ties: other effects that explain as much by replays that hardly differ.
+
+    What explains less than no effect does is tied with none.
+    """
     found = list(answers)
     if not found:
         return found
-    near = [one for one in found if one.fit and one.gain > found[0].gain - _TIED][:6]
+    near = [one for one in found if one.fit and one.gain > max(found[0].gain - _TIED, 0.0)][:6]
     for place, answer in enumerate(answers):
         if all(answer is not one for one in near):
             continue

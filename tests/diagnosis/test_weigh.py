@@ -99,6 +99,14 @@ def test_effects_that_cannot_be_told_apart_are_ties():
     assert {"sensor.gain", "contact.stiffness"} <= {*first.effects, *first.ties}
 
 
+def test_effects_that_explain_less_than_none_are_no_ties_of_a_faint_one():
+    seen = [
+        one for one in weigh_rig(own_study(["sensor.gain"], [0.03])).answers if one.seen and not one.unseen
+    ]
+    assert [one.effects for one in seen] == [("sensor.gain",)]
+    assert 0.0 < seen[0].gain < 1.0 and seen[0].ties == ()
+
+
 def lose_samples(run, rng) -> dict:
     force = noisy(run, rng)["sensor_force"].copy()
     for n in range(1, len(force)):
