@@ -17,9 +17,10 @@ from ...fmi import Causality, Point, Value
 from ...fmi.compiled import CompiledFmu
 from ...instance_pool import InstancePool
 from ...master import MasterAlgorithm
+from ...master.gauss_seidel import GaussSeidel
 from ...signals import Layout, Signals, Wired
 from ...simulate import Grid, simulate
-from ...system import Connection, Leg, Link, Port, System, Wire
+from ...system import Connection, Instance, Leg, Link, Port, System, Wire
 from ..study import Array
 from .playback import Playback, Release
 
@@ -167,7 +168,7 @@ class Player:
             held = begin[port.instance].pop(port.variable, 0.0)
             samples = logs[port] if port in logs else np.array([float(held)])
             links = [
-                _undelayed(_playback(samples, step)),
+                _undelayed(_playback(samples, step, self._at_end(instances[port.instance], port.variable))),
                 *(self._link(one) for one in at.get(port, ())),
             ]
             connections.append(Connection(own, port, wire=Wire((Leg(own),), tuple(links))))
@@ -177,6 +178,27 @@ class Player:
             instances=tuple(replace(one, start=begin[name]) for name, one in instances.items()),
             longest_step=None,
             bonds=(),
+        )
+
+    def _at_end(self, instance: Instance, name: str) -> bool:
+        """Whether an input that nothing else feeds is given the log as a step ends, not as it begins.
+
+        Gauss-Seidel gives so what passes at once to an output, and what comes from instances that have
+        stepped; the log comes as these do. What integrates over the step would be early by half of it instead
+        of late, and by all of it where the log is held.
+        """
+        about = instance.fmu.description
+        if not isinstance(self._master, GaussSeidel) or about.states:
+            return False
+        if any(name in inputs for at, inputs in instance.feedthrough.items() if at not in about.assumed):
+            return True
+        order = [self.system.instances[index].name for index in self.system.order]
+        before = order[: order.index(instance.name)]
+        return any(
+            port.instance in before
+            for one in self.system.connections
+            if one.target.instance == instance.name
+            for port in one.sources
         )
 
     @staticmethod
@@ -259,8 +281,8 @@ def between(samples: Array, parts: int, held: bool = False) -> Array:
 _NONE = np.zeros(0, np.intp)
 
 
-def _playback(samples: Array, step: float) -> Link:
-    return Link(Playback.of(0.0, step, samples), "log", (), True)
+def _playback(samples: Array, step: float, ahead: bool = False) -> Link:
+    return Link(Playback.of(0.0, step, samples, ahead), "log", (), True)
 
 
 def _undelayed(link: Link) -> Link:
