@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ _ALIKE = 60.0
 _STALE = 5
 # A fit has converged when the cost falls by less.
 _CONVERGED = 0.3
+# Damping, as a share of the curvature, that holds nothing back.
+_UNDAMPED = 1e-9
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
 _SURE, _SIZE = 3.0, 0.95
 
@@ -113,12 +115,17 @@ class Seeing(Protocol):
 class Fitter:
     """Fits effects to replays.
 
+    Attributes:
+        _patient: whether a fit that hardly gets on, though derivatives promise more, goes on undamped.
+
     Args:
         inflation, roughness, apart: as those of `marginal.Marginal`.
 
     Attributes:
         marginal: by which residuals are weighed.
     """
+
+    _patient: ClassVar[bool] = False
 
     def __init__(
         self, replay: Replay, inflation: float = 1.0, roughness: Array | None = None, apart: int = 0
@@ -266,11 +273,15 @@ class Fitter:
                     jacobian += np.outer(r_ahead - r - jacobian @ move, move / (move @ move))
                     gain, fresh = cost - cost_ahead, False
                     z, r, cost = ahead, r_ahead, cost_ahead
-                    damping = max(damping / 10.0, 1e-9)
+                    damping = max(damping / 10.0, _UNDAMPED)
                     break
                 damping *= 10.0
             if gain < _CONVERGED and fresh_before:
-                break
+                if not (self._patient and gain > 0.0 and damping > _UNDAMPED):
+                    break
+                # A straight valley, as of two numbers that only count by their product: damping, which goes
+                # by how steep it is across, holds the step back.
+                damping = _UNDAMPED
             if iteration > 3 and cost > aim and 10.0 * gain < cost - aim:
                 break
             stale = 0 if fresh else stale + 1

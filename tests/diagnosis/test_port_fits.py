@@ -149,3 +149,40 @@ def test_two_effects_of_one_name_are_told_apart():
         make=lambda p: Gain(factor=p[0]),
     )
     assert [effect.id for effect in _apart([one, other])] == ["drive.dahl", "drive.dahl-law"]
+
+
+class Heated:
+    """A replay of two responses whose sizes and a common gain only count by their ratios."""
+
+    tolerances = {"slow": (300.0, 10.0), "quick": (1200.0, 40.0)}  # noqa: RUF012
+    gain = -0.15
+
+    def __init__(self):
+        self.noise = 1e-3 * np.random.default_rng(8).standard_normal(len(TIME))
+
+    def given(self, slow, quick, gain):
+        return (1.0 + gain) * (300.0 / slow * SWING + 1200.0 / quick * SWING**2)
+
+    def residuals(self, calibrated, effects, theta):
+        log = self.given(305.0, 1160.0, self.gain) + self.noise
+        gain = theta[0] if effects else 0.0
+        return [(log - self.given(calibrated["slow"], calibrated["quick"], gain)) / 1e-3]
+
+
+def test_a_gain_is_found_from_where_the_calibration_took_it_up():
+    """Along the valley nothing but tolerances counts, which are a millionth of how steep it is across."""
+    port = Port("a", "b")
+    effect = PortEffect(
+        "a.gain",
+        "y = x",
+        "",
+        (Parameter("gain", "1", 0.2),),
+        port=port,
+        make=lambda at: Gain(gain=at["gain"]),
+    )
+    fitter = WaryFitter(Heated())
+    none = fitter.fit(())
+    assert min(none.z) > 3.0
+    fit = fitter.fit((effect,), none.z, fitter.starts(effect)[0])
+    assert fit.theta[0] == pytest.approx(-0.15, abs=0.03) and fit.cost < none.cost - 20.0
+    assert fit.cost == pytest.approx(fitter.fit((effect,), None, np.array([-0.75])).cost, abs=0.3)

@@ -16,8 +16,8 @@ __all__ = ["Playback", "Release"]
 class Playback(Effect):
     """y(t) is the sample at t of a table, whatever x is; beyond its ends the first or last one.
 
-    Where it is `ahead`, instants that are accepted get the sample of one step later: what is fed over the step
-    that begins there is the log as it ends. At initialisation, where nothing is accepted, it is that of then.
+    Where it is `ahead`, instants that are accepted get the sample of one step later: what is fed over the
+    step that begins there is the log as it ends. Nothing is accepted at initialisation: it is that of then.
 
     An effect, so that masters, loops and what is remembered treat logged signals like all others.
     """

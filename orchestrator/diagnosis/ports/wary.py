@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -32,6 +33,8 @@ class WaryFitter(Fitter):
     some dent. So each parameter is first changed by factors, by less and less, while that does better, and
     derivatives are taken over some share of a parameter; both in turn.
     """
+
+    _patient: ClassVar[bool] = True
 
     def fit(
         self,
