@@ -28,8 +28,8 @@ _ALIKE = 60.0
 _STALE = 5
 # A fit has converged when the cost falls by less.
 _CONVERGED = 0.3
-# Damping, as a share of the curvature, that holds nothing back.
-_UNDAMPED = 1e-9
+# Damping, as a share of the curvature, that holds nothing back, and what it has to promise.
+_UNDAMPED, _MUCH = 1e-9, 20.0
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
 _SURE, _SIZE = 3.0, 0.95
 
@@ -251,8 +251,11 @@ class Fitter:
             slope = jacobian.T @ r + z
             gain, fresh_before = 0.0, fresh
             free = smooth[~self._held(effects, z, slope)[smooth]]
-            if fresh and slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free]) < _CONVERGED:
-                break
+            promised = 0.0
+            if fresh:
+                promised = float(slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free]))
+                if promised < _CONVERGED:
+                    break
             for _ in range(6):
                 damped = (hessian + damping * np.diag(np.diag(hessian)))[np.ix_(free, free)]
                 ahead = self._bounded(effects, _less(z, free, np.linalg.solve(damped, slope[free])))
@@ -277,7 +280,7 @@ class Fitter:
                     break
                 damping *= 10.0
             if gain < _CONVERGED and fresh_before:
-                if not (self._patient and gain > 0.0 and damping > _UNDAMPED):
+                if not (self._patient and promised > _MUCH and gain > 0.0 and damping > _UNDAMPED):
                     break
                 # A straight valley, as of two numbers that only count by their product: damping, which goes
                 # by how steep it is across, holds the step back.
