@@ -26,9 +26,9 @@ _DRAWS, _SEED = 2, 20190611
 # Windows that the loop is closed in at most, and runs for that over all coalitions.
 _WINDOWS, _RUNS = 24, 400
 _MOST = 6
-# Windows through which measured signals lead before one, as tried; what may be lost so, in squares of the
-# noise, and what is worth a word.
-_LEADS, _LOST, _MUCH = (1, 2, 4, 8, 16), 0.1, 1.0
+# Windows through which measured signals lead before one, as tried; all of them, of a run that has no more
+# than so many; what may be lost so, in squares of the noise, and what is worth a word.
+_LEADS, _ALL, _LOST, _MUCH = (1, 2, 4, 8, 16), 100, 0.1, 1.0
 
 
 def _among(study: PortStudy) -> tuple[PortRun, ...]:
@@ -49,33 +49,52 @@ def lasting(study: PortStudy, finding: Finding) -> tuple[PortStudy, list[Warned]
     bare = modelled(own, run, base)
     logs = {port: bare.get(port, values) for port, values in run.logs.items()}
     run = replace(run, logs=logs)
-    found: dict[int, dict[str, float]] = {}
-    size = 0.0
-    for leads in _LEADS:
-        apart = Apart(replace(own, leads=leads), run, {**bare, **logs}, base)
-        found[leads], window = _lost(apart), apart.windows[-1]
-        size = study.interval * (window.end - window.begin)
-        if max(found[leads].values(), default=0.0) < _LOST:
+    found: dict[int, dict[str, _Loss]] = {}
+    size, count = 0.0, 1
+    for leads in (*_LEADS, _ALL):
+        if leads == _ALL < count:
             break
-    best = min(found, key=lambda leads: (max(found[leads].values(), default=0.0), leads))
-    between = ", or is driven by what happens between samples" if study.parts > 1 else ""
+        apart = Apart(replace(own, leads=leads), run, {**bare, **logs}, base)
+        found[leads], window, count = _lost(apart), apart.windows[-1], len(apart.windows)
+        size = study.interval * (window.end - window.begin)
+        if _most(found[leads]) < _LOST or leads >= count:
+            break
+    # What more of a lead does not lessen is lost otherwise: where signals jump between samples, say.
+    least = min(map(_most, found.values()))
+    best = next(leads for leads in found if _most(found[leads]) <= least + _LOST)
+    why = "is driven by what happens between samples"
+    if best < count:
+        more = f", or {why}" if study.parts > 1 else ""
+        why = f"remembers more than the {best * size:.3g} s before a window of {size:.3g} s{more}"
     told = [
         Warned(
             place=name,
-            what=f"remembers more than the {best * size:.3g} s before a window of {size:.3g} s{between}: "
-            f"what is lost so makes {lost**0.5:.2g} times the noise, and where the gap lies is told worse",
+            what=f"{why}: what is lost so makes {lost**0.5:.2g} times the noise, and where the gap lies "
+            "is told worse",
             remedy="Set a longer `window`; or let outputs of the FMU's states take start values.",
         )
-        for name, lost in found[best].items()
+        for name, lost in ((name, loss.median) for name, loss in found[best].items())
         if lost > _MUCH
     ]
     return replace(study, leads=best), told
 
 
-def _lost(apart: Apart) -> dict[str, float]:
-    """Mean square of residuals over that of the noise, in the median window: of each component's worst port.
+class _Loss(NamedTuple):
+    """Mean square of residuals over that of the noise: over all windows, and in the median one."""
 
-    Where a run begins, signals may jump between samples, which is no memory.
+    mean: float
+    median: float
+
+
+def _most(found: Mapping[str, _Loss]) -> float:
+    return max((one.mean for one in found.values()), default=0.0)
+
+
+def _lost(apart: Apart) -> dict[str, _Loss]:
+    """What is left of each component, of its worst port.
+
+    Only some windows may come after what a component remembers, as a controller's integral that is reset: the
+    mean tells. Where a run begins, signals may jump between samples, which is no memory: the median tells.
     """
     squares: dict[Port, list[float]] = {}
     for window in apart.windows:
@@ -85,9 +104,10 @@ def _lost(apart: Apart) -> dict[str, float]:
                 kept = values[window.begin - window.lead :] / noise
                 squares.setdefault(port, []).append(float(np.mean(kept**2)))
     names = {port: one.name for one in apart.components for port in one.ports}
-    found: dict[str, float] = {}
+    found: dict[str, _Loss] = {}
     for port, values in squares.items():
-        found[names[port]] = max(found.get(names[port], 0.0), float(np.median(values)))
+        loss = _Loss(float(np.mean(values)), float(np.median(values)))
+        found[names[port]] = max(found.get(names[port], loss), loss)
     return found
 
 
