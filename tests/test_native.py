@@ -92,6 +92,39 @@ def test_failures_are_the_same(way, steps_before, master, version):
 
 
 @every_master
+@every_version
+@pytest.mark.parametrize("ratios", [(3, 1, 1), (1, 7, Fraction(1, 4)), (Fraction(1, 3), 2, 5)])
+@pytest.mark.parametrize("effect", [None, "delay"])
+def test_bits_are_the_same_with_steps_of_their_own(ratios, master, version, effect):
+    """Slow ones keep their outputs until their steps end, which chunks do not divide; fast ones repeat."""
+    fmu = load_fmu(unruly_fmu(version))
+    starts = ({}, {}, {"rate": "0.1 mm"})
+    parts = [
+        Part(name, fmu, start, ratio=Fraction(ratio))
+        for name, start, ratio in zip(("one", "two", "three"), starts, ratios, strict=True)
+    ]
+    links = ["three.level -> one.rate", "one.level -> two.rate"]
+    if effect:
+        links[1] = {"from": "one.level", "to": "two.rate", "through": [{"effect": effect, "time": "5 ms"}]}
+    kept = both(assemble(parts, links), master, 2100)
+    assert kept.error is None and len(np.unique(kept.results["two.level"])) > 2000 / max(ratios)
+
+
+@every_master
+@every_version
+@pytest.mark.parametrize("ratio", [3, Fraction(1, 4)])
+@pytest.mark.parametrize("steps_before", [0, 1, 1300])
+@pytest.mark.parametrize("way", WAYS[2:8])
+def test_failures_in_steps_of_their_own_are_the_same(way, steps_before, ratio, master, version):
+    at = float(Fraction(1, 3) + (steps_before + Fraction(1, 2)) * Fraction(1, 700))
+    fmu = load_fmu(unruly_fmu(version))
+    sick = Part("two", fmu, {"way": WAYS.index(way), "at": at}, ratio=Fraction(ratio))
+    parts = [Part("one", fmu), sick, Part("three", fmu, {"rate": "0.1 mm"})]
+    kept = both(assemble(parts, ["three.level -> one.rate", "one.level -> two.rate"]), master, 1500)
+    assert kept.error is not None and kept.error[1] == "two"
+
+
+@every_master
 @pytest.mark.parametrize("steps_before", [None, 0, 1, 1300, 1344])
 @pytest.mark.parametrize("way", WAYS[2:8])
 def test_plain_systems_take_the_short_way_to_the_same(way, steps_before, master):
@@ -319,10 +352,6 @@ def test_what_it_cannot_run_is_refused_or_left_to_python():
         simulate(ring(2), _Other(), grid, loop="native")
     with pytest.raises(ConfigError, match="the master Jacobi, or its extrapolation, works in Python"):
         simulate(ring(2), Jacobi(extrapolation=1), grid, loop="native")
-    fmu = load_fmu(unruly_fmu(2))
-    slow = assemble([Part("slow", fmu, {"rate": "1 m"}, ratio=Fraction(2))])
-    with pytest.raises(ConfigError, match="instance slow has a step size of its own"):
-        simulate(slow, Jacobi(), grid, loop="native")
     simulate(system, Jacobi(), grid, report=report)
     assert report.loop == "python"
 

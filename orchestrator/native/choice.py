@@ -41,9 +41,6 @@ def obstacle(instances: Instances, master: MasterAlgorithm) -> str:
     """Why the native loop cannot run these instances; empty if it can."""
     if schedule(instances, master) is None:
         return f"the master {type(master).__name__}, or its extrapolation, works in Python"
-    for part in instances.system.instances:
-        if part.ratio != 1:
-            return f"instance {part.name} has a step size of its own"
     for index, one in enumerate(instances.running):
         native_calls = getattr(one, "native_calls", None)
         if native_calls is None or native_calls() is None:

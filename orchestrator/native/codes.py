@@ -44,6 +44,8 @@ class Step(_Column):
     FIRST_INPUT = auto()  # places in the vector of inputs
     END_INPUT = auto()
     CONVERTS = auto()  # whether gains and offsets apply
+    EVERY = auto()  # communication steps of one of its own steps
+    PARTS = auto()  # its own steps in a communication step
 
 
 class Path(_Column):

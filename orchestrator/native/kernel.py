@@ -37,7 +37,8 @@ _SOURCES = crc32(b"".join(path.read_bytes() for path in _MADE_OF))
 # numba takes plain whole numbers for constants.
 _C_FUNCTION, _C_COMPONENT, _REFERENCES, _COUNT, _VALUES, _CODE, _PLACE, _VALUE_COUNT = map(int, Call)
 _VERSION, _FUNCTION, _COMPONENT, _NO_ROLLBACK, _EVENT, _TERMINATE, _EARLY, _REACHED = map(int, list(Step)[:8])
-_FIRST_SET, _END_SET, _FIRST_GET, _END_GET, _FIRST_INPUT, _END_INPUT, _CONVERTS = map(int, list(Step)[8:])
+_FIRST_SET, _END_SET, _FIRST_GET, _END_GET, _FIRST_INPUT, _END_INPUT, _CONVERTS = map(int, list(Step)[8:15])
+_EVERY, _PARTS = map(int, list(Step)[15:])
 _DIRECT, _F64, _F32, _I8, _U8, _I16, _U16, _I32, _U32, _I64, _U64, _BOOL = map(int, Code)
 _DONE, _SET, _ADVANCE, _GET, _FINITE, _CONVERT = map(int, Phase)
 _WHO, _PHASE, _BLOCK, _STATUS = map(int, Outcome)
@@ -209,9 +210,9 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
     """
 
     def run_steps(
-        order, late, steps, calls, plan, places, source, gain, offset, values, inputs, times, step_size,
-        columns, elapsed, timed_every, timer, paths, links, legs, leg_gain, leg_offset, reads, after, bounds,
-        outcome,
+        order, late, steps, calls, plan, places, source, gain, offset, values, inputs, first, times,
+        step_size, begun, columns, elapsed, timed_every, timer, paths, links, legs, leg_gain, leg_offset,
+        reads, after, bounds, outcome,
     ):  # fmt: skip
         """Take the steps that begin at `times`, or those until one fails.
 
@@ -224,7 +225,9 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
             source, gain, offset: of each input: input = gain * values[source] + offset, shape (u,).
             values: the signals, shape (y,), bound to the FMUs' outputs; updated.
             inputs: bound to the FMUs' inputs, shape (u,).
-            times: communication points, shape (n,) [s]; step_size: [s].
+            first: index of the first point; times: communication points, shape (n,) [s]; step_size: [s].
+            begun: when the steps of instances began that take several communication steps, shape (i,) [s];
+                updated.
             columns: where the signals at each point go, shape (y, n or more), or (y, 0) to record nothing.
             elapsed: time in each instance's steps, shape (i,) [ns]; updated.
             timed_every: time the first of so many steps.
@@ -270,9 +273,27 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
             if not late:
                 for who in order:
                     step = steps_at + _STEP_ROW * who
-                    _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
+                    if (first + point) % _word(step, _EVERY) == 0:
+                        _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
             for who in order:
                 step = steps_at + _STEP_ROW * who
+                every, parts = _word(step, _EVERY), _word(step, _PARTS)
+                own_time, own_size = time, step_size
+                if every != 1:
+                    if (first + point) % every == 0:
+                        begun[who] = time
+                    if (first + point + 1) % every != 0:
+                        # It keeps its outputs until its step ends.
+                        if wired and late:
+                            for index in range(bounds[who], bounds[who + 1]):
+                                evaluate(
+                                    paths_at + _PATH_ROW * after[index], links_at, legs_at, leg_gain_at,
+                                    leg_offset_at, reads_at, values_at, time + step_size, False,
+                                )  # fmt: skip
+                        continue
+                    own_time, own_size = begun[who], every * step_size
+                elif parts != 1:
+                    own_size = step_size / parts
                 if late:
                     _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
                 if timed:
@@ -287,10 +308,13 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                     if status > 1:
                         _end(outcome_at, who, _SET, index, status)
                         return point
-                status = _step(step, time, step_size)
-                if status > 1 or (version == 3 and _stopped(step, time + (1.0 - _CLOSE) * step_size)):
-                    _end(outcome_at, who, _ADVANCE, 0, status)
-                    return point
+                for part in range(parts):
+                    if parts != 1:
+                        own_time = time + step_size * (part / parts)
+                    status = _step(step, own_time, own_size)
+                    if status > 1 or (version == 3 and _stopped(step, own_time + (1.0 - _CLOSE) * own_size)):
+                        _end(outcome_at, who, _ADVANCE, part, status)
+                        return point
                 for index in range(_word(step, _FIRST_GET), _word(step, _END_GET)):
                     call = calls_at + _CALL_ROW * index
                     status = _call_values(call, version)

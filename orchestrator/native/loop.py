@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
 
@@ -72,7 +73,7 @@ def run_native(
     wiring = tables.wiring
     run = run_wired_steps if len(wiring.paths) else run_steps
     elapsed = np.zeros(len(running), np.int64)
-    outcome = np.zeros(len(Outcome), np.int64)
+    outcome, begun_at = np.zeros(len(Outcome), np.int64), np.zeros(len(running))
     width = instances.layout.size
     largest = _MOST if paced is None else 1
     while seen is not None and largest > _FEWEST and largest * width > _NUMBERS:
@@ -80,8 +81,8 @@ def run_native(
     columns = np.empty((width, 0 if seen is None else largest + _APART))
     timed_every = 1
 
-    def take(times: Array) -> int:
-        """Take the steps that begin at `times`, shape (n,) [s]; how many were taken."""
+    def take(first: int, times: Array) -> int:
+        """Take the steps that begin at `times`, shape (n,) [s], the first at point `first`: how many."""
         return run(
             tables.order,
             tables.late,
@@ -94,8 +95,10 @@ def run_native(
             tables.offset,
             tables.values,
             tables.inputs,
+            first,
             times,
             step_size,
+            begun_at,
             columns,
             elapsed,
             timed_every,
@@ -111,7 +114,7 @@ def run_native(
             outcome,
         )
 
-    take(np.empty(0))  # brings the machine code from disk, or compiles it
+    take(0, np.empty(0))  # brings the machine code from disk, or compiles it
     if begun is not None:
         begun()
     index, size = 0, min(_FEWEST, largest)
@@ -122,7 +125,7 @@ def run_native(
             if check():
                 break
         begin = perf_counter_ns()
-        done = take(times)
+        done = take(index, times)
         took = perf_counter_ns() - begin
         total = int(elapsed.sum())
         if total:
@@ -134,19 +137,44 @@ def run_native(
         if seen is not None:
             count = done + failed
             seen(index, times[:count], columns[:, :count].T)
-        if done:
-            last = float(times[done - 1])
-            for one in running:
-                one.stand_at(last)
         index += done
+        if done:
+            for one, part in zip(running, instances.system.instances, strict=True):
+                latest = _latest(part.ratio, grid, index)
+                if latest is not None:
+                    one.stand_at(latest)
         if failed:
-            _raise(instances, tables, outcome, Point(index, float(times[done]), step_size))
+            _raise(instances, tables, outcome, Point(index, float(times[done]), step_size), begun_at)
         timed_every = _TIMED_EVERY if took < done * len(running) * _SHORT else 1
         size = min(2 * size, largest) if took < _LONGEST else max(size // 2, 1)
     return index
 
 
-def _raise(instances: Instances, tables: Tables, outcome: NDArray[np.int64], point: Point) -> None:
+def _latest(ratio: Fraction, grid: Grid, steps: int) -> float | None:
+    """When the last step of an instance began, after so many communication steps [s]; None: it took none.
+
+    Args:
+        ratio: of its step and the communication step.
+    """
+    every, parts = ratio.numerator, ratio.denominator
+    begin = steps // every * every - every
+    if begin < 0:
+        return None
+    return float(grid.times(begin, begin + 1)[0]) + float(grid.step_size) * ((parts - 1) / parts)
+
+
+def _own(ratio: Fraction, point: Point, begun: float, part: int) -> Point:
+    """The step of an instance that ends with, or is a part of, that from a communication point."""
+    every, parts = ratio.numerator, ratio.denominator
+    if every > 1:
+        return Point(point.index // every, begun, every * point.step_size)
+    begin = point.time + point.step_size * (part / parts)
+    return point if parts == 1 else Point(point.index * parts + part, begin, point.step_size / parts)
+
+
+def _raise(
+    instances: Instances, tables: Tables, outcome: NDArray[np.int64], point: Point, begun: Array
+) -> None:
     """Tell of a failed step what the interpreter's loop would. Raises: StepError."""
     who, phase, row, status = outcome.tolist()
     if phase == Phase.FINITE:
@@ -158,10 +186,12 @@ def _raise(instances: Instances, tables: Tables, outcome: NDArray[np.int64], poi
             tables.blocks[row].send()
         if phase == Phase.SET:
             one.fail_block(tables.blocks[row], status)
-        one.stand_at(point.time)
+        ratio = instances.system.instances[who].ratio
+        own = _own(ratio, point, float(begun[who]), row if phase == Phase.ADVANCE else ratio.denominator - 1)
+        one.stand_at(own.time)
         if phase == Phase.GET:
             one.fail_block(tables.blocks[row], status)
-        judged = one.judge_step(status, point)
+        judged = one.judge_step(status, own)
     except StepError as error:
         instances.culprits.blame_inputs(who, point, error)
         raise

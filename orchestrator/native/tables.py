@@ -91,7 +91,9 @@ class Tables:
                     places += [begin + place for place in block.positions]
                     blocks.append(block)
                 row.append(len(blocks))
-            steps.append([*row, first, end, layout.inputs[position].gain is not None])
+            ratio = instances.system.instances[position].ratio
+            converts = layout.inputs[position].gain is not None
+            steps.append([*row, first, end, converts, ratio.numerator, ratio.denominator])
             first = end
         plan = _plan(native, steps, calls, order, late)
         gains = [
@@ -147,6 +149,8 @@ def _plan(
         gets = range(step[Step.FIRST_GET], step[Step.END_GET])
         direct = all(calls[row][Call.CODE] == Code.DIRECT for row in (*sets, *gets))
         if native[who].version != 2 or not direct or len(sets) > 1 or len(gets) > 1 or step[Step.CONVERTS]:
+            return []
+        if step[Step.EVERY] != 1 or step[Step.PARTS] != 1:
             return []
         given = (Call.FUNCTION, Call.REFERENCES, Call.COUNT, Call.VALUES)
         setter, getter = (

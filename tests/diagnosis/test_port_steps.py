@@ -64,7 +64,8 @@ def test_what_the_step_is_too_long_for_is_no_effect(smooth):
 
 
 def test_a_step_is_not_doubted_where_there_is_no_gap():
-    told = {"error": 1.0, "gap": 0.0, "noise": 0.1, "fraction": None, "step_size": 1e-3, "interval": 1e-3}
+    told = {"error": 1.0, "gap": 0.0, "noise": 0.1, "fraction": None, "step_size": 1e-3, "interval": 1e-3,
+            "halved": True}  # fmt: skip
     assert doubts(told) == []
     assert doubts(told | {"gap": 0.12, "fraction": 0.5, "error": 0.06}) == []  # a gap that noise makes
     (said,) = doubts(told | {"gap": 2.0, "fraction": 0.5})

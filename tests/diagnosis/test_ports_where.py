@@ -30,6 +30,7 @@ from orchestrator.diagnosis.ports.practice import Case, Practise, _Answer, cover
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, Weighted, measure
 from orchestrator.diagnosis.ports.simulated import simulated
+from orchestrator.diagnosis.ports.steps import with_steps
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.tempering import Tempering, read_practice
 from orchestrator.diagnosis.ports.ties import alike
@@ -87,7 +88,8 @@ def test_halving_tells_the_error_of_the_step(rubbing):
     assert "4 times the noise" in doubts({**found, "noise": found["error"] / 4.0})[0].what
     assert "25 % of the gap" in doubts({**quiet, "fraction": 0.25})[0].what
     # The error of this loop is of first order in the step: with half of it, half as large.
-    replays = [PortReplay(rubbing, rubbing.of(Role.HELDOUT), finer=finer) for finer in (1, 2, 4)]
+    finer = (rubbing, with_steps(rubbing, 2), with_steps(rubbing, 4))
+    replays = [PortReplay(one, one.of(Role.HELDOUT)) for one in finer]
     coarse, half, quarter = (
         one.signals(one.runs[0], {}, (), np.zeros(0))[POSITION] for one in replays
     )  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 from ..finding import Augmented
 from ..verdict import Warned
 from .replay import PortReplay
+from .steps import with_steps
 from .study import PortStudy, Role
 
 __all__ = ["doubts", "numerics"]
@@ -26,18 +27,20 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
     """What halving the communication step changes, as a fraction of the gap.
 
     Logs are fed on a curve through their samples, so that the hold of their values over a step, which acts
-    as half a step's delay, counts as an error of the step, too. Held-out runs; train runs where there are
-    none.
+    as half a step's delay, counts as an error of the step, too. Instances with a step of their own keep it.
+    Held-out runs; train runs where there are none.
 
     Args:
         models: by name; the gap is that of the first.
     Returns: `error`, the root mean square change at the compared ports over the spread of their logs, of the
         model that changes most; `gap`, between model and log; `noise`, of the logs as specified, both the
         same way; `fraction`, of error and gap; `step_size` and `interval` of the samples [s];
-        `models`, the error of each. None where a model runs away.
+        `models`, the error of each. None where a model runs away, or where FMUs take no step of half the
+        length: then `halved` is false.
     """
     runs = study.of(Role.HELDOUT) or study.of(Role.TRAIN)
-    step, fine = PortReplay(study, runs), PortReplay(study, runs, finer=2)
+    shorter = with_steps(study, 2)
+    step, fine = PortReplay(study, runs), PortReplay(study if shorter is None else shorter, runs)
     gaps: list[float] = []
     noises: list[float] = []
     errors: dict[str, float] = {}
@@ -57,7 +60,7 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
                     noises.append((float(study.columns[port].noise or 0.0) / spread) ** 2)
         errors[name] = float(np.sqrt(np.mean(changes)))
     gap, error = float(np.sqrt(np.mean(gaps))), max(errors.values())
-    known = np.isfinite(gap) and np.isfinite(error)
+    known = shorter is not None and np.isfinite(gap) and np.isfinite(error)
     return {
         "error": error if known else None,
         "gap": gap if known else None,
@@ -65,7 +68,8 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
         "fraction": error / gap if known and gap > 0.0 else None,
         "step_size": float(study.prepared.grid.step_size),
         "interval": study.interval,
-        "models": {name: value if np.isfinite(value) else None for name, value in errors.items()},
+        "halved": shorter is not None,
+        "models": {name: value if known and np.isfinite(value) else None for name, value in errors.items()},
     }
 
 
@@ -80,7 +84,8 @@ def doubts(found: Mapping[str, Any]) -> list[Warned]:
         if fraction is None or (not loud and (fraction <= _DOUBTFUL or noisy)):
             return []
     step = f"{1e3 * found['step_size']:g} ms"
-    what = "a model runs away, so that the co-simulation's own error is not known"
+    what = "a model runs away" if found["halved"] else f"FMUs take no steps of half of {step}"
+    what += ", so that the co-simulation's own error is not known"
     if not runs_away:
         what = f"halving the step of {step} changes the signals by {100 * fraction:.3g} % of the gap"
     if loud:

@@ -30,11 +30,10 @@ _RUNAWAY = 100.0
 _KEPT = 20_000_000
 
 
-def player_of(study: PortStudy, fed: Sequence[Port], compared: Sequence[Port], finer: int = 1) -> Player:
-    """What runs the system of a study, with steps so many times shorter than the study's."""
-    prepared, parts = study.prepared, study.parts * finer
-    interval = prepared.grid.step_size * study.parts
-    return Player(prepared.system, prepared.master, interval, fed, compared, parts, study.held)
+def player_of(study: PortStudy, fed: Sequence[Port], compared: Sequence[Port]) -> Player:
+    """What runs the system of a study."""
+    prepared, interval = study.prepared, study.prepared.grid.step_size * study.parts
+    return Player(prepared.system, prepared.master, interval, fed, compared, study.parts, study.held)
 
 
 class PortReplay:
@@ -45,18 +44,15 @@ class PortReplay:
         player: runs the system.
 
     Args:
-        finer: by how much shorter the communication step is than the study's.
         seen: ports whose signals are given, in place of the compared ones.
     """
 
-    def __init__(
-        self, study: PortStudy, runs: Sequence[PortRun], finer: int = 1, seen: Sequence[Port] | None = None
-    ) -> None:
+    def __init__(self, study: PortStudy, runs: Sequence[PortRun], seen: Sequence[Port] | None = None) -> None:
         self.study, self.runs = study, tuple(runs)
         # Searches come back to the same models with other weights.
         self._kept: OrderedDict[Any, list[Array]] = OrderedDict()
         self._lock = threading.Lock()
-        self.player = player_of(study, study.fed, study.compared if seen is None else seen, finer)
+        self.player = player_of(study, study.fed, study.compared if seen is None else seen)
 
     @property
     def channels(self) -> list[tuple[PortRun, Port]]:
