@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 from ..errors import Problem
+from ..units import UnitError, convert, parse_unit
 
-__all__ = ["Mistake", "told_once", "wrong_factors"]
+__all__ = ["Mistake", "told_once", "wrong_factors", "wrong_scales"]
 
 # What the unit of a column is taken for, by mistake, and the factor that this makes.
 _FACTORS = {
@@ -21,6 +23,10 @@ _FACTORS = {
 }
 
 
+# Scales of temperature, which differ by more than a factor.
+_SCALES = ("K", "degC", "degF")
+
+
 @dataclass(frozen=True)
 class Mistake(Problem):
     """A problem of a run without which all fits; the remedy says so. The place is "run: column"."""
@@ -32,14 +38,36 @@ def wrong_factors(sign: int = 1, unit: str | None = None) -> Iterator[tuple[floa
     Args:
         sign, unit: that a study file gives the column.
     """
-    correct = "Correct the unit in its header, or give `unit` in a study file."
-    if unit is not None:
-        correct = f"The study file says `unit: {unit}`: correct that."
+    correct = _corrected(unit)
     turn = "Correct its values, or give `sign: -1` in a study file."
     if sign < 0:
         turn = "The study file says `sign: -1`: take that out."
     for factor, text in _FACTORS.items():
         yield factor, f"All fits if {text}. {turn if factor < 0.0 else correct}"
+
+
+def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, float, str]]:
+    """Gain and offset that turn a column of a temperature into what it is on another scale, and what to do.
+
+    Args:
+        own: unit in which the column's values stand by now; unit: that a study file gives the column.
+    """
+    try:
+        scales = {name: convert(parse_unit(name), parse_unit(own)) for name in _SCALES}
+    except UnitError:
+        return
+    for said, meant in permutations(_SCALES, 2):
+        if unit in (None, said):
+            gain = scales[meant][0] / scales[said][0]
+            told = f"All fits if its values are in {meant}, not in {said}. {_corrected(unit)}"
+            yield gain, scales[meant][1] - gain * scales[said][1], told
+
+
+def _corrected(unit: str | None) -> str:
+    """Where to correct a unit; None: the study file gives none."""
+    if unit is not None:
+        return f"The study file says `unit: {unit}`: correct that."
+    return "Correct the unit in its header, or give `unit` in a study file."
 
 
 def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Problem) -> list[Problem]:

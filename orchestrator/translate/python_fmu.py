@@ -162,7 +162,11 @@ def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str
 
 
 def _complete(root: Any, model: Any, place: str) -> None:
-    """Add to the model description what pythonfmu leaves out, in the order of the FMI 2.0 schema."""
+    """Add to the model description what pythonfmu leaves out, in the order of the FMI 2.0 schema.
+
+    Raises: BuildError with all that the model does not tell.
+    """
+    problems: list[str] = []
     root.attrib.pop("generationDateAndTime", None)
     variables = {node.get("name"): node for node in root.find("ModelVariables")}
     enumerations = getattr(model, "enumerations", {})
@@ -170,16 +174,17 @@ def _complete(root: Any, model: Any, place: str) -> None:
     for table, what in ((enumerations, "enumerations"), (attributes, "type_attributes")):
         for name in table:
             if name not in variables:
-                raise BuildError(f"{place}: {what} names {name!r}, which is no variable of the model")
+                problems.append(f"{what} names {name!r}, which is no variable of the model")
     for name, (type_name, _) in enumerations.items():
-        integer = variables[name].find("Integer")
-        if integer is None:
-            raise BuildError(f"{place}: {name}: an enumeration has to be registered as an Integer")
-        integer.tag = "Enumeration"
-        integer.set("declaredType", type_name)
+        integer = variables[name].find("Integer") if name in variables else None
+        if integer is not None:
+            integer.tag = "Enumeration"
+            integer.set("declaredType", type_name)
+        elif name in variables:
+            problems.append(f"{name}: an enumeration has to be registered as an Integer")
     units: dict[str, dict[str, Unit]] = {}
     for name, node in variables.items():
-        _describe(name, node, attributes.get(name, {}), units, place)
+        _describe(name, node, attributes.get(name, {}), units, problems)
     for variable in model.vars.values():
         element = variables[variable.name].find("Real")
         if element is not None and element.get("start") is not None:
@@ -190,15 +195,21 @@ def _complete(root: Any, model: Any, place: str) -> None:
         if len(element):
             root.insert(position, element)
             position += 1
-    _structure(root, model, variables, place)
+    _structure(root, model, variables, problems)
+    if problems:
+        raise BuildError("\n".join(f"{place}: {one}" for one in problems))
 
 
 def _describe(
-    name: str, node: Any, attributes: Mapping[str, str], units: dict[str, dict[str, Unit]], place: str
+    name: str,
+    node: Any,
+    attributes: Mapping[str, str],
+    units: dict[str, dict[str, Unit]],
+    problems: list[str],
 ) -> None:
-    """Set unit, quantity and limits of one variable and collect its units."""
+    """Set unit, quantity and limits of one variable and collect its units; what is wrong is added."""
     if not node.get("description"):
-        raise BuildError(f"{place}: {name}: no description; give one where the variable is registered")
+        problems.append(f"{name}: no description; give one where the variable is registered")
     (element,) = (child for child in node if child.tag in _TYPES)
     for key, value in attributes.items():
         element.set(key, value)
@@ -208,19 +219,19 @@ def _describe(
         unit = parse_unit(attributes["unit"])
         shown = units.setdefault(attributes["unit"], {"": unit})
         if "displayUnit" in attributes:
-            shown[attributes["displayUnit"]] = parse_unit(attributes["displayUnit"])
+            display = attributes["displayUnit"]
+            other = parse_unit(display)
+            if other.same_dimension(unit):
+                shown[display] = other
+            else:
+                told = f"display unit {display} [{other.base()}] for {unit} [{unit.base()}]"
+                problems.append(f"{name}: {told}: dimensions differ")
     except KeyError:
-        raise BuildError(
-            f'{place}: {name}: a Real without a unit; name it in type_attributes, "1" if it has no dimension'
-        ) from None
+        problems.append(
+            f'{name}: a Real without a unit; name it in type_attributes, "1" if it has no dimension'
+        )
     except UnitError as error:
-        raise BuildError(f"{place}: {name}: {error}") from error
-    for display, other in shown.items():
-        if not other.same_dimension(unit):
-            raise BuildError(
-                f"{place}: {name}: display unit {display} [{other.base()}] for {unit} [{unit.base()}]: "
-                "dimensions differ"
-            )
+        problems.append(f"{name}: {error}")
 
 
 def _unit_definitions(units: Mapping[str, Mapping[str, Unit]]) -> Any:
@@ -254,8 +265,11 @@ def _type_definitions(enumerations: Mapping[str, tuple[str, Mapping[str, int]]])
     return root
 
 
-def _structure(root: Any, model: Any, variables: Mapping[str, Any], place: str) -> None:
-    """Write ModelStructure: what outputs depend on, at a communication point and initially."""
+def _structure(root: Any, model: Any, variables: Mapping[str, Any], problems: list[str]) -> None:
+    """Write ModelStructure: what outputs depend on, at a communication point and initially.
+
+    What is wrong is added.
+    """
     index = {name: str(number) for number, name in enumerate(variables, start=1)}
     node = root.find("ModelStructure")
     node.clear()
@@ -279,9 +293,8 @@ def _structure(root: Any, model: Any, variables: Mapping[str, Any], place: str) 
             missing = [other for other in known.get(name, ()) if other not in index]
             if name not in known or missing:
                 wrong = f"names {listed(missing)}, unknown" if missing else "does not tell what it depends on"
-                raise BuildError(
-                    f"{place}: {table}: {name}: {wrong}; give it as a tuple of variables, () for none"
-                )
+                problems.append(f"{table}: {name}: {wrong}; give it as a tuple of variables, () for none")
+                continue
             depends = " ".join(sorted((index[other] for other in known[name]), key=int))
             etree.SubElement(element, "Unknown", index=index[name], dependencies=depends)
 

@@ -13,6 +13,7 @@ from ports_bench import study
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.cli import _folders
+from orchestrator.diagnosis.mistakes import wrong_scales
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.errors import ConfigError
@@ -292,3 +293,16 @@ def test_messages_at_another_step_are_not_taken_for_the_step(made, told, tmp_pat
         "a.mcap: time: samples are 0.00401 s apart\n  the communication step of the system, or the "
         "study's interval, 0.002 s. Set the study's interval, `interval: 0.004 s`, or resample the log."
     )
+
+
+def test_a_temperature_on_another_scale_is_a_mistake_of_its_own():
+    found = {told.split(". ")[0]: (gain, offset) for gain, offset, told in wrong_scales("K")}
+    assert len(found) == 6
+    gain, offset = found["All fits if its values are in K, not in degC"]
+    assert (gain, offset) == pytest.approx((1.0, -273.15))
+    # 68 degF taken for degC came out as 341.15 K, and is 293.15 K.
+    gain, offset = found["All fits if its values are in degF, not in degC"]
+    assert gain * 341.15 + offset == pytest.approx(293.15)
+    stated = [told for _, _, told in wrong_scales("K", "degC")]
+    assert len(stated) == 2 and all("`unit: degC`: correct that" in told for told in stated)
+    assert list(wrong_scales("m")) == [] == list(wrong_scales("N.m"))

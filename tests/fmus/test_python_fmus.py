@@ -253,6 +253,15 @@ class Doubler(Fmi2Slave):
 """
 
 
+def test_all_that_a_model_does_not_tell_is_told_at_once(tmp_path):
+    script = tmp_path / "doubler.py"
+    text = MODEL.replace(', description="input"', "").replace('"y": {"unit": "mm"}', "")
+    script.write_text(text.replace("self.dependencies = ", "self.other = "))
+    with pytest.raises(BuildError) as caught:
+        build_python_fmu(script, tmp_path / "doubler.fmu")
+    assert [line.split(": ")[1] for line in str(caught.value).splitlines()] == ["u", "y", "dependencies"]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

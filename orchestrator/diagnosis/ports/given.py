@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import Problem
 from ...system import Port
 from ..channels import clipped, frozen
-from ..mistakes import Mistake, told_once, wrong_factors
+from ..mistakes import Mistake, told_once, wrong_factors, wrong_scales
 from ..study import Array
 from ..verdict import Warned
 from .noise import white
@@ -163,6 +163,8 @@ def _factors(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun
         column = study.columns[port]
         for factor, told in wrong_factors(column.sign, column.unit):
             yield str(port), told, _with(run, {port: log / factor})
+        for gain, offset, told in wrong_scales(study.unit(port), column.unit):
+            yield str(port), told, _with(run, {port: gain * log + offset})
 
 
 def _exchanged(run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
