@@ -41,8 +41,9 @@ _PERIOD = 3.0
 _WAY = 0.5
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
 # each of which is one of many and costs `_EACH`. Where calibrated numbers of one kind alone stray by more
-# than `_STRAYED`, it costs `_SAME_KIND`: one effect, as a delay, strays in all numbers of its kind.
-_STRAYED, _DOUBTED, _EACH, _SAME_KIND = 2.0, 2.0, 2.0, 1.0
+# than `_STRAYED`, it costs `_SAME_KIND`: one effect, as a delay, strays in all numbers of its kind. A number
+# that strays alone, while no other does by more than `_BESIDE`, is an effect's doing.
+_STRAYED, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
 # Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
 # them [nats], and the share of the evidence that has to stay.
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
@@ -260,12 +261,13 @@ def _ids(fit: Fit) -> tuple[str, ...]:
 def _doubt(weighing: Weighing, none: Fit) -> tuple[float, float]:
     """Log evidence of wider tolerances over those given, and what an effect costs beside them [nats].
 
-    It is zero unless some number strays, and none does beyond wider tolerances.
+    It is zero unless some number strays, and not it alone, and none does beyond wider tolerances.
     """
     kinds = [max(abs(none.deviation.get(name, 0.0)) for name in kind) for kind in KINDS]
     far = sum(most > _STRAYED for most in kinds)
     each = _EACH if far > 1 else _SAME_KIND
-    if none.effects or not far:
+    second = sorted(map(abs, none.deviation.values()))[-2:-1]
+    if none.effects or not far or max(second, default=0.0) < _BESIDE:
         return 0.0, each
     columns = weighing.roughness()
     given, wider = (
