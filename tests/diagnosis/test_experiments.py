@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from orchestrator.config import Places
 from orchestrator.diagnosis import menu as menus
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.doubt import _ALONE
@@ -261,7 +262,7 @@ def test_wrong_experiments_of_a_study_are_all_told():
     problems = []
     entries = [{"name": "a", "mass": "500 kg", "rods": 2}, {"mass": "1 kg"}, {"name": "b", "ticks": 1.5}]
     entries.append({"name": "c", "approach_speed": "3 kg"})
-    first, *_ = _experiments(entries, "study.yaml: experiments", problems)
+    first, *_ = _experiments(entries, Places("study.yaml"), problems)
     assert first == {"name": "a", "description": "", "mass": 500.0}
     assert [one.place.removeprefix("study.yaml: experiments") for one in problems] == [
         "[0].rods", "[1]", "[2].ticks", "[3].approach_speed"
