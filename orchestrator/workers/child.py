@@ -23,6 +23,8 @@ from .tasks import Attempt, Failure, Work
 __all__ = ["Child", "attempt"]
 
 _LINES_OF_OUTPUT = 10
+# So many processes are started where one after the other is killed from outside while it begins.
+_BEGINS = 3
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from orchestrator.workers.serve import main; main()"
@@ -66,7 +68,8 @@ class Child:
         if made.failure is not None:
             self.end()
             lines = "".join(f"\n    {line}" for line in made.failure.log)
-            raise OrchestratorError(f"a worker could not begin: {made.failure.message}{lines}")
+            kind = KilledError if made.failure.kind == "killed" else OrchestratorError
+            raise kind(f"a worker could not begin: {made.failure.message}{lines}")
         self._size = made.value
 
     @property
@@ -163,6 +166,20 @@ class Child:
         return tuple(line for line in lines if line.strip())[-_LINES_OF_OUTPUT:]
 
 
+class KilledError(OrchestratorError):
+    """A process was killed from outside before it could begin."""
+
+
+def _begun(make: Callable[[], Child]) -> Child:
+    """A process that has begun; one that is killed from outside while it does is no fault of its task."""
+    for _ in range(_BEGINS - 1):
+        try:
+            return make()
+        except KilledError:
+            continue
+    return make()
+
+
 def attempt(
     child: Child | None, make: Callable[[], Child], task: Any, work: Work
 ) -> tuple[Child | None, Attempt, int]:
@@ -178,7 +195,7 @@ def attempt(
         if child is None or not child.alive:
             if child is not None:
                 child.end()
-            child = make()
+            child = _begun(make)
         made = child.do(task)
         attempts += 1
         if not child.alive or child.grown():

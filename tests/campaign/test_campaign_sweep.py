@@ -15,6 +15,7 @@ from orchestrator.campaign import Store, Study
 from orchestrator.errors import ConfigError, Interrupted
 from orchestrator.run import run
 from orchestrator.workers import LocalPool
+from orchestrator.workers.child import KilledError, _begun
 
 CRASH, HANG = 1, 2
 
@@ -200,6 +201,18 @@ def test_a_run_that_diverges_is_kept_with_its_reason(tmp_path):
     assert columns["status"].tolist() == ["failed", "done"]
     assert columns["kind"][0] == "diverged"
     assert "satellite" in columns["message"][0]
+
+
+def test_a_worker_that_is_killed_while_it_begins_is_started_again():
+    begun = []
+
+    def make():
+        begun.append(1)
+        if len(begun) < 3:
+            raise KilledError("a worker could not begin")
+        return "a process"
+
+    assert _begun(make) == "a process" and len(begun) == 3
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills by signal")
