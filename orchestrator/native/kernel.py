@@ -194,6 +194,16 @@ def _transfer(row, source, gain, offset, values, inputs):
 
 
 @register_jitable
+def _follow(first, end, after, paths, links, legs, leg_gain, leg_offset, reads, values, time):
+    """Evaluate, on trial, the connections that depend on an instance: those of a stretch of `after`."""
+    for index in range(first, end):
+        evaluate(
+            paths + _PATH_ROW * _word(after, index), links, legs, leg_gain, leg_offset, reads, values,
+            time, False,
+        )  # fmt: skip
+
+
+@register_jitable
 def _now(timer):
     """Nanoseconds of the clock; 0 without one."""
     if _word(timer, 0) == 0:
@@ -244,7 +254,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
         outcome_at = outcome.ctypes.data
         paths_at, links_at, reads_at = paths.ctypes.data, links.ctypes.data, reads.ctypes.data
         legs_at, leg_gain_at = legs.ctypes.data, leg_gain.ctypes.data
-        leg_offset_at = leg_offset.ctypes.data
+        leg_offset_at, after_at = leg_offset.ctypes.data, after.ctypes.data
         bits = values.view(np.int64)
         record = columns.shape[1] > 0
         countdown = 1
@@ -285,11 +295,10 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                     if (first + point + 1) % every != 0:
                         # It keeps its outputs until its step ends.
                         if wired and late:
-                            for index in range(bounds[who], bounds[who + 1]):
-                                evaluate(
-                                    paths_at + _PATH_ROW * after[index], links_at, legs_at, leg_gain_at,
-                                    leg_offset_at, reads_at, values_at, time + step_size, False,
-                                )  # fmt: skip
+                            _follow(
+                                bounds[who], bounds[who + 1], after_at, paths_at, links_at, legs_at,
+                                leg_gain_at, leg_offset_at, reads_at, values_at, time + step_size,
+                            )  # fmt: skip
                         continue
                     own_time, own_size = begun[who], every * step_size
                 elif parts != 1:
@@ -324,11 +333,10 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                     if _word(call, _CODE) != _DIRECT:
                         _fetch(call, places_at, values_at)
                 if wired and late:
-                    for index in range(bounds[who], bounds[who + 1]):
-                        evaluate(
-                            paths_at + _PATH_ROW * after[index], links_at, legs_at, leg_gain_at,
-                            leg_offset_at, reads_at, values_at, time + step_size, False,
-                        )  # fmt: skip
+                    _follow(
+                        bounds[who], bounds[who + 1], after_at, paths_at, links_at, legs_at, leg_gain_at,
+                        leg_offset_at, reads_at, values_at, time + step_size,
+                    )  # fmt: skip
                 if timed:
                     elapsed[who] += _now(timer_at) - begin
             if wired:
