@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 __all__ = [
@@ -63,6 +64,10 @@ class ConfigError(OrchestratorError):
         self.problems: tuple[Problem, ...] = tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """From process to process with its problems: of an exception its message alone would be sent."""
+        return type(self), (self.problems,)
+
 
 class FmuError(OrchestratorError):
     """An FMU that cannot be read, loaded or set up."""
@@ -103,6 +108,11 @@ class StepError(OrchestratorError):
             lines.append("  log of the FMU:")
             lines += [f"    {line}" for line in self.log]
         super().__init__("\n".join(lines))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """From process to process with all that it knows."""
+        known = {name: getattr(self, name) for name in ("instance", "time", "status", "log", "remedy")}
+        return partial(type(self), **known), (self.what,)
 
 
 class Interrupted(OrchestratorError):

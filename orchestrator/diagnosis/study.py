@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -319,9 +319,13 @@ def _run(
         where = places.text((*at, "approach_speed"))
         problems.append(Problem(where, f"got {speed}", "a speed other than 0 [m/s]"))
     path = folder / file
-    if not path.exists() or path.resolve().parent != folder.resolve():
-        problems.append(Problem(places.text((*at, "file")), f"no file {file} in {folder}"))
+    if not path.exists():
+        there = [one.name for one in path.parent.iterdir()] if path.parent.is_dir() else []
+        what = f"no file {path.name} in {path.parent}"
+        problems.append(Problem(places.text((*at, "file")), what, remedy=nearest(path.name, there)))
     if len(problems) > before:
         return None
     columns = columns_of(path, mapping, _COLUMNS, tick, problems, clock=clock)
-    return None if columns is None else Run(file.partition(".")[0], role, mass, speed, columns)
+    # Logs of several folders may be called the same.
+    name = (PurePath(file).parent / path.name.partition(".")[0]).as_posix()
+    return None if columns is None else Run(name, role, mass, speed, columns)

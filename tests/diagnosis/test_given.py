@@ -115,6 +115,30 @@ def test_runs_of_one_name_are_refused(case):
     assert "another run is called train-1, too" in case.said()
 
 
+def test_logs_stand_where_a_lab_keeps_them(case):
+    """In folders by day, elsewhere, or as links, as data versioning leaves them."""
+    runs = case.data["runs"]
+    apart = case.folder.parent / "archive"
+    for where in (case.folder / "monday", case.folder / "tuesday", apart):
+        where.mkdir()
+    files = [case.folder / one["file"] for one in runs[:3]]
+    files[0].rename(case.folder / "monday" / "run.csv.gz")
+    files[1].rename(case.folder / "tuesday" / "run.csv.gz")
+    files[2].rename(apart / "run.csv.gz")
+    (case.folder / "linked.csv.gz").symlink_to(apart / "run.csv.gz")
+    for one, file in zip(runs, ("monday/run.csv.gz", "tuesday/run.csv.gz", "linked.csv.gz"), strict=False):
+        one["file"] = file
+    (case.folder / "case.yaml").write_text(yaml.safe_dump(case.data))
+    names = [one.name for one in load_study(case.folder).runs]
+    assert names[:3] == ["monday/run", "tuesday/run", "linked"]
+    runs[2]["file"] = "../archive/run.csv.gz"
+    (case.folder / "case.yaml").write_text(yaml.safe_dump(case.data))
+    assert load_study(case.folder).runs[2].name == "../archive/run"
+    runs[0]["file"] = "monday/rnu.csv.gz"
+    assert "runs[0].file: no file rnu.csv.gz in " in case.said()
+    assert "Did you mean run.csv.gz?" in case.said()
+
+
 def test_logs_without_rows_words_and_other_separators(case):
     path = case.folder / "train-1.csv.gz"
     text = gzip.decompress(path.read_bytes()).decode()
