@@ -297,6 +297,11 @@ class Instances:
 
     # What the native loop uses.
 
+    def courses(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Of each input of an instance, whether it follows a curve, and whether an output depends on it at
+        once: see `transfer`."""
+        return self._follows(index), self._through(index)
+
     @property
     def native_memory(self) -> tuple[Array, Array]:
         """The signals, shape (layout.size,), and all instances' inputs one after the other: as bound."""

@@ -248,7 +248,7 @@ def simulate(
         instantiate(system, layout or Layout.of(system), pool) as instances,
     ):
         try:
-            report.loop = choose_loop(loop, instances, master, grid.steps)
+            report.loop = choose_loop(loop, instances, master, grid.steps, bool(ledger))
             signals = instances.initialise(float(grid.start), grid.latest)
             try:
                 with nullcontext() if pace is None else pace.quiet():
@@ -316,7 +316,7 @@ def _loop_natively(
     step_size = float(grid.step_size)
     planned = schedule(instances, master)
     if ledger is not None and planned is not None:
-        ledger.schedule(instances, *planned, step_size)
+        ledger.schedule(instances, planned.order, planned.late, step_size)
         observers = (*observers, ledger)
     blockwise = [one for one in observers if isinstance(one, BlockObserver)]
 

@@ -27,7 +27,7 @@ class Fmi2Instance(CompiledInstance):
     """A running FMI 2.0 FMU."""
 
     _EXIT, _TERMINATE, _FREE = "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2FreeInstance"
-    _RESET = "fmi2Reset"
+    _RESET, _BEND = "fmi2Reset", "fmi2SetRealInputDerivatives"
     _STATUS, _REAL_STATUS = "fmi2GetStatus", "fmi2GetRealStatus"
 
     def _instantiate(self) -> None:
@@ -73,6 +73,7 @@ class Fmi2Instance(CompiledInstance):
             returned=(0, 0, 0, 0),
             inputs=tuple(self._inputs),
             outputs=tuple(self._outputs),
+            bend=cast(self._slave._functions.get(self._BEND), c_void_p).value or 0,
         )
 
     def judge_step(self, status: int, point: Point) -> StepStatus:
@@ -106,7 +107,7 @@ class Fmi2Instance(CompiledInstance):
                 count = len(block.references)
                 orders = (c_int * count)(*[order] * count)
                 numbers = (c_double * count).from_buffer(values[block.positions])
-                self._call("fmi2SetRealInputDerivatives", block.references, count, orders, numbers)
+                self._call(self._BEND, block.references, count, orders, numbers)
 
     def _derivative(
         self, unknowns: Any, counts: tuple[int, int], knowns: Any, seed: Any, answer: Any

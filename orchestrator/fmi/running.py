@@ -43,6 +43,7 @@ class NativeCalls(NamedTuple):
         no_rollback: whether no state is kept.
         returned: addresses where an FMI 3 step tells: event, terminate, early return, time reached.
         inputs, outputs: what is set before a step and read after it.
+        bend: address of the function that takes derivatives of inputs; 0 without one.
     """
 
     version: int
@@ -52,13 +53,14 @@ class NativeCalls(NamedTuple):
     returned: tuple[int, int, int, int]
     inputs: tuple[Block, ...]
     outputs: tuple[Block, ...]
+    bend: int = 0
 
 
 class CompiledInstance(Values):
     """What instances of all versions of FMI have in common; see the FmuInstance protocol."""
 
     # Names of functions that differ between the versions in no more than that.
-    _INSTANTIATE = _EXIT = _TERMINATE = _FREE = _RESET = _STATUS = _REAL_STATUS = ""
+    _INSTANTIATE = _EXIT = _TERMINATE = _FREE = _RESET = _STATUS = _REAL_STATUS = _BEND = ""
 
     def __init__(
         self,
@@ -124,6 +126,10 @@ class CompiledInstance(Values):
     def fail_block(self, block: Block, status: int) -> None:
         """Raises: StepError for a get or set function that returned `status`."""
         self._fail(block.name, status)
+
+    def fail_derivatives(self, status: int) -> None:
+        """Raises: StepError for a function that took derivatives of inputs and returned `status`."""
+        self._fail(self._BEND, status)
 
     # Calls and their failures.
 

@@ -18,7 +18,7 @@ from ..system import System
 from .base import Master
 from .rates import slow_with_extrapolation
 
-__all__ = ["Extrapolating", "Extrapolation", "predicted"]
+__all__ = ["Extrapolating", "Extrapolation", "predicted", "weights"]
 
 
 class Extrapolating(Master):
@@ -39,15 +39,15 @@ class Extrapolating(Master):
 
 
 @lru_cache(maxsize=256)
-def _weights(at: float, nodes: tuple[float, ...]) -> tuple[float, ...]:
+def weights(at: float, nodes: tuple[float, ...]) -> tuple[float, ...]:
     """Lagrange's weights of the values at `nodes` in the polynomial's value at `at`."""
     return tuple(prod((at - other) / (one - other) for other in nodes if other != one) for one in nodes)
 
 
-def _mixed(weights: Sequence[float], points: Sequence[Array]) -> Array:
+def _mixed(factors: Sequence[float], points: Sequence[Array]) -> Array:
     """A weighted sum; a product of matrices would take several times as long on few numbers."""
-    total = weights[0] * points[0]
-    for weight, one in zip(weights[1:], points[1:], strict=False):
+    total = factors[0] * points[0]
+    for weight, one in zip(factors[1:], points[1:], strict=False):
         total += weight * one
     return total
 
@@ -91,8 +91,8 @@ class Extrapolation:
         nodes = [0.0]
         for _, size, _ in reversed(kept[:-1]):
             nodes.append(nodes[-1] - size / point.step_size)
-        self._within = _weights(0.5, (1.0, *nodes[: self._order]))
-        middle, end = (_mixed(_weights(at, tuple(nodes)), self._points) for at in (0.5, 1.0))
+        self._within = weights(0.5, (1.0, *nodes[: self._order]))
+        middle, end = (_mixed(weights(at, tuple(nodes)), self._points) for at in (0.5, 1.0))
         if self._smooth is not None:
             middle, end = (np.where(self._smooth, one, values) for one in (middle, end))
         self.curve = Curve(values, middle, end, self._order, point.step_size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 from ..errors import ConfigError, Problem
 from ..instances import Instances
@@ -12,7 +13,7 @@ from ..master import MasterAlgorithm
 from ..master.gauss_seidel import GaussSeidel
 from ..master.jacobi import Jacobi
 
-__all__ = ["LOOPS", "choose_loop", "schedule"]
+__all__ = ["LOOPS", "Schedule", "choose_loop", "kernel_of", "schedule"]
 
 LOOPS = ("auto", "python", "native")
 
@@ -23,28 +24,49 @@ _PER_STEP, _PER_INSTANCE = 5e-6, 7e-6
 _COMPILING, _LOADING, _LOADED = 8.0, 0.8, 0.005
 
 
-def schedule(instances: Instances, master: MasterAlgorithm) -> tuple[tuple[int, ...], bool] | None:
-    """Order of stepping, and whether inputs are fed right before each step; None if the master has no such.
+class Schedule(NamedTuple):
+    """How a master steps.
+
+    Attributes:
+        order: positions of instances in the order of stepping.
+        late: whether inputs are fed right before each step.
+        extrapolation: order of the polynomials that inputs follow; 0 where they hold.
+    """
+
+    order: tuple[int, ...]
+    late: bool
+    extrapolation: int
+
+
+def schedule(instances: Instances, master: MasterAlgorithm) -> Schedule | None:
+    """How a master steps; None if it does something else.
 
     A master derived from these may do anything in its step: it counts as another.
     """
-    if getattr(master, "extrapolation", 0):
-        return None
     if type(master) is Jacobi:
-        return tuple(range(len(instances))), False
+        return Schedule(tuple(range(len(instances))), False, master.extrapolation)
     if type(master) is GaussSeidel:
-        return instances.system.order, True
+        return Schedule(instances.system.order, True, master.extrapolation)
     return None
 
 
-def obstacle(instances: Instances, master: MasterAlgorithm) -> str:
-    """Why the native loop cannot run these instances; empty if it can."""
-    if schedule(instances, master) is None:
-        return f"the master {type(master).__name__}, or its extrapolation, works in Python"
+def obstacle(instances: Instances, master: MasterAlgorithm, ledger: bool = False) -> str:
+    """Why the native loop cannot run these instances; empty if it can.
+
+    Args:
+        ledger: whether the coupling's energy is kept books of.
+    """
+    planned = schedule(instances, master)
+    if planned is None:
+        return f"the master {type(master).__name__} works in Python"
+    if planned.extrapolation and ledger:
+        return "the energies of inputs that follow curves are reckoned in Python"
     for index, one in enumerate(instances.running):
         native_calls = getattr(one, "native_calls", None)
-        if native_calls is None or native_calls() is None:
+        if native_calls is None or (calls := native_calls()) is None:
             return f"instance {one.name} is stepped by Python code"
+        if planned.extrapolation and one.description.followed and not calls.bend:
+            return f"instance {one.name} takes the course of its inputs in Python"
         if instances.layout.text_inputs[index] or instances.layout.text_outputs[index]:
             return f"strings of instance {one.name} are connected"
     if sys.maxsize < 2**32:
@@ -62,21 +84,26 @@ def obstacle(instances: Instances, master: MasterAlgorithm) -> str:
     return ""
 
 
-def choose_loop(loop: str, instances: Instances, master: MasterAlgorithm, steps: int) -> str:
+def choose_loop(
+    loop: str, instances: Instances, master: MasterAlgorithm, steps: int, ledger: bool = False
+) -> str:
     """The loop to take, "python" or "native"; both give the same to the bit.
 
     Args:
         loop: "auto" takes the native one where it can run and saves more than its start-up costs. It is
             compiled when it first runs, and then kept on disk.
         steps: of the whole run.
+        ledger: whether the coupling's energy is kept books of.
     Raises: ConfigError if the native loop is asked for and cannot run.
     """
     if loop == "python":
         return loop
     if loop == "auto":
-        if steps * (_PER_STEP + _PER_INSTANCE * len(instances)) < _start_up(instances.wires is not None):
+        bent = bool(getattr(master, "extrapolation", 0))
+        kernel = kernel_of(instances.wires is not None, bent)
+        if steps * (_PER_STEP + _PER_INSTANCE * len(instances)) < _start_up(kernel):
             return "python"
-    reason = obstacle(instances, master)
+    reason = obstacle(instances, master, ledger)
     if not reason:
         return "native"
     if loop == "native":
@@ -86,17 +113,22 @@ def choose_loop(loop: str, instances: Instances, master: MasterAlgorithm, steps:
     return "python"
 
 
-def _start_up(wired: bool) -> float:
-    """What the native loop costs before its first step [s].
+def kernel_of(wired: bool, bent: bool) -> str:
+    """Name of the function that takes the steps: each is compiled for itself, and holds what it serves.
 
     Args:
-        wired: whether connections have effects, for which it is compiled a second time.
+        wired: whether connections have effects; bent: whether inputs follow curves.
     """
+    return "run_bent_steps" if bent else "run_wired_steps" if wired else "run_steps"
+
+
+def _start_up(kernel: str) -> float:
+    """What the native loop costs before its first step [s]; see `kernel_of`."""
     if "orchestrator.native.kernel" in sys.modules:
         return _LOADED
     source = Path(__file__).with_name("kernel.py")
     # Where numba keeps it elsewhere, since this folder cannot be written, it counts as not compiled.
     python = "".join(map(str, sys.version_info[:2]))
-    kept = source.parent.glob(f"__pycache__/kernel.*run_steps-*.py{python}.*.nbc")
-    count = sum(one.stat().st_mtime > source.stat().st_mtime for one in kept)
-    return _LOADING if count > wired else _COMPILING
+    kept = source.parent.glob(f"__pycache__/kernel.{kernel}-*.py{python}.*.nbc")
+    fresh = any(one.stat().st_mtime > source.stat().st_mtime for one in kept)
+    return _LOADING if fresh else _COMPILING

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum, auto
 
-__all__ = ["Call", "Chained", "Code", "Outcome", "Path", "Phase", "Plain", "Step"]
+__all__ = ["Ahead", "Bend", "Call", "Chained", "Code", "Given", "Outcome", "Path", "Phase", "Plain", "Step"]
 
 
 class _Column(IntEnum):
@@ -72,6 +72,43 @@ class Chained(_Column):
     MEMORY_COUNT = auto()
 
 
+class Ahead(_Column):
+    """What a master that extrapolates keeps; addresses unless told otherwise. See `ahead.Curves`."""
+
+    ORDER = auto()  # of the polynomial
+    SIZE = auto()  # how many signals there are
+    PAST = auto()  # the signals at the latest points, newest first
+    MIDDLE = auto()  # and as they are supposed to be in the middle of the step,
+    END = auto()  # and at its end
+    WEIGHTS = auto()  # by order: of the middle, the end, and the middle once the end is known
+    SMOOTH = auto()  # whether a signal runs along a polynomial
+    GIVEN = auto()  # by input, see `Given`
+    SPANS = auto()  # where the signals of each instance begin, and end
+    BENDS = auto()  # table of calls that tell derivatives
+    BOUNDS = auto()  # where those of each instance begin, and end
+    PLACES = auto()  # of the inputs whose derivatives these tell
+
+
+class Given(_Column):
+    """What an input is given over a step along a curve."""
+
+    MIDDLE = auto()
+    END = auto()
+    COURSE = auto()  # value and derivatives at the begin
+
+
+class Bend(_Column):
+    """Columns of the table of functions that take derivatives of inputs; addresses unless told otherwise."""
+
+    FUNCTION = auto()
+    COMPONENT = auto()
+    REFERENCES = auto()
+    COUNT = auto()
+    ORDERS = auto()  # of each derivative; two such lists, of first and of second ones
+    VALUES = auto()
+    FIRST_PLACE = auto()  # row of the list of places
+
+
 class Plain(_Column):
     """Columns of the plan of a plain system; addresses unless told otherwise."""
 
@@ -119,6 +156,7 @@ class Phase(_Column):
     GET = auto()
     FINITE = auto()  # a signal is not finite
     CONVERT = auto()  # an input that is no number has to become an integer
+    BEND = auto()  # derivatives of inputs were refused
 
 
 class Outcome(_Column):

@@ -16,6 +16,7 @@ from numba.extending import intrinsic
 __all__ = [
     "as_doubles",
     "call_effect",
+    "call_fmi2_derivatives",
     "call_fmi2_step",
     "call_fmi2_values",
     "call_fmi3_step",
@@ -43,7 +44,7 @@ def _caller(kinds: str, result: str = "i") -> Callable[..., Any]:
     return lambda: (signature, generate)
 
 
-_VALUES2, _VALUES3 = _caller("wwww"), _caller("wwwww")
+_VALUES2, _VALUES3, _DERIVATIVES2 = _caller("wwww"), _caller("wwwww"), _caller("wwwww")
 _STEP2, _STEP3 = _caller("wddi"), _caller("wddiwwww")
 _TIMER = _caller("iw")
 _EFFECT = _caller("dwwwwwww", "d")
@@ -53,6 +54,12 @@ _EFFECT = _caller("dwwwwwww", "d")
 def call_fmi2_values(typing, function, component, references, count, values):
     """fmi2Status (*)(fmi2Component, const fmi2ValueReference[], size_t, values[])"""
     return _VALUES2()
+
+
+@intrinsic
+def call_fmi2_derivatives(typing, function, component, references, count, orders, values):
+    """fmi2Status (*)(fmi2Component, const fmi2ValueReference[], size_t, fmi2Integer[], fmi2Real[])"""
+    return _DERIVATIVES2()
 
 
 @intrinsic

@@ -12,7 +12,9 @@ from numba import njit
 from numba.extending import register_jitable
 
 from .. import effects
-from .codes import Call, Code, Outcome, Phase, Step
+from .ahead import bend, feed, predict, settle, settle_all
+from .codes import Ahead, Call, Code, Outcome, Phase, Step
+from .codes import Path as Chain
 from .foreign import (
     call_fmi2_step,
     call_fmi2_values,
@@ -27,10 +29,11 @@ from .plain import not_finite, run_plain
 from .plain import word as _word
 from .wiring import _PATH_ROW, evaluate
 
-__all__ = ["run_steps", "run_wired_steps"]
+__all__ = ["run_bent_steps", "run_steps", "run_wired_steps"]
 
 # numba keeps what it compiled until this file changes; those that it is made from count as well.
-_MADE_OF = [Path(__file__).with_name(name) for name in ("codes.py", "foreign.py", "plain.py", "wiring.py")]
+_OWN = ("ahead.py", "codes.py", "foreign.py", "plain.py", "wiring.py")
+_MADE_OF = [Path(__file__).with_name(name) for name in _OWN]
 _MADE_OF += sorted(Path(effects.__file__).parent.glob("*.py"))
 _SOURCES = crc32(b"".join(path.read_bytes() for path in _MADE_OF))
 
@@ -40,8 +43,9 @@ _VERSION, _FUNCTION, _COMPONENT, _NO_ROLLBACK, _EVENT, _TERMINATE, _EARLY, _REAC
 _FIRST_SET, _END_SET, _FIRST_GET, _END_GET, _FIRST_INPUT, _END_INPUT, _CONVERTS = map(int, list(Step)[8:15])
 _EVERY, _PARTS = map(int, list(Step)[15:])
 _DIRECT, _F64, _F32, _I8, _U8, _I16, _U16, _I32, _U32, _I64, _U64, _BOOL = map(int, Code)
-_DONE, _SET, _ADVANCE, _GET, _FINITE, _CONVERT = map(int, Phase)
+_DONE, _SET, _ADVANCE, _GET, _FINITE, _CONVERT, _BEND = map(int, Phase)
 _WHO, _PHASE, _BLOCK, _STATUS = map(int, Outcome)
+_AT_END, _PATH_PLACE = int(Ahead.END), int(Chain.PLACE)
 _CALL_ROW, _STEP_ROW = 8 * len(Call), 8 * len(Step)  # bytes
 
 # Of a step: how near its end an early return counts as its end, as in fmi3.py.
@@ -212,17 +216,18 @@ def _now(timer):
     return _word(timer, 2) * 1_000_000_000 + _word(timer, 3)
 
 
-def _compile(sources: int, wired: bool) -> Callable[..., int]:
-    """The function below; numba keeps it under its source and the values that it closes over.
+def _compile(name: str, sources: int, wired: bool, bent: bool) -> Callable[..., int]:
+    """The function below; numba keeps it under its name, its source and the values that it closes over.
 
     Args:
         wired: whether connections have effects; what serves them is left out of the code otherwise.
+        bent: whether inputs follow curves; the same.
     """
 
     def run_steps(
         order, late, steps, calls, plan, places, source, gain, offset, values, inputs, first, times,
         step_size, begun, columns, elapsed, timed_every, timer, paths, links, legs, leg_gain, leg_offset,
-        reads, after, bounds, outcome,
+        reads, after, bounds, ahead, square, outcome,
     ):  # fmt: skip
         """Take the steps that begin at `times`, or those until one fails.
 
@@ -244,6 +249,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
             timer: address of clock_gettime, its clock, and two words for it to write, shape (4,).
             paths, links, legs, leg_gain, leg_offset, reads, after, bounds: of connections with effects, see
                 `wiring.Wiring`.
+            ahead: of inputs that follow curves, see `ahead.Curves`; square: of `step_size`.
             outcome: how it ended, shape (4,).
         Returns: the number of steps that were finished.
         """
@@ -255,10 +261,11 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
         paths_at, links_at, reads_at = paths.ctypes.data, links.ctypes.data, reads.ctypes.data
         legs_at, leg_gain_at = legs.ctypes.data, leg_gain.ctypes.data
         leg_offset_at, after_at = leg_offset.ctypes.data, after.ctypes.data
+        ahead_at, curved = ahead.ctypes.data, np.int64(0)
         bits = values.view(np.int64)
         record = columns.shape[1] > 0
         countdown = 1
-        plain = not wired and plan.shape[0] > 0 and timed_every > 1
+        plain = not wired and not bent and plan.shape[0] > 0 and timed_every > 1
         point = 0
         while point < times.shape[0]:
             time = times[point]
@@ -280,10 +287,14 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
             if record:
                 for index in range(values.shape[0]):
                     columns[index, point] = values[index]
+            if bent:
+                curved = predict(ahead_at, first + point, values_at)
             if not late:
                 for who in order:
                     step = steps_at + _STEP_ROW * who
-                    if (first + point) % _word(step, _EVERY) == 0:
+                    if bent and curved > 0:
+                        feed(step, ahead_at, source_at, gain_at, offset_at, inputs_at)
+                    elif (first + point) % _word(step, _EVERY) == 0:
                         _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
             for who in order:
                 step = steps_at + _STEP_ROW * who
@@ -304,7 +315,10 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                 elif parts != 1:
                     own_size = step_size / parts
                 if late:
-                    _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
+                    if bent and curved > 0:
+                        feed(step, ahead_at, source_at, gain_at, offset_at, inputs_at)
+                    else:
+                        _transfer(step, source_at, gain_at, offset_at, values_at, inputs_at)
                 if timed:
                     begin = _now(timer_at)
                 version = _word(step, _VERSION)
@@ -316,6 +330,11 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                     status = _call_values(call, version)
                     if status > 1:
                         _end(outcome_at, who, _SET, index, status)
+                        return point
+                if bent and curved > 0:
+                    status = bend(step, ahead_at, curved, who, source_at, gain_at, step_size, square)
+                    if status > 1:
+                        _end(outcome_at, who, _BEND, 0, status)
                         return point
                 for part in range(parts):
                     if parts != 1:
@@ -337,6 +356,18 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
                         bounds[who], bounds[who + 1], after_at, paths_at, links_at, legs_at, leg_gain_at,
                         leg_offset_at, reads_at, values_at, time + step_size,
                     )  # fmt: skip
+                if bent and late and curved > 0:
+                    settle_all(ahead_at, curved, who, values_at)
+                    end = _word(ahead_at, _AT_END)
+                    for index in range(bounds[who], bounds[who + 1]):
+                        # Of what is yet to come it is made as that is supposed to be.
+                        path = paths_at + _PATH_ROW * _word(after_at, index)
+                        evaluate(
+                            path, links_at, legs_at, leg_gain_at, leg_offset_at, reads_at, end,
+                            time + step_size, False,
+                        )  # fmt: skip
+                        place = _word(path, _PATH_PLACE)
+                        settle(ahead_at, curved, place, load(end + 8 * place, np.float64(0)))
                 if timed:
                     elapsed[who] += _now(timer_at) - begin
             if wired:
@@ -351,6 +382,7 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
             point += 1
         return times.shape[0]
 
+    run_steps.__qualname__ = name
     options = {"nogil": True, "error_model": "numpy"}
     try:
         return njit(cache=True, **options)(run_steps)
@@ -358,5 +390,6 @@ def _compile(sources: int, wired: bool) -> Callable[..., int]:
         return njit(**options)(run_steps)
 
 
-run_steps = _compile(_SOURCES, False)
-run_wired_steps = _compile(_SOURCES, True)
+run_steps = _compile("run_steps", _SOURCES, False, False)
+run_wired_steps = _compile("run_wired_steps", _SOURCES, True, False)
+run_bent_steps = _compile("run_bent_steps", _SOURCES, True, True)

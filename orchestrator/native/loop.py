@@ -16,9 +16,9 @@ from ..fmi.running import CompiledInstance
 from ..instances import Instances
 from ..master import MasterAlgorithm
 from ..master.base import failure
-from .choice import schedule
+from . import kernel
+from .choice import kernel_of, schedule
 from .codes import Outcome, Phase
-from .kernel import run_steps, run_wired_steps
 from .tables import Tables
 
 if TYPE_CHECKING:
@@ -69,9 +69,10 @@ def run_native(
     if planned is None or len(native) != len(instances):
         raise ValueError("these instances, or this master, cannot be run by the native loop")
     step_size = float(grid.step_size)
-    tables = Tables.of(instances, native, *planned, step_size)
-    wiring = tables.wiring
-    run = run_wired_steps if len(wiring.paths) else run_steps
+    tables = Tables.of(instances, native, planned, step_size)
+    wiring, curves = tables.wiring, tables.curves
+    run = getattr(kernel, kernel_of(bool(len(wiring.paths)), curves.order > 0))
+    square = step_size**2
     elapsed = np.zeros(len(running), np.int64)
     outcome, begun_at = np.zeros(len(Outcome), np.int64), np.zeros(len(running))
     width = instances.layout.size
@@ -111,6 +112,8 @@ def run_native(
             wiring.reads,
             wiring.after,
             wiring.bounds,
+            curves.table,
+            square,
             outcome,
         )
 
@@ -186,6 +189,8 @@ def _raise(
             tables.blocks[row].send()
         if phase == Phase.SET:
             one.fail_block(tables.blocks[row], status)
+        if phase == Phase.BEND:
+            one.fail_derivatives(status)
         ratio = instances.system.instances[who].ratio
         own = _own(ratio, point, float(begun[who]), row if phase == Phase.ADVANCE else ratio.denominator - 1)
         one.stand_at(own.time)

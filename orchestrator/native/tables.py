@@ -16,6 +16,8 @@ from ..fmi import Array
 from ..fmi.block import Block
 from ..fmi.running import NativeCalls
 from ..instances import Instances
+from .ahead import Curves
+from .choice import Schedule
 from .codes import Call, Code, Plain, Step
 from .wiring import Wiring
 
@@ -59,23 +61,24 @@ class Tables:
     inputs: Array
     timer: Whole
     wiring: Wiring
+    curves: Curves
     blocks: tuple[Block, ...]
 
     @staticmethod
     def of(
         instances: Instances,
         native: Sequence[NativeCalls],
-        order: Sequence[int],
-        late: bool,
+        planned: Schedule,
         step_size: float,
     ) -> Tables:
         """The tables of instances that are bound.
 
         Args:
             native: what each instance calls.
-            order, late: the master's schedule.
+            planned: how the master steps.
             step_size: the communication step [s].
         """
+        order, late, extrapolation = planned
         values, inputs = instances.native_memory
         layout = instances.layout
         steps, calls, places = [], [], []
@@ -117,6 +120,7 @@ class Tables:
             inputs=inputs,
             timer=_timer(),
             wiring=Wiring.of(instances, step_size),
+            curves=Curves.of(instances, native, extrapolation, steps),
             blocks=tuple(blocks),
         )
 
