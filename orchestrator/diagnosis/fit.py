@@ -335,7 +335,7 @@ class Fitter:
     def _difference(self, effects: tuple[Effect, ...], z: Array, r: Array, place: int, step: float) -> Array:
         ahead = z.copy()
         ahead[place] += step
-        if self._bounded(effects, ahead)[place] == z[place]:
+        if self._bounded(effects, ahead)[place] < ahead[place]:
             # Beyond a bound nothing changes, which is no derivative.
             step, ahead[place] = -step, z[place] - step
         return (self.stacked(effects, ahead) - r) / step

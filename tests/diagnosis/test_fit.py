@@ -66,6 +66,24 @@ def test_beside_a_number_at_its_bound_others_are_moved_right(level, begun):
     assert fit.chi2 < 100.0
 
 
+class Slope:
+    """A replay whose residuals are linear in an effect's number."""
+
+    @property
+    def tolerances(self):
+        return {}
+
+    def residuals(self, calibrated, effects, theta):
+        return [10.0 * (theta - 2.0)]
+
+
+@pytest.mark.parametrize("z", [0.0, 0.5, 0.97, 0.999, 1.0])
+def test_derivatives_near_a_bound_are_those_of_the_step_that_was_taken(z):
+    effect = Effect("law", "F", "", (Parameter("p", "1", 1.0, 0.0, 1.0, (0.5,)),), changes={"force": "p"})
+    fitter, at = Fitter(Slope()), np.array([z])
+    assert fitter.jacobian((effect,), at, fitter.stacked((effect,), at), [0]) == pytest.approx(10.0)
+
+
 class Sum:
     """A replay of three numbers, each moved by one effect; `target` is what was measured, over the noise."""
 
