@@ -41,6 +41,11 @@ def _heat(share: float) -> str:
     return f'<td style="background:{colour}">{text.removeprefix("-") if float(text) == 0 else text}</td>'
 
 
+def _signed(value: float | None) -> str:
+    """A share or an energy; "-" where a model runs away."""
+    return "-" if value is None else f"{value:+.4f}"
+
+
 def energy(diagnosis: Diagnosis) -> str:
     """Energy at interfaces, as a table."""
     told = diagnosis.energy
@@ -49,10 +54,10 @@ def energy(diagnosis: Diagnosis) -> str:
     columns = [name for name in ("measured", "nominal", "excess", "answer") if name in told]
     head = "".join(f"<th>{escape(one)}</th>" for one in columns)
     rows = [
-        f"<tr><th>{escape(one)}</th>{''.join(f'<td>{told[name][one]:+.4f}</td>' for name in columns)}</tr>"
+        f"<tr><th>{escape(one)}</th>{''.join(f'<td>{_signed(told[name][one])}</td>' for name in columns)}</tr>"
         for one in told["interfaces"]
     ]
-    total = "".join(f"<td><b>{told['change'][name]:+.4f}</b></td>" for name in columns)
+    total = "".join(f"<td><b>{_signed(told['change'][name])}</b></td>" for name in columns)
     title, words, whole = (
         "Energy of a contact",
         "CoR^2 - 1, the share of kinetic energy that a contact adds, by the interface at which it enters; "

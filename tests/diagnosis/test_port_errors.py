@@ -147,6 +147,17 @@ def test_patterns_that_fit_nothing_are_told_with_what_is_near(told):
     assert placed(found) == ["candidates"] and "`only` and `without` leave no candidate" in found
 
 
+def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
+    """The controller's loop is unstable at this gain and step: no effect could be told from that."""
+
+    def change(data):
+        data["set"] = ["run.step_size=2 ms", "controller.velocity_gain=50000 V.s/m"]
+
+    found = told(change, lambda path: diagnose_ports(path, lambda stage: None, report=False))
+    assert found.startswith("run-0: the model as configured runs away: controller.voltage from 0.0")
+    assert "it does in 2 more runs\n" in found and "smaller than 0.002 s" in found
+
+
 def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
     def change(data):
         data["settel"] = data.pop("settle")

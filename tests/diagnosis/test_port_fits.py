@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from orchestrator.diagnosis.effect import Parameter
-from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.fit import Fit, Fitter
 from orchestrator.diagnosis.ports.candidates import _apart, _periods, _resolutions
 from orchestrator.diagnosis.ports.effect import PortEffect
 from orchestrator.diagnosis.ports.friction import _pairs
 from orchestrator.diagnosis.ports.wary import WaryFitter
+from orchestrator.diagnosis.ports.weigh import _answers
+from orchestrator.diagnosis.ports.where import _Loss, _most
+from orchestrator.diagnosis.search import Search
 from orchestrator.effects.gain import Gain
 from orchestrator.system import Port
 
@@ -186,3 +189,25 @@ def test_a_gain_is_found_from_where_the_calibration_took_it_up():
     fit = fitter.fit((effect,), none.z, fitter.starts(effect)[0])
     assert fit.theta[0] == pytest.approx(-0.15, abs=0.03) and fit.cost < none.cost - 20.0
     assert fit.cost == pytest.approx(fitter.fit((effect,), None, np.array([-0.75])).cost, abs=0.3)
+
+
+def test_an_effect_that_keeps_the_model_from_running_away_is_an_answer(monkeypatch):
+    """On validation runs the model without it runs away; by how much nobody can say."""
+
+    def fit(effects, cost):
+        nothing = np.zeros(0)
+        return Fit(effects, {}, nothing, {}, cost, cost, 0.0, (np.zeros(3),), nothing)
+
+    gain, lag = (PortEffect(f"a.{name}", "", "a", (), changes={name: ""}) for name in ("gain", "lag"))
+    found = Search(fit((), 1e5), (fit((gain,), 100.0), fit((lag,), 90.0)))
+    squares = {(): np.inf, (gain,): 120.0, (lag,): np.inf}
+    monkeypatch.setattr("orchestrator.diagnosis.ports.weigh.tied", lambda fitter, answers: list(answers))
+    monkeypatch.setattr("orchestrator.diagnosis.ports.weigh.alike", lambda *given: [])
+    answers = _answers(None, found, lambda one: squares[one.effects], (gain, lag), 1)
+    assert [one.effects for one in answers] == [(), ("a.gain",)]
+    assert np.isfinite(answers[1].gain) and answers[1].gain > 1e5
+
+
+def test_a_component_that_runs_away_in_a_window_loses_everything():
+    assert _most({"a": _Loss(0.2, 0.1), "b": _Loss(np.nan, 0.1)}) == np.inf
+    assert _most({"a": _Loss(0.2, 0.1)}) == 0.2

@@ -27,6 +27,7 @@ from orchestrator.diagnosis.ports.page import _figure
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.report import compose
+from orchestrator.diagnosis.report_energy import energy
 from orchestrator.diagnosis.report_text import text
 from orchestrator.diagnosis.study import Nominal
 from orchestrator.diagnosis.verdict import Diagnosis
@@ -69,6 +70,13 @@ def test_held_out_runs_that_contradict_an_answer_are_told_in_the_headline():
     assert headline(within).endswith(
         "; on runs that no fit saw the gap is within the noise, so that they do not confirm it."
     )
+
+
+def test_energies_of_a_model_that_runs_away_are_left_blank():
+    told = {"unit": "J", "interfaces": ["drive"], "measured": {"drive": 1.5}, "nominal": {"drive": None}}
+    found = energy(made(energy=told | {"change": {"measured": 1.5, "nominal": None}}))
+    assert "<tr><th>drive</th><td>+1.5000</td><td>-</td></tr>" in found
+    assert "<td><b>+1.5000</b></td><td><b>-</b></td>" in found
 
 
 def page(diagnosis, known=None, believed=None):

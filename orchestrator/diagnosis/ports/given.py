@@ -28,6 +28,8 @@ _WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
 _REST = 3.0
 # Runs whose inputs differ by more of their spread do not repeat each other.
 _UNLIKE = 0.2
+# A model runs away whose signal is so many times as large as anything in the log.
+_AWAY = 1e6
 # Last digits of a signal, as a share of it.
 _LAST = 1e-6
 # Noise that is fed is worth a word where it makes so much of a compared signal's own.
@@ -38,15 +40,41 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     """Check the logs of a study.
 
     Returns: a column with a wrong sign or unit, or two that were exchanged, if that explains nearly all that
-        the model misses: it forbids a diagnosis; and what a reader should be warned of.
+        the model misses, and runs in which the model runs away: they forbid a diagnosis; and what a reader
+        should be warned of.
     """
     found = [_mistake(study, run) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    return told_once(mistakes, "the same in {} more runs"), [
+    return told_once(mistakes, "the same in {} more runs") + _runaways(study), [
         *_stuck(study),
         *_unlike(study),
         *_driven_by_noise(study),
     ]
+
+
+def _runaways(study: PortStudy) -> list[Problem]:
+    """Runs in which the model as configured runs away: nothing tells then what it lacks."""
+    found: list[tuple[str, str]] = []
+    for run in study.runs:
+        replay = PortReplay(study, [run])
+        given = replay.signals(run, {}, (), np.zeros(0))
+        begun: dict[Port, int] = {}
+        for port in replay.compared(run):
+            most = max(float(np.abs(run.logs[port]).max()), float(study.columns[port].noise or 0.0))
+            away = np.flatnonzero(~(np.abs(given[port]) <= _AWAY * most))  # what is no number, too
+            if away.size:
+                begun[port] = int(away[0])
+        if begun:
+            port = min(begun, key=lambda one: begun[one])
+            found.append((run.name, f"{port} from {begun[port] * study.interval:.4g} s on"))
+    if not found:
+        return []
+    (name, what), *more = found
+    what += f"; it does in {len(more)} more runs" if more else ""
+    allowed = f"within {_AWAY:g} times what was measured, driven by the same inputs"
+    remedy = "Check its parameters and what is fed; whether the coupling makes it so, a step smaller than "
+    remedy += f"{float(study.prepared.grid.step_size):.4g} s tells."
+    return [Problem(name, f"the model as configured runs away: {what}", allowed, remedy)]
 
 
 def _unlike(study: PortStudy) -> list[Warned]:

@@ -34,6 +34,8 @@ _KEPT = 12
 _EXCESS = 0.5
 # Answers of a larger probability tell which of their effects counts most.
 _WORTH = 0.01
+# What a model that runs away leaves of the validation runs beyond others, in squares of the noise.
+_RUNAWAY = 1e6
 # Tolerances by which a calibrated number may stray.
 _STRAYED = 3.0
 
@@ -102,6 +104,9 @@ def _answers(
         check: sum of squares that a fit leaves of the validation runs.
     """
     before = check(found.none)
+    if not math.isfinite(before):
+        # Whatever does not run away is better by so much that it does not matter how much.
+        before = _RUNAWAY + max(filter(math.isfinite, map(check, found.fits[:_KEPT])), default=0.0)
 
     def answer(fit: Fit) -> Answer:
         gain = found.gain(fit) + 0.5 * (before - check(fit))
@@ -176,7 +181,8 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
     residuals: dict[str, list[Array]] = {}
     for (_, port), r in zip(replay.channels, replay.of(top.fit), strict=True):
         residuals.setdefault(str(port), []).append(r)
-    misfit = {port: float(np.mean(np.concatenate(some) ** 2)) for port, some in residuals.items()}
+    squares = {port: float(np.mean(np.concatenate(some) ** 2)) for port, some in residuals.items()}
+    misfit = {port: square for port, square in squares.items() if math.isfinite(square)}
     finding = Finding(
         tuple(made),
         first.effects,

@@ -87,7 +87,8 @@ class _Loss(NamedTuple):
 
 
 def _most(found: Mapping[str, _Loss]) -> float:
-    return max((one.mean for one in found.values()), default=0.0)
+    # A component that runs away in some window loses everything.
+    return max((one.mean if np.isfinite(one.mean) else np.inf for one in found.values()), default=0.0)
 
 
 def _lost(apart: Apart) -> dict[str, _Loss]:
