@@ -53,10 +53,10 @@ def energy(diagnosis: Diagnosis) -> str:
         return ""
     columns = [name for name in ("measured", "nominal", "excess", "answer") if name in told]
     head = "".join(f"<th>{escape(one)}</th>" for one in columns)
-    rows = [
-        f"<tr><th>{escape(one)}</th>{''.join(f'<td>{_signed(told[name][one])}</td>' for name in columns)}</tr>"
-        for one in told["interfaces"]
-    ]
+    cells = {
+        one: "".join(f"<td>{_signed(told[name][one])}</td>" for name in columns) for one in told["interfaces"]
+    }
+    rows = [f"<tr><th>{escape(one)}</th>{shown}</tr>" for one, shown in cells.items()]
     total = "".join(f"<td><b>{_signed(told['change'][name])}</b></td>" for name in columns)
     title, words, whole = (
         "Energy of a contact",
