@@ -40,6 +40,7 @@ class Answer:
         unseen: effects among them for which the logs do not speak; they are too small to be seen.
         numerics: what of that which is left the replay's own error may make, see `remainder.numerics` [nats].
         size: of the strongest effect that the logs speak for, see `Effect.size`; 0 where none has one.
+        doubtful: whether it holds tolerances to be wider than stated, by whose log evidence it gains.
     """
 
     effects: tuple[str, ...]
@@ -53,6 +54,7 @@ class Answer:
     random: float = 0.0
     numerics: float = 0.0
     size: float = 0.0
+    doubtful: bool = False
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -70,7 +72,6 @@ class Group:
             leave; place: where.
         none: the fit of the calibration alone.
         misfit: mean square of what the best answer leaves, by place.
-        doubtful: whether the calibration strays in several parameters at once.
     """
 
     answers: tuple[Answer, ...]
@@ -78,7 +79,6 @@ class Group:
     place: str
     none: Fit | None = None
     misfit: Mapping[str, float] | None = None
-    doubtful: bool = False
 
 
 def weigh_software(study: Study, place: str) -> Group:
@@ -139,7 +139,8 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
         better = max(within, key=lambda one: one.gain, default=answer)
         if better.gain > answer.gain:
             added = tuple(one for one in answer.effects if one not in better.seen)
-            answer = replace(answer, gain=better.gain, random=better.random, unseen=added, size=better.size)
+            like = {"gain": better.gain, "random": better.random, "size": better.size}
+            answer = replace(answer, unseen=added, doubtful=better.doubtful, **like)
         found[frozenset(answer.effects)] = answer
     best = max(one.gain for one in found.values())
     bases = [

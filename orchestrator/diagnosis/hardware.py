@@ -44,6 +44,8 @@ _WAY = 0.5
 # than `_STRAYED`, it costs `_SAME_KIND`: one effect, as a delay, strays in all numbers of its kind. A number
 # that strays alone, while no other does by more than `_BESIDE`, is an effect's doing.
 _STRAYED, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
+# A further effect that gains less is hardly named [nats].
+_TOLD = 2.0
 # Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
 # them [nats], and the share of the evidence that has to stay.
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
@@ -138,11 +140,11 @@ def _weigh(
         and not odd > max(_CLEAR, regular)
         and not along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
     )
-    answers = tied(by, simplest(answers))
+    answers = _doubted(weighing, tied(by, simplest(answers)))
     doubtful = doubt > max([_DOUBTED, *(one.gain - each * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
     rest = remains(weighing, fitter, found.none, colour, rougher=not doubtful)
-    nothing = Answer((), doubt if doubtful else 0.0, rest, found.none)
+    nothing = Answer((), doubt if doubtful else 0.0, rest, found.none, doubtful=doubtful)
     every = [one.id for one in catalogue().values() if one.place not in SOFTWARE and one.id not in without]
     misfit = {
         "robot": float(np.mean(np.concatenate(left[0::2]) ** 2)),
@@ -154,7 +156,6 @@ def _weigh(
         "link" if linked else _place(left, odd, colour),
         found.none,
         misfit,
-        doubtful,
     )
 
 
@@ -258,20 +259,47 @@ def _ids(fit: Fit) -> tuple[str, ...]:
     return tuple(sorted(one.id for one in fit.effects))
 
 
-def _doubt(weighing: Weighing, none: Fit) -> tuple[float, float]:
+def _doubted(weighing: Weighing, answers: list[Answer]) -> list[Answer]:
+    """Answers, with that instead of whose further effect wider tolerances would do as well."""
+    if not answers or answers[0].fit is None or len(answers[0].effects) < 2:
+        return answers
+    best = answers[0]
+    found = []
+    for one in answers[1:]:
+        further = set(best.effects) - set(one.effects)
+        if one.fit is None or not set(one.effects) < set(best.effects) or len(further) != 1:
+            continue
+        if best.gain - one.gain < _TOLD:
+            return answers  # it is hardly named
+        doubt, each = _doubt(weighing, one.fit)
+        if doubt > max(_DOUBTED, best.gain - one.gain - each):
+            found.append(replace(one, gain=one.gain + doubt, doubtful=True))
+    if not found:
+        return answers
+    doubted = max(found, key=lambda one: one.gain)
+    others = [one for one in answers if one.effects != doubted.effects]
+    return sorted([doubted, *others], key=lambda one: -one.gain)
+
+
+def _doubt(weighing: Weighing, fit: Fit) -> tuple[float, float]:
     """Log evidence of wider tolerances over those given, and what an effect costs beside them [nats].
 
     It is zero unless some number strays, and not it alone, and none does beyond wider tolerances.
+
+    Args:
+        fit: without any effect, or with those that act anyway.
     """
-    kinds = [max(abs(none.deviation.get(name, 0.0)) for name in kind) for kind in KINDS]
+    kinds = [max(abs(fit.deviation.get(name, 0.0)) for name in kind) for kind in KINDS]
     far = sum(most > _STRAYED for most in kinds)
     each = _EACH if far > 1 else _SAME_KIND
-    second = sorted(map(abs, none.deviation.values()))[-2:-1]
-    if none.effects or not far or max(second, default=0.0) < _BESIDE:
+    second = sorted(map(abs, fit.deviation.values()))[-2:-1]
+    if not far or max(second, default=0.0) < _BESIDE:
         return 0.0, each
     columns = weighing.roughness()
+    theta = fit.z[len(fit.deviation) :]
     given, wider = (
-        Fitter(one(weighing.model, weighing.weights), 1.0, columns).fit(()) for one in (Weighted, Widened)
+        Fitter(one(weighing.model, weighing.weights), 1.0, columns).fit(fit.effects, start=theta)
+        for one in (Weighted, Widened)
     )
     if max(map(abs, wider.deviation.values())) > _ORDINARY:
         return 0.0, each

@@ -59,7 +59,7 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     rig = groups[-1]
     assert rig.none is not None
     misfit = {place: value for group in groups for place, value in (group.misfit or {}).items()}
-    doubtful = rig.doubtful and not first.effects
+    doubtful = any(answer.doubtful for _, answer in choice)
     return Finding(
         candidates,
         first.effects,

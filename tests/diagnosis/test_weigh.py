@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis.answers import Answer, complete, weigh_software
+from orchestrator.diagnosis.answers import Answer, Group, complete, weigh_software
 from orchestrator.diagnosis.calibrate import (
     Practice,
     _outcomes,
@@ -204,15 +204,41 @@ def test_what_comes_back_along_the_way_is_the_robots_though_it_comes_back_in_tim
     assert found.effects == ("outside",) and found.outside_place == "robot"
 
 
-def test_tolerances_too_tight_are_doubted_and_no_effect_is_named():
+def strayed(own: Study) -> Study:
+    """The study with three numbers of different kinds off by three tolerances."""
     strays = {"front_wall": 3.2, "natural_frequency": 3.0, "force_bias": 3.0}
-    true = study()
-    tight = {
-        name: replace(one, value=one.value + strays.get(name, 0.0) * one.tolerance)
-        for name, one in true.nominal.items()
-    }
-    found = named(replace(with_columns(true, noisy), nominal=tight))
+    return replace(
+        own,
+        nominal={
+            name: replace(one, value=one.value + strays.get(name, 0.0) * one.tolerance)
+            for name, one in own.nominal.items()
+        },
+    )
+
+
+def test_tolerances_too_tight_are_doubted_and_no_effect_is_named():
+    found = named(strayed(with_columns(study(), noisy)))
     assert found.doubtful_tolerances and found.effects == ()
+
+
+@pytest.mark.parametrize(("effect", "size"), [("robot.backlash", 1e-4), ("contact.cubic", 0.1)])
+def test_tolerances_too_tight_are_doubted_beside_an_effect(effect, size):
+    """Instead of a second effect, which wider tolerances would do as well as."""
+    own = own_study([effect], [size])
+    found = named(strayed(own))
+    assert found.effects == (effect,) and found.doubtful_tolerances
+    assert found.candidates[0].probability > 0.75
+    sound = named(own)
+    assert sound.effects == (effect,) and not sound.doubtful_tolerances
+
+
+def test_tolerances_are_doubted_beside_an_effect_of_the_software():
+    found = strayed(with_columns(study(), noisy))
+    nothing = weigh_rig(found)
+    fit = nothing.none
+    mass = Group((Answer((), 0.0, 0.0, fit), Answer(("dynamics.mass",), 1e5, 0.0, fit)), 0.0, "dynamics", fit)
+    concluded = conclude([mass, nothing], calibration())
+    assert concluded.effects == ("dynamics.mass",) and concluded.doubtful_tolerances
 
 
 def test_software_that_replays_exactly_hides_nothing():
