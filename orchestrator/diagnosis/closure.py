@@ -15,13 +15,12 @@ from .motion import STOP, Contact, contacts, stopped_at
 from .restart import Restart, strayed
 from .rig import SUBSTEPS
 from .study import Array, Role, Run, Study
+from .verdict import WITHIN
 
 __all__ = ["MEASURES", "Ahead", "closure_of", "how_far", "one_contact_ahead"]
 
 # Errors per contact, model minus log; the first is of signals, the others of what a contact does.
 MEASURES = ("nrmse", "cor", "peak_force", "energy")
-# A gap smaller than this many times the noise floor cannot be told to shrink.
-_WITHIN = 1.5
 _RESAMPLES, _BLOCK, _SEED = 1000, 2, 20190611
 # A whole run is resampled in blocks of this length [ticks].
 _RUN_BLOCK = 250
@@ -166,7 +165,7 @@ def closure_of(squares: dict[str, Array], floor: float, block: int) -> dict[str,
     gaps = {name: float(np.sqrt(np.mean(one))) for name, one in squares.items()}
     told = {name: gap if math.isfinite(gap) else None for name, gap in gaps.items()}
     before = gaps["before"]
-    if before < _WITHIN * floor or before == 0.0:
+    if before < WITHIN * floor or before == 0.0:
         return _gap(told, floor, within_floor=True)
     if told["before"] is None or told["after"] is None:
         return _gap(told, floor)

@@ -30,6 +30,8 @@ _STALE = 5
 _CONVERGED = 0.3
 # Damping, as a share of the curvature, that holds nothing back, and what it has to promise.
 _UNDAMPED, _MUCH = 1e-9, 20.0
+# Normalised parameters that differ by less are the same.
+_SAME = 1e-9
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
 _SURE, _SIZE = 3.0, 0.95
 
@@ -370,10 +372,17 @@ class Fitter:
         if not effect.parameters[0].whole and not effect.parameters[0].shape:
             # The first parameter is the size; the replay without the effect gives the derivative.
             columns = np.column_stack([columns, (r - base.r) / start[0]])
-        offset = z[: columns.shape[1]]
-        hessian = columns.T @ columns + np.eye(columns.shape[1])
-        slope = columns.T @ r + offset
-        return cost_of(r, z) - float(slope @ np.linalg.solve(hessian, slope))
+        step, cost = _least(columns, r, z)
+        count = base.jacobian.shape[1]
+        if columns.shape[1] == count:
+            return cost
+        size = effect.parameters[0]
+        kept = _normalised(size, _value(size, z[count] - step[count]))
+        if math.isclose(kept, z[count] - step[count], abs_tol=_SAME):
+            return cost
+        # A size beyond its bounds, as a negative delay, promises what no fit can keep.
+        r, z = r + columns[:, count] * (kept - z[count]), np.r_[z[:count], kept, z[count + 1 :]]
+        return _least(base.jacobian, r, z)[1]
 
     def _proposed(self, effect: Effect, base: Base) -> list[Array]:
         """Starts that the runs themselves show, in normalised parameters."""
@@ -415,6 +424,18 @@ def cost_of(r: Array, z: Array) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         cost = float(r @ r + z @ z)
     return cost if math.isfinite(cost) else math.inf
+
+
+def _least(columns: Array, r: Array, z: Array) -> tuple[Array, float]:
+    """Step to the least cost of a linearised problem, and that cost.
+
+    Args:
+        columns: derivatives of the residuals r by the first of the parameters z; others stay.
+    """
+    hessian = columns.T @ columns + np.eye(columns.shape[1])
+    slope = columns.T @ r + z[: columns.shape[1]]
+    step = np.linalg.solve(hessian, slope)
+    return step, cost_of(r, z) - float(slope @ step)
 
 
 def _less(z: Array, places: NDArray[np.intp], step: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .catalogue import catalogue
-from .verdict import SUSPECTED, Diagnosis, Experiment, Gap, Which, chance_outside
+from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chance_outside
 
 __all__ = ["TELLS", "given", "headline", "leaves_in_words", "listed_or", "nats", "percent"]
 
@@ -63,6 +63,8 @@ def _answer(diagnosis: Diagnosis) -> str:
     text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
     if gap is not None and _contradicted(gap):
         grows = f"by {percent(-gap.closure)} of it" if gap.closure is not None else "without bounds"
+        if gap.within_floor:
+            grows = "beyond the noise"
         text = (
             f"The runs that were fitted speak for {both} ({chance}), but on runs that no fit saw "
             f"the gap grows {grows} with {it}: do not rely on this answer"
@@ -82,8 +84,10 @@ def _answer(diagnosis: Diagnosis) -> str:
 
 def _contradicted(gap: Gap) -> bool:
     """Whether held-out runs speak against the answer: the gap is larger with it, or the model runs away."""
+    if gap.within_floor and gap.before is not None and gap.after is not None:
+        return gap.after > WITHIN * max(gap.before, gap.noise_floor or 0.0)
     if gap.closure is None:
-        return gap.before is not None and gap.after is None and not gap.within_floor
+        return gap.before is not None and gap.after is None
     return gap.closure < 0.0 and (gap.interval is None or gap.interval[1] < 0.0)
 
 

@@ -18,6 +18,7 @@ __all__ = [
     "NAME",
     "PAGE",
     "SUSPECTED",
+    "WITHIN",
     "Diagnosis",
     "Experiment",
     "Gap",
@@ -40,6 +41,8 @@ NAME, PAGE, AUGMENTED, EXPORTABLE = "diagnosis.json", "report.html", "augmented.
 # Probability of something outside the catalogue from which on it is mentioned beside another answer: of rigs
 # that hide nothing of the kind one in thirty shows as much.
 SUSPECTED = 0.2
+# A gap smaller than this many times the noise floor is within the noise: it cannot be told to shrink.
+WITHIN = 1.5
 # Parts of a whole are sums of floating-point numbers.
 _ADDS_UP = 1e-9
 

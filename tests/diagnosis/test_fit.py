@@ -84,6 +84,18 @@ def test_derivatives_near_a_bound_are_those_of_the_step_that_was_taken(z):
     assert fitter.jacobian((effect,), at, fitter.stacked((effect,), at), [0]) == pytest.approx(10.0)
 
 
+@pytest.mark.parametrize(("target", "promised"), [(8.0, 32.0), (-8.0, 0.0)])
+def test_an_effect_promises_no_more_than_it_can_keep(target, promised):
+    """A size that would have to take the other sign, as a negative delay, explains nothing."""
+    size = Parameter("size", "s", 1.0, 0.0, np.inf, (0.5,))
+    effect = Effect("a.x", "a", "", (size,), changes={"x": "size"})
+    fitter = Fitter(Sum((target, 0.0, 0.0)))
+    none = fitter.fit(())
+    cost, _, _ = fitter.screen(effect, [fitter.base((), none.z)])
+    # Half of the square goes to the prior.
+    assert none.cost - cost == pytest.approx(promised, abs=1e-6)
+
+
 class Sum:
     """A replay of three numbers, each moved by one effect; `target` is what was measured, over the noise."""
 

@@ -70,6 +70,8 @@ def test_held_out_runs_that_contradict_an_answer_are_told_in_the_headline():
     assert headline(within).endswith(
         "; on runs that no fit saw the gap is within the noise, so that they do not confirm it."
     )
+    beyond = made(how_far=GAP | {"closure": None, "within_floor": True, "after": 0.2})
+    assert "the gap grows beyond the noise with it: do not rely on this answer" in headline(beyond)
 
 
 def test_energies_of_a_model_that_runs_away_are_left_blank():

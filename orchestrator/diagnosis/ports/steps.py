@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ...errors import ConfigError
 from ...run import Prepared, prepare
@@ -15,6 +16,7 @@ from ...system import Port
 from ..effect import Effect, by_effect
 from ..finding import NOMINAL, Augmented
 from ..headline import nats
+from ..search import search
 from ..study import Array
 from ..verdict import Warned
 from .effect import PortEffect
@@ -32,6 +34,8 @@ _SHORTEST, _ONWARD = 32, 8
 _UNSEEN = 1.0
 # Share of an error that is just not seen, the inverse of it, to which steps are shortened to go on with.
 _BELOW = 4.0
+# How many single effects are tried besides the answer, with the error of the step off.
+_OTHERS = 3
 # Log evidence by which shorter steps explain less, from which on the machine itself takes the step [nats].
 _WORSE = 10.0
 
@@ -99,6 +103,13 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     if not steady:
         return Stepped(study, weighed)
     found = [_evidence(*one, weighed.weights) for one in steady]
+    if not max(found) > before:
+        # The answer may hold what imitates the error: others were never tried without it.
+        for effects, z in _others(study, limit, weighed):
+            one = _corrected(study, limit, effects, z), effects, z
+            if all(map(_finite, one[0].runs)):
+                steady.append(one)
+                found.append(_evidence(*one, weighed.weights))
     best = int(np.argmax(found))
     if not found[best] > before:
         worse = before - found[best]
@@ -108,6 +119,20 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     shorter = (with_steps(study, 2**number) for number in halvings)
     onward = next(one for one in shorter if one is not None)
     return Stepped(onward, weigh_ports(steady[best][0], tempering))
+
+
+def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tuple[Effect, ...], Array]]:
+    """Single effects that explain the logs best once the error of the step is off, that of the model as
+    believed: with their fits' normalised parameters."""
+    corrected = _corrected(study, limit, (), np.zeros(len(study.nominal)))
+    if not all(map(_finite, corrected.runs)):
+        return []
+    replay = PortReplay(corrected, corrected.of(Role.TRAIN))
+    fitter = WaryFitter(Weighted.of(replay, weighed.weights))
+    with threadpool_limits(limits=1, user_api="blas"):
+        workers = 2 if replay.player.parallel else 1
+        fits = search(fitter, weighed.effects, longest=1, workers=workers).fits
+    return [(one.effects, one.z) for one in fits[:_OTHERS]]
 
 
 def told_of_step(found: Stepped, configured: PortStudy) -> list[Warned] | None:
@@ -121,7 +146,8 @@ def told_of_step(found: Stepped, configured: PortStudy) -> list[Warned] | None:
         what = (
             f"shorter steps than {step} explain the logs less, by {nats(found.worse)}: the machine itself is "
         )
-        what += "taken to work in these, as a digital controller or a simulation does"
+        what += "taken to work in these, as a digital controller or a simulation does, or the answer lacks "
+        what += "an effect"
         return [Warned(place="numerics", what=what, remedy="")]
     return [
         Warned(
