@@ -11,6 +11,8 @@ __all__ = ["caveats"]
 
 # Mean square of what is left, over that of the noise, from which it is told: twice the noise.
 _MUCH = 4.0
+# Share of the gap that an answer closes which is the whole cause.
+_CLOSED = 0.7
 # The gap clearly shows at a place that has this share of it, and so many times that of any place named.
 _MOST, _TIMES = 0.5, 2.0
 # Closures that differ by less are the same; and tolerances that a number must stray by to be named.
@@ -40,6 +42,10 @@ def _leaves(diagnosis: Diagnosis) -> str:
     if len(much) > 1:
         more = len(much) - 1
         text += f", and more than {_MUCH**0.5:g} times at {more} more port{'s' if more > 1 else ''}"
+    gap = diagnosis.how_far
+    named = diagnosis.verdict.effects and "outside" not in diagnosis.verdict.effects
+    if named and gap is not None and gap.closure is not None and gap.closure < _CLOSED:
+        text += ", and much of the gap stays: something that is not in the list acts beside it, or instead"
     return f"{text}."
 
 

@@ -109,6 +109,14 @@ def test_what_the_answer_leaves_is_told_beside_the_headline(misfit, said):
         assert "leaves" not in html
 
 
+def test_an_answer_that_closes_little_and_leaves_much_is_not_the_whole_cause():
+    (said,) = caveats(made(misfit={"drive.position": 16.0}, how_far=GAP | {"closure": 0.42}))
+    assert said == (
+        "The answer leaves 4.0 times the noise at drive.position, and much of the gap stays: something that "
+        "is not in the list acts beside it, or instead."
+    )
+
+
 def test_the_best_answer_where_none_of_the_list_is_given():
     diagnosis = made(("outside",), misfit={"drive.position": 100.0}, outside_place="drive")
     assert caveats(diagnosis) == ["The best answer of the list leaves 10 times the noise at drive.position."]
