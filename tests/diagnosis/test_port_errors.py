@@ -104,6 +104,8 @@ TWENTIETH = "Leave it out for a twentieth of each run."
          "  controller.voltage, drive.position, path.position, time. Did you mean drive.position"),
         (within("runs", 0, role="heldout"), "runs[0].role: input should be 'train', 'validation', 'held-out' "
          "or 'repeat', got 'heldout'\n  Did you mean held-out?"),
+        (within("runs", 1, role="repeat"), "runs[1]: a run of the role repeat has no `repeats`\n"
+         "  run-0, run-2. Add it, or give the run another role."),
         (within("runs", 1, name="run-0"), "runs[1]: two runs are called run-0\n  Give one of them a `name`."),
         (within("columns", "drive.position", unit="N"), "columns.drive.position.unit: N [kg.m.s-2] cannot be "
          "converted to m [m]\n  the unit of the column's values, one that can be converted to m"),
@@ -162,6 +164,7 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         data["runs"][0]["rol"] = data["runs"][0].pop("role")
         data["runs"][0]["to"] = "-1 s"
         data["runs"][1]["file"] = "run-9.csv"
+        data["runs"][2]["role"] = "repeat"
 
     found = told(change)
     heads = [line for line in found.splitlines() if not line.startswith("  ")]
@@ -182,6 +185,7 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         "runs[0].rol",
         "runs[0].to",
         "runs[1].file",
+        "runs[2]",
     ]
     # The step is not known, but columns are; time is mapped.
     assert [line for line in heads if not line.startswith("wrong")] == [

@@ -69,6 +69,14 @@ def read_runs(
     logs = [str(sheet.file.parent / one.file) for one, _ in taken if one.file is not None]
     sheet.problems[before:] = _once(sheet.problems[before:], logs)
     names = [None if one is None else one.name for one in read]
+    for number, (model, wrong) in enumerate(taken):
+        # Of a run with which something else is wrong the role is as written.
+        repeating = model.role in (Role.REPEAT, Role.REPEAT.value)
+        if repeating and model.repeats is None and "repeats" not in wrong:
+            others = [name for at, name in enumerate(names) if name is not None and at != number]
+            remedy = "Add it, or give the run another role."
+            what = "a run of the role repeat has no `repeats`"
+            sheet.tell(("runs", number), what, listed(others), remedy)
     for number, run in enumerate(read):
         if run is None:
             continue
