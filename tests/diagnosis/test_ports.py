@@ -22,6 +22,7 @@ from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.closure import how_far
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.given import check_logs
+from orchestrator.diagnosis.ports.page import _figure
 from orchestrator.diagnosis.ports.player import Inserted, Player
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
@@ -375,6 +376,14 @@ def test_only_a_repeat_that_was_driven_alike_tells_the_noise(tmp_path, like):
     made, _, _ = simulated(found, [], np.random.default_rng(1))
     rough = np.diff(made.runs[0].logs[POSITION], 3) / np.sqrt(20.0)
     assert np.std(rough) == pytest.approx(3e-6 / np.sqrt(2.0) if like else 2e-6, rel=0.2)
+
+
+def test_the_page_counts_an_offset_as_a_gap(plain):
+    found = load_port_study(plain)
+    log = found.runs[2].logs[POSITION]
+    _, words = _figure(found, found.runs[2], POSITION, log - 0.05, log)
+    share = 0.05 / float(log[found.settled :].std())
+    assert share > 0.5 and f"is {100 * share:.3g} % of the signal's spread before and 0 % after" in words
 
 
 def test_noise_that_is_fed_is_warned_of(tmp_path):
