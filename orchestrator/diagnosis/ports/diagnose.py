@@ -25,7 +25,7 @@ from .energy import energy
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
 from .numerics import doubts, numerics
-from .practice import Practise, practise
+from .practice import Practise, parts_of, practise
 from .reader import load_port_study
 from .replay import candidates_of
 from .steps import told_of_step, weighed_without_step
@@ -63,7 +63,7 @@ def diagnose_ports(
     """
     begin = perf_counter()
     progress("read")
-    study = load_port_study(path)
+    study = load_port_study(path, practising=practice is not None)
     progress("check")
     refused, warned = check_logs(study)
     if study.only or study.without:
@@ -151,7 +151,7 @@ def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Ma
         return taught, Tempering(**taught["tempering"])
     if study.practice is not None:
         effects = candidates_of(study)
-        tempering, data = read_practice(study.practice, [one.id for one in effects])
+        tempering, data = read_practice(study.practice, [one.id for one in effects], parts_of(study))
         return data, tempering
     return {}, Tempering()
 

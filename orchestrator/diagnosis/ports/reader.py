@@ -33,13 +33,18 @@ from .study import PortRun, PortStudy, Trial, study_file
 __all__ = ["load_port_study"]
 
 
-def load_port_study(path: Path) -> PortStudy:
-    """Read a study. Raises: ConfigError with all problems of study, system and logs."""
+def load_port_study(path: Path, practising: bool = False) -> PortStudy:
+    """Read a study.
+
+    Args:
+        practising: whether it is about to be practised on, so that what that teaches may still be missing.
+    Raises: ConfigError with all problems of study, system and logs.
+    """
     sheet = Sheet(study_file(path))
     model, wrong = sheet.taken(StudyModel, sheet.data)
     prepared, faithful = _prepared(sheet, model, wrong)
     if prepared is not None:
-        study = _Reader(sheet, model, prepared, faithful).study()
+        study = _Reader(sheet, model, prepared, faithful, practising).study()
     else:
         # What ports and parameters there are is not known; files and times can be looked at all the same.
         study = None
@@ -88,10 +93,14 @@ class _Reader:
 
     Args:
         faithful: whether the system is as the study wants it, its communication step with it.
+        practising: see `load_port_study`.
     """
 
-    def __init__(self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool) -> None:
+    def __init__(
+        self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool, practising: bool
+    ) -> None:
         self.sheet, self.model, self.prepared, self.faithful = sheet, model, prepared, faithful
+        self.practising = practising
         self.place, self.problems = sheet.place, sheet.problems
         self.parts = self._parts()
         self.step = self.parts * float(prepared.grid.step_size)
@@ -136,7 +145,7 @@ class _Reader:
         motion, rest = self._motion()
         trials = self._trials()
         practice = None if model.practice is None else sheet.file.parent / model.practice
-        if practice is not None and not practice.is_file():
+        if practice is not None and not self.practising and not practice.is_file():
             what = f"no file {practice.name} in {practice.parent}"
             remedy = "`orchestrator diagnose STUDY --practice N --out DIR` writes one."
             sheet.tell(("practice",), what, remedy=remedy)
