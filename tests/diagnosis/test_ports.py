@@ -438,6 +438,23 @@ def test_exchanged_and_stuck_columns_are_named(tmp_path):
     assert "exchanged" in refused[0].remedy
 
 
+@pytest.mark.parametrize("listed", [{}, {"only": ["drive.coulomb"]}])
+def test_logs_in_which_nothing_moves_are_refused(tmp_path, capsys, listed):
+    """Candidates are made from what moves, those that a study lists before its logs are looked at."""
+    path = study(tmp_path, candidates=listed)
+    data = yaml.safe_load((path / "study.yaml").read_text())
+    del data["columns"]["controller.voltage"]
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["drive.position"][20:] = 0.25
+    (path / "study.yaml").write_text(yaml.safe_dump(data))
+    assert main(["diagnose", str(path), "--quiet"]) == 2
+    assert capsys.readouterr().err.partition("study.yaml:")[2].partition(" ")[2] == (
+        "columns: the logs of all compared ports are constant in the runs of the role train "
+        "(drive.position: 0.25 m)\n  one that moves. Check the columns, or take runs in which something "
+        "moves; settle less.\n"
+    )
+
+
 def test_a_limit_is_told_in_its_unit(plain):
     found = load_port_study(plain)
     words = {one.id: in_words(one) for one in candidates(found, measure(found, found.runs[0]))}

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...checks import in_range
 from ...errors import ConfigError, Problem, listed, nearest
 from ...fmi import Causality, Kind
@@ -152,6 +154,7 @@ class _Reader:
         columns = Columns(_named(model), mapping, units, self.step if self.faithful else None)
         runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
         self._window_in(runs, window, round(settled / self.step))
+        self._moving(runs, compared, round(settled / self.step))
         if sheet.problems or candidates is None:
             return None
         return PortStudy(
@@ -219,6 +222,17 @@ class _Reader:
             allowed = f"up to {longest}, what {shortest.name} holds after it settled"
             remedy = "Leave it out for a twentieth of each run."
             self.sheet.tell(("window",), f"got {self.model.window!r}", allowed, remedy)
+
+    def _moving(self, runs: tuple[PortRun, ...], compared: tuple[Port, ...], settled: int) -> None:
+        """Tell if nothing moves at any port at which runs of training are compared."""
+        train = [run for run in runs if run.role is Role.TRAIN]
+        logs = [(port, run.logs[port][settled:]) for run in train for port in compared if port in run.logs]
+        # A run that is too short to settle is told as such.
+        if logs and all(log.size and np.ptp(log) == 0.0 for _, log in logs):
+            found = {f"{port}: {log[0]:g} {self.ports[str(port)].unit_name or '1'}" for port, log in logs}
+            what = "the logs of all compared ports are constant in the runs of the role train"
+            remedy = "Check the columns, or take runs in which something moves; settle less."
+            self.sheet.tell(("columns",), f"{what} ({listed(sorted(found))})", "one that moves", remedy)
 
     def _motion(self) -> tuple[Port | None, float | None]:
         """The port by which phases of motion are told, and the speed of rest in its unit."""
