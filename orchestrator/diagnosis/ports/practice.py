@@ -20,6 +20,7 @@ from ...run_folder import folder_at
 from ...workers import Work, pool_of
 from ..calibration import SET
 from ..challenge.verdict import names
+from ..content import named_files
 from ..effect import Effect
 from ..study import Array
 from .reader import load_port_study
@@ -154,14 +155,15 @@ def parts_of(study: PortStudy) -> dict[str, str]:
 
 def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) -> list[Case]:
     """The cases in the order of their numbers; each is kept as soon as it is weighed."""
-    logs = [run.file for run in study.runs if run.file is not None and run.file.is_file()]
+    own = study_file(path)
+    logs = (run.file for run in study.runs if run.file is not None)
     made_of = [
         _WAY,
         order.seed,
         list(ids),
         versions(_PACKAGES),
         parts_of(study),
-        [file_digest(one) for one in (study_file(path), *logs)],
+        [file_digest(one) for one in named_files(own.parent, [own, *logs]).values()],
     ]
     key = digest(made_of)[:16]
     done = {number: case for number, case in _kept(order.kept, key).items() if number < order.cases}
