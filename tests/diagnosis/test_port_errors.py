@@ -311,24 +311,25 @@ def test_messages_at_another_step_are_not_taken_for_the_step(made, recorded, tmp
     )
 
 
-def test_late_messages_are_no_lost_ones(recorded):
+@pytest.mark.parametrize("delay", [4e-4, 4e-3, 2e-2])
+def test_late_messages_are_no_lost_ones(recorded, delay):
     """A recorder that stalls writes down many at once, and loses none; its own delays come and go."""
-    draw = np.random.default_rng(4)
-    late = 2e-3 * ROWS + draw.exponential(4e-3, len(ROWS))
-    late[300:550] = np.maximum(late[300:550], 1.1)
+    late = 2e-3 * ROWS + np.random.default_rng(4).exponential(delay, len(ROWS))
+    for first, end in ((0, 120), (300, 550)):
+        late[first:end] = np.maximum(late[first:end], 2e-3 * end)
     assert recorded(ROWS, np.maximum.accumulate(late)) == ""
 
 
 def test_lost_messages_are_told_with_their_place(recorded):
     kept = np.delete(ROWS, np.arange(300, 600))
-    jitter = np.random.default_rng(4).exponential(2e-4, len(kept))
+    jitter = np.random.default_rng(4).exponential(2e-3, len(kept))
     assert recorded(kept, np.maximum.accumulate(2e-3 * kept)) == (
         "a.mcap: time: row 300 comes 0.602 s after the one before, at 1.2 s; none after it makes up for "
         f"0.6 s: some are missing{STEP_OF_STUDY}"
         "Take the run up to there, by `to`, or the one after, by `from`."
     )
     found = recorded(kept, np.maximum.accumulate(2e-3 * kept + jitter))
-    assert found.startswith("a.mcap: time: row 300 comes 0.60")
+    assert found.startswith("a.mcap: time: row 300 comes 0.60") and "some are missing" in found
     assert recorded(kept, 2e-3 * kept, to="0.59 s") == ""
     # As much too many: of each of a hundred a copy came, too.
     twice = np.sort(np.concatenate([ROWS, np.arange(300, 400)]))

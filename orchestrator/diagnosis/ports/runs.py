@@ -27,9 +27,11 @@ _UNEVEN = 0.01
 _CLOCKS = {1e-3: "ms", 1e3: "s, not ms", 1e-6: "us", 1e6: "s, not us", 1e-9: "ns", 1e9: "s, not ns"}
 # Samples of a run that are compared, at the least.
 _FEWEST = 100
-# Messages may come late for good by so many steps; the first and the last so many of them tell where others
-# should be, since any one of them may itself be late.
-_STRAYED, _ENDS = 3.0, 20
+# Messages may come late for good by so many steps, and by so many times what the least late ones of so many
+# stray; the first and the last so many tell where others should be, since any one may itself be late.
+_STRAYED, _JITTERS, _ENDS = 3.0, 8.0, 20
+# Messages that are apart by so much more or less of the step have another, and not a clock that is off.
+_ANOTHER = 0.1
 
 
 @dataclass(frozen=True)
@@ -205,18 +207,26 @@ class _Run:
         late = time - time[0] - step * np.arange(len(time))
         ends = min(_ENDS, len(time))
         after = np.minimum.accumulate(late[::-1])[::-1][: len(time) - ends + 1]
-        before = np.minimum.accumulate(late)[ends - 1 :]
+        # Those that waited while the recorder began are written down at once.
+        waited = int(np.argmin(np.append(np.diff(time) < step / 10.0, False)))
+        first_ends = ends + waited if waited < len(time) / 2 - ends else ends
+        before = np.minimum.accumulate(late)[first_ends - 1 :]
         lost, double = after[-1] - after[0], before[0] - before[-1]
-        if max(lost, double) <= (_STRAYED - 1.0) * step + clock_slack(len(time), step):
+        # A clock that is off makes no second differences, and a gap few.
+        least = late[: len(late) // ends * ends].reshape(-1, ends).min(axis=1)
+        jitter = float(np.median(np.abs(np.diff(least, 2)))) if len(least) > 2 else 0.0
+        allowed = (_STRAYED - 1.0) * step + clock_slack(len(time), step) + _JITTERS * jitter
+        if max(lost, double) <= allowed:
             return True
         gaps = np.diff(after)
-        usual = float(np.median(np.diff(time)))
+        # Median and mean: what jitters may have either off.
+        apart = np.array([np.median(np.diff(time)), np.mean(np.diff(time))])
         if lost > double and gaps.max() > lost / 4.0:
             row = int(np.argmax(gaps)) + 1
             what = f"row {first + row} comes {time[row] - time[row - 1]:.6g} s after the one before, at "
             what += f"{time[row]:.6g} s; none after it makes up for {gaps[row - 1]:.3g} s: some are missing"
             self._told_time(what, "Take the run up to there, by `to`, or the one after, by `from`.")
-        elif usual > 0.0 and abs(usual - step) > _UNEVEN * step:
+        elif (np.abs(apart - step) > _ANOTHER * step).all():
             self._told_uneven(time, first)
         else:
             self._told_clock(time)
