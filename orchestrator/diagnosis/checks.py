@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import Problem
 from .channels import clipped, frozen, logged_twice
 from .consistency import check_columns
+from .log_checks import clock_slack, clock_told
 from .mistakes import Mistake, told_once
 from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
@@ -141,6 +142,10 @@ def _time(study: Study, run: Run) -> list[Problem]:
                 "Log every tick: replays need each input.",
             )
         )
+    # Each step may be right to half of it, and their sum be far off.
+    if not found and abs(time[-1] - time[0] - tick * (len(time) - 1)) > clock_slack(len(time), tick):
+        remedy = "Correct `tick`, or the clock that the stamps are of."
+        found.append(Problem(place, clock_told(time, tick), remedy=remedy))
     return found
 
 

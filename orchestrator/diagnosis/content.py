@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from .finding import Finding
 from .study import Nominal
 from .verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which, problems_of
 
-__all__ = ["Told", "content", "provenance"]
+__all__ = ["Told", "content", "named_files", "provenance"]
 
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
 # Answers less probable than this are not told.
@@ -87,6 +87,13 @@ def content(
     except ValidationError as error:
         problems = problems_of(error, f"{case}: the diagnosis contradicts itself")
         raise OrchestratorError("\n".join(str(one) for one in problems)) from error
+
+
+def named_files(folder: Path, paths: Iterable[Path]) -> dict[str, Path]:
+    """Files by where they stand, from a folder on if in it; of ROS bags, which are folders, all they hold."""
+    inner = [file for path in paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
+    files = [file for file in inner if file.is_file()]
+    return {(one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): one for one in files}
 
 
 def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:

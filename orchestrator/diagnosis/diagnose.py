@@ -14,11 +14,11 @@ from ..run_folder import folder_at
 from ..whole_file import write_text
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
-from .content import Told, content, provenance
+from .content import Told, content, named_files, provenance
 from .finding import Finding
 from .parts import Parts
 from .ports.study import PortStudy, is_port_study
-from .study import Role, Study, load_study
+from .study import Role, Study, case_file, load_study
 from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable, Warned
 
 __all__ = ["STAGES", "Diagnosed", "diagnose"]
@@ -162,14 +162,9 @@ def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:
 
 
 def _files(study: Study, source: Path) -> dict[str, Path]:
-    """Files of the study, by name: its folder may hold truth, verdicts and other things, not to be opened."""
-    folder = source if source.is_dir() else source.parent
-    named = {source.name} if source.is_file() else {"case.yaml", "study.yaml"}
-    runs = {run.name for run in study.runs}
-    own = [path for path in folder.iterdir() if path.name in named or path.name.partition(".")[0] in runs]
-    # A ROS bag is a folder.
-    files = [file for path in sorted(own) for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
-    return {file.relative_to(folder).as_posix(): file for file in files if file.is_file()}
+    """The study's file and its logs, by name: its folder may hold other things, not to be opened."""
+    file = case_file(source)
+    return named_files(file.parent, [file, *(run.path for run in study.runs if run.path is not None)])
 
 
 def _write(

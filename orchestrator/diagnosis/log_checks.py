@@ -1,4 +1,4 @@
-"""What is wrong with the rows of a log: no numbers in them, or a time that is not mapped and is another."""
+"""What is wrong with the rows of a log: no numbers in them, or a clock that is another than is believed."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from ..errors import Problem
 from ..units import UnitError, convert, parse_unit
 from .logs import Signal
 
-__all__ = ["unmapped_clock", "unread_rows"]
+__all__ = ["clock_slack", "clock_told", "unmapped_clock", "unread_rows"]
 
 Array = NDArray[np.float64]
 
 # By how much of the tick a log's own step may differ from it; and rows of a clock from their even place.
 _APART, _UNEVEN = 0.01, 0.1
+# What the quartzes of two clocks differ by.
+_QUARTZ = 1e-4
 _CLOCKS = ("t", "time", "timestamp", "stamp", "zeit", "seconds", "sec")
 # Of clocks without unit [s]: what their values may be counted in.
 _COUNTED = (1.0, 1e-3, 1e-6, 1e-9)
@@ -28,6 +30,26 @@ _COMMA = re.compile(r"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*")
 
 class _Named(Protocol):
     column: str
+
+
+def clock_slack(rows: int, step: float) -> float:
+    """By how much the time that rows take may be another than their steps add up to [s]: by one of these, and
+    by what clocks differ by anyway."""
+    return step * (1.0 + _QUARTZ * rows)
+
+
+def clock_told(time: Array, step: float) -> str:
+    """What rows take by their stamps, and by how much that is not what their steps add up to.
+
+    Args:
+        time: stamps, shape (n,) [s], n at least 2; step: from one row to the next, as is believed [s].
+    """
+    taken, whole = float(time[-1] - time[0]), step * (len(time) - 1)
+    share = 100.0 * (taken / whole - 1.0)
+    return (
+        f"by their stamps {len(time)} rows take {taken:.6g} s, {abs(share):.2g} % "
+        f"{'more' if share > 0.0 else 'less'} than as many steps of {step:.6g} s"
+    )
 
 
 def unmapped_clock(

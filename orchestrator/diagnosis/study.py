@@ -18,7 +18,7 @@ from ..quantities import Measure, quantity
 from ..units import UnitError, convert, parse_unit
 from .mapping import Column, columns_of, read_mapping
 
-__all__ = ["UNITS", "Nominal", "Role", "Run", "Study", "load_study"]
+__all__ = ["UNITS", "Nominal", "Role", "Run", "Study", "case_file", "load_study"]
 
 Array = NDArray[np.float64]
 _Path = tuple[str | int, ...]
@@ -84,6 +84,7 @@ class Run:
         name: of the file.
         mass: of the satellite software [kg]; approach_speed: [m/s].
         columns: logged signals by name, each of shape (n,), SI, one value per tick.
+        path: of the log that it was read from; None if it was not.
     """
 
     name: str
@@ -91,6 +92,7 @@ class Run:
     mass: float
     approach_speed: float
     columns: Mapping[str, Array]
+    path: Path | None = None
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -131,6 +133,14 @@ class Study:
         return tuple(run for run in self.runs if run.role is role)
 
 
+def case_file(folder: Path) -> Path:
+    """The file of a study, given by it or by its folder: case.yaml, or else study.yaml."""
+    if folder.is_file():
+        return folder
+    found = (folder / name for name in ("case.yaml", "study.yaml"))
+    return next((path for path in found if path.is_file()), folder / "case.yaml")
+
+
 def load_study(folder: Path) -> Study:
     """Read a case folder (case.yaml and its logs), or a study file.
 
@@ -139,9 +149,7 @@ def load_study(folder: Path) -> Study:
 
     Raises: ConfigError with all problems at once: missing files, columns, units, numbers that are not finite.
     """
-    path = folder if folder.is_file() else folder / "case.yaml"
-    if not path.is_file() and (folder / "study.yaml").is_file():
-        path = folder / "study.yaml"
+    path = case_file(folder)
     folder = path.parent
     if not path.is_file():
         raise ConfigError(
@@ -328,4 +336,4 @@ def _run(
     columns = columns_of(path, mapping, _COLUMNS, tick, problems, clock=clock)
     # Logs of several folders may be called the same.
     name = (PurePath(file).parent / path.name.partition(".")[0]).as_posix()
-    return None if columns is None else Run(name, role, mass, speed, columns)
+    return None if columns is None else Run(name, role, mass, speed, columns, path)

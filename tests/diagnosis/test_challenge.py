@@ -398,6 +398,36 @@ def test_from_the_command_line(made, challenge, tmp_path, capsys):
     assert f"{made}: is not empty" in capsys.readouterr().err
 
 
+def test_verdicts_of_other_cases_are_refused(made, tmp_path, capsys):
+    """All challenges call their cases alike; a verdict counted by its name, and as blind."""
+    other, out, by = tmp_path / "other", tmp_path / "out", ["--jobs", "1", "--by", f"{__name__}:say_none"]
+    make(other, Order(cases=2, seed=12))
+    assert main(["challenge", "run", str(other), "--verdicts", str(out), *by]) == 0
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    capsys.readouterr()
+    # What was diagnosed of the one is no verdict of the other.
+    assert main(["challenge", "run", str(made), "--verdicts", str(out), *by]) == 2
+    said = (
+        f"{out}: holds verdicts of other cases of these names than {made} does: case-0001, case-0002\n"
+        "  the cases that cases.json holds the digests of. Name another folder by --verdicts, one for each "
+        "challenge.\n"
+    )
+    assert capsys.readouterr().err == f"orchestrator: {said}"
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    (other / "case-0002" / "train-1.csv.gz").write_bytes((made / "case-0002/train-1.csv.gz").read_bytes())
+    assert main(["challenge", "score", str(other), "--verdicts", str(out)]) == 2
+    assert f"than {other} does: case-0002\n" in capsys.readouterr().err
+    assert not (other / LEDGER).exists()
+    # A case that has no verdict is diagnosed, and is then known as what it is.
+    (out / "case-0002" / "diagnosis.json").unlink()
+    assert main(["challenge", "run", str(other), "--verdicts", str(out), *by]) == 0
+    assert "1 case diagnosed" in capsys.readouterr().out
+    assert main(["challenge", "score", str(other), "--verdicts", str(out)]) == 0
+    (out / "cases.json").write_text("[1]")
+    assert main(["challenge", "score", str(other), "--verdicts", str(out)]) == 2
+    assert "cases.json: is no record of cases" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [

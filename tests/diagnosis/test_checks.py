@@ -135,6 +135,19 @@ def test_the_unit_of_time_is_named(good):
     assert "rows are 1 s apart, the tick is 0.001 s (1000 times)" in unit
 
 
+def test_a_clock_that_gains_little_by_little_is_named(good):
+    """Each step is right to 5 %, or lies within what stamps are rounded to."""
+    slow = with_column(good, "time", lambda time: 1.04 * time)
+    (told_,), warned = told(slow)
+    assert warned == [] and told_ == (
+        "train-1: column time: by their stamps 2000 rows take 2.07896 s, 4 % more than as many steps of "
+        "0.001 s\n  Correct `tick`, or the clock that the stamps are of."
+    )
+    # Two quartzes differ by as much; stamps are rounded.
+    assert told(with_column(good, "time", lambda time: (1.0 + 5e-5) * time)) == ([], [])
+    assert told(with_column(good, "time", lambda time: np.round(time + 2e-4, 3))) == ([], [])
+
+
 def test_a_dead_channel_is_named(good):
     (dead,), _ = told(with_column(good, "encoder_position", np.zeros_like))
     assert dead == (

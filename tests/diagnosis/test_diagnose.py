@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from logged import logged_study, with_column, write_case
 
 from orchestrator.__main__ import main
@@ -20,6 +21,7 @@ from orchestrator.diagnosis.parts import Parts
 from orchestrator.diagnosis.report_text import text as in_lines
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.verdict import read_diagnosis
+from orchestrator.digests import file_digest
 from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.report.make import report
 
@@ -101,6 +103,28 @@ def test_what_is_written(study, tmp_path):
     # The truth may lie beside the logs; it is not even opened.
     assert set(found["provenance"]["sha256"]) == {"case.yaml", *(f"{run.name}.csv.gz" for run in study.runs)}
     assert read_diagnosis(tmp_path / "out") == made.diagnosis
+
+
+def test_logs_have_checksums_wherever_they_stand(study, tmp_path):
+    """In a folder of the case, elsewhere, or as a link; what else is called like them is not one."""
+    case = write_case(study, tmp_path / "case-x")
+    data = yaml.safe_load((case / "case.yaml").read_text())
+    (case / "logs").mkdir()
+    (tmp_path / "links").mkdir()
+    names = [one["file"] for one in data["runs"]]
+    places = [f"logs/{names[0]}", str(tmp_path / names[1]), *names[2:]]
+    for entry, name, place in zip(data["runs"], names, places, strict=True):
+        (case / name).rename(case / place)
+        entry["file"] = place
+    (case / names[2]).rename(tmp_path / "links" / "kept.gz")
+    (case / names[2]).symlink_to(tmp_path / "links" / "kept.gz")
+    (case / "case.yaml").write_text(yaml.safe_dump(data))
+    (case / f"{names[3].partition('.')[0]}.truth.json").write_text("{}")
+    chosen, _ = parts()
+    kept = diagnose(case, parts=chosen).diagnosis.provenance["sha256"]
+    assert set(kept) == {"case.yaml", *places}
+    assert kept[places[1]] == file_digest(tmp_path / names[1])
+    assert kept[names[2]] == file_digest(tmp_path / "links" / "kept.gz")
 
 
 def test_every_effect_is_told_in_words():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from mcap.writer import Writer
-from ports_bench import study
+from ports_bench import change_log, study
 
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.cli import _folders
@@ -104,6 +104,8 @@ TWENTIETH = "Leave it out for a twentieth of each run."
          "  controller.voltage, drive.position, path.position, time. Did you mean drive.position"),
         (within("runs", 0, role="heldout"), "runs[0].role: input should be 'train', 'validation', 'held-out' "
          "or 'repeat', got 'heldout'\n  Did you mean held-out?"),
+        (within("runs", 1, role="repeat"), "runs[1]: a run of the role repeat has no `repeats`\n"
+         "  run-0, run-2. Add it, or give the run another role."),
         (within("runs", 1, name="run-0"), "runs[1]: two runs are called run-0\n  Give one of them a `name`."),
         (within("columns", "drive.position", unit="N"), "columns.drive.position.unit: N [kg.m.s-2] cannot be "
          "converted to m [m]\n  the unit of the column's values, one that can be converted to m"),
@@ -173,6 +175,7 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         data["runs"][0]["rol"] = data["runs"][0].pop("role")
         data["runs"][0]["to"] = "-1 s"
         data["runs"][1]["file"] = "run-9.csv"
+        data["runs"][2]["role"] = "repeat"
 
     found = told(change)
     heads = [line for line in found.splitlines() if not line.startswith("  ")]
@@ -193,6 +196,7 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         "runs[0].rol",
         "runs[0].to",
         "runs[1].file",
+        "runs[2]",
     ]
     # The step is not known, but columns are; time is mapped.
     assert [line for line in heads if not line.startswith("wrong")] == [
@@ -270,40 +274,98 @@ def test_studies_in_one_folder_are_called_after_their_files(made, tmp_path, caps
     assert f"several cases are called {made.name}" in capsys.readouterr().err
 
 
-def test_messages_at_another_step_are_not_taken_for_the_step(made, told, tmp_path):
-    """Their stamps jitter, so that only the step on the whole counts where they are not mapped."""
+@pytest.fixture
+def recorded(made, told, tmp_path):
+    """What is told of a study of messages: rows of a log, recorded at given stamps [s]."""
     log = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
 
-    def write(step):
+    def said(rows, stamps, **run):
         with (tmp_path / "a.mcap").open("wb") as stream:
             writer = Writer(stream)
             writer.start()
             channel = writer.register_channel(
                 "/all", "json", writer.register_schema("x", "jsonschema", b"{}")
             )
-            for number, row in enumerate(log.tolist()):
-                stamp = 1_700_000_000_000_000_000 + round((step * number + 1e-5 * (number % 3)) * 1e9)
+            for row, after in zip(log[rows].tolist(), np.asarray(stamps).tolist(), strict=True):
+                stamp = 1_700_000_000_000_000_000 + round(after * 1e9)
                 writer.add_message(channel, stamp, json.dumps(row[1:]).encode(), stamp)
             writer.finish()
 
-    def change(data):
-        entries = {"path.position": ("m", {}), "drive.position": ("m", {"noise": "2 um"})}
-        data["columns"] = {
-            name: {"column": f"/all[{number}]", "unit": unit, **more}
-            for number, (name, (unit, more)) in enumerate(entries.items())
-        }
-        data["runs"] = [{"file": "a.mcap", "role": "train", "from": "0.4 s"}]
+        def change(data):
+            entries = {"path.position": ("m", {}), "drive.position": ("m", {"noise": "2 um"})}
+            data["columns"] = {
+                name: {"column": f"/all[{number}]", "unit": unit, **more}
+                for number, (name, (unit, more)) in enumerate(entries.items())
+            }
+            data["runs"] = [{"file": "a.mcap", "role": "train", **run}]
 
-    write(2e-3)
-    assert told(change) == ""
+        return told(change)
+
+    return said
+
+
+STEP_OF_STUDY = "\n  the communication step of the system, or the study's interval, 0.002 s. "
+ROWS = np.arange(1001)
+
+
+def test_messages_at_another_step_are_not_taken_for_the_step(made, recorded, tmp_path):
+    """Their stamps jitter, so that only the step on the whole counts where they are not mapped."""
+    jitter = 1e-5 * (ROWS % 3)
+    assert recorded(ROWS, 2e-3 * ROWS + jitter, **{"from": "0.4 s"}) == ""
     run = load_port_study(tmp_path / "wrong.yaml").runs[0]
+    log = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
     assert (run.name, len(run)) == ("a-200", 801)
     assert np.array_equal(next(iter(run.logs.values())), log[200:, 1])
-    write(4e-3)
-    assert told(change) == (
-        "a.mcap: time: samples are 0.00401 s apart\n  the communication step of the system, or the "
-        "study's interval, 0.002 s. Set the study's interval, `interval: 0.004 s`, or resample the log."
+    assert recorded(ROWS, 4e-3 * ROWS + jitter, **{"from": "0.4 s"}) == (
+        f"a.mcap: time: samples are 0.00401 s apart{STEP_OF_STUDY}"
+        "Set the study's interval, `interval: 0.004 s`, or resample the log."
     )
+
+
+@pytest.mark.parametrize("delay", [4e-4, 4e-3, 2e-2])
+def test_late_messages_are_no_lost_ones(recorded, delay):
+    """A recorder that stalls writes down many at once, and loses none; its own delays come and go."""
+    late = 2e-3 * ROWS + np.random.default_rng(4).exponential(delay, len(ROWS))
+    for first, end in ((0, 120), (300, 550)):
+        late[first:end] = np.maximum(late[first:end], 2e-3 * end)
+    assert recorded(ROWS, np.maximum.accumulate(late)) == ""
+
+
+def test_lost_messages_are_told_with_their_place(recorded):
+    kept = np.delete(ROWS, np.arange(300, 600))
+    jitter = np.random.default_rng(4).exponential(2e-3, len(kept))
+    assert recorded(kept, np.maximum.accumulate(2e-3 * kept)) == (
+        "a.mcap: time: row 300 comes 0.602 s after the one before, at 1.2 s; none after it makes up for "
+        f"0.6 s: some are missing{STEP_OF_STUDY}"
+        "Take the run up to there, by `to`, or the one after, by `from`."
+    )
+    found = recorded(kept, np.maximum.accumulate(2e-3 * kept + jitter))
+    assert found.startswith("a.mcap: time: row 300 comes 0.60") and "some are missing" in found
+    assert recorded(kept, 2e-3 * kept, to="0.59 s") == ""
+    # As much too many: of each of a hundred a copy came, too.
+    twice = np.sort(np.concatenate([ROWS, np.arange(300, 400)]))
+    assert "1101 rows take 2 s, 9.1 % less than as many steps of 0.002 s" in recorded(twice, 2e-3 * twice)
+
+
+def test_a_clock_that_gains_little_by_little_is_refused(made, told, recorded, tmp_path):
+    """Each step is right to 1 %, or messages jitter by more; over the run it is nine steps."""
+    said = "by their stamps 1001 rows take 2.018 s, 0.9 % more than as many steps of 0.002 s" + STEP_OF_STUDY
+    said += "Set run.step_size under `set`, or `interval`, so that samples are 0.002018 s apart; or correct "
+    said += "the clock that the stamps are of."
+    assert recorded(ROWS, 2e-3 * 1.009 * ROWS) == f"a.mcap: time: {said}"
+    (tmp_path / "fast.csv").write_bytes((made / "run-0.csv").read_bytes())
+    for gain, found in ((1.009, f"fast.csv: time: {said}"), (1.0 + 1e-4, "")):
+        with change_log(tmp_path / "fast.csv") as columns:
+            columns["time"] = 2e-3 * gain * ROWS
+
+        def change(data):
+            data["columns"]["time"] = "time"
+            for name in ("path.position", "drive.position", "controller.voltage"):
+                data["columns"][name] = {"column": name, "noise": "1 um" if name[0] == "d" else None}
+            data["columns"]["controller.voltage"]["noise"] = "5 mV"
+            data["runs"] = [{"file": "fast.csv", "role": "train"}]
+
+        assert told(change) == found
 
 
 def test_a_temperature_on_another_scale_is_a_mistake_of_its_own():

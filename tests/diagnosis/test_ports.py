@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from copy import copy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,15 +16,18 @@ from orchestrator.__main__ import main
 from orchestrator.diagnosis.catalogue import in_words
 from orchestrator.diagnosis.channels import clipped
 from orchestrator.diagnosis.diagnose import diagnose
-from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate
+from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
 from orchestrator.diagnosis.headline import headline
 from orchestrator.diagnosis.ports.candidates import candidates
+from orchestrator.diagnosis.ports.closure import how_far
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.given import check_logs
+from orchestrator.diagnosis.ports.page import _figure
 from orchestrator.diagnosis.ports.player import Inserted, Player
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, measure
 from orchestrator.diagnosis.ports.seek import carries
+from orchestrator.diagnosis.ports.simulated import simulated
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.weigh import foremost, weigh_ports
 from orchestrator.diagnosis.verdict import read_diagnosis
@@ -347,8 +351,39 @@ def test_runs_that_were_driven_otherwise_repeat_nothing(tmp_path):
     (found,) = [one for one in check_logs(own)[1] if one.place == "again"]
     said = f"path.position differs from that of {first}, which it is said to repeat, by "
     assert found.what.startswith(said)
+    assert found.what.endswith("; the noise is told without this run")
     alike = [replace(run, repeats=second) if run.name == "again" else run for run in own.runs]
     assert not [one for one in check_logs(replace(own, runs=tuple(alike)))[1] if one.place == "again"]
+
+
+@pytest.mark.parametrize("like", [True, False])
+def test_only_a_repeat_that_was_driven_alike_tells_the_noise(tmp_path, like):
+    """Another motion would hide any gap as noise."""
+    folder = study(tmp_path, [COULOMB])
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    heldout = data["runs"][2]["file"]
+    draw = np.random.default_rng(3)
+    (tmp_path / "again.csv").write_text((folder / (heldout if like else "run-1.csv")).read_text())
+    with change_log(tmp_path / "again.csv") as columns:
+        columns["drive.position"] += 3e-6 * draw.standard_normal(1001)
+    data["runs"].append({"file": "again.csv", "role": "repeat", "repeats": Path(heldout).stem})
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(folder)
+    of = Candidate((), 1.0, {}, (), 0.0, NOMINAL)
+    far = how_far(found, Finding((of,), (), (), "", (), NOMINAL))
+    assert far["noise_floor_from"] == ("repeats" if like else "specified")
+    assert far["noise_floor"] < 1e-2 < far["after"] and not far["within_floor"]
+    made, _, _ = simulated(found, [], np.random.default_rng(1))
+    rough = np.diff(made.runs[0].logs[POSITION], 3) / np.sqrt(20.0)
+    assert np.std(rough) == pytest.approx(3e-6 / np.sqrt(2.0) if like else 2e-6, rel=0.2)
+
+
+def test_the_page_counts_an_offset_as_a_gap(plain):
+    found = load_port_study(plain)
+    log = found.runs[2].logs[POSITION]
+    _, words = _figure(found, found.runs[2], POSITION, log - 0.05, log)
+    share = 0.05 / float(log[found.settled :].std())
+    assert share > 0.5 and f"is {100 * share:.3g} % of the signal's spread before and 0 % after" in words
 
 
 def test_noise_that_is_fed_is_warned_of(tmp_path):
@@ -401,6 +436,23 @@ def test_exchanged_and_stuck_columns_are_named(tmp_path):
     refused, _ = check_logs(load_port_study(path))
     assert [one.place for one in refused] == ["run-0: controller.voltage, drive.position"]
     assert "exchanged" in refused[0].remedy
+
+
+@pytest.mark.parametrize("listed", [{}, {"only": ["drive.coulomb"]}])
+def test_logs_in_which_nothing_moves_are_refused(tmp_path, capsys, listed):
+    """Candidates are made from what moves, those that a study lists before its logs are looked at."""
+    path = study(tmp_path, candidates=listed)
+    data = yaml.safe_load((path / "study.yaml").read_text())
+    del data["columns"]["controller.voltage"]
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["drive.position"][20:] = 0.25
+    (path / "study.yaml").write_text(yaml.safe_dump(data))
+    assert main(["diagnose", str(path), "--quiet"]) == 2
+    assert capsys.readouterr().err.partition("study.yaml:")[2].partition(" ")[2] == (
+        "columns: the logs of all compared ports are constant in the runs of the role train "
+        "(drive.position: 0.25 m)\n  one that moves. Check the columns, or take runs in which something "
+        "moves; settle less.\n"
+    )
 
 
 def test_a_limit_is_told_in_its_unit(plain):

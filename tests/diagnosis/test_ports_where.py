@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,17 +27,26 @@ from orchestrator.diagnosis.ports.experiments import (
 )
 from orchestrator.diagnosis.ports.motion import PHASES, phases
 from orchestrator.diagnosis.ports.numerics import doubts, numerics
-from orchestrator.diagnosis.ports.practice import Case, Practise, _Answer, coverage, learn, practise
+from orchestrator.diagnosis.ports.practice import (
+    Case,
+    Practise,
+    _Answer,
+    coverage,
+    learn,
+    parts_of,
+    practise,
+)
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, Weighted, measure
 from orchestrator.diagnosis.ports.simulated import simulated
 from orchestrator.diagnosis.ports.steps import with_steps
 from orchestrator.diagnosis.ports.study import Role
-from orchestrator.diagnosis.ports.tempering import Tempering, read_practice
+from orchestrator.diagnosis.ports.tempering import Tempering, read_practice, sealed
 from orchestrator.diagnosis.ports.ties import alike
 from orchestrator.diagnosis.ports.where import lasting, ledger, no_shares, shapley_shares, where
 from orchestrator.diagnosis.study import Nominal
 from orchestrator.errors import ConfigError, OrchestratorError
+from orchestrator.run import prepare
 from orchestrator.system import Port
 
 POSITION, VELOCITY = Port("drive", "position"), Port("drive", "velocity")
@@ -393,40 +403,86 @@ def test_what_practice_teaches_covers_what_it_did_not_see():
 
 
 def test_practice_of_other_candidates_is_refused(tmp_path):
+    path, parts = tmp_path / "practice.json", {"config": "c", "FMUs": "f"}
     data = {
-        "format": "port-practice/1",
+        "format": "port-practice/2",
         "tempering": Tempering(temperature=3.0).data(),
         "effects": ["a", "b"],
+        "system": parts,
     }
-    (tmp_path / "practice.json").write_text(json.dumps(data))
-    assert read_practice(tmp_path / "practice.json", ["b", "a"])[0].temperature == 3.0
-    with pytest.raises(ConfigError, match=r"other candidates: b, c"):
-        read_practice(tmp_path / "practice.json", ["a", "c"])
-    (tmp_path / "practice.json").write_text("{}")
+    path.write_text(json.dumps(sealed(data)))
+    assert read_practice(path, ["b", "a"], parts)[0].temperature == 3.0
+    again = "\n  Practise again: `orchestrator diagnose STUDY --practice N --out DIR`."
+    with pytest.raises(ConfigError, match=r"other candidates: b, c\n  Practise again"):
+        read_practice(path, ["a", "c"], parts)
+    with pytest.raises(ConfigError) as caught:
+        read_practice(path, ["a", "b"], {"config": "d", "FMUs": "f"})
+    assert str(caught.value) == f"{path}: was practised on another system, which differs in: config{again}"
+    path.write_text(path.read_text().replace("3.0", "2.0"))
+    with pytest.raises(ConfigError, match=r"was changed after it was written\n  Practise again"):
+        read_practice(path, ["a", "b"], parts)
+    path.write_text(json.dumps(data | {"format": "port-practice/1"}))
+    with pytest.raises(ConfigError, match=r"got 'port-practice/1'\n  port-practice/2. Practise again"):
+        read_practice(path, ["a", "b"], parts)
+    path.write_text("{}")
     with pytest.raises(ConfigError, match="is no result of practice"):
-        read_practice(tmp_path / "practice.json", ["a"])
+        read_practice(path, ["a"], parts)
+
+
+def test_what_practice_is_of_does_not_depend_on_logs_or_folders(rubbing):
+    parts = parts_of(rubbing)
+    other = replace(rubbing, runs=rubbing.runs[:1], practice=Path("practice.json"))
+    assert parts_of(other) == parts
+    nominal = {**rubbing.nominal, "drive.mass": Nominal(60.0, 2.0)}
+    loaded, columns = prepare(rubbing.prepared.config, ["drive.load=1 N"]), dict(rubbing.columns)
+    columns[POSITION] = columns[POSITION].model_copy(update={"noise": 3e-6})
+    for name, changed in (
+        ("calibrated", replace(rubbing, nominal=nominal)),
+        ("config", replace(rubbing, prepared=loaded)),
+        ("columns", replace(rubbing, columns=columns)),
+        ("priors", replace(rubbing, priors={"drive.force_per_voltage": 1.0})),
+    ):
+        found = parts_of(changed)
+        assert [one for one in parts if found[one] != parts[one]] == [name]
+    fmu = rubbing.prepared.system.instances[0].fmu
+
+    class Rebuilt:
+        description, path = fmu.description, fmu.path
+
+        def checksum(self):
+            return "sha256:other"
+
+    first, *rest = rubbing.prepared.system.instances
+    rebuilt = replace(rubbing.prepared.system, instances=(replace(first, fmu=Rebuilt()), *rest))
+    found = parts_of(replace(rubbing, prepared=replace(rubbing.prepared, system=rebuilt)))
+    assert [one for one in parts if found[one] != parts[one]] == ["FMUs"]
 
 
 def test_practice_on_the_command_line(tmp_path, capsys):
     """Ten cases teach little, but are told with how often they were covered, and can be used again."""
     few = {"only": ["drive.viscous", "drive.voltage.gain", "drive.voltage.offset"]}
-    path = study(tmp_path / "case", candidates=few)
+    # The study names already what practice is yet to write.
+    path = study(tmp_path / "case", candidates=few, practice="../out/practice.json")
     out = tmp_path / "out"
     told = ["diagnose", str(path), "--out", str(out), "--no-report", "--quiet"]
     assert main([*told, "--practice", "4"]) == 2
     assert "got 4 cases" in capsys.readouterr().err
     assert main([*told, "--practice", "10"]) == 0
     practice = json.loads((out / "practice.json").read_text())
-    assert practice["format"] == "port-practice/1" and len(practice["cases"]) == 10
+    assert practice["format"] == "port-practice/2" and len(practice["cases"]) == 10
     assert practice["coverage"]["as learned, on unseen cases"]["cases"] == 10
     assert set(practice["effects"]) == set(few["only"])
     first = json.loads((out / "diagnosis.json").read_text())
-    data = yaml.safe_load((path / "study.yaml").read_text()) | {"practice": "../out/practice.json"}
-    (path / "study.yaml").write_text(yaml.safe_dump(data))
     assert main(["diagnose", str(path), "--out", str(tmp_path / "again"), "--quiet"]) == 0
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
     assert again["which"] == first["which"]
     assert "were calibrated on 10 simulated cases" in (tmp_path / "again" / "report.html").read_text()
+    data = yaml.safe_load((path / "study.yaml").read_text())
+    data["set"].append("drive.mass=60 kg")
+    (path / "study.yaml").write_text(yaml.safe_dump(data))
+    capsys.readouterr()
+    assert main(["diagnose", str(path), "--out", str(tmp_path / "other"), "--quiet"]) == 2
+    assert "on another system, which differs in: config, calibrated\n" in capsys.readouterr().err
 
 
 def test_an_interrupted_practice_goes_on(tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 from ...errors import ConfigError, Problem
 from ...workers import Work, pool_of
 from ..verdict import NAME
+from .cases import check_record, note_cases
 from .verdict import read_verdict
 
 __all__ = ["OURS", "diagnose_all"]
@@ -36,12 +37,13 @@ def diagnose_all(
     """Diagnose the cases that have no verdict yet; the sealed truth is not touched.
 
     Args:
-        verdicts: where <case>/diagnosis.json go.
+        verdicts: where <case>/diagnosis.json go; which cases they are of is kept there, too.
         by: `module:function`, called with the folder of a case and that of its verdict.
         progress: called with the name of each case when it is done, or has a verdict already.
         scheduler: a Dask cluster in place of `jobs` processes; its workers have to see both folders.
     Returns: how many were diagnosed, and the name and the error of those that failed.
-    Raises: ConfigError if there are no cases, no such function, or no such cluster.
+    Raises: ConfigError if there are no cases, no such function, or no such cluster, or if there are verdicts
+        of other cases.
     """
     _function(by)
     cases = sorted(path.parent for path in folder.glob("*/case.yaml"))
@@ -49,12 +51,14 @@ def diagnose_all(
         raise ConfigError(
             [Problem(str(folder), "holds no cases", remedy="Make some by `orchestrator challenge make`.")]
         )
+    check_record(cases, verdicts)
     left = [case for case in cases if not (verdicts / case.name / NAME).is_file()]
     failed: list[tuple[str, str]] = []
     for case in cases:
         if case not in left:
             progress(case.name)
     if left:
+        note_cases(left, verdicts)
         pool = pool_of(scheduler, min(jobs, len(left)))
         work = Work(_one, payload=(verdicts.resolve(), by))
         for outcome in pool.outcomes(work, [case.resolve() for case in left]):

@@ -15,6 +15,7 @@ from scipy.stats import binomtest
 
 from ...errors import ConfigError, Problem
 from ..verdict import NAME, SUSPECTED, chance_outside
+from .cases import check_record
 from .seal import note_opening, open_truth, truth_digest
 from .verdict import Verdict, names, read_verdict
 
@@ -128,7 +129,8 @@ def score(folder: Path, verdicts: Path) -> dict[str, Any]:
 
     Args:
         verdicts: holds <case>/diagnosis.json for every case.
-    Raises: ConfigError with every verdict that is missing or cannot be read; the truth then stays sealed.
+    Raises: ConfigError with every verdict that is missing, cannot be read or is of another case; the truth
+        then stays sealed.
     """
     sealed = truth_digest(folder)
     cases = sorted(path.parent.name for path in folder.glob("*/case.yaml"))
@@ -156,6 +158,10 @@ def score(folder: Path, verdicts: Path) -> dict[str, Any]:
                 "Run `orchestrator challenge run` first.",
             )
         )
+    try:
+        check_record([folder / case for case in cases], verdicts)
+    except ConfigError as error:
+        problems += error.problems
     if problems:
         raise ConfigError(problems)
     blind = note_opening(folder, {case: verdict.digest for case, verdict in found.items()})

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ...system import Port
 from ..closure import closure_of
 from ..finding import NOMINAL, Finding
 from ..study import Array
+from .repeats import apart
 from .replay import PortReplay
-from .study import PortRun, PortStudy, Role
+from .study import PortStudy, Role
 
 __all__ = ["how_far"]
 
@@ -24,7 +24,7 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
 
     Errors are relative: root mean square of log minus model over the standard deviation of the log, root mean
     square over the compared ports. The noise floor is that of half the difference of repeats, where there
-    are any, else that of the noise as specified; `noise_floor_from` tells which.
+    are any, else that of the noise as specified; `noise_floor_from` tells which. See `repeats.apart`.
     """
     models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}
     runs = study.of(Role.HELDOUT)
@@ -46,9 +46,9 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
                 r = left[name][place] * scale
                 parts[name].append(r**2)
                 by_port.setdefault(str(port), {}).setdefault(name, []).append(float(np.mean(r**2)))
-            apart = _apart(study, run, port)
-            repeated.add(apart is not None)
-            floors.append(scale**2 * (1.0 if apart is None else apart))
+            again = apart(study, run, port)
+            repeated.add(bool(again))
+            floors.append(scale**2 * (float(np.mean(again[0] ** 2)) / noise**2 if again else 1.0))
             place += 1
         for name, those in parts.items():
             mean = np.mean(those, axis=0)
@@ -62,15 +62,3 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
     told_by = "both" if len(repeated) > 1 else "repeats" if repeated == {True} else "specified"
     found = closure_of(joined, float(np.sqrt(np.mean(floors))), 2)
     return {**found, "noise_floor_from": told_by, "outputs": outputs}
-
-
-def _apart(study: PortStudy, run: PortRun, port: Port) -> float | None:
-    """Mean square of what does not repeat, over that of the noise as specified; None without a repeat."""
-    for other in study.of(Role.REPEAT):
-        if other.repeats == run.name and port in other.logs:
-            n = min(len(run), len(other))
-            noise = study.columns[port].noise
-            assert noise is not None
-            apart = (run.logs[port][:n] - other.logs[port][:n])[study.settled :] / noise
-            return float(np.mean(apart**2)) / 2.0
-    return None

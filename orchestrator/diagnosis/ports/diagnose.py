@@ -15,7 +15,7 @@ from ...errors import ConfigError
 from ...formats import strict
 from ...run import instance_fmus
 from ...system import Port
-from ..content import Told, content, provenance
+from ..content import Told, content, named_files, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
 from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable
@@ -25,7 +25,7 @@ from .energy import energy
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
 from .numerics import doubts, numerics
-from .practice import Practise, practise
+from .practice import Practise, parts_of, practise
 from .reader import load_port_study
 from .replay import candidates_of
 from .steps import told_of_step, weighed_without_step
@@ -63,7 +63,7 @@ def diagnose_ports(
     """
     begin = perf_counter()
     progress("read")
-    study = load_port_study(path)
+    study = load_port_study(path, practising=practice is not None)
     progress("check")
     refused, warned = check_logs(study)
     if study.only or study.without:
@@ -151,7 +151,7 @@ def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Ma
         return taught, Tempering(**taught["tempering"])
     if study.practice is not None:
         effects = candidates_of(study)
-        tempering, data = read_practice(study.practice, [one.id for one in effects])
+        tempering, data = read_practice(study.practice, [one.id for one in effects], parts_of(study))
         return data, tempering
     return {}, Tempering()
 
@@ -181,10 +181,9 @@ def _changed(study: PortStudy, answer: Augmented, missing: Collection[str]) -> l
 
 def _files(path: Path, study: PortStudy) -> dict[str, Path]:
     """The study's file, the user's own configs, and the logs, by name."""
-    folder = path if path.is_dir() else path.parent
-    logs = dict.fromkeys(run.file for run in study.runs if run.file and run.file.is_file())
-    files = [study_file(path), *_configs(study_file(path)), *logs]
-    return {(one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): one for one in files}
+    file = study_file(path)
+    logs = (run.file for run in study.runs if run.file is not None)
+    return named_files(file.parent, [file, *_configs(file), *logs])
 
 
 def _configs(file: Path, key: str = "system") -> list[Path]:

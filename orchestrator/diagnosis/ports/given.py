@@ -14,7 +14,7 @@ from ..channels import clipped, frozen
 from ..mistakes import Mistake, told_once, wrong_factors, wrong_scales
 from ..study import Array
 from ..verdict import Warned
-from .noise import white
+from .repeats import unlike
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
 
@@ -26,12 +26,8 @@ _WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
 
 # A model that moves by no more times the noise is at rest.
 _REST = 3.0
-# Runs whose inputs differ by more of their spread do not repeat each other.
-_UNLIKE = 0.2
 # A model runs away whose signal is so many times as large as anything in the log.
 _AWAY = 1e6
-# Last digits of a signal, as a share of it.
-_LAST = 1e-6
 # Noise that is fed is worth a word where it makes so much of a compared signal's own.
 _DRIVEN = 0.3
 
@@ -82,19 +78,13 @@ def _unlike(study: PortStudy) -> list[Warned]:
     found = []
     for run in study.runs:
         of = next((one for one in study.runs if one.name == run.repeats), None)
-        for port in study.fed if of is not None else ():
-            if of is None or port not in run.logs or port not in of.logs:
-                continue
-            n = min(len(run), len(of))
-            log, other = run.logs[port][:n], of.logs[port][:n]
-            # Noise of a sensor does not repeat.
-            square = float(np.mean((log - other) ** 2)) - white(log - other)
-            apart, spread = float(np.sqrt(max(square, 0.0))), float(np.std(other))
-            if apart > _UNLIKE * spread + _LAST * float(np.abs(other).max()):
-                what = f"{port} differs from that of {of.name}, which it is said to repeat, by {apart:.3g} "
-                what += f"{study.unit(port)}, which spreads by {spread:.3g}"
-                remedy = "Correct `repeats`: runs driven alike tell what does not repeat."
-                found.append(Warned(place=run.name, what=what, remedy=remedy))
+        for port, differ, spread in () if of is None else unlike(study, run, of):
+            what = f"{port} differs from that of {run.repeats}, which it is said to repeat, by {differ:.3g} "
+            what += f"{study.unit(port)}, which spreads by {spread:.3g}"
+            if run.role is Role.REPEAT:
+                what += "; the noise is told without this run"
+            remedy = "Correct `repeats`: runs driven alike tell what does not repeat."
+            found.append(Warned(place=run.name, what=what, remedy=remedy))
     return found
 
 

@@ -83,10 +83,11 @@ def _figure(study: PortStudy, run: PortRun, port: Port, before: Array, after: Ar
     grid["zoom"].set_ylabel(f"[{unit}]")
     finish(figure, grid)
     spread = float(log[study.settled :].std()) or noise
-    shares = [float(np.std((log - one)[study.settled :])) / spread for one in (before, after)]
+    # An offset, too, is a gap.
+    shares = [float(np.sqrt(np.mean((log - one)[study.settled :] ** 2))) / spread for one in (before, after)]
     words = (
-        f"{port} in {run.name}: the residual is {100 * shares[0]:.3g} % of the signal's spread before and "
-        f"{100 * shares[1]:.3g} % after."
+        f"{port} in {run.name}: the residual's rms is {100 * shares[0]:.3g} % of the signal's spread before "
+        f"and {100 * shares[1]:.3g} % after."
     )
     return figure, words
 

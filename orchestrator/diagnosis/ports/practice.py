@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,20 +15,22 @@ from ...digests import file_digest
 from ...errors import ConfigError, OrchestratorError, Problem
 from ...formats import strict
 from ...provenance import origin, versions
+from ...run import instance_fmus
 from ...run_folder import folder_at
 from ...workers import Work, pool_of
 from ..calibration import SET
 from ..challenge.verdict import names
+from ..content import named_files
 from ..effect import Effect
 from ..study import Array
 from .reader import load_port_study
 from .replay import candidates_of
 from .simulated import simulated
 from .study import PortStudy, study_file
-from .tempering import FORMAT, Tempering
+from .tempering import FORMAT, Tempering, digest, sealed
 from .weigh import Weighed, weigh_ports
 
-__all__ = ["Case", "Practise", "coverage", "learn", "practise"]
+__all__ = ["Case", "Practise", "coverage", "learn", "parts_of", "practise"]
 
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy")
 
@@ -39,7 +40,7 @@ _STRAY = 0.5
 _LEARNED = ("temperature", "growth", "price", "left", "sharpness", "floor")
 _FOLDS, _FEWEST = 5, 10
 # To be raised when cases are simulated or weighed in another way: kept ones of before are then made anew.
-_WAY = 4
+_WAY = 5
 
 
 @dataclass(frozen=True)
@@ -96,14 +97,15 @@ def practise(path: Path, order: Practise) -> dict[str, Any]:
     Args:
         path: the study's file or folder.
     Returns: content of practice.json: `tempering`; `coverage` as shipped and as learned, the latter of cases
-        that the learning did not see, five times over; `cases`; `seed`; `effects`, ids of the candidates.
+        that the learning did not see, five times over; `cases`; `seed`; `effects`, ids of the candidates;
+        `system`, see `parts_of`; `sha256` of all that.
     Raises: ConfigError for less than ten cases: they teach nothing; OrchestratorError if a case fails.
     """
     if order.cases < _FEWEST:
         raise ConfigError([Problem("practice", f"got {order.cases} cases", f"at least {_FEWEST}")])
     if order.jobs is not None and order.jobs < 1:
         raise ConfigError([Problem("--jobs", f"got {order.jobs}", "at least 1")])
-    study = load_port_study(path)
+    study = load_port_study(path, practising=True)
     effects = candidates_of(study)
     if len(effects) < 2:
         raise ConfigError([Problem("practice", f"got {len(effects)} candidates", "at least 2 to tell apart")])
@@ -114,7 +116,7 @@ def practise(path: Path, order: Practise) -> dict[str, Any]:
         others = [one for place, one in enumerate(cases) if place % _FOLDS != fold]
         learned = learn(others, start)
         unseen += [(one, learned) for place, one in enumerate(cases) if place % _FOLDS == fold]
-    return {
+    return sealed({
         "format": FORMAT,
         "tempering": learn(cases, start).data(),
         "coverage": {
@@ -126,22 +128,44 @@ def practise(path: Path, order: Practise) -> dict[str, Any]:
         ],
         "seed": order.seed,
         "effects": [one.id for one in effects],
+        "system": parts_of(study),
         "provenance": origin(),
-    }  # fmt: skip
+    })  # fmt: skip
+
+
+def parts_of(study: PortStudy) -> dict[str, str]:
+    """Digests of what makes a study's system what it is, by name; what was logged of it is none of them."""
+    config = study.prepared.config.model.to_data()
+    # A file of an FMU may stand elsewhere: its checksum tells which it is.
+    own = {name: {**one, "fmu": None} for name, one in config["instances"].items()}
+    fmus = {name: one["checksum"] for name, one in instance_fmus(study.prepared.system).items()}
+    parts = {
+        "config": {**config, "instances": own},
+        "FMUs": fmus,
+        "calibrated": {name: [one.value, one.tolerance] for name, one in study.nominal.items()},
+        "columns": {
+            str(port): [one.noise, one.hold, one.start, port in study.fed, port in study.compared]
+            for port, one in study.columns.items()
+        },
+        "priors": study.priors,
+        "interval, settle": [study.parts, study.settled],
+    }
+    return {name: digest(one) for name, one in parts.items()}
 
 
 def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) -> list[Case]:
     """The cases in the order of their numbers; each is kept as soon as it is weighed."""
-    logs = [run.file for run in study.runs if run.file is not None and run.file.is_file()]
+    own = study_file(path)
+    logs = (run.file for run in study.runs if run.file is not None)
     made_of = [
         _WAY,
         order.seed,
         list(ids),
         versions(_PACKAGES),
-        study.prepared.config.model.to_data(),
-        [file_digest(one) for one in (study_file(path), *logs)],
+        parts_of(study),
+        [file_digest(one) for one in named_files(own.parent, [own, *logs]).values()],
     ]
-    key = hashlib.sha256(json.dumps(made_of, default=str).encode()).hexdigest()[:16]
+    key = digest(made_of)[:16]
     done = {number: case for number, case in _kept(order.kept, key).items() if number < order.cases}
     order.progress(len(done))
     missing = [number for number in range(order.cases) if number not in done]
@@ -162,7 +186,7 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
 
 def _prepared(payload: tuple[Path, int], folder: Path) -> tuple[PortStudy, Sequence[Effect], int]:
     path, seed = payload
-    study = load_port_study(path)
+    study = load_port_study(path, practising=True)
     return study, candidates_of(study), seed
 
 

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...checks import in_range
 from ...errors import ConfigError, Problem, listed, nearest
 from ...fmi import Causality, Kind
@@ -33,13 +35,18 @@ from .study import PortRun, PortStudy, Trial, study_file
 __all__ = ["load_port_study"]
 
 
-def load_port_study(path: Path) -> PortStudy:
-    """Read a study. Raises: ConfigError with all problems of study, system and logs."""
+def load_port_study(path: Path, practising: bool = False) -> PortStudy:
+    """Read a study.
+
+    Args:
+        practising: whether it is about to be practised on, so that what that teaches may still be missing.
+    Raises: ConfigError with all problems of study, system and logs.
+    """
     sheet = Sheet(study_file(path))
     model, wrong = sheet.taken(StudyModel, sheet.data)
     prepared, faithful = _prepared(sheet, model, wrong)
     if prepared is not None:
-        study = _Reader(sheet, model, prepared, faithful).study()
+        study = _Reader(sheet, model, prepared, faithful, practising).study()
     else:
         # What ports and parameters there are is not known; files and times can be looked at all the same.
         study = None
@@ -88,10 +95,14 @@ class _Reader:
 
     Args:
         faithful: whether the system is as the study wants it, its communication step with it.
+        practising: see `load_port_study`.
     """
 
-    def __init__(self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool) -> None:
+    def __init__(
+        self, sheet: Sheet, model: StudyModel, prepared: Prepared, faithful: bool, practising: bool
+    ) -> None:
         self.sheet, self.model, self.prepared, self.faithful = sheet, model, prepared, faithful
+        self.practising = practising
         self.place, self.problems = sheet.place, sheet.problems
         self.parts = self._parts()
         self.step = self.parts * float(prepared.grid.step_size)
@@ -136,13 +147,14 @@ class _Reader:
         motion, rest = self._motion()
         trials = self._trials()
         practice = None if model.practice is None else sheet.file.parent / model.practice
-        if practice is not None and not practice.is_file():
+        if practice is not None and not self.practising and not practice.is_file():
             what = f"no file {practice.name} in {practice.parent}"
             remedy = "`orchestrator diagnose STUDY --practice N --out DIR` writes one."
             sheet.tell(("practice",), what, remedy=remedy)
         columns = Columns(_named(model), mapping, units, self.step if self.faithful else None)
         runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
         self._window_in(runs, window, round(settled / self.step))
+        self._moving(runs, compared, round(settled / self.step))
         if sheet.problems or candidates is None:
             return None
         return PortStudy(
@@ -210,6 +222,17 @@ class _Reader:
             allowed = f"up to {longest}, what {shortest.name} holds after it settled"
             remedy = "Leave it out for a twentieth of each run."
             self.sheet.tell(("window",), f"got {self.model.window!r}", allowed, remedy)
+
+    def _moving(self, runs: tuple[PortRun, ...], compared: tuple[Port, ...], settled: int) -> None:
+        """Tell if nothing moves at any port at which runs of training are compared."""
+        train = [run for run in runs if run.role is Role.TRAIN]
+        logs = [(port, run.logs[port][settled:]) for run in train for port in compared if port in run.logs]
+        # A run that is too short to settle is told as such.
+        if logs and all(log.size and np.ptp(log) == 0.0 for _, log in logs):
+            found = {f"{port}: {log[0]:g} {self.ports[str(port)].unit_name or '1'}" for port, log in logs}
+            what = "the logs of all compared ports are constant in the runs of the role train"
+            remedy = "Check the columns, or take runs in which something moves; settle less."
+            self.sheet.tell(("columns",), f"{what} ({listed(sorted(found))})", "one that moves", remedy)
 
     def _motion(self) -> tuple[Port | None, float | None]:
         """The port by which phases of motion are told, and the speed of rest in its unit."""

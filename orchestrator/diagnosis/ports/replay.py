@@ -211,9 +211,9 @@ def measure(study: PortStudy, run: PortRun) -> Sizes:
                 continue
             moved = player.run(run.logs, len(run), {}, (Inserted(Offset(value=1.0), port),))
             share = max(
-                float(np.std((moved[out] - signals[out])[settled:])
-                      + abs(np.mean((moved[out] - signals[out])[settled:]))) / spread[out]
-                for out in study.compared if spread[out] > 0.0
+                (float(np.std((moved[out] - signals[out])[settled:])
+                       + abs(np.mean((moved[out] - signals[out])[settled:]))) / spread[out]
+                 for out in study.compared if spread[out] > 0.0), default=0.0
             )  # fmt: skip
             spread[port] = 1.0 / share if np.isfinite(share) and share > 0.0 else 0.0
     return Sizes(spread, peak, rate, way)

@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import Problem, listed, nearest
 from ...system import Port
 from ..channels import logged_twice
+from ..log_checks import clock_slack, clock_told
 from ..mapping import columns_of
 from ..study import Array
 from .keys import Logged, Role, RunModel
@@ -26,6 +27,11 @@ _UNEVEN = 0.01
 _CLOCKS = {1e-3: "ms", 1e3: "s, not ms", 1e-6: "us", 1e6: "s, not us", 1e-9: "ns", 1e9: "s, not ns"}
 # Samples of a run that are compared, at the least.
 _FEWEST = 100
+# Messages may come late for good by so many steps, and by so many times what the least late ones of so many
+# stray; the first and the last so many tell where others should be, since any one may itself be late.
+_STRAYED, _JITTERS, _ENDS = 3.0, 8.0, 20
+# Messages that are apart by so much more or less of the step have another, and not a clock that is off.
+_ANOTHER = 0.1
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,14 @@ def read_runs(
     logs = [str(sheet.file.parent / one.file) for one, _ in taken if one.file is not None]
     sheet.problems[before:] = _once(sheet.problems[before:], logs)
     names = [None if one is None else one.name for one in read]
+    for number, (model, wrong) in enumerate(taken):
+        # Of a run with which something else is wrong the role is as written.
+        repeating = model.role in (Role.REPEAT, Role.REPEAT.value)
+        if repeating and model.repeats is None and "repeats" not in wrong:
+            others = [name for at, name in enumerate(names) if name is not None and at != number]
+            remedy = "Add it, or give the run another role."
+            what = "a run of the role repeat has no `repeats`"
+            sheet.tell(("runs", number), what, listed(others), remedy)
     for number, run in enumerate(read):
         if run is None:
             continue
@@ -165,17 +179,66 @@ class _Run:
             self.sheet.tell(self.place, what, f"up to {log_end:.6g} s, and at least three")
             return None
         taken = time[first:last]
-        even = np.isclose(np.diff(taken), step, rtol=0, atol=_UNEVEN * step)
-        if "time" not in self.columns.named:
-            # Messages come early and late, several at once or not at all: what is not mapped as time need
-            # only be of this step on the whole.
-            whole = np.median(np.diff(taken)), np.mean(np.diff(taken))
-            even = np.isclose(whole, step, rtol=0, atol=_UNEVEN * step).any()
-        if not even.all():
-            self._told_uneven(taken, first)
+        if not (self._even(taken, first) if "time" in self.columns.named else self._steady(taken, first)):
             return None
         self.first = first
         return slice(first, last)
+
+    def _even(self, time: Array, first: int) -> bool:
+        """Whether samples are a step apart, and stay so; tells if not. first: number of the first row."""
+        step = self.columns.step
+        assert step is not None
+        if not np.isclose(np.diff(time), step, rtol=0, atol=_UNEVEN * step).all():
+            self._told_uneven(time, first)
+            return False
+        if abs(time[-1] - time[0] - step * (len(time) - 1)) > clock_slack(len(time), step):
+            self._told_clock(time)
+            return False
+        return True
+
+    def _steady(self, time: Array, first: int) -> bool:
+        """Whether as many messages came as steps went by; tells if not. Arguments as those of `_even`.
+
+        Messages come early and late, or many at once after a while: how late one is counts only as far as
+        none of those after it makes up for it, or all of those before it were as late.
+        """
+        step = self.columns.step
+        assert step is not None
+        late = time - time[0] - step * np.arange(len(time))
+        ends = min(_ENDS, len(time))
+        after = np.minimum.accumulate(late[::-1])[::-1][: len(time) - ends + 1]
+        # Those that waited while the recorder began are written down at once.
+        waited = int(np.argmin(np.append(np.diff(time) < step / 10.0, False)))
+        first_ends = ends + waited if waited < len(time) / 2 - ends else ends
+        before = np.minimum.accumulate(late)[first_ends - 1 :]
+        lost, double = after[-1] - after[0], before[0] - before[-1]
+        # A clock that is off makes no second differences, and a gap few.
+        least = late[: len(late) // ends * ends].reshape(-1, ends).min(axis=1)
+        jitter = float(np.median(np.abs(np.diff(least, 2)))) if len(least) > 2 else 0.0
+        allowed = (_STRAYED - 1.0) * step + clock_slack(len(time), step) + _JITTERS * jitter
+        if max(lost, double) <= allowed:
+            return True
+        gaps = np.diff(after)
+        # Median and mean: what jitters may have either off.
+        apart = np.array([np.median(np.diff(time)), np.mean(np.diff(time))])
+        if lost > double and gaps.max() > lost / 4.0:
+            row = int(np.argmax(gaps)) + 1
+            what = f"row {first + row} comes {time[row] - time[row - 1]:.6g} s after the one before, at "
+            what += f"{time[row]:.6g} s; none after it makes up for {gaps[row - 1]:.3g} s: some are missing"
+            self._told_time(what, "Take the run up to there, by `to`, or the one after, by `from`.")
+        elif (np.abs(apart - step) > _ANOTHER * step).all():
+            self._told_uneven(time, first)
+        else:
+            self._told_clock(time)
+        return False
+
+    def _told_clock(self, time: Array) -> None:
+        """Tell that stamps are those of another clock than the step's."""
+        step = self.columns.step
+        assert step is not None
+        mean = float(time[-1] - time[0]) / (len(time) - 1)
+        remedy = f"Set run.step_size under `set`, or `interval`, so that samples are {mean:.6g} s apart; or "
+        self._told_time(clock_told(time, step), remedy + "correct the clock that the stamps are of.")
 
     def _told_uneven(self, time: Array, first: int) -> None:
         """Tell that samples are not apart as they should be, and where; first: number of the first row."""
@@ -194,5 +257,8 @@ class _Run:
             wrong = int(np.sum(np.abs(apart - step) > _UNEVEN * step))
             what = f"row {first + row + 1} comes {apart[row]:.6g} s after the one before; {wrong} such in all"
             remedy = "Take the run up to there, by `to`, or the one after, by `from`; or resample the log."
-        allowed = f"the communication step of the system, or the study's interval, {step:.6g} s"
+        self._told_time(what, remedy)
+
+    def _told_time(self, what: str, remedy: str) -> None:
+        allowed = f"the communication step of the system, or the study's interval, {self.columns.step:.6g} s"
         self.sheet.problems.append(Problem(f"{self.path}: time", what, allowed, remedy))

@@ -18,6 +18,7 @@ from ..effect import Effect
 from ..fit import Fitter
 from ..study import Array
 from .effect import PortEffect
+from .repeats import apart
 from .replay import PortReplay, Weighted
 from .seek import carries
 from .study import PortRun, PortStudy, Role
@@ -179,20 +180,9 @@ def _drawn(effect: Effect, rng: np.random.Generator) -> Array:
 
 def _noise(study: PortStudy, port: Port, n: int, specified: float, rng: np.random.Generator) -> Array:
     """Noise of a port's log, shape (n,)."""
-    apart = [
-        _apart(run, other, port, study.settled)
-        for other in study.of(Role.REPEAT)
-        for run in study.runs
-        if run.name == other.repeats and port in run.logs and port in other.logs
-    ]
-    if not apart:
+    found = [one for run in study.runs for one in apart(study, run, port)]
+    if not found:
         return specified * rng.standard_normal(n)
-    one = apart[int(rng.integers(len(apart)))]
+    one = found[int(rng.integers(len(found)))]
     begin = int(rng.integers(len(one)))
     return float(rng.choice([-1.0, 1.0])) * np.resize(np.roll(one, -begin), n)
-
-
-def _apart(run: PortRun, other: PortRun, port: Port, settled: int) -> Array:
-    """What differs between a run and its repeat, as noise of one of them."""
-    n = min(len(run), len(other))
-    return (run.logs[port][:n] - other.logs[port][:n])[settled:] / np.sqrt(2.0)

@@ -11,12 +11,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ...digests import digest_of
 from ...errors import ConfigError, Problem, listed
+from ...formats import strict
 from ..study import Array
 
-__all__ = ["FORMAT", "Tempering", "read_practice"]
+__all__ = ["FORMAT", "Tempering", "digest", "read_practice", "sealed"]
 
-FORMAT = "port-practice/1"
+FORMAT = "port-practice/2"
+_AGAIN = "Practise again: `orchestrator diagnose STUDY --practice N --out DIR`."
 
 
 class _Weighable(Protocol):
@@ -71,26 +74,47 @@ class Tempering:
         return asdict(self)
 
 
-def read_practice(path: Path, effects: Sequence[str]) -> tuple[Tempering, Mapping[str, Any]]:
+def digest(data: Any) -> str:
+    """Digest of plain values, whatever the order of their keys."""
+    return digest_of(json.dumps(strict(data), sort_keys=True).encode())
+
+
+def sealed(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Content of practice.json with the checksum of all else in it, as `sha256`."""
+    return {**strict(data), "sha256": digest(data)}
+
+
+def read_practice(
+    path: Path, effects: Sequence[str], system: Mapping[str, str]
+) -> tuple[Tempering, Mapping[str, Any]]:
     """What practice taught, and the file's whole content.
 
     Args:
-        effects: ids of the study's candidates; the file must be of the same ones.
-    Raises: ConfigError if the file is of another kind, or of other candidates.
+        effects: ids of the study's candidates; system: digests of its parts, see `practice.parts_of`. The
+            file must be of the same ones.
+    Raises: ConfigError if the file is of another kind, was changed, or is of other candidates or another
+        system.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         if data["format"] != FORMAT:
-            raise ConfigError([Problem(f"{path}: format", f"got {data['format']!r}", FORMAT)])
+            raise ConfigError([Problem(f"{path}: format", f"got {data['format']!r}", FORMAT, _AGAIN)])
         made = Tempering(**{name: float(value) for name, value in data["tempering"].items()})
-        practised = set(data["effects"])
+        practised, parts = set(data["effects"]), dict(data["system"])
+        whole = digest({name: value for name, value in data.items() if name != "sha256"}) == data["sha256"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        remedy = "`orchestrator diagnose STUDY --practice N --out DIR` writes one."
         raise ConfigError(
-            [Problem(str(path), f"is no result of practice ({error})", FORMAT, remedy)]
+            [Problem(str(path), f"is no result of practice ({error})", FORMAT, _AGAIN)]
         ) from None
     other = practised ^ set(effects)
-    if other:
+    changed = [name for name in system if parts.get(name) != system[name]]
+    what = ""
+    if not whole:
+        what = "was changed after it was written"
+    elif other:
         what = f"was practised with other candidates: {listed(sorted(other), 10)}"
-        raise ConfigError([Problem(str(path), what, remedy="Practise again.")])
+    elif changed:
+        what = f"was practised on another system, which differs in: {listed(changed)}"
+    if what:
+        raise ConfigError([Problem(str(path), what, remedy=_AGAIN)])
     return made, data
