@@ -1,14 +1,17 @@
-"""How logs are fed: as signals of other instances are."""
+"""How logs are fed, as signals of other instances are, and how candidates are made from all of them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import yaml
+from ports_bench import change_log, study
 
+from orchestrator.diagnosis.finding import NOMINAL, Augmented
 from orchestrator.diagnosis.ports import player
 from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import PortReplay
+from orchestrator.diagnosis.ports.replay import PortReplay, candidates_of
+from orchestrator.diagnosis.ports.study import Role
 from orchestrator.simulate import simulate
 from orchestrator.system import Port
 
@@ -53,3 +56,45 @@ def test_a_log_arrives_as_signals_of_instances_do(tmp_path, monkeypatch, master,
     found = PortReplay(own, [run]).player.run(run.logs, len(run))[Port("controller", "voltage")]
     assert found[1:] == pytest.approx(voltage[1 - late : 200 - late], rel=1e-12)
     assert found[0] == pytest.approx(voltage[0], rel=1e-12)
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    """Logs of the system itself, the second of a shorter stroke, and one of it at rest."""
+    path = study(tmp_path_factory.mktemp("moving"), seed=None)
+    (path / "rest.csv").write_text((path / "run-0.csv").read_text())
+    with change_log(path / "rest.csv") as columns:
+        for name, values in columns.items():
+            if name != "time":
+                values[:] = 0.0
+    return path
+
+
+def trained(path, *files):
+    """The study with these train runs, in this order."""
+    data = yaml.safe_load((path / "study.yaml").read_text())
+    data["runs"] = [{"file": f"{name}.csv", "role": "train"} for name in files]
+    (path / "trained.yaml").write_text(yaml.safe_dump(data))
+    return load_port_study(path / "trained.yaml")
+
+
+@pytest.mark.parametrize("files", [("run-1", "run-0"), ("rest", "run-0", "run-1")])
+def test_candidates_do_not_depend_on_which_run_stands_first(moving, files):
+    first, second = (candidates_of(trained(moving, *order)) for order in (files, files[::-1]))
+    assert [(one.id, one.equation) for one in first] == [(one.id, one.equation) for one in second]
+    for one, other in zip(first, second, strict=True):
+        for a, b in zip(one.parameters, other.parameters, strict=True):
+            assert (a.scale, *a.starts) == pytest.approx((b.scale, *b.starts), rel=1e-9), one.id
+    assert {"drive.voltage.saturate", "drive.coulomb", "drive.load.offset"} <= {one.id for one in first}
+
+
+def test_limits_that_cut_nothing_are_absent_from_all_train_runs(moving):
+    """Those of a run with a smaller peak would cut off what is larger in another."""
+    own = trained(moving, "run-1", "run-0")
+    replay = PortReplay(own, own.of(Role.TRAIN))
+    before = replay.of(NOMINAL)
+    limits = [one for one in candidates_of(own) if one.id.endswith((".saturate", ".rate-limit"))]
+    assert len(limits) >= 8
+    for effect in limits:
+        after = replay.of(Augmented({}, (effect,), np.zeros(1)))
+        assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)), effect.id
