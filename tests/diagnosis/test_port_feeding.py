@@ -5,13 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from ports_bench import change_log, study
+from ports_bench import UNITS, change_log, study, system
 
-from orchestrator.diagnosis.finding import NOMINAL, Augmented
+from orchestrator.diagnosis.finding import NOMINAL, Augmented, Finding
 from orchestrator.diagnosis.ports import player
+from orchestrator.diagnosis.ports.augmented import augmented_config
+from orchestrator.diagnosis.ports.player import Inserted
 from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.diagnosis.ports.replay import PortReplay, candidates_of
+from orchestrator.diagnosis.ports.replay import PortReplay, candidates_of, measure
 from orchestrator.diagnosis.ports.study import Role
+from orchestrator.effects.gain import Gain
+from orchestrator.effects.offset import Offset
+from orchestrator.run import run
 from orchestrator.simulate import simulate
 from orchestrator.system import Port
 
@@ -98,3 +103,98 @@ def test_limits_that_cut_nothing_are_absent_from_all_train_runs(moving):
     for effect in limits:
         after = replay.of(Augmented({}, (effect,), np.zeros(1)))
         assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True)), effect.id
+
+
+VELOCITY = {"port": "path.velocity", "gain": "0.1 kN.s/m"}
+OTHER = {"port": "drive.velocity", "gain": "-20 N.s/m"}
+LEGS = [[VELOCITY], [VELOCITY, OTHER], [OTHER, VELOCITY]]
+LOAD, VOLTAGE = Port("drive", "load"), Port("controller", "voltage")
+
+
+def summed(path, legs, through=(), **columns):
+    """A study, and its system, whose load is a sum of velocities; its log is the system's own."""
+    machine = system(0.2, [{"from": legs, "to": "drive.load", "through": list(through)}])
+    (path / "system.yaml").write_text(yaml.safe_dump(machine, sort_keys=False))
+    results = run(machine, halving=False).results
+    units = UNITS | {"path.velocity": "m/s", "drive.velocity": "m/s"}
+    table = {"time [s]": results.time, **{f"{name} [{unit}]": results[name] for name, unit in units.items()}}
+    rows = np.column_stack([np.asarray(values) for values in table.values()]).tolist()
+    (path / "run.csv").write_text("\n".join([",".join(table), *(",".join(map(repr, row)) for row in rows)]))
+    seen = {"column": "controller.voltage", "noise": "5 mV", "feed": False}
+    data = {"format": "port-study/1", "system": "system.yaml", "settle": "50 ms",
+            "columns": {"time": "time", "controller.voltage": seen, **columns},
+            "runs": [{"file": "run.csv", "role": "train"}]}  # fmt: skip
+    (path / "study.yaml").write_text(yaml.safe_dump(data))
+    return load_port_study(path), results
+
+
+@pytest.mark.parametrize("loop", ["native", "python"])
+@pytest.mark.parametrize("legs", LEGS)
+def test_what_is_fed_into_a_sum_has_its_gain(tmp_path, monkeypatch, legs, loop):
+    """One source with a gain is a sum, too."""
+    own, _ = summed(tmp_path, legs, **{"path.velocity": {"column": "path.velocity"}})
+    monkeypatch.setattr(player, "simulate", lambda *one, **more: simulate(*one, **more | {"loop": loop}))
+    log = own.runs[0].logs[VOLTAGE]
+    assert np.array_equal(PortReplay(own, own.runs).signals(own.runs[0], {}, (), np.zeros(0))[VOLTAGE], log)
+    twice = {port: values * (2.0 if port.variable == "velocity" else 1.0)
+             for port, values in own.runs[0].logs.items()}  # fmt: skip
+    moved = PortReplay(own, own.runs).player.run(twice, len(log))[VOLTAGE]
+    assert np.abs(moved - log).max() > 0.1 * np.std(log)
+
+
+@pytest.mark.parametrize("legs", LEGS)
+def test_effects_act_on_an_output_before_its_gain(tmp_path, legs):
+    own, _ = summed(tmp_path, legs)
+    replay = PortReplay(own, own.runs)
+
+    def given(*inserted):
+        return replay.player.run(own.runs[0].logs, len(own.runs[0]), {}, inserted)[VOLTAGE]
+
+    at_output = given(Inserted(Offset(value=0.1), Port("path", "velocity")))
+    assert at_output == pytest.approx(given(Inserted(Offset(value=10.0), LOAD)), rel=1e-9, abs=1e-9)
+    assert np.abs(at_output - given()).max() > 0.1
+    # A gain of the output is one of its leg alone.
+    tenth = [leg | ({"gain": "10 N.s/m"} if leg is VELOCITY else {}) for leg in legs]
+    (tmp_path / "tenth").mkdir()
+    _, results = summed(tmp_path / "tenth", tenth)
+    expected = pytest.approx(np.asarray(results["controller.voltage"]), rel=1e-9, abs=1e-9)
+    assert given(Inserted(Gain(factor=0.1), Port("path", "velocity"))) == expected
+
+
+@pytest.mark.parametrize("legs", LEGS)
+def test_candidates_at_a_sum_are_of_its_size(tmp_path, legs):
+    own, results = summed(tmp_path, legs)
+    load = 100.0 * np.asarray(results["path.velocity"])
+    load -= 20.0 * np.asarray(results["drive.velocity"]) if len(legs) > 1 else 0.0
+    sizes = measure(own, *own.runs)
+    assert sizes.peak[LOAD] == pytest.approx(np.abs(load).max(), rel=1e-9)
+    assert sizes.spread[LOAD] == pytest.approx(load[own.settled :].std(), rel=1e-9)
+    (limit,) = (one for one in candidates_of(own) if one.id == "drive.load.saturate")
+    assert limit.equation.endswith(" N")
+    replay = PortReplay(own, own.runs)
+    (before,) = replay.of(NOMINAL)
+    absent, half = (replay.of(Augmented({}, (limit,), np.array([cut])))[0] for cut in (0.0, 0.5))
+    # An input may take what belongs to two instants, and a little more than either.
+    assert np.abs(absent - before).max() < 0.01
+    assert np.abs(half - before).max() > 50.0
+
+
+@pytest.mark.parametrize("legs", LEGS)
+def test_the_augmented_system_has_effects_before_gains(tmp_path, legs):
+    """Where a sum leaves no place for it, an effect is left out, and why is told."""
+    velocity = {"column": "path.velocity", "noise": "1 mm/s", "feed": False}
+    own, _ = summed(tmp_path, legs, [{"offset": "1 N"}], **{"path.velocity": velocity})
+    known = {one.id: one for one in candidates_of(own)}
+    names = ("path.velocity.saturate", "path.velocity.offset", "drive.load.gain")
+    model = Augmented({}, tuple(known[name] for name in names), np.array([0.4, 0.01, 0.1]))
+    finding = Finding((), names, (), "", (), model)
+    text, left_out = augmented_config(own, finding)
+    if len(legs) > 1:
+        reason = "drive.load is fed a sum, and effects act on sums, not on path.velocity alone"
+        assert left_out == dict.fromkeys(names[:2], reason)
+        return
+    assert left_out == {}
+    given = PortReplay(own, own.runs).signals(own.runs[0], {}, model.effects, model.theta)[VOLTAGE]
+    found = np.asarray(run(yaml.safe_load(text), halving=False).results["controller.voltage"])
+    assert found == pytest.approx(given, rel=1e-9, abs=1e-9 * np.abs(given).max())
+    assert np.abs(given - own.runs[0].logs[VOLTAGE]).max() > 0.1

@@ -108,7 +108,7 @@ def test_what_a_component_remembers_is_not_its_fault(tmp_path, monkeypatch, cuto
     """
     monkeypatch.setattr("orchestrator.diagnosis.ports.where._ALL", windows)
     sensor = {"sensor": {"fmu": "ForceSensor", "start": {"cutoff": cutoff}}}
-    listen = {"from": [{"port": "controller.voltage", "gain": "1 N/V"}], "to": "sensor.force"}
+    listen = {"from": [{"port": "controller.voltage", "gain": "2 N/V"}], "to": "sensor.force"}
     logged = {"sensor.measured_force": ("N", 5e-3)}
     path = study(tmp_path, [COULOMB, listen], instances=sensor, logged=logged, window="20 ms")
     believed = system(0.2, [listen])

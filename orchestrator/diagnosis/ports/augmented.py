@@ -23,7 +23,7 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
     """The config with the answer's effects and calibration, as YAML; and what it does not hold, and why.
 
     Effects stand under `through` of the connections that they act on. An effect at an output acts on all
-    connections from it; one at a free input is fed by a connection of its own.
+    connections from it, before their gains; one at a free input is fed by a connection of its own.
 
     Args:
         fmus: whether laws of friction that are added to a force stand as instances of FrictionForce, so that
@@ -44,12 +44,9 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
             made = effect.make(theta)
             if fmus and form_of(made) is not None and study.unit(effect.port) == "N":
                 add_instance(data, connections, effect, made)
-            elif not _insert(study, data, connections, effect, made):
-                left_out[effect.id] = f"{effect.port} feeds nothing in this system"
-    data["connections"] = [
-        one if one["through"] or isinstance(one["from"], list) else f"{one['from']} -> {one['to']}"
-        for one in connections
-    ]
+            elif reason := _insert(study, data, connections, effect, made):
+                left_out[effect.id] = reason
+    data["connections"] = [_short(one) for one in connections]
     data["title"] = f"{data.get('title', config.name)}, with the effects found"
     return dump(data), left_out
 
@@ -71,11 +68,23 @@ def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> Non
 
 
 def _long(one: Any) -> dict[str, Any]:
-    """A connection in the long form."""
+    """A connection with its sources as a list, each with its port, and how many of its effects act ahead of
+    its own."""
     if isinstance(one, str):
         source, _, target = one.partition("->")
         one = {"from": source.strip(), "to": target.strip()}
-    return {**one, "through": list(one.get("through", []))}
+    legs = one["from"] if isinstance(one["from"], list) else [one["from"]]
+    legs = [dict(leg) if isinstance(leg, dict) else {"port": leg} for leg in legs]
+    return {**one, "from": legs, "through": list(one.get("through", [])), "ahead": 0}
+
+
+def _short(one: dict[str, Any]) -> Any:
+    """A connection as one writes it."""
+    one = {key: value for key, value in one.items() if key != "ahead"}
+    legs = [leg if "gain" in leg else leg["port"] for leg in one["from"]]
+    if len(legs) > 1 or isinstance(legs[0], dict):
+        return {**one, "from": legs}
+    return {**one, "from": legs[0]} if one["through"] else f"{legs[0]} -> {one['to']}"
 
 
 def _insert(
@@ -84,18 +93,25 @@ def _insert(
     connections: list[dict[str, Any]],
     effect: PortEffect,
     made: ConnectionEffect,
-) -> bool:
-    """Put an effect where it acts; whether there is such a place."""
+) -> str:
+    """Put an effect where it acts; why there is no such place, "" if there is."""
     port = effect.port
     assert port is not None
     entry = _entry(made, effect, study)
     name = str(port)
     if study.prepared.system.variable(port).causality is Causality.OUTPUT:
-        fed = [one for one in connections if one["from"] == name]
+        fed = [one for one in connections if any(leg["port"] == name for leg in one["from"])]
         for one in fed:
-            # What acts on one connection alone comes after.
-            one["through"].insert(0, entry)
-        return bool(fed)
+            if len(one["from"]) > 1:
+                return f"{one['to']} is fed a sum, and effects act on sums, not on {port} alone"
+        for one in fed:
+            (leg,) = one["from"]
+            # What acts on one connection alone, its gain and effects, comes after.
+            if "gain" in leg:
+                one["through"].insert(one["ahead"], {"gain": leg.pop("gain")})
+            one["through"].insert(one["ahead"], entry)
+            one["ahead"] += 1
+        return "" if fed else f"{port} feeds nothing in this system"
     feeding = next((one for one in connections if one["to"] == name), None)
     if feeding is None:
         own = next(one for one in study.prepared.system.recorded if one.instance == port.instance)
@@ -103,10 +119,11 @@ def _insert(
         start = data["instances"][port.instance]["start"].pop(port.variable, None)
         # Nothing of the source comes through: effects need a signal to act on.
         zero = {"port": str(own), "gain": f"0 {unit}/{source}" if "/" not in source else _per(unit, source)}
-        feeding = {"from": [zero], "to": name, "through": [{"offset": start}] if start is not None else []}
+        through = [{"offset": start}] if start is not None else []
+        feeding = {"from": [zero], "to": name, "through": through, "ahead": 0}
         connections.append(feeding)
     feeding["through"].append(entry)
-    return True
+    return ""
 
 
 def _per(unit: str, source: str) -> str:

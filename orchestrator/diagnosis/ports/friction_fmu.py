@@ -60,12 +60,11 @@ def add_instance(
     data["instances"][name] = {"fmu": FMU, "start": form}
     leg = {"port": f"{name}.force", "gain": sign}
     fed = [one for one in connections if one["to"] == str(port)]
-    given = [one for one in connections if one["from"] == str(port)]
-    source = next((one["from"] for one in connections if one["to"] == str(read)), str(read))
+    given = [one for one in connections if any(before["port"] == str(port) for before in one["from"])]
+    source = next((one["from"] for one in connections if one["to"] == str(read)), [{"port": str(read)}])
     connections.append({"from": source, "to": f"{name}.velocity", "through": []})
     for one in fed or given:
-        before = one["from"] if isinstance(one["from"], list) else [one["from"]]
-        one["from"] = [*before, leg]
+        one["from"] = [*one["from"], leg]
     if not fed and not given:
         start = data["instances"][port.instance]["start"].pop(port.variable, None)
         constant = [{"offset": start}] if start is not None and _size(start) != 0.0 else []

@@ -181,13 +181,16 @@ def measure(study: PortStudy, *runs: PortRun) -> Sizes:
     Runs in which a signal is not finite do not count for it.
     """
     system = study.prepared.system
-    everything = [port for port in system.recorded if system.variable(port).kind is Kind.REAL]
-    replay = PortReplay(study, runs, seen=everything)
+    outputs = [port for port in system.recorded if system.variable(port).kind is Kind.REAL]
+    # What connections make of their sources is no source's signal.
+    made = [one for one in system.connections if one.wire and system.variable(one.target).kind is Kind.REAL]
+    replay = PortReplay(study, runs, seen=[*outputs, *(one.target for one in made)])
     given = [replay.signals(run, {}, (), np.zeros(0)) for run in runs]
     signals: dict[Port, list[Array]] = {}
     for run, own in zip(runs, given, strict=True):
         known = {**own, **{port: run.logs[port] for port in (*own, *study.fed) if port in run.logs}}
         fed = {one.target: known[one.source] for one in system.connections if one.source in known}
+        fed |= {one.target: one.gain * own[one.target] + one.offset for one in made}
         for port, values in {**known, **fed}.items():
             signals.setdefault(port, []).append(values)
     sizes = _sizes(study, signals)
