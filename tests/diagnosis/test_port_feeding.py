@@ -1,19 +1,22 @@
-"""How logs are fed, as signals of other instances are, and how candidates are made from all of them."""
+"""How logs are fed, as signals of other instances are, how candidates are made from all of them, and how what
+acts on a sum stands in the augmented system."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 import yaml
-from ports_bench import UNITS, change_log, study, system
+from ports_bench import LAWS, UNITS, change_log, study, system
 
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Finding
 from orchestrator.diagnosis.ports import player
 from orchestrator.diagnosis.ports.augmented import augmented_config
+from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.player import Inserted
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, candidates_of, measure
 from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.verdict import AUGMENTED, EXPORTABLE
 from orchestrator.effects.gain import Gain
 from orchestrator.effects.offset import Offset
 from orchestrator.run import run
@@ -111,9 +114,16 @@ LEGS = [[VELOCITY], [VELOCITY, OTHER], [OTHER, VELOCITY]]
 LOAD, VOLTAGE = Port("drive", "load"), Port("controller", "voltage")
 
 
+DAMPER = {"fmu": "CoulombDamper", "start": {"level": "10 N", "width": "1 mm/s"}}
+
+
 def summed(path, legs, through=(), **columns):
-    """A study, and its system, whose load is a sum of velocities; its log is the system's own."""
+    """A study, and its system, whose load is a sum of velocities, or damper.force; its log is the system's
+    own."""
     machine = system(0.2, [{"from": legs, "to": "drive.load", "through": list(through)}])
+    if legs == ["damper.force"]:
+        machine["instances"]["damper"] = DAMPER
+        machine["connections"].append("path.velocity -> damper.velocity")
     (path / "system.yaml").write_text(yaml.safe_dump(machine, sort_keys=False))
     results = run(machine, halving=False).results
     units = UNITS | {"path.velocity": "m/s", "drive.velocity": "m/s"}
@@ -198,3 +208,74 @@ def test_the_augmented_system_has_effects_before_gains(tmp_path, legs):
     found = np.asarray(run(yaml.safe_load(text), halving=False).results["controller.voltage"])
     assert found == pytest.approx(given, rel=1e-9, abs=1e-9 * np.abs(given).max())
     assert np.abs(given - own.runs[0].logs[VOLTAGE]).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("through", "names", "theta", "beside"),
+    [
+        ([], ["drive.coulomb"], [20.0, 1e-3], ""),
+        ([{"offset": "1 N"}], ["drive.load.offset", "drive.coulomb"], [2.0, 20.0, 1e-3], ""),
+        ([], ["drive.load.gain", "drive.coulomb"], [1.0, 20.0, 1e-3], "gain"),
+        ([], ["drive.coulomb", "drive.load.gain"], [20.0, 1e-3, 1.0], "gain"),
+        ([{"saturate": {"high": "15 N"}}], ["drive.coulomb"], [20.0, 1e-3], "saturate"),
+        ([], ["path.velocity.gain", "drive.coulomb"], [0.2, 20.0, 1e-3], "gain"),
+    ],
+)
+def test_friction_stands_as_an_fmu_where_it_is_added_all_the_same(tmp_path, through, names, theta, beside):
+    """Both augmented systems give what the answer does, as far as the step lets a sum be taken early."""
+    velocity = {"column": "path.velocity", "noise": "1 mm/s", "feed": False}
+    own, _ = summed(tmp_path, [VELOCITY], through, **{"path.velocity": velocity})
+    known = {one.id: one for one in candidates_of(own)}
+    model = Augmented({}, tuple(known[name] for name in names), np.array(theta))
+    finding = Finding((), tuple(names), (), "", (), model)
+    given = PortReplay(own, own.runs).signals(own.runs[0], {}, model.effects, model.theta)[VOLTAGE]
+    told = {"drive.coulomb": f"{beside} acts at drive.load, too, and would act on the sum"} if beside else {}
+    for fmus, expected in ((False, {}), (True, told)):
+        text, left_out = augmented_config(own, finding, fmus)
+        assert left_out == expected
+        config = yaml.safe_load(text)
+        assert ("friction_drive" in config["instances"]) is (fmus and not beside)
+        found = np.asarray(run(config, halving=False).results["controller.voltage"])
+        assert np.abs(found - given).max() < 1e-6 * np.std(given)
+
+
+@pytest.mark.parametrize("names", [["damper.viscous"], ["damper.velocity.gain", "damper.viscous"]])
+def test_what_a_law_reads_behind_an_effect_is_no_output(tmp_path, names):
+    own, _ = summed(tmp_path, ["damper.force"])
+    known = {one.id: one for one in candidates_of(own)}
+    model = Augmented({}, tuple(known[name] for name in names), np.array([0.5, 100.0][-len(names) :]))
+    given = PortReplay(own, own.runs).signals(own.runs[0], {}, model.effects, model.theta)[VOLTAGE]
+    for fmus in (False, True):
+        text, left_out = augmented_config(own, Finding((), tuple(names), (), "", (), model), fmus)
+        if len(names) > 1:
+            reason = "it reads damper.velocity behind damper.velocity.gain, and effects read outputs"
+            assert left_out == {"damper.viscous": reason}
+            continue
+        assert left_out == {} and ("friction_damper" in text) is fmus
+        found = np.asarray(run(yaml.safe_load(text), halving=False).results["controller.voltage"])
+        # An instance of its own takes its place in the order of the steps.
+        assert np.abs(found - given).max() < (0.01 if fmus else 1e-6) * np.std(given)
+        assert np.abs(found - own.runs[0].logs[VOLTAGE]).max() > 0.1
+
+
+def test_a_report_tells_which_friction_is_no_fmu(tmp_path):
+    through = [{"gain": 0.5}]
+    hidden = {
+        "effect": f"{LAWS}:Coulomb",
+        "level": "20 N",
+        "width": "1 mm/s",
+        "read": {"velocity": "drive.velocity"},
+    }
+    summed(tmp_path, [VELOCITY], [*through, hidden])
+    believed = yaml.safe_load((tmp_path / "system.yaml").read_text())
+    believed["connections"][-1]["through"] = through
+    (tmp_path / "system.yaml").write_text(yaml.safe_dump(believed, sort_keys=False))
+    data = yaml.safe_load((tmp_path / "study.yaml").read_text())
+    data["candidates"] = {"only": ["drive.coulomb"]}
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(data))
+    made = diagnose_ports(tmp_path, lambda stage: None, report=False)
+    assert made.finding.effects == ("drive.coulomb",)
+    (said,) = [one.what for one in made.diagnosis.data if one.place == EXPORTABLE]
+    reason = "gain acts at drive.load, too, and would act on the sum"
+    assert said == f"drive.coulomb stands as an effect, not as an FMU: {reason}"
+    assert AUGMENTED in made.files and EXPORTABLE not in made.files
