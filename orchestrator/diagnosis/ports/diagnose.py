@@ -21,7 +21,7 @@ from ..finding import NOMINAL, Augmented, Finding
 from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable, Warned
 from .augmented import augmented_config, parameter_values
 from .closure import how_far
-from .energy import energy
+from .energy import energy, unclear
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
 from .numerics import doubts, numerics
@@ -142,7 +142,9 @@ def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -
         if not shares:
             left_out["where"] = "the model runs away in every window"
     worked = energy(study, finding)
-    if not worked:
+    if reason := unclear(study):
+        left_out["energy"] = reason
+    elif not worked:
         left_out["energy"] = "at no interface were a force and the velocity along it both logged"
     rows = ledger(study, finding)
     progress("how far")

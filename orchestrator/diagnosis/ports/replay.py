@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from ...effects.offset import Offset
-from ...fmi import Causality, Kind, Value
+from ...fmi import Kind, Value
 from ...system import Port
 from ..effect import Effect, Parameter, by_effect
 from ..finding import Augmented
 from ..fit import Fit
 from ..study import Array
 from .candidates import candidates
+from .conjugate import conjugates
 from .effect import PortEffect, Sizes
-from .friction import FORCES
 from .player import Inserted, Player
 from .study import PortRun, PortStudy, Role
 
@@ -222,12 +222,8 @@ def _pooled(sizes: Sequence[float], lengths: Sequence[int]) -> float:
 def _pushed(study: PortStudy, sizes: Sizes) -> Iterator[Port]:
     """Inputs for the force along a velocity that their instance gives, where nothing moves them."""
     for instance in study.prepared.system.instances:
-        variables = instance.fmu.description.variables.values()
-        units = {FORCES.get(one.unit_name) for one in variables if one.causality is Causality.OUTPUT}
-        for one in variables:
-            port = Port(instance.name, one.name)
-            along = one.causality is Causality.INPUT and one.unit_name in units - {None}
-            if along and not sizes.spread.get(port, 0.0) > 0.0:
+        for port in dict.fromkeys(one.force for one in conjugates(instance) if one.fed):
+            if not sizes.spread.get(port, 0.0) > 0.0:
                 yield port
 
 
