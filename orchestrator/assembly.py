@@ -227,7 +227,7 @@ def assemble(
     bonded = _bonded(bonds, instances, checked, stated, absent, places, found, notes)
     if found:
         raise ConfigError(found)
-    broken = any(not link.at_once for one in checked if one.wire for link in one.wire.links)
+    broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
     longest = step_size if broken else None
     return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest, bonded)
 

@@ -64,8 +64,8 @@ class Culprits:
         Raises: StepError if one is not finite.
         """
         wanted = None if place is None else {place}
-        for one in self._layout.wired:
-            if wanted is not None and one.place == place:
+        for one in reversed(self._layout.wired):  # what a signal is made of stands before it
+            if wanted is not None and one.place in wanted:
                 wanted |= {*one.source.tolist(), *(n for _, reads in one.links for n in reads.tolist())}
         for index in self._system.order:
             span = self._layout.spans[index]

@@ -345,11 +345,12 @@ class Instances:
         assert self.wires is not None
         for port in connection.sources:
             self._values[self.layout.index[port]] = values[port]
-        (wired,) = (one for one in self.layout.wired if one.connection is connection)
-        self.wires.try_out([wired], time, self._values)
-        if not np.isfinite(self._values[wired.place]):
-            self.culprits.raise_made(wired, None)
-        return float(self._values[wired.place])
+        chain = self.layout.chain(connection)
+        self.wires.try_out(chain, time, self._values)
+        for one in chain:
+            if not np.isfinite(self._values[one.place]):
+                self.culprits.raise_made(one, None)
+        return float(self._values[chain[-1].place])
 
     def terminate(self) -> None:
         """End a run that went well; an FMU that fails at that changes no result, and is told as a warning."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .effects import Effect
 from .fmi import Array, Kind
-from .system import Connection, Port, System
+from .system import Connection, Leg, Port, System, Wire
 
 __all__ = ["Layout", "Signals", "Wired"]
 
@@ -51,6 +51,8 @@ class Inputs:
 @dataclass(frozen=True)
 class Wired:
     """A connection with effects, or several sources, whose signal has a place of its own.
+
+    So has a leg with effects before its gain, or among others: it stands before the sum, as a connection.
 
     Attributes:
         connection: which one.
@@ -132,7 +134,11 @@ class Layout:
             for effect, _ in one.links:
                 magnitude = effect.nominal(magnitude)
             nominal.append(magnitude or 1.0)
-            smooth.append(all(effect.smooth() for effect, _ in one.links))
+            effects = [effect for effect, _ in one.links]
+            smooth.append(
+                all(effect.smooth() for effect in effects)
+                and all(smooth[n] for n in one.source.tolist() if n >= len(index))
+            )
         return Layout(
             size=len(index) + len(wired),
             index=index,
@@ -168,11 +174,21 @@ class Layout:
         found = {one.place: one for place in places for one in self._made_of.get(int(place), ())}
         return tuple(found[place] for place in sorted(found))
 
+    def chain(self, connection: Connection) -> tuple[Wired, ...]:
+        """What makes a connection's signal, in turn: legs with effects of their own, last the whole."""
+        (whole,) = (one for one in self.wired if one.connection is connection)
+        return (*(one for one in self.wired if one.place in whole.source), whole)
+
     @cached_property
     def _made_of(self) -> Mapping[int, list[Wired]]:
         made: dict[int, list[Wired]] = {}
+        behind: dict[int, set[int]] = {}
         for one in self.wired:
-            for place in {*one.source.tolist(), *(n for _, reads in one.links for n in reads.tolist())}:
+            places = {*one.source.tolist(), *(n for _, reads in one.links for n in reads.tolist())}
+            # A sum comes after what its legs are made of, too.
+            places = places.union(*(behind.get(place, ()) for place in one.source.tolist()))
+            behind[one.place] = places
+            for place in places:
                 made.setdefault(place, []).append(one)
         return made
 
@@ -187,20 +203,36 @@ def _wired(system: System, index: Mapping[Port, int]) -> tuple[Wired, ...]:
     for connection in system.connections:
         if connection.wire is None:
             continue
-        legs, links = connection.wire
-        made.append(
-            Wired(
-                connection=connection,
-                place=len(index) + len(made),
-                source=np.array([index[leg.port] for leg in legs], np.intp),
-                gain=np.array([leg.gain for leg in legs]),
-                offset=np.array([leg.offset for leg in legs]),
-                links=tuple(
-                    (link.effect, np.array([index[port] for port in link.reads], np.intp)) for link in links
-                ),
-            )
-        )
+        places = []
+        for leg in _wire(connection).legs:
+            places.append(index[leg.port])
+            if leg.links:
+                own = replace(connection, source=leg.port, wire=Wire((Leg(leg.port),), leg.links))
+                places[-1] = len(index) + len(made)
+                made.append(_made(own, index, places[-1], [index[leg.port]]))
+        made.append(_made(connection, index, len(index) + len(made), places))
     return tuple(made)
+
+
+def _wire(connection: Connection) -> Wire:
+    """How a connection's signal is made; effects of a sole leg without a factor are those of the whole."""
+    assert connection.wire is not None
+    legs, links = connection.wire
+    if len(legs) == 1 and (legs[0].gain, legs[0].offset) == (1.0, 0.0):
+        return Wire((Leg(legs[0].port),), (*legs[0].links, *links))
+    return connection.wire
+
+
+def _made(connection: Connection, index: Mapping[Port, int], place: int, source: Sequence[int]) -> Wired:
+    legs, links = _wire(connection)
+    return Wired(
+        connection=connection,
+        place=place,
+        source=np.array(source, np.intp),
+        gain=np.array([leg.gain for leg in legs]),
+        offset=np.array([leg.offset for leg in legs]),
+        links=tuple((link.effect, np.array([index[port] for port in link.reads], np.intp)) for link in links),
+    )
 
 
 def _inputs(

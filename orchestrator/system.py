@@ -58,11 +58,16 @@ class Instance:
 
 
 class Leg(NamedTuple):
-    """One of the sources of a connection that sums several: it gives gain * value + offset."""
+    """One of the sources of a connection that sums several: it gives gain * value + offset.
+
+    Attributes:
+        links: effects that the value goes through before.
+    """
 
     port: Port
     gain: float = 1.0
     offset: float = 0.0
+    links: tuple[Link, ...] = ()
 
 
 class Link(NamedTuple):
@@ -87,6 +92,11 @@ class Wire(NamedTuple):
     legs: tuple[Leg, ...]
     links: tuple[Link, ...] = ()
 
+    @property
+    def every_link(self) -> tuple[Link, ...]:
+        """Effects of the legs, then of their sum."""
+        return (*(link for leg in self.legs for link in leg.links), *self.links)
+
 
 @dataclass(frozen=True)
 class Connection:
@@ -110,25 +120,35 @@ class Connection:
         if self.wire is None:
             return (self.source,)
         ports = [leg.port for leg in self.wire.legs]
-        return tuple(dict.fromkeys([*ports, *(port for link in self.wire.links for port in link.reads)]))
+        return tuple(dict.fromkeys([*ports, *(port for link in self.wire.every_link for port in link.reads)]))
 
     @cached_property
     def passed_at_once(self) -> tuple[Port, ...]:
         """Those on which the signal at a communication point depends with their value at the same point."""
         if self.wire is None:
             return (self.source,)
-        ports: dict[Port, None] = {}
-        for link in reversed(self.wire.links):
-            if not link.at_once:
-                return tuple(ports)
-            ports |= dict.fromkeys(link.reads)
-        return tuple(ports | dict.fromkeys(leg.port for leg in self.wire.legs))
+        ports, whole = _read_at_once(self.wire.links)
+        if whole:
+            for leg in self.wire.legs:
+                reads, passes = _read_at_once(leg.links)
+                ports += [*reads, leg.port] if passes else reads
+        return tuple(dict.fromkeys(ports))
 
     def __str__(self) -> str:
         if self.wire is None:
             return f"{self.source} -> {self.target}"
         through = "".join(f" -> {link.name}" for link in self.wire.links)
         return f"{' + '.join(str(leg.port) for leg in self.wire.legs)}{through} -> {self.target}"
+
+
+def _read_at_once(links: Sequence[Link]) -> tuple[list[Port], bool]:
+    """What effects read whose value depends on it at the same point, and whether it does on their signal."""
+    ports: list[Port] = []
+    for link in reversed(links):
+        if not link.at_once:
+            return ports, False
+        ports += link.reads
+    return ports, True
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,9 @@ class Wires:
     def try_out(self, wired: Iterable[Wired], time: float, values: Array) -> None:
         """Evaluate some connections on trial, into `values`."""
         self._latest = time
+        self._try(wired, time, values)
+
+    def _try(self, wired: Iterable[Wired], time: float, values: Array) -> None:
         for one in wired:
             values[one.place] = self._evaluate(self._number[one.place], time, values, False)
 
@@ -54,8 +57,7 @@ class Wires:
 
     def slopes(self, connection: Connection, ports: Iterable[Port], values: Array) -> dict[Port, float]:
         """How a connection's signal answers to some of its sources, by differences at the latest instant."""
-        (wired,) = (one for one in self._layout.wired if one.connection is connection)
-        number, found = self._number[wired.place], {}
+        chain, found = self._layout.chain(connection), {}
         for port in ports:
             place = self._layout.index[port]
             varied = values.copy()
@@ -63,9 +65,11 @@ class Wires:
             begin = float(np.float32(varied[place]))
             step = 2.0 ** math.floor(math.log2(max(abs(begin), self._layout.nominal[place])) - 20)
             varied[place] = begin + step
-            above = self._evaluate(number, self._latest, varied, False)
+            self._try(chain, self._latest, varied)
+            above = float(varied[chain[-1].place])
             varied[place] = begin
-            found[port] = (above - self._evaluate(number, self._latest, varied, False)) / step
+            self._try(chain, self._latest, varied)
+            found[port] = (above - float(varied[chain[-1].place])) / step
         return found
 
     def _evaluate(self, number: int, time: float, values: Array, commit: bool) -> float:
@@ -96,7 +100,7 @@ class Wires:
     def _failed(self, number: int, position: int, time: float, error: Exception) -> StepError:
         connection = self._layout.wired[number].connection
         assert connection.wire is not None
-        name = connection.wire.links[position].name
+        name = connection.wire.every_link[position - len(self._links[number])].name
         return StepError(
             f"effect {name} on {connection} failed: {type(error).__name__}: {error}",
             instance=connection.source.instance,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
@@ -15,6 +16,7 @@ from wired import (
     SIZED,
     bits,
     every_effect,
+    every_master,
     oscillator,
     ramp,
     simulated,
@@ -26,6 +28,7 @@ from orchestrator.errors import ConfigError, StepError
 from orchestrator.fmi import load_fmu
 from orchestrator.master.adaptive import Adaptive
 from orchestrator.master.iterative import Iterative
+from orchestrator.system import Leg, Wire
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")
@@ -133,6 +136,42 @@ def test_both_loops_give_the_same_bits(name, master):
     native = simulated(chain_of_three(items), master, 2500, 3, "native")
     assert bits(native) == bits(simulated(chain_of_three(items), master, 2500, 3))
     assert len(np.unique(native["one.level"])) > 1000
+
+
+@pytest.mark.parametrize("summed", [False, True])
+@every_master
+def test_effects_of_a_leg_act_before_its_gain(summed, master):
+    """As effects before a gain do that is an effect itself; also of a leg that is added to another."""
+    through = [SIZED["low-pass"], SIZED["saturate"], SIZED["delay"]]
+    alone = oscillator([*through, {"gain": 0.5}])
+    made, force = alone.connections
+    (leg,), links = made.wire
+    legs = [leg._replace(gain=0.5, links=links[:-1])]
+    if summed:
+        nothing = Leg(force.source, 0.0)
+        legs = [nothing, *legs]
+    own = replace(made, wire=Wire(tuple(legs)))
+    assert set(own.sources) == {one.port for one in legs} and leg.port in made.passed_at_once
+    found, expected = (
+        simulated(one, master, 300, 3) for one in (replace(alone, connections=(own, force)), alone)
+    )
+    assert bits(found) == bits(expected)
+
+
+@pytest.mark.parametrize("master", ["jacobi", "gauss-seidel"])
+def test_both_loops_give_the_same_bits_of_legs_with_effects(master):
+    pytest.importorskip("numba")
+
+    def system(through):
+        whole = chain_of_three(list(SIZED.values()))
+        first, second = whole.connections
+        legs, links = second.wire
+        legs = tuple(leg._replace(links=links) for leg in legs)
+        return replace(whole, connections=(first, replace(second, wire=Wire(legs))))
+
+    native = simulated(system(()), master, 2500, 3, "native")
+    assert bits(native) == bits(simulated(system(()), master, 2500, 3))
+    assert bits(native) != bits(simulated(chain_of_three(list(SIZED.values())), master, 2500, 3))
 
 
 def test_an_effect_of_a_user_runs_in_the_native_loop_where_it_can(users):

@@ -74,7 +74,7 @@ def obstacle(instances: Instances, master: MasterAlgorithm, ledger: bool = False
     if not find_spec("numba"):
         return "the package numba is not installed"
     for connection in instances.system.connections:
-        for link in connection.wire.links if connection.wire else ():
+        for link in connection.wire.every_link if connection.wire else ():
             if not type(link.effect).__module__.startswith("orchestrator.effects."):
                 # Compiles what can be: numba is imported only where all else allows the native loop.
                 from .wiring import unfit

@@ -8,8 +8,8 @@ import pytest
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.fit import Fit, Fitter
 from orchestrator.diagnosis.ports.candidates import _apart, _periods, _resolutions
+from orchestrator.diagnosis.ports.conjugate import pairs
 from orchestrator.diagnosis.ports.effect import PortEffect
-from orchestrator.diagnosis.ports.friction import _pairs
 from orchestrator.diagnosis.ports.wary import WaryFitter
 from orchestrator.diagnosis.ports.weigh import _answers
 from orchestrator.diagnosis.ports.where import _Loss, _most
@@ -130,14 +130,14 @@ def test_friction_acts_along_each_axis():
     """Elements of vectors by their index, as many scalars in their order, else each with each."""
     axes = [("velocity[1]", "m/s"), ("velocity[2]", "m/s"), ("turn[1]", "rad/s")]
     forces = [("force[1]", "N"), ("force[2]", "N"), ("torque[1]", "N.m")]
-    assert _pairs(axes, forces) == [
+    assert pairs(axes, forces) == [
         ("velocity[1]", "force[1]"),
         ("velocity[2]", "force[2]"),
         ("turn[1]", "torque[1]"),
     ]
-    assert _pairs([("a", "m/s"), ("b", "m/s")], [("f", "N")]) == [("a", "f"), ("b", "f")]
-    assert _pairs([("a", "m/s"), ("b", "m/s")], [("f", "N"), ("g", "N")]) == [("a", "f"), ("b", "g")]
-    assert _pairs([("a", "m/s")], [("t", "N.m")]) == []
+    assert pairs([("a", "m/s"), ("b", "m/s")], [("f", "N")]) == [("a", "f"), ("b", "f")]
+    assert pairs([("a", "m/s"), ("b", "m/s")], [("f", "N"), ("g", "N")]) == [("a", "f"), ("b", "g")]
+    assert pairs([("a", "m/s")], [("t", "N.m")]) == []
 
 
 def test_two_effects_of_one_name_are_told_apart():

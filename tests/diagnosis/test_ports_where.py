@@ -17,7 +17,7 @@ from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Findin
 from orchestrator.diagnosis.outlook import laplace
 from orchestrator.diagnosis.ports.apart import Apart, closed, components, estimates
 from orchestrator.diagnosis.ports.candidates import candidates
-from orchestrator.diagnosis.ports.energy import energy
+from orchestrator.diagnosis.ports.energy import energy, pairs, unclear
 from orchestrator.diagnosis.ports.experiments import (
     _expected,
     next_experiment,
@@ -118,7 +118,7 @@ def test_what_a_component_remembers_is_not_its_fault(tmp_path, monkeypatch, cuto
     """
     monkeypatch.setattr("orchestrator.diagnosis.ports.where._ALL", windows)
     sensor = {"sensor": {"fmu": "ForceSensor", "start": {"cutoff": cutoff}}}
-    listen = {"from": [{"port": "controller.voltage", "gain": "1 N/V"}], "to": "sensor.force"}
+    listen = {"from": [{"port": "controller.voltage", "gain": "2 N/V"}], "to": "sensor.force"}
     logged = {"sensor.measured_force": ("N", 5e-3)}
     path = study(tmp_path, [COULOMB, listen], instances=sensor, logged=logged, window="20 ms")
     believed = system(0.2, [listen])
@@ -222,6 +222,42 @@ def test_energy_at_a_measured_interface_adds_up(tmp_path):
     assert sum(told["excess"].values()) == pytest.approx(told["change"]["excess"], abs=1e-9)
     # One component alone: the gap is its own.
     assert "alone" in no_shares(found)
+
+
+def test_forces_do_work_along_their_own_velocities(tmp_path):
+    """Vectors by their elements; what a controller is fed and gives is no interface, and a force that may go
+    with several velocities is told, not counted."""
+    draw = np.random.default_rng(2)
+    units = {
+        "contact.force": "N",
+        "robot.velocity": "m/s",
+        "controller.force": "N",
+        "satellites.velocity": "m/s",
+    }
+    names = {f"{name}[{axis}]": unit for name, unit in units.items() for axis in (1, 2, 3)}
+    logs = {name: draw.standard_normal(200) for name in names}
+    table = np.column_stack([5e-4 * np.arange(200.0), *logs.values()])
+    header = ",".join(["time [s]", *(f"{name} [{unit}]" for name, unit in names.items())])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=header, comments="")
+    seen = {name: {"column": name, "noise": f"0.1 {unit}", "feed": False} for name, unit in names.items()}
+    data = {
+        "format": "port-study/1",
+        "system": "docking-6d",
+        "set": ["run.stop_time=0.1 s"],
+        "columns": {"time": "time", **seen},
+        "runs": [{"file": "a.csv", "role": "train"}],
+    }
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(tmp_path)
+    axes = (1, 2, 3)
+    assert [one.name for one in pairs(found, found.runs[0])] == [
+        f"contact.force[{axis}] x velocity[{axis}]" for axis in axes
+    ]
+    told = energy(found, Finding((Candidate((), 1.0, {}, (), 0.0, NOMINAL),), (), (), "", (), NOMINAL))
+    work = sum(float(logs[f"contact.force[{axis}]"] @ logs[f"robot.velocity[{axis}]"]) for axis in axes)
+    assert told["change"]["measured"] == pytest.approx(5e-4 * work, rel=1e-9)
+    forces = ", ".join(f"satellites.force[{axis}]" for axis in axes)
+    assert unclear(found) == f"along which velocity the force acts is not known of {forces}"
 
 
 def test_a_gain_and_the_parameter_that_it_equals_are_tied(tmp_path):

@@ -8,12 +8,13 @@ from ...config.text import dump
 from ...effects import Effect as ConnectionEffect
 from ...effects import OfSignal, Pure
 from ...effects.choose import BUILT_IN, built_in
+from ...effects.gain import split
 from ...fmi import Causality
 from ...system import Port
 from ..effect import by_effect
 from ..finding import Augmented, Finding
 from .effect import PortEffect
-from .friction_fmu import add_instance, form_of
+from .friction_fmu import Placed, to_instances
 from .study import PortStudy
 
 __all__ = ["augmented_config", "parameter_values"]
@@ -23,11 +24,12 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
     """The config with the answer's effects and calibration, as YAML; and what it does not hold, and why.
 
     Effects stand under `through` of the connections that they act on. An effect at an output acts on all
-    connections from it; one at a free input is fed by a connection of its own.
+    connections from it, before their gains; one at a free input is fed by a connection of its own.
 
     Args:
         fmus: whether laws of friction that are added to a force stand as instances of FrictionForce, so that
             the system can be exported; what they give is added from one communication point to the next.
+            Those that cannot, and stand as effects in it, are told with what it does not hold.
     """
     config = study.prepared.config
     data = config.model.to_data()
@@ -39,17 +41,21 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
     _calibrate(study, data, finding.answer)
     connections = [_long(one) for one in data.get("connections", [])]
     left_out: dict[str, str] = {}
+    placed: list[Placed] = []
     for effect, theta in by_effect(finding.answer.effects, finding.answer.theta):
         if isinstance(effect, PortEffect) and effect.port is not None and effect.make is not None:
             made = effect.make(theta)
-            if fmus and form_of(made) is not None and study.unit(effect.port) == "N":
-                add_instance(data, connections, effect, made)
-            elif not _insert(study, data, connections, effect, made):
-                left_out[effect.id] = f"{effect.port} feeds nothing in this system"
-    data["connections"] = [
-        one if one["through"] or isinstance(one["from"], list) else f"{one['from']} -> {one['to']}"
-        for one in connections
-    ]
+            entry = _entry(made, effect, study)
+            reason = _unread(study, effect, finding.answer) or _insert(
+                study, data, connections, effect, entry
+            )
+            if reason:
+                left_out[effect.id] = reason
+            else:
+                placed.append(Placed(effect, made, entry))
+    if fmus:
+        left_out |= to_instances(study, data, connections, placed)
+    data["connections"] = [_short(one) for one in connections]
     data["title"] = f"{data.get('title', config.name)}, with the effects found"
     return dump(data), left_out
 
@@ -71,11 +77,38 @@ def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> Non
 
 
 def _long(one: Any) -> dict[str, Any]:
-    """A connection in the long form."""
+    """A connection with its sources as a list, each with its port, and how many of its effects act ahead of
+    its own."""
     if isinstance(one, str):
         source, _, target = one.partition("->")
         one = {"from": source.strip(), "to": target.strip()}
-    return {**one, "through": list(one.get("through", []))}
+    legs = one["from"] if isinstance(one["from"], list) else [one["from"]]
+    legs = [dict(leg) if isinstance(leg, dict) else {"port": leg} for leg in legs]
+    return {**one, "from": legs, "through": list(one.get("through", [])), "ahead": 0}
+
+
+def _short(one: dict[str, Any]) -> Any:
+    """A connection as one writes it."""
+    one = {key: value for key, value in one.items() if key != "ahead"}
+    legs = [leg if "gain" in leg else leg["port"] for leg in one["from"]]
+    if len(legs) > 1 or isinstance(legs[0], dict):
+        return {**one, "from": legs}
+    return {**one, "from": legs[0]} if one["through"] else f"{legs[0]} -> {one['to']}"
+
+
+def _unread(study: PortStudy, effect: PortEffect, answer: Augmented) -> str:
+    """Why what an effect reads cannot be read from an output; "" if it can."""
+    system = study.prepared.system
+    for port in effect.reads:
+        if system.variable(port).causality is Causality.OUTPUT:
+            continue
+        feeding = next((one for one in system.connections if one.target == port), None)
+        if feeding is None or feeding.wire is not None:
+            return f"it reads {port}, which is no output as it comes"
+        for one in answer.effects:
+            if isinstance(one, PortEffect) and one.port in (port, feeding.source):
+                return f"it reads {port} behind {one.id}, and effects read outputs"
+    return ""
 
 
 def _insert(
@@ -83,19 +116,25 @@ def _insert(
     data: dict[str, Any],
     connections: list[dict[str, Any]],
     effect: PortEffect,
-    made: ConnectionEffect,
-) -> bool:
-    """Put an effect where it acts; whether there is such a place."""
+    entry: dict[str, Any],
+) -> str:
+    """Put an effect where it acts; why there is no such place, "" if there is."""
     port = effect.port
     assert port is not None
-    entry = _entry(made, effect, study)
     name = str(port)
     if study.prepared.system.variable(port).causality is Causality.OUTPUT:
-        fed = [one for one in connections if one["from"] == name]
+        fed = [one for one in connections if any(leg["port"] == name for leg in one["from"])]
         for one in fed:
-            # What acts on one connection alone comes after.
-            one["through"].insert(0, entry)
-        return bool(fed)
+            if len(one["from"]) > 1:
+                return f"{one['to']} is fed a sum, and effects act on sums, not on {port} alone"
+        for one in fed:
+            (leg,) = one["from"]
+            # What acts on one connection alone, its gain and effects, comes after.
+            if "gain" in leg:
+                one["through"].insert(one["ahead"], {"gain": leg.pop("gain")})
+            one["through"].insert(one["ahead"], entry)
+            one["ahead"] += 1
+        return "" if fed else f"{port} feeds nothing in this system"
     feeding = next((one for one in connections if one["to"] == name), None)
     if feeding is None:
         own = next(one for one in study.prepared.system.recorded if one.instance == port.instance)
@@ -103,10 +142,11 @@ def _insert(
         start = data["instances"][port.instance]["start"].pop(port.variable, None)
         # Nothing of the source comes through: effects need a signal to act on.
         zero = {"port": str(own), "gain": f"0 {unit}/{source}" if "/" not in source else _per(unit, source)}
-        feeding = {"from": [zero], "to": name, "through": [{"offset": start}] if start is not None else []}
+        through = [{"offset": start}] if start is not None and split(start)[0] != 0.0 else []
+        feeding = {"from": [zero], "to": name, "through": through, "ahead": 0}
         connections.append(feeding)
     feeding["through"].append(entry)
-    return True
+    return ""
 
 
 def _per(unit: str, source: str) -> str:

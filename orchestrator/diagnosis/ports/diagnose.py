@@ -18,10 +18,10 @@ from ...system import Port
 from ..content import Told, content, named_files, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
-from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable
+from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable, Warned
 from .augmented import augmented_config, parameter_values
 from .closure import how_far
-from .energy import energy
+from .energy import energy, unclear
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
 from .numerics import doubts, numerics
@@ -97,10 +97,10 @@ def diagnose_ports(
         seconds=round(perf_counter() - begin, 3),
         fmus=instance_fmus(study.prepared.system),
     )
-    known = [*warned, *weighed.warned, *of_step, *forgetful]
+    exportable, kept = augmented_config(study, finding, fmus=True)
+    known = [*warned, *weighed.warned, *of_step, *forgetful, *_as_effects(kept, missing)]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
-    exportable, _ = augmented_config(study, finding, fmus=True)
     if exportable != config:
         files[EXPORTABLE] = exportable
     if practice is not None:
@@ -111,6 +111,23 @@ def diagnose_ports(
 
         files[PAGE] = page(study, diagnosis, weighed, taught)
     return PortDiagnosed(study, finding, diagnosis, files)
+
+
+def _as_effects(kept: Mapping[str, str], missing: Collection[str]) -> list[Warned]:
+    """Laws of friction that are no FMUs in the augmented systems.
+
+    Args:
+        missing: what these do not hold at all, of which that is told.
+    """
+    return [
+        Warned(
+            place=EXPORTABLE,
+            what=f"{name} stands as an effect, not as an FMU: {reason}",
+            remedy=f"Run {AUGMENTED}; a system with this effect cannot be exported.",
+        )
+        for name, reason in kept.items()
+        if name not in missing
+    ]
 
 
 def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -> Told:
@@ -125,7 +142,9 @@ def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -
         if not shares:
             left_out["where"] = "the model runs away in every window"
     worked = energy(study, finding)
-    if not worked:
+    if reason := unclear(study):
+        left_out["energy"] = reason
+    elif not worked:
         left_out["energy"] = "at no interface were a force and the velocity along it both logged"
     rows = ledger(study, finding)
     progress("how far")

@@ -63,8 +63,9 @@ class Sizes:
 
 
 def unit_at(study: PortStudy, port: Port) -> str:
-    """Unit of the signal that an effect at a port works on: that of the source, where an input converts."""
+    """Unit of the signal that an effect at a port works on: that of the source, where an input converts what
+    comes from it as it is."""
     for one in study.prepared.system.connections:
-        if one.target == port and (one.gain, one.offset) != (1.0, 0.0):
+        if one.target == port and one.wire is None and (one.gain, one.offset) != (1.0, 0.0):
             return study.unit(one.source)
     return study.unit(port)

@@ -6,16 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ...fmi import Causality, Kind
+from ...errors import listed
+from ...fmi import Causality
 from ...system import Port
 from ..finding import NOMINAL, Augmented, Finding
 from ..study import Array
-from .friction import FORCES
+from .conjugate import Conjugate, conjugates
 from .motion import phases
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
 
-__all__ = ["Pair", "energy", "pairs"]
+__all__ = ["Pair", "energy", "pairs", "unclear"]
 
 
 @dataclass(frozen=True)
@@ -33,23 +34,26 @@ class Pair:
 
 def pairs(study: PortStudy, run: PortRun) -> tuple[Pair, ...]:
     """Those of which a run has logged both, at the port itself or at the output that feeds it."""
-    found = []
-    for instance in study.prepared.system.instances:
-        real = [
-            one
-            for one in instance.fmu.description.variables.values()
-            if one.kind is Kind.REAL and not one.shape and one.unit_name
-        ]
-        ends = (Causality.INPUT, Causality.OUTPUT)
-        for velocity in (one for one in real if one.causality in ends and one.unit_name in FORCES):
-            other = ends[1 - ends.index(velocity.causality)]
-            for force in real:
-                if force.causality is other and force.unit_name == FORCES[velocity.unit_name]:
-                    pair = Pair(Port(instance.name, force.name), Port(instance.name, velocity.name))
-                    both = (_signal(study, one, run.logs, {}) for one in (pair.force, pair.velocity))
-                    if all(signal is not None for signal in both):
-                        found.append(pair)
-    return tuple(found)
+    return tuple(Pair(one.force, one.velocity) for one in _logged(study, run) if one.alone)
+
+
+def unclear(study: PortStudy) -> str:
+    """Of which logged forces it is not known along which velocity they do work, and why; "" of none."""
+    logged = (one for run in study.runs for one in _logged(study, run))
+    forces = dict.fromkeys(str(one.force) for one in logged if not one.alone)
+    if not forces:
+        return ""
+    return f"along which velocity the force acts is not known of {listed(list(forces), 9)}"
+
+
+def _logged(study: PortStudy, run: PortRun) -> list[Conjugate]:
+    """Forces and velocities that may go together, and that a run has logged both."""
+    return [
+        one
+        for instance in study.prepared.system.instances
+        for one in conjugates(instance)
+        if all(_signal(study, port, run.logs, {}) is not None for port in (one.force, one.velocity))
+    ]
 
 
 def _signal(

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from itertools import product
+from collections.abc import Callable
 
 import numpy as np
 
 from ...effects.offset import Offset
-from ...fmi import Causality, Kind
 from ...system import Instance, Port
 from ..effect import Effect, Parameter
 from . import laws
+from .conjugate import conjugates
 from .effect import PortEffect, Sizes, unit_at
 from .study import PortStudy
 
-__all__ = ["FORCES", "friction"]
+__all__ = ["friction"]
 
-# Units of velocities, those of the ways that go with them, and of the forces.
+# Units of velocities, and those of the ways that go with them.
 _WAYS = {"m/s": "m", "rad/s": "rad"}
-FORCES = {"m/s": "N", "rad/s": "N.m"}
 _DRY = {"coulomb", "stribeck", "dahl", "lugre", "maxwell-slip", "presliding", "play", "presliding-backlash"}
 
 
@@ -28,23 +26,14 @@ def friction(study: PortStudy, instance: Instance, sizes: Sizes) -> list[Effect]
 
     What is fed forces and gives some is a sensor or a controller, and rubs nowhere.
     """
-    variables = [one for one in instance.fmu.description.variables.values() if one.kind is Kind.REAL]
-    inputs = [
-        (one.name, one.unit_name) for one in variables if one.causality is Causality.INPUT and not one.shape
-    ]
-    outputs = [
-        (one.name, one.unit_name) for one in variables if one.causality is Causality.OUTPUT and not one.shape
-    ]
-    ways = [(_pairs(outputs, inputs), -1)]
-    if not any(unit in FORCES.values() for _, unit in inputs):
-        ways.append((_pairs(inputs, outputs), 1))
+    among = conjugates(instance)
     found: list[Effect] = []
-    for pairs, sign in ways:
-        at = [(Port(instance.name, velocity), Port(instance.name, force)) for velocity, force in pairs]
-        at = [pair for pair in at if all(sizes.spread.get(one, 0.0) > 0.0 for one in pair)]
+    for sign in (-1, 1):
+        own = [(one.velocity, one.force) for one in among if one.fed is (sign < 0)]
+        at = [pair for pair in own if all(sizes.spread.get(one, 0.0) > 0.0 for one in pair)]
         ports = [port for _, port in at]
         for read, port in at:
-            prefix = instance.name if len(pairs) == 1 else str(port)
+            prefix = instance.name if len(own) == 1 else str(port)
             if ports.count(port) > 1:
                 prefix = f"{port}-{read.variable}"
             found += _laws(study, port, read, sign, sizes, prefix)
@@ -56,33 +45,6 @@ def friction(study: PortStudy, instance: Instance, sizes: Sizes) -> list[Effect]
                 bias = Parameter("offset", unit_at(study, port), 0.5 * force, starts=(0.025 * force,))
                 found.append(PortEffect(f"{port}.offset", "F = offset", "", (bias,), port=port,
                                         make=lambda p: Offset(value=p[0])))  # fmt: skip
-    return found
-
-
-def _pairs(velocities: Sequence[tuple[str, str]], forces: Sequence[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Velocities and the forces that friction may exert against them, names of each.
-
-    Elements of vectors go with those of the same index. As many forces as velocities go with them in their
-    order, as a component's axes do; else each may go with each.
-
-    Args:
-        velocities, forces: names and units.
-    """
-    found: list[tuple[str, str]] = []
-    for unit, own in FORCES.items():
-        moving, pushing = _by_index(velocities, unit), _by_index(forces, own)
-        for index, names in moving.items():
-            others = pushing.get(index, [])
-            found += zip(names, others, strict=True) if len(names) == len(others) else product(names, others)
-    return found
-
-
-def _by_index(variables: Sequence[tuple[str, str]], unit: str) -> dict[str, list[str]]:
-    """Names of variables of a unit by what stands in their brackets; scalars by ""."""
-    found: dict[str, list[str]] = {}
-    for name, own in variables:
-        if own == unit:
-            found.setdefault(name.partition("[")[2], []).append(name)
     return found
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from ...effects import Effect as ConnectionEffect
+from ...effects.gain import split
 from . import laws
-from .effect import PortEffect
+from .effect import PortEffect, unit_at
+from .study import PortStudy
 
-__all__ = ["FMU", "add_instance", "form_of"]
+__all__ = ["FMU", "Placed", "form_of", "to_instances"]
 
 FMU = "FrictionForce"
 # Options of each law: the FMU's parameter and its unit.
@@ -28,6 +31,14 @@ _FORMS: dict[type[ConnectionEffect], dict[str, tuple[str, str]]] = {
 }
 
 
+class Placed(NamedTuple):
+    """An effect that was found, and its entry under `through` of a config's connections."""
+
+    effect: PortEffect
+    made: ConnectionEffect
+    entry: dict[str, Any]
+
+
 def form_of(law: ConnectionEffect) -> dict[str, Any] | None:
     """Start values of the FMU that make it a law; None for what it has no form for.
 
@@ -42,35 +53,58 @@ def form_of(law: ConnectionEffect) -> dict[str, Any] | None:
     }
 
 
-def add_instance(
-    data: dict[str, Any], connections: list[dict[str, Any]], effect: PortEffect, law: ConnectionEffect
-) -> None:
-    """Put a law into a config as an instance of the FMU, its force added where the law acts.
+def to_instances(
+    study: PortStudy, data: dict[str, Any], connections: list[dict[str, Any]], placed: Sequence[Placed]
+) -> dict[str, str]:
+    """Put laws that stand as effects in a config into it as instances of the FMU, added to what is fed.
+
+    Only where the force does not depend on what is added first: where all else that acts is added, too.
 
     Args:
-        connections: of the config, in the long form.
+        connections: of the config, with their sources as lists.
+        placed: the effects that were found, in it.
+    Returns: laws that stand as effects still, and why.
     """
-    port, (read,) = effect.port, effect.reads
+    added = [one.entry for one in placed if form_of(one.made) is not None]
+    kept: dict[str, str] = {}
+    for one in placed:
+        if not one.effect.reads:
+            continue
+        at = [to for to in connections if any(entry is one.entry for entry in to["through"])]
+        others = [
+            (next(iter(entry)), to["to"])
+            for to in at
+            for entry in to["through"]
+            if "offset" not in entry and not any(entry is other for other in added)
+        ]
+        port, (read,) = one.effect.port, one.effect.reads
+        assert port is not None
+        if form_of(one.made) is None:
+            kept[one.effect.id] = f"{FMU} has no such law"
+        elif (unit_at(study, port), unit_at(study, read)) != ("N", "m/s"):
+            kept[one.effect.id] = f"{FMU} takes m/s and gives N"
+        elif others:
+            kept[one.effect.id] = "{} acts at {}, too, and would act on the sum".format(*others[0])
+        else:
+            _add_instance(data, connections, at, one)
+    return kept
+
+
+def _add_instance(
+    data: dict[str, Any], connections: list[dict[str, Any]], at: Sequence[dict[str, Any]], law: Placed
+) -> None:
+    """Add the force of an instance at some connections, in place of an effect."""
+    port, (read,) = law.effect.port, law.effect.reads
     assert port is not None
-    form, sign = form_of(law), float(getattr(law, "sign", -1))
-    assert form is not None
     name = f"friction_{port.instance}"
     while name in data["instances"]:
         name += "_"
-    data["instances"][name] = {"fmu": FMU, "start": form}
-    leg = {"port": f"{name}.force", "gain": sign}
-    fed = [one for one in connections if one["to"] == str(port)]
-    given = [one for one in connections if one["from"] == str(port)]
-    source = next((one["from"] for one in connections if one["to"] == str(read)), str(read))
-    connections.append({"from": source, "to": f"{name}.velocity", "through": []})
-    for one in fed or given:
-        before = one["from"] if isinstance(one["from"], list) else [one["from"]]
-        one["from"] = [*before, leg]
-    if not fed and not given:
-        start = data["instances"][port.instance]["start"].pop(port.variable, None)
-        constant = [{"offset": start}] if start is not None and _size(start) != 0.0 else []
-        connections.append({"from": [leg], "to": str(port), "through": constant})
-
-
-def _size(start: Any) -> float:
-    return float(str(start).split()[0])
+    data["instances"][name] = {"fmu": FMU, "start": form_of(law.made)}
+    leg = {"port": f"{name}.force", "gain": float(getattr(law.made, "sign", -1))}
+    source = next((one["from"][0]["port"] for one in connections if one["to"] == str(read)), str(read))
+    velocity = {"from": [{"port": source}], "to": f"{name}.velocity", "through": []}
+    for one in at:
+        # A source that nothing comes from only gave effects a signal to act on.
+        one["from"] = [*(other for other in one["from"] if split(other.get("gain", 1))[0] != 0.0), leg]
+        one["through"] = [entry for entry in one["through"] if entry is not law.entry]
+    connections.append(velocity)

@@ -12,6 +12,8 @@ import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
 from ...effects import Effect
+from ...effects.gain import Gain
+from ...effects.offset import Offset
 from ...errors import ConfigError, StepError
 from ...fmi import Causality, Point, Value
 from ...fmi.compiled import CompiledFmu
@@ -56,7 +58,8 @@ class Player:
         system: all its numeric outputs recorded.
         interval: what samples of logs are apart [s].
         fed: ports whose logged signals take the place of the system's own; inputs must be unconnected.
-        compared: outputs that are compared with their logs, as the effects at them leave them.
+        compared: outputs that are compared with their logs, as the effects at them leave them; of an input
+            what connections give it, before units are converted.
         parts: communication steps from one sample to the next.
         held: fed ports whose signals stay at each sample until the next one; others go along a curve through
             them.
@@ -142,19 +145,8 @@ class Player:
         at: dict[Port, list[Inserted]] = {}
         for one in inserted:
             at.setdefault(one.port, []).append(one)
-        connections, driven = [], set()
-        for connection in self.system.connections:
-            links = [self._link(one) for one in at.get(connection.source, ())]
-            if connection.source in self.fed and connection.source in logs:
-                links.append(_playback(logs[connection.source], step))
-            legs: tuple[Leg, ...] = (Leg(connection.source),)
-            if connection.wire is not None:
-                legs = connection.wire.legs
-                links += connection.wire.links
-            links += [self._link(one) for one in at.get(connection.target, ())]
-            wire = Wire(legs, tuple(links)) if links or connection.wire is not None else None
-            connections.append(replace(connection, wire=wire))
-            driven.add(connection.target)
+        connections = [self._passing(one, logs, at, step) for one in self.system.connections]
+        driven = {one.target for one in connections}
         instances = {one.name: one for one in self.system.instances}
         given: dict[str, dict[str, Value]] = {}
         for port, value in start.items():
@@ -179,6 +171,37 @@ class Player:
             longest_step=None,
             bonds=(),
         )
+
+    def _passing(
+        self,
+        connection: Connection,
+        logs: Mapping[Port, Array],
+        at: Mapping[Port, Sequence[Inserted]],
+        step: float,
+    ) -> Connection:
+        """A connection with what is inserted at its ends, and logs in place of its sources' signals.
+
+        What acts on an output acts before the gain of the leg that it is; legs are summed; the connection's
+        own effects follow, then those at the input. These have the unit of the output where nothing but the
+        units differs, else that of the input.
+        """
+
+        def leg_of(leg: Leg) -> Leg:
+            links = [self._link(one) for one in at.get(leg.port, ())]
+            if leg.port in self.fed and leg.port in logs:
+                links.append(_playback(logs[leg.port], step))
+            return leg._replace(links=(*links, *leg.links))
+
+        legs, links = connection.wire or Wire((Leg(connection.source),))
+        legs = tuple(leg_of(leg) for leg in legs)
+        last = tuple(self._link(one) for one in at.get(connection.target, ()))
+        if last and connection.wire is not None and (connection.gain, connection.offset) != (1.0, 0.0):
+            converted = Gain(factor=connection.gain), Offset(value=connection.offset)
+            last = (*(Link(effect, "conversion") for effect in converted), *last)
+            connection = replace(connection, gain=1.0, offset=0.0)
+        if connection.wire is None and not last and not any(leg.links for leg in legs):
+            return connection
+        return replace(connection, wire=Wire(legs, (*links, *last)))
 
     def _at_end(self, instance: Instance, name: str) -> bool:
         """Whether an input that nothing else feeds is given the log as a step ends, not as it begins.
@@ -239,9 +262,12 @@ class Player:
                 # Who reads the port sees the log, not only who is connected to it.
                 link = _playback(logs[port], step)
                 wired.append(_extra(port, plain.index[port], plain.index[port], ((link.effect, _NONE),)))
-        size = plain.size
+        size, seen = plain.size, [port for port in self.compared if not self.is_input(port)]
         places = []
         for port in self.compared:
+            if self.is_input(port):
+                places.append(place(port))
+                continue
             own = tuple((one.effect, reads[id(one.effect)]) for one in inserted if one.port == port)
             if port in added:
                 own = ((Release.of(step, np.zeros(0), added[port]), _NONE), *own)
@@ -253,7 +279,7 @@ class Player:
             plain,
             size=size,
             wired=tuple(wired),
-            owners=(*plain.owners, *self.compared),
+            owners=(*plain.owners, *seen),
             nominal=np.concatenate([plain.nominal, np.ones(more)]),
             smooth=np.concatenate([plain.smooth, np.ones(more, np.bool_)]),
         )

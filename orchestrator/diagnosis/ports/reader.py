@@ -298,15 +298,6 @@ class _Reader:
                 compared.append(port)
             if one.feed if one.feed is not None else (is_input or one.noise is None):
                 fed.append(port)
-                several = [
-                    connection
-                    for connection in self.prepared.system.connections
-                    if port in connection.sources and connection.wire and len(connection.wire.legs) > 1
-                ]
-                if several:
-                    self.problems.append(
-                        Problem(place, f"cannot be fed: {several[0]} adds up several outputs")
-                    )
             elif one.noise is None:
                 self.problems.append(Problem(place, "is neither fed nor compared", "feed: true, or a noise"))
             if one.start and not self.ports[str(port)].settable:

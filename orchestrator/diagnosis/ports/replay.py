@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...effects.offset import Offset
-from ...fmi import Causality, Kind, Value
+from ...fmi import Kind, Value
 from ...system import Port
-from ..effect import Effect, by_effect
+from ..effect import Effect, Parameter, by_effect
 from ..finding import Augmented
 from ..fit import Fit
 from ..study import Array
 from .candidates import candidates
+from .conjugate import conjugates
 from .effect import PortEffect, Sizes
-from .friction import FORCES
 from .player import Inserted, Player
 from .study import PortRun, PortStudy, Role
 
@@ -169,51 +171,77 @@ class Weighted:
 
 
 def candidates_of(study: PortStudy) -> tuple[Effect, ...]:
-    """All candidates of a study, their priors made from the signals of its first train run."""
-    return candidates(study, measure(study, study.of(Role.TRAIN)[0]))
+    """All candidates of a study, their priors made from the signals of its train runs."""
+    return candidates(study, measure(study, *study.of(Role.TRAIN)))
 
 
-def measure(study: PortStudy, run: PortRun) -> Sizes:
-    """How large the signals of all ports are in a run, as logged, or else as the system gives them."""
+def measure(study: PortStudy, *runs: PortRun) -> Sizes:
+    """How large the signals of all ports are in some runs, as logged, or else as the system gives them.
+
+    Runs in which a signal is not finite do not count for it.
+    """
     system = study.prepared.system
-    everything = [port for port in system.recorded if system.variable(port).kind is Kind.REAL]
-    player = player_of(study, study.fed, everything)
-    signals = player.run(run.logs, len(run))
+    outputs = [port for port in system.recorded if system.variable(port).kind is Kind.REAL]
+    # What connections make of their sources is no source's signal.
+    made = [one for one in system.connections if one.wire and system.variable(one.target).kind is Kind.REAL]
+    replay = PortReplay(study, runs, seen=[*outputs, *(one.target for one in made)])
+    given = [replay.signals(run, {}, (), np.zeros(0)) for run in runs]
+    signals: dict[Port, list[Array]] = {}
+    for run, own in zip(runs, given, strict=True):
+        known = {**own, **{port: run.logs[port] for port in (*own, *study.fed) if port in run.logs}}
+        fed = {one.target: known[one.source] for one in system.connections if one.source in known}
+        fed |= {one.target: one.gain * own[one.target] + one.offset for one in made}
+        for port, values in {**known, **fed}.items():
+            signals.setdefault(port, []).append(values)
+    sizes = _sizes(study, signals)
+    forces = {port: _force(replay, port, given, sizes) for port in _pushed(study, sizes)}
+    return replace(sizes, spread={**sizes.spread, **forces})
+
+
+def _sizes(study: PortStudy, signals: Mapping[Port, Sequence[Array]]) -> Sizes:
+    """Sizes of ports' signals, one a run."""
     step, settled = study.interval, study.settled
     spread, peak, rate, way = {}, {}, {}, {}
-
-    def take(port: Port, values: Array) -> None:
-        if not np.isfinite(values).all():
-            values = np.zeros(len(values))
+    for port, runs in signals.items():
+        finite = [values for values in runs if np.isfinite(values).all()] or [np.zeros(settled + 2)]
         # A little more than the largest change, so that a limit of this rate is none.
-        rate[port] = float(np.abs(np.diff(values)).max()) / step * (1.0 + 1e-9)
-        peak[port] = float(np.abs(values).max())
-        values = values[settled:]
-        spread[port] = float(values.std())
-        way[port] = float(np.cumsum(values - values.mean()).std()) * step
-
-    for port in everything:
-        take(port, run.logs.get(port, signals[port]))
-    for connection in system.connections:
-        if connection.source in spread:
-            take(connection.target, run.logs.get(connection.source, signals[connection.source]))
-    for port in study.fed:
-        if port in run.logs:
-            take(port, run.logs[port])
-    for instance in system.instances:
-        variables = instance.fmu.description.variables.values()
-        units = {FORCES.get(one.unit_name) for one in variables if one.causality is Causality.OUTPUT}
-        for one in variables:
-            port = Port(instance.name, one.name)
-            if one.causality is not Causality.INPUT or one.unit_name not in units - {None}:
-                continue
-            if spread.get(port, 0.0) > 0.0:
-                continue
-            moved = player.run(run.logs, len(run), {}, (Inserted(Offset(value=1.0), port),))
-            share = max(
-                (float(np.std((moved[out] - signals[out])[settled:])
-                       + abs(np.mean((moved[out] - signals[out])[settled:]))) / spread[out]
-                 for out in study.compared if spread[out] > 0.0), default=0.0
-            )  # fmt: skip
-            spread[port] = 1.0 / share if np.isfinite(share) and share > 0.0 else 0.0
+        rate[port] = max(float(np.abs(np.diff(values)).max()) for values in finite) / step * (1.0 + 1e-9)
+        peak[port] = max(float(np.abs(values).max()) for values in finite)
+        about = [values[settled:] - values[settled:].mean() for values in finite]
+        lengths = [len(values) for values in about]
+        spread[port] = _pooled([values.std() for values in about], lengths)
+        way[port] = _pooled([np.cumsum(values).std() for values in about], lengths) * step
     return Sizes(spread, peak, rate, way)
+
+
+def _pooled(sizes: Sequence[float], lengths: Sequence[int]) -> float:
+    """One size for all runs: the root of the mean square over all their samples."""
+    return math.hypot(*(size * math.sqrt(n / sum(lengths)) for size, n in zip(sizes, lengths, strict=True)))
+
+
+def _pushed(study: PortStudy, sizes: Sizes) -> Iterator[Port]:
+    """Inputs for the force along a velocity that their instance gives, where nothing moves them."""
+    for instance in study.prepared.system.instances:
+        for port in dict.fromkeys(one.force for one in conjugates(instance) if one.fed):
+            if not sizes.spread.get(port, 0.0) > 0.0:
+                yield port
+
+
+def _force(replay: PortReplay, port: Port, given: Sequence[Mapping[Port, Array]], sizes: Sizes) -> float:
+    """The constant force on an input that moves some compared output by its spread; 0 if none does.
+
+    Args:
+        given: what the system gives without it, by run.
+    """
+    settled = replay.study.settled
+    unit = Parameter("offset", "1", 1.0)
+    push = PortEffect(f"{port}.offset", "", "", (unit,), port=port, make=lambda p: Offset(value=p[0]))
+    moved = [replay.signals(run, {}, (push,), np.ones(1)) for run in replay.runs]
+    lengths = [len(run) - settled for run in replay.runs]
+    share = 0.0
+    for out in replay.study.compared:
+        by = [(one[out] - two[out])[settled:] for one, two in zip(moved, given, strict=True)]
+        shift = _pooled([float(values.std() + abs(values.mean())) for values in by], lengths)
+        if sizes.spread[out] > 0.0 and np.isfinite(shift):
+            share = max(share, shift / sizes.spread[out])
+    return 1.0 / share if share > 0.0 else 0.0
