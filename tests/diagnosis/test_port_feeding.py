@@ -10,6 +10,7 @@ from ports_bench import LAWS, UNITS, change_log, study, system
 
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Finding
 from orchestrator.diagnosis.ports import player
+from orchestrator.diagnosis.ports.apart import closed
 from orchestrator.diagnosis.ports.augmented import augmented_config
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.player import Inserted
@@ -279,3 +280,30 @@ def test_a_report_tells_which_friction_is_no_fmu(tmp_path):
     reason = "gain acts at drive.load, too, and would act on the sum"
     assert said == f"drive.coulomb stands as an effect, not as an FMU: {reason}"
     assert AUGMENTED in made.files and EXPORTABLE not in made.files
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_a_log_may_be_given_to_one_reader_alone(tmp_path, plain):
+    """The controller was given a position that is off; the drive, which others read, is not."""
+    measured = {"from": "drive.position", "to": "controller.position"}
+    folder = study(tmp_path, [{**measured, "through": [{"effect": "offset", "value": "2 mm"}]}], seed=None)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    if not plain:  # whatever the model makes of the position
+        config = system(
+            0.2, [{"from": [{"port": "drive.position", "gain": 0.5}], "to": "controller.position"}]
+        )
+        (folder / "plant.yaml").write_text(yaml.safe_dump(config))
+        data["system"] = "plant.yaml"
+    column = data["columns"]["drive.position"]["column"]
+    data["columns"]["controller.position"] = {"column": column, "offset": "2 mm"}
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(folder)
+    reader, runs = Port("controller", "position"), found.of(Role.TRAIN)
+    assert reader in found.fed and (reader in found.given) is not plain
+
+    def most(study) -> float:
+        return max(float(np.abs(r).max()) for r in PortReplay(study, runs).of(NOMINAL))
+
+    assert most(found) < 1e-6
+    # Where loops are closed, the controller reads what the drive gives.
+    assert most(closed(found)) > 1e3 if plain else most(closed(found)) < 1e-6

@@ -264,7 +264,7 @@ def test_effects_of_size_zero_change_nothing(plain):
 def test_all_that_is_wrong_with_a_study_is_told_at_once(plain, capsys):
     data = yaml.safe_load((plain / "study.yaml").read_text())
     data["columns"]["drive.positon"] = data["columns"].pop("drive.position")
-    data["columns"]["drive.voltage"] = {"column": "controller.voltage", "unit": "V"}
+    data["columns"]["drive.voltage"] = {"column": "controller.voltage", "unit": "V", "noise": "1 V"}
     data["calibrated"] = {"drive.mass": {"tolerance": "2 N"}, "drive.masss": {"tolerance": "2 kg"}}
     data["settle"] = "2 m"
     (plain / "wrong.yaml").write_text(yaml.safe_dump(data))
@@ -274,7 +274,7 @@ def test_all_that_is_wrong_with_a_study_is_told_at_once(plain, capsys):
     assert places == ["columns.drive.positon", "columns.drive.voltage", "calibrated.drive.mass.tolerance",
                       "calibrated.drive.masss.tolerance", "settle"]  # fmt: skip
     told = str(caught.value)
-    assert "Did you mean drive.position" in told and "drive.voltage is fed by controller.voltage" in told
+    assert "Did you mean drive.position" in told and "drive.voltage: an input is fed what was logged" in told
     assert main(["diagnose", str(plain / "wrong.yaml")]) == 2
     assert "drive.positon" in capsys.readouterr().err
 

@@ -55,7 +55,7 @@ class Window:
 def components(study: PortStudy) -> tuple[Component, ...]:
     """The components that the compared ports of a study tell apart, in the order of the system."""
     system = study.prepared.system
-    given = set(_given(study))
+    given = set(study.given)
     measured = list(dict.fromkeys(port.instance for port in study.compared))
     feeders: dict[str, list[str]] = {}
     for connection in system.connections:
@@ -80,11 +80,6 @@ def components(study: PortStudy) -> tuple[Component, ...]:
     return tuple(found)
 
 
-def _given(study: PortStudy) -> tuple[Port, ...]:
-    """Ports that logs replace, and that are not compared."""
-    return tuple(port for port in study.fed if port not in study.compared)
-
-
 def driven_of(study: PortStudy) -> set[str]:
     """Instances that something is fed to."""
     targets = {one.target.instance for one in study.prepared.system.connections}
@@ -105,13 +100,13 @@ def estimates(study: PortStudy, run: PortRun, model: Augmented) -> dict[Port, Ar
 
 
 def closed(study: PortStudy) -> PortStudy:
-    """The study with nothing fed that is compared."""
-    return replace(study, fed=_given(study))
+    """The study with its loops closed: nothing fed that comes from what is compared."""
+    return replace(study, fed=study.given)
 
 
 def modelled(study: PortStudy, run: PortRun, model: Augmented) -> dict[Port, Array]:
     """The signals of `estimates` as a model gives them, each of shape (n,)."""
-    system, given = study.prepared.system, set(_given(study))
+    system, given = study.prepared.system, set(study.given)
     wanted = dict.fromkeys(port for one in components(study) for port in one.ports)
     sources = {port for one in system.connections for port in one.sources}
     driven = driven_of(study)
@@ -156,7 +151,7 @@ class Apart:
         self.study, self.run, self.signals = study, run, signals
         self.components = components(study)
         self.ports = tuple(port for one in self.components for port in one.ports)
-        given = {port: run.logs[port] for port in _given(study) if port in run.logs}
+        given = {port: run.logs[port] for port in study.given if port in run.logs}
         driven = driven_of(study)
         given |= {port: values for port, values in signals.items() if port.instance not in driven}
         self._given = given

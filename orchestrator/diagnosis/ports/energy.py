@@ -139,7 +139,7 @@ def _modelled(study: PortStudy, run: PortRun, model: Augmented, among: tuple[Pai
         for one in study.prepared.system.connections:
             if one.target == port:
                 port = one.source
-        given = port in study.fed and port not in study.compared and port in run.logs
+        given = port in study.given and port in run.logs
         if not given and study.prepared.system.variable(port).causality is Causality.OUTPUT:
             ports[port] = None
     replay = PortReplay(study, [run], seen=list(ports))

@@ -114,7 +114,7 @@ def predicted(study: PortStudy, cause: Augmented, like: PortRun | None = None) -
     Args:
         like: run whose logs take the place of what is fed and not compared; None: nothing is fed.
     """
-    fed = tuple(port for port in study.fed if port not in study.compared) if like else ()
+    fed = study.given if like else ()
     samples = study.prepared.grid.steps // study.parts + 1
     empty = like or PortRun("trial", Role.TRAIN, {study.compared[0]: np.zeros(samples)})
     replay = PortReplay(replace(study, fed=fed), [empty])

@@ -114,7 +114,8 @@ def _driven_by_noise(study: PortStudy) -> list[Warned]:
             what += f"{worst} by {moved[worst]:.2g} times its own"
             remedy = (
                 "Right where the machine was given this very log, noise and all. Elsewhere effects may "
-                "imitate what that makes: leave `feed` out where the model computes the signal itself."
+                "imitate what that makes: leave `feed` out where the model computes the signal itself; where "
+                "one reader alone was given the log, as a controller is, map that input instead."
             )
             found.append(Warned(place=str(port), what=what, remedy=remedy))
     return found

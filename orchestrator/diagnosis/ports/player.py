@@ -57,7 +57,8 @@ class Player:
     Args:
         system: all its numeric outputs recorded.
         interval: what samples of logs are apart [s].
-        fed: ports whose logged signals take the place of the system's own; inputs must be unconnected.
+        fed: ports whose logged signals take the place of the system's own: of an output for all that read it,
+            of an input for that alone.
         compared: outputs that are compared with their logs, as the effects at them leave them; of an input
             what connections give it, before units are converted.
         parts: communication steps from one sample to the next.
@@ -182,8 +183,8 @@ class Player:
         """A connection with what is inserted at its ends, and logs in place of its sources' signals.
 
         What acts on an output acts before the gain of the leg that it is; legs are summed; the connection's
-        own effects follow, then those at the input. These have the unit of the output where nothing but the
-        units differs, else that of the input.
+        own effects follow, or in place of all this a log of the input itself; then those at the input. These
+        have the unit of the output where nothing but the units differs, else that of the input.
         """
 
         def leg_of(leg: Leg) -> Leg:
@@ -195,6 +196,11 @@ class Player:
         legs, links = connection.wire or Wire((Leg(connection.source),))
         legs = tuple(leg_of(leg) for leg in legs)
         last = tuple(self._link(one) for one in at.get(connection.target, ()))
+        if connection.target in self.fed and connection.target in logs:
+            log = logs[connection.target]
+            if connection.wire is None:
+                log = (log - connection.offset) / connection.gain
+            last = (_playback(log, step), *last)
         if last and connection.wire is not None and (connection.gain, connection.offset) != (1.0, 0.0):
             converted = Gain(factor=connection.gain), Offset(value=connection.offset)
             last = (*(Link(effect, "conversion") for effect in converted), *last)

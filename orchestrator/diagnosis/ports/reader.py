@@ -277,14 +277,9 @@ class _Reader:
 
     def _uses(self, columns: Mapping[Port, Logged]) -> tuple[tuple[Port, ...], tuple[Port, ...]]:
         fed, compared = [], []
-        driven = {one.target: one for one in self.prepared.system.connections}
         for port, one in columns.items():
             is_input = self.ports[str(port)].causality is Causality.INPUT
             place = self.place("columns", port)
-            if is_input and port in driven:
-                source = driven[port].source
-                what = f"{port} is fed by {source}"
-                self.problems.append(Problem(place, what, "a free input, or an output", f"Map {source}."))
             if is_input and (one.noise is not None or one.feed is False or one.start):
                 self.problems.append(
                     Problem(

@@ -188,10 +188,11 @@ def measure(study: PortStudy, *runs: PortRun) -> Sizes:
     given = [replay.signals(run, {}, (), np.zeros(0)) for run in runs]
     signals: dict[Port, list[Array]] = {}
     for run, own in zip(runs, given, strict=True):
-        known = {**own, **{port: run.logs[port] for port in (*own, *study.fed) if port in run.logs}}
+        logged = {port: run.logs[port] for port in (*own, *study.fed) if port in run.logs}
+        known = {**own, **logged}
         fed = {one.target: known[one.source] for one in system.connections if one.source in known}
         fed |= {one.target: one.gain * own[one.target] + one.offset for one in made}
-        for port, values in {**known, **fed}.items():
+        for port, values in {**known, **fed, **logged}.items():
             signals.setdefault(port, []).append(values)
     sizes = _sizes(study, signals)
     forces = {port: _force(replay, port, given, sizes) for port in _pushed(study, sizes)}

@@ -112,8 +112,8 @@ def _made(
     study: PortStudy, hidden: _Hidden, rng: np.random.Generator
 ) -> tuple[list[PortRun], list[PortRun], dict[Port, list[Array]]] | None:
     """Runs with what is hidden, the same without noise, and the noise; None where the system swings up."""
-    given = tuple(port for port in study.fed if port not in study.compared)
-    open_study = replace(study, fed=given)
+    open_study = replace(study, fed=study.given)
+    readers = [(port, link) for port in study.fed if (link := study.reading(port)) is not None]
     runs, bare = [], []
     noises: dict[Port, list[Array]] = {}
     for run in study.of(Role.TRAIN, Role.VALIDATION):
@@ -129,6 +129,9 @@ def _made(
             noise = _noise(study, port, len(run), float(study.columns[port].noise or 0.0), rng)
             noises.setdefault(port, []).append(noise)
             logs[port], without[port] = signals[port] + noise, signals[port]
+        for port, link in readers:
+            for some in (logs, without):
+                some[port] = link.gain * some[link.source] + link.offset
         runs.append(replace(run, logs=logs))
         bare.append(replace(run, logs=without))
     return runs, bare, noises

@@ -10,7 +10,7 @@ import yaml
 
 from ...config import Places
 from ...run import Prepared
-from ...system import Port
+from ...system import Connection, Port
 from ..study import Array, Nominal
 from .keys import FORMAT, Logged, Role
 
@@ -114,6 +114,23 @@ class PortStudy:
     def held(self) -> frozenset[Port]:
         """Ports whose signals stay at each sample until the next one."""
         return frozenset(port for port, one in self.columns.items() if one.hold)
+
+    @property
+    def given(self) -> tuple[Port, ...]:
+        """Fed ports that stay so where loops are closed: what is compared, and who reads it, is none of them."""
+        return tuple(one for one in self.fed if one not in self.compared and self.reading(one) is None)
+
+    def reading(self, port: Port) -> Connection | None:
+        """The connection by which a fed input reads an output that is compared; None if it does not."""
+        connections = self.prepared.system.connections
+        return next(
+            (
+                one
+                for one in connections
+                if one.target == port and not one.wire and one.source in self.compared
+            ),
+            None,
+        )
 
     def place(self, *path: str | int) -> str:
         """Where in the study's file something stands, for problems."""
