@@ -72,10 +72,10 @@ def to_instances(
             continue
         at = [to for to in connections if any(entry is one.entry for entry in to["through"])]
         others = [
-            (next(iter(entry)), to["to"])
+            (entry.get("effect", next(iter(entry))), to["to"])
             for to in at
             for entry in to["through"]
-            if "offset" not in entry and not any(entry is other for other in added)
+            if next(iter(entry)) != "offset" and not any(entry is other for other in added)
         ]
         port, (read,) = one.effect.port, one.effect.reads
         assert port is not None

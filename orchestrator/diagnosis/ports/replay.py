@@ -7,7 +7,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -185,39 +185,58 @@ def measure(study: PortStudy, *runs: PortRun) -> Sizes:
     # What connections make of their sources is no source's signal.
     made = [one for one in system.connections if one.wire and system.variable(one.target).kind is Kind.REAL]
     replay = PortReplay(study, runs, seen=[*outputs, *(one.target for one in made)])
-    given = [replay.signals(run, {}, (), np.zeros(0)) for run in runs]
-    signals: dict[Port, list[Array]] = {}
-    for run, own in zip(runs, given, strict=True):
+    found: dict[Port, list[_Size]] = {}
+    given = []
+    for run in runs:
+        own = replay.signals(run, {}, (), np.zeros(0))
         logged = {port: run.logs[port] for port in (*own, *study.fed) if port in run.logs}
         known = {**own, **logged}
         fed = {one.target: known[one.source] for one in system.connections if one.source in known}
         fed |= {one.target: one.gain * own[one.target] + one.offset for one in made}
         for port, values in {**known, **fed, **logged}.items():
-            signals.setdefault(port, []).append(values)
-    sizes = _sizes(study, signals)
-    forces = {port: _force(replay, port, given, sizes) for port in _pushed(study, sizes)}
+            found.setdefault(port, []).append(_size(study, values))
+        given.append({port: own[port] for port in study.compared})
+    sizes = _sizes(found)
+    forces = {port: _force(PortReplay(study, runs), port, given, sizes) for port in _pushed(study, sizes)}
     return replace(sizes, spread={**sizes.spread, **forces})
 
 
-def _sizes(study: PortStudy, signals: Mapping[Port, Sequence[Array]]) -> Sizes:
-    """Sizes of ports' signals, one a run."""
-    step, settled = study.interval, study.settled
+class _Size(NamedTuple):
+    """How large a signal is in one run: see `Sizes`. Of one that is not finite there are no samples."""
+
+    spread: float
+    peak: float
+    rate: float
+    way: float
+    samples: int
+
+
+def _size(study: PortStudy, values: Array) -> _Size:
+    if not np.isfinite(values).all():
+        return _Size(0.0, 0.0, 0.0, 0.0, 0)
+    # A little more than the largest change, so that a limit of this rate is none.
+    rate = float(np.abs(np.diff(values)).max()) / study.interval * (1.0 + 1e-9)
+    about = values[study.settled :] - values[study.settled :].mean()
+    way = float(np.cumsum(about).std()) * study.interval
+    return _Size(float(about.std()), float(np.abs(values).max()), rate, way, len(about))
+
+
+def _sizes(found: Mapping[Port, Sequence[_Size]]) -> Sizes:
+    """Sizes of ports' signals over all runs."""
     spread, peak, rate, way = {}, {}, {}, {}
-    for port, runs in signals.items():
-        finite = [values for values in runs if np.isfinite(values).all()] or [np.zeros(settled + 2)]
-        # A little more than the largest change, so that a limit of this rate is none.
-        rate[port] = max(float(np.abs(np.diff(values)).max()) for values in finite) / step * (1.0 + 1e-9)
-        peak[port] = max(float(np.abs(values).max()) for values in finite)
-        about = [values[settled:] - values[settled:].mean() for values in finite]
-        lengths = [len(values) for values in about]
-        spread[port] = _pooled([values.std() for values in about], lengths)
-        way[port] = _pooled([np.cumsum(values).std() for values in about], lengths) * step
+    for port, runs in found.items():
+        lengths = [one.samples for one in runs]
+        spread[port] = _pooled([one.spread for one in runs], lengths)
+        peak[port] = max(one.peak for one in runs)
+        rate[port] = max(one.rate for one in runs)
+        way[port] = _pooled([one.way for one in runs], lengths)
     return Sizes(spread, peak, rate, way)
 
 
 def _pooled(sizes: Sequence[float], lengths: Sequence[int]) -> float:
     """One size for all runs: the root of the mean square over all their samples."""
-    return math.hypot(*(size * math.sqrt(n / sum(lengths)) for size, n in zip(sizes, lengths, strict=True)))
+    whole = max(sum(lengths), 1)
+    return math.hypot(*(size * math.sqrt(n / whole) for size, n in zip(sizes, lengths, strict=True)))
 
 
 def _pushed(study: PortStudy, sizes: Sizes) -> Iterator[Port]:
@@ -238,11 +257,11 @@ def _force(replay: PortReplay, port: Port, given: Sequence[Mapping[Port, Array]]
     unit = Parameter("offset", "1", 1.0)
     push = PortEffect(f"{port}.offset", "", "", (unit,), port=port, make=lambda p: Offset(value=p[0]))
     moved = [replay.signals(run, {}, (push,), np.ones(1)) for run in replay.runs]
-    lengths = [len(run) - settled for run in replay.runs]
     share = 0.0
     for out in replay.study.compared:
-        by = [(one[out] - two[out])[settled:] for one, two in zip(moved, given, strict=True)]
-        shift = _pooled([float(values.std() + abs(values.mean())) for values in by], lengths)
-        if sizes.spread[out] > 0.0 and np.isfinite(shift):
-            share = max(share, shift / sizes.spread[out])
+        differ = [(one[out] - two[out])[settled:] for one, two in zip(moved, given, strict=True)]
+        finite = [values for values in differ if np.isfinite(values).all()]
+        shift = [float(values.std() + abs(values.mean())) for values in finite]
+        if sizes.spread[out] > 0.0:
+            share = max(share, _pooled(shift, list(map(len, finite))) / sizes.spread[out])
     return 1.0 / share if share > 0.0 else 0.0

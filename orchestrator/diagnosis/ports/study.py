@@ -117,7 +117,7 @@ class PortStudy:
 
     @property
     def given(self) -> tuple[Port, ...]:
-        """Fed ports that stay so where loops are closed: what is compared, and who reads it, is none of them."""
+        """Fed ports that stay so where loops are closed: neither what is compared nor who reads that."""
         return tuple(one for one in self.fed if one not in self.compared and self.reading(one) is None)
 
     def reading(self, port: Port) -> Connection | None:
