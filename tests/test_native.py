@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 import subprocess
 import sys
@@ -479,3 +480,35 @@ def test_numba_is_imported_for_long_runs_only():
         "assert r.summary['run']['loop'] == 'python' and 'numba' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[1])
+
+
+# What two processes keep on disk is one process's, later: three.level through noise, under each master given.
+_THROUGH_NOISE = """
+import sys
+sys.path[:0] = sys.argv[1:3]
+from test_native import Fraction, Kept, Part, assemble, load_fmu, unruly_fmu
+for master in sys.argv[3:]:
+    fmu = load_fmu(unruly_fmu(2))
+    parts = [Part("one", fmu), Part("three", fmu, {"rate": "0.1 mm"})]
+    noise = {"effect": "noise", "deviation": "1 mm", "period": "3 ms", "seed": 4}
+    links = [{"from": "three.level", "to": "one.rate", "through": [noise]} if "plain" not in master else
+             "three.level -> one.rate"]
+    kept = Kept(assemble(parts, links), master.removeprefix("plain "), 200, "native")
+    print(kept.error, kept.results["one.level"][-1])
+"""
+
+
+def test_machine_code_of_several_processes_serves_one(tmp_path):
+    tests = Path(__file__).parent
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def ran(*masters: str) -> list[str]:
+        command = [sys.executable, "-c", _THROUGH_NOISE, str(tests), str(tests.parent), *masters]
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True
+        ).stdout.splitlines()
+
+    curved = CURVED[0]
+    first = [*ran("plain jacobi", curved)[1:], *ran("jacobi")]
+    assert ran("jacobi", curved) == first[::-1]
+    assert all(line.startswith("None ") for line in first)

@@ -43,13 +43,15 @@ def _choice(code: int, kernel: Kernel, otherwise: Callable[..., Any]) -> Callabl
     """A function that is the kernel for its code, and another one for others."""
     kernel = register_jitable(kernel)
 
-    @register_jitable
     def apply(kind, time, x, options, memory, commit):
         if kind == code:
             return kernel(time, x, options, memory, commit)
         return otherwise(kind, time, x, options, memory, commit)
 
-    return apply
+    # numba calls machine code by names that are counted in each process anew: what two processes kept on disk
+    # would call each other's functions of the same name.
+    apply.__qualname__ = f"apply_{code}"
+    return register_jitable(apply)
 
 
 @register_jitable
