@@ -138,6 +138,12 @@ def test_what_is_at_the_bounds_is_taken(told, change):
     assert told(change) == ""
 
 
+def test_a_run_that_never_settles_is_told_alone(told):
+    """There is no window that would be too long then."""
+    said = told(within(settle="300 s"))
+    assert said and "window" not in said, said
+
+
 def test_patterns_that_fit_nothing_are_told_with_what_is_near(told):
     def read(path):
         diagnose_ports(path, lambda stage: None, report=False)

@@ -217,7 +217,7 @@ class _Reader:
             run for run in runs if run.role is Role.TRAIN
         ]
         shortest = min(told, key=len, default=None)
-        if shortest is not None and window > (len(shortest) - settled) * self.step:
+        if shortest is not None and window > max(len(shortest) - settled, 0) * self.step:
             longest = f"{(len(shortest) - settled) * self.step:.6g} s"
             allowed = f"up to {longest}, what {shortest.name} holds after it settled"
             remedy = "Leave it out for a twentieth of each run."
