@@ -110,9 +110,12 @@ def _strayed(diagnosis: Diagnosis) -> str:
     if not diagnosis.doubtful_tolerances or not effects:
         return ""
     moved = _moved(diagnosis, "recalibrated" if "outside" in effects else "fitted")
-    far = [f"{name} {by:+.1f}" for name, by in moved.items() if abs(by) > _FAR]
-    named = f" ({', '.join(far)} tolerances)" if far else ""
-    return f"Calibrated numbers moved farther than their tolerances allow{named}: doubt the tolerances."
+    # Together several tell, of which none need be far off.
+    far = [name for name in moved if abs(moved[name]) > _FAR]
+    shown = far or sorted(moved, key=lambda name: -abs(moved[name]))[:2]
+    named = ", ".join(f"{name} {moved[name]:+.1f}" for name in shown)
+    told = f" ({named} tolerances)" if named else ""
+    return f"Calibrated numbers moved farther than their tolerances allow{told}: doubt the tolerances."
 
 
 def _moved(diagnosis: Diagnosis, key: str) -> dict[str, float]:

@@ -143,6 +143,16 @@ def test_numbers_beyond_their_tolerances_are_named(effects, doubted, said):
         assert shown.count(words) == (1 if said else 0)
 
 
+def test_several_numbers_may_tell_together_of_which_none_is_far_off():
+    calibration = {
+        "drive.mass": {"nominal": 95.0, "tolerance": 2.0, "fitted": 90.0, "recalibrated": 90.0},
+        "drive.friction": {"nominal": 200.0, "tolerance": 10.0, "fitted": 228.0, "recalibrated": 228.0},
+        "drive.load": {"nominal": 0.0, "tolerance": 1.0, "fitted": 0.5, "recalibrated": 0.5},
+    }
+    (said,) = caveats(made(calibration=calibration, doubtful_tolerances=True))
+    assert "(drive.friction +2.8, drive.mass -2.5 tolerances)" in said
+
+
 def test_a_gap_that_shows_elsewhere_than_the_effect_acts_is_told():
     where = {"drive": 0.9, "controller": 0.1}
     (told,) = caveats(made(("controller.voltage.gain",), where=where))
