@@ -432,10 +432,12 @@ def _least(columns: Array, r: Array, z: Array) -> tuple[Array, float]:
     Args:
         columns: derivatives of the residuals r by the first of the parameters z; others stay.
     """
-    hessian = columns.T @ columns + np.eye(columns.shape[1])
-    slope = columns.T @ r + z[: columns.shape[1]]
-    step = np.linalg.solve(hessian, slope)
-    return step, cost_of(r, z) - float(slope @ step)
+    # About a model that is about to run away numbers are too large to be squared: it promises nothing.
+    with np.errstate(over="ignore", invalid="ignore"):
+        hessian = columns.T @ columns + np.eye(columns.shape[1])
+        slope = columns.T @ r + z[: columns.shape[1]]
+        step = np.linalg.solve(hessian, slope)
+        return step, cost_of(r, z) - float(slope @ step)
 
 
 def _less(z: Array, places: NDArray[np.intp], step: Array) -> Array:

@@ -11,6 +11,7 @@ from logged import logged_study, with_column
 
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.checks import check_logs
+from orchestrator.diagnosis.consistency import _force_of_velocity
 from orchestrator.diagnosis.study import Role, load_study
 
 CASES = Path(__file__).parents[3] / "shared" / "gap" / "cases"
@@ -50,6 +51,22 @@ def test_a_good_log_passes(good):
 )
 def test_an_effect_is_no_bad_data(effect, theta):
     assert told(logged_study((catalogue()[effect],), theta)) == ([], [])
+
+
+@pytest.mark.parametrize(("sign", "fits"), [(1.0, True), (-1.0, False)])
+def test_what_else_pushes_the_satellite_slowly_is_no_mistake_of_columns(good, sign, fits):
+    """As a strong cable does: then only the changes of force and velocity go together."""
+    run = good.runs[0]
+    slow = 6.0 * float(np.std(run["compensated_force"])) * np.sin(2 * np.pi * 0.4 * run["time"])
+    pushed = run["desired_velocity"] + np.cumsum(slow) * good.tick / run.mass
+    moved = replace(
+        run,
+        columns=dict(run.columns)
+        | {"desired_velocity": pushed, "compensated_force": sign * run["compensated_force"]},
+    )
+    body = run.mass * np.diff(pushed) / good.tick
+    assert np.corrcoef(body, run["compensated_force"][:-1])[0, 1] < 0.8
+    assert (_force_of_velocity(good, moved) is None) is fits
 
 
 @pytest.mark.parametrize(
