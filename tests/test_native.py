@@ -11,7 +11,6 @@ import threading
 from fractions import Fraction
 from pathlib import Path
 
-import foreign
 import numpy as np
 import pytest
 import yaml
@@ -21,7 +20,6 @@ from unruly import WAYS, unruly_fmu
 from orchestrator.assembly import Part, assemble
 from orchestrator.errors import ConfigError, StepError
 from orchestrator.fmi import load_fmu
-from orchestrator.fmi.fmi2 import Fmi2Instance
 from orchestrator.instances import instantiate
 from orchestrator.master import create_master
 from orchestrator.master.jacobi import Jacobi
@@ -36,7 +34,6 @@ pytest.importorskip("numba")
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")
 
-FOLDER = Path(__file__).parents[1] / "fmus"
 MASTERS = ("jacobi", "gauss-seidel")
 every_master = pytest.mark.parametrize("master", MASTERS)
 CURVED = [f"{{name: {name}, extrapolation: {order}}}" for name in MASTERS for order in (1, 2)]
@@ -116,78 +113,6 @@ def test_bits_are_the_same_with_steps_of_their_own(ratios, master, version, effe
         links[1] = {"from": "one.level", "to": "two.rate", "through": [{"effect": effect, "time": "5 ms"}]}
     kept = both(assemble(parts, links), master, 2100)
     assert kept.error is None and len(np.unique(kept.results["two.level"])) > 2000 / max(ratios)
-
-
-@pytest.mark.parametrize("master", CURVED)
-@every_version
-@pytest.mark.parametrize("effect", ["delay", "noise"])
-def test_bits_are_the_same_along_curves_through_effects_and_parts_of_a_step(effect, master, version):
-    """What an effect makes of signals that are yet to come is made of those that are supposed to come."""
-    fmu = load_fmu(unruly_fmu(version))
-    given = {"delay": {"time": "5 ms"}, "noise": {"deviation": "1 mm", "period": "3 ms", "seed": 4}}[effect]
-    through = [{"effect": effect, **given}]
-    starts = zip(("one", "two", "three"), ({}, {}, {"rate": "0.1 mm"}), (1, 7, 1), strict=True)
-    parts = [Part(name, fmu, start, ratio=Fraction(1, own)) for name, start, own in starts]
-    links = [
-        {"from": "three.level", "to": "one.rate", "through": through},
-        {"from": "one.level", "to": "two.rate", "through": through},
-    ]
-    kept = both(assemble(parts, links), master, 2100)
-    assert kept.error is None and len(np.unique(kept.results["two.level"])) > 2000
-
-
-def followed_in_other_units():
-    """A response that follows the course of its input, given in mm, in a ring."""
-    command = Part("source", load_fmu(unruly_fmu(2, "mm", "mm")))
-    response = load_fmu(FOLDER / "RobotResponse" / "RobotResponse.fmu")
-    assert response.description.followed == {"command"}
-    start = Part("start", load_fmu(unruly_fmu(3, "m", "m")), {"rate": "1 mm"})
-    back = {"from": ["robot.position", "start.level"], "to": "source.rate"}
-    return assemble([command, Part("robot", response), start], ["source.level -> robot.command", back])
-
-
-@pytest.mark.parametrize("master", CURVED)
-def test_fmus_that_follow_their_inputs_are_told_the_same_derivatives(master):
-    kept = both(followed_in_other_units(), master, 2100)
-    assert kept.error is None and len(np.unique(kept.results["robot.position"])) > 2000
-
-
-@pytest.mark.parametrize("master", CURVED)
-def test_derivatives_that_are_refused_are_told_the_same(master, monkeypatch):
-    calls = []
-
-    @ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 2, ctypes.c_size_t, *[ctypes.c_void_p] * 2)
-    def refuse(*_):
-        calls.append(1)
-        return 3 if len(calls) == 1500 else 0
-
-    def found(self, find=Fmi2Instance._find_functions):
-        find(self)
-        self._slave._functions["fmi2SetRealInputDerivatives"] = refuse
-
-    monkeypatch.setattr(Fmi2Instance, "_find_functions", found)
-    seen = []
-    for loop in ("native", "python"):
-        calls.clear()
-        seen.append(Kept(followed_in_other_units(), master, 2100, loop))
-    assert seen[0].seen == seen[1].seen
-    assert seen[0].error[1] == "robot" and "fmi2SetRealInputDerivatives returned error" in seen[0].error[0]
-
-
-def test_what_curves_do_in_python_is_left_to_it(tmp_path):
-    """FMUs of FMI 3 ask for values within a step; the books of bonds need the course of each input."""
-    fmu = load_fmu(foreign.within(tmp_path / "Within.fmu"))
-    parts = [Part("one", fmu, {"w": 0, "u": 1}), Part("two", fmu, {"w": 0})]
-    system = assemble(parts, ["one.x -> two.u"])
-    report, grid = Report(), Grid(Fraction(0), Fraction(1, 700), 10)
-    with pytest.raises(ConfigError, match="instance one takes the course of its inputs in Python"):
-        simulate(system, Jacobi(extrapolation=1), grid, loop="native")
-    simulate(system, Jacobi(extrapolation=1), grid, report=report)
-    assert report.loop == "python"
-    simulate(system, Jacobi(), grid, loop="native")
-    with instantiate(ring(2)) as instances:
-        assert not choice.obstacle(instances, Jacobi(extrapolation=1))
-        assert "in Python" in choice.obstacle(instances, Jacobi(extrapolation=1), ledger=True)
 
 
 @every_master
