@@ -19,6 +19,7 @@ from ..fmi import Array
 from ..instances import Instances
 from .codes import Chained, Path
 from .foreign import as_doubles, call_effect, load, store
+from .plain import word as _word
 
 __all__ = ["Wiring", "evaluate", "unfit"]
 
@@ -67,11 +68,6 @@ def _all_choices() -> Callable[..., Any]:
 
 
 _apply = _all_choices()
-
-
-@register_jitable
-def _word(row, column):
-    return load(row + 8 * column, np.int64(0))
 
 
 @register_jitable
