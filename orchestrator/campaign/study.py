@@ -24,7 +24,7 @@ from .derived import parse_derived
 from .design import Block, Blocks, paths_of, seeds
 from .execute import FILES, Order, Task
 from .models import RecordModel, StudyModel
-from .product import product
+from .product import effect_sources, product
 from .tables import RESERVED
 
 if TYPE_CHECKING:
@@ -309,7 +309,24 @@ class Study:
             "record": record.to_data() if isinstance(record, RecordModel) else record,
         }
         data["product"] = product()
+        if sources := effect_sources(self.prepared.system):
+            data["effects"] = sources
         return json.dumps(data)
+
+    def _sources(self, path: str, level: Level) -> list[str]:
+        """Of the effect that a value of an axis over effects names: its name does not tell its code."""
+        known = self._varied_sources.get((path, level))
+        if known is None:
+            try:
+                known = effect_sources(prepare(self.prepared.config, [f"{path}={level.text}"]).system)
+            except ConfigError:  # its run fails and tells why
+                known = []
+            self._varied_sources[path, level] = known
+        return known
+
+    @cached_property
+    def _varied_sources(self) -> dict[tuple[str, Level], list[str]]:
+        return {}
 
     def task(self, index: int) -> tuple[Task, dict[str, Level]]:
         """A run, and the values that the design has for it."""
@@ -325,6 +342,8 @@ class Study:
                 others.append((f"{axis.target[1]}.fmu", FILES + place))
                 continue
             put_value(data, axis.target, level.canonical)
+            if axis.target[0] == "connections" and axis.target[-1] == "effect":
+                data.setdefault("varied_effects", {})[path] = self._sources(path, level)
             if axis.start:
                 starts.append((str(axis.target[1]), str(axis.target[3]), level.canonical))
             else:
