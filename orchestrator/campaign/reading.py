@@ -128,17 +128,37 @@ class Store:
         )
 
     def table(self, study: str | None = None) -> pa.Table:
-        """Points of a study with what their runs gave, without what differs from one machine to another."""
+        """Points of a study with what their runs gave, without what differs from one machine to another.
+
+        The points are read from the study's own file: in the view, columns have the type that fits those of
+        all studies, and SQL does not tell m.mass from M.mass.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
         study = self.study(study)
         about = self.studies[study]
+        points = pq.ParquetFile(self.folder / "studies" / study / "points.parquet").read()
+        points = points.sort_by([("point", "ascending"), ("repeat", "ascending")])
         ends = ("", ".change") if about["step_halving"] else ("",)
         derived = [f"{name}{end}" for name in about["derived"] for end in ends]
-        there = set(self.database.table("sweep").columns)
-        columns = ["point", "repeat", "run", *about["axes"], "status", "kind", "message", "halving_error"]
-        wanted = ", ".join(_column(name) for name in columns)
-        for name in derived:
-            wanted += f", {_column(name) if name in there else f'null::double as {_column(name)}'}"
-        return self.query(f"select {wanted} from sweep where study = {_quoted(study)} order by point, repeat")
+        there = {name.casefold() for name in self.database.table("runs").columns}
+        columns = ["status", "kind", "message", "halving_error"]
+        wanted = [
+            # As the study has it: another one of the store may have named it in other letters first.
+            f"{_column(name) if name.casefold() in there else 'null::double'} as {_column(name)}"
+            for name in (*columns, *derived)
+        ]
+        runs = points.select(["run"]).append_column("row", pa.array(range(len(points)), pa.int64()))
+        self.database.register("_asked", runs)
+        try:
+            found = self.query(
+                f"select {', '.join(wanted)} from _asked left join runs using (run) order by _asked.row"
+            )
+        finally:
+            self.database.unregister("_asked")
+        made = {name: points.column(name) for name in ("point", "repeat", "run", *about["axes"])}
+        return pa.table(made | dict(zip(found.column_names, found.columns, strict=True)))
 
     def close(self) -> None:
         """Close the database; the store's files are left alone."""

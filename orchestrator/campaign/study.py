@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
@@ -130,9 +130,10 @@ class Study:
 
     def _derive(self, problems: list[Problem]) -> None:
         for name in self.model.derived:
-            if name in RESERVED:
+            if name.casefold() in RESERVED:
                 what = f"{name!r} cannot name a quantity"
                 problems.append(Problem(self._place(("derived", name)), what, "the store has a column of it"))
+        self._distinct(self.model.derived, "derived", problems)
         recorded = [str(port) for port in self.prepared.system.recorded]
         try:
             parse_derived(self.model.derived, recorded, lambda name: self._place(("derived", name)))
@@ -144,6 +145,23 @@ class Study:
                 allowed = f"recorded are: {listed(recorded)}"
                 place = self._place(("record", "signals"))
                 problems.append(Problem(place, f"no signal {signal!r}", allowed, nearest(signal, recorded)))
+        if record != "none":
+            chosen = record.signals if isinstance(record, RecordModel) else None
+            self._distinct(chosen or recorded, "record", problems)
+
+    def _distinct(self, names: Iterable[str], key: str, problems: list[Problem]) -> None:
+        """Names of columns, which SQL reads without regard to case, so that one would hide the other."""
+        met: dict[str, str] = {}
+        for name in names:
+            other = met.setdefault(name.casefold(), name)
+            if other == name:
+                continue
+            place = ("derived", name) if key == "derived" else (key,)
+            what = f"{name!r} and {other!r} differ in case only"
+            remedy = "Rename one of them." if key == "derived" else "Keep one of them, by record.signals."
+            problems.append(
+                Problem(self._place(place), what, "the store's columns do not tell them apart", remedy)
+            )
 
     def _axes(self, problems: list[Problem]) -> dict[str, Axis]:
         axes: dict[str, Axis] = {}
@@ -161,6 +179,12 @@ class Study:
                 problems.append(Problem(self._place(where), what, remedy="Let one of them vary it."))
             targets[target] = path
             axes[path] = made
+        columns = {f"{name}.change".casefold(): name for name in self.model.derived}
+        for path in axes if self.model.step_halving else ():
+            if name := columns.get(path.casefold()):
+                what = f"{name!r} cannot name a quantity"
+                allowed = f"its change at half the step size stands in the column of {path}"
+                problems.append(Problem(self._place(("derived", name)), what, allowed, "Rename it."))
         return axes
 
     def _repeats(self, problems: list[Problem]) -> list[dict[str, Level]]:

@@ -18,9 +18,10 @@ from extent import all_or
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.campaign import Store
+from orchestrator.campaign import Store, Study
 from orchestrator.campaign.journal import Journal, read_journal
 from orchestrator.campaign.store import StoreWriter, journals, parts
+from orchestrator.config import load_config
 from orchestrator.errors import ConfigError, OrchestratorError
 
 HERE = Path(__file__).parent
@@ -305,3 +306,58 @@ def test_what_ran_is_kept_with_it(tmp_path):
         (kept,) = store.studies.values()
         assert kept["study"]["design"] == {"grid": {"robot.tau_m": ["4 ms"]}}
         assert kept["axes"] == {"robot.tau_m": "s"}
+
+
+def _two_masses(**changes):
+    """Two bodies whose names differ in case only."""
+    body = {"fmu": "SatelliteDynamics", "form": "native", "start": {"force": "0 N"}}
+    values = {
+        "system": {
+            "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "0.1 s"},
+            "instances": {"m": body, "M": body},
+        },
+        "design": {"grid": {"m.mass": ["100 kg", "200 kg"], "M.mass": ["1 kg", "2 kg"]}},
+        "derived": {"total": "m.mass + M.mass"},
+        "step_halving": False,
+    }
+    return Study(values | changes)
+
+
+def test_axes_that_differ_in_case_are_kept_apart(tmp_path):
+    columns = _two_masses().run(tmp_path / "store", jobs=1).columns()
+    assert columns["m.mass"].tolist() == [100.0, 100.0, 200.0, 200.0]
+    assert columns["M.mass"].tolist() == [1.0, 2.0, 1.0, 2.0]
+    assert columns["total"].tolist() == [101.0, 102.0, 201.0, 202.0]
+
+
+def test_quantities_of_two_studies_may_differ_in_case(tmp_path):
+    grid = {"grid": {"m.mass": ["100 kg", "200 kg"]}}
+    studies = [
+        _two_masses(design=grid, derived={name: text})
+        for name, text in (("Twice", "2*m.mass"), ("twice", "m.mass"))
+    ]
+    swept = [one.run(tmp_path / "store", jobs=1) for one in studies]
+    assert swept[0].columns()["Twice"].tolist() == [200.0, 400.0]
+    assert swept[1].columns()["twice"].tolist() == [100.0, 200.0]
+    with StoreWriter(tmp_path / "store") as writer:  # a journal beside the parts
+        writer.begin("s1", {"study": "a", "created": "", "about": "{}"})
+        writer.add("r0", {"kind": "", "derived": {"TWICE": 1.0}}, 1, 0.1, b"")
+        assert swept[0].columns()["Twice"].tolist() == [200.0, 400.0]
+
+
+def test_a_study_is_read_alike_whatever_else_the_store_holds(tmp_path):
+    system = load_config("docking-1d-uncompensated").model.to_data()
+    limit = {
+        "from": "contact.force",
+        "to": "satellite.force",
+        "through": [{"saturate": {"high": "100 N", "low": "-100 N"}}],
+    }
+    number = next(n for n, one in enumerate(system["connections"]) if str(one).endswith("-> satellite.force"))
+    system["connections"][number] = limit
+    system.pop("bonds", None)
+    path = f"connections[{number}].through[0].saturate.high"
+    first = quick(system=system, design={"grid": {path: ["100 N", "200 N"]}}).run(tmp_path / "store", jobs=1)
+    before = first.table
+    assert first.columns()[path].tolist() == [100.0, 200.0]
+    quick(system=system, design={"grid": {path: ["100 N", "inf N"]}}).run(tmp_path / "store", jobs=1)
+    assert first.table.equals(before)

@@ -171,6 +171,35 @@ def test_bad_studies_are_refused(changes, told):
     assert told in refused(**changes)
 
 
+def test_names_that_the_store_would_not_tell_apart_are_refused():
+    body = {"fmu": "SatelliteDynamics", "form": "native", "start": {"force": "0 N"}}
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "0.1 s"},
+        "instances": {"m": body, "M": body},
+    }
+    told = refused(
+        system=system,
+        set={},
+        design={"grid": {"m.mass": ["1 kg"]}},
+        derived={"peak": "m.mass", "Peak": "M.mass", "Attempts": "m.mass"},
+        record="all",
+    )
+    assert told.splitlines() == [
+        "study: derived.Attempts: 'Attempts' cannot name a quantity",
+        "  the store has a column of it",
+        "study: derived.Peak: 'Peak' and 'peak' differ in case only",
+        "  the store's columns do not tell them apart. Rename one of them.",
+        *(
+            line
+            for name in ("position", "velocity", "kinetic_energy")
+            for line in (
+                f"study: record: 'M.{name}' and 'm.{name}' differ in case only",
+                "  the store's columns do not tell them apart. Keep one of them, by record.signals.",
+            )
+        ),
+    ]
+
+
 def test_only_the_form_of_values_that_was_meant_is_told():
     grid = {"robot.tau_m": [], "robot.omega_n": {"from": "1 Hz", "to": "2 Hz", "cout": 3}}
     with pytest.raises(ConfigError) as caught:
