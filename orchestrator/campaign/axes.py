@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,10 @@ from typing import Any
 from .. import bundled
 from ..checks import start_value
 from ..config import Config, Scalar, dump, override_path, path_text, unknown_path
-from ..errors import Problem, listed
+from ..errors import ConfigError, Problem, listed
 from ..fmi import Kind, Variable
+from ..quantities import Measure, quantity
+from ..run import prepare
 from ..system import System
 from ..units import ONE, Quantity, UnitError, parse_quantity, parse_unit
 
@@ -81,16 +83,47 @@ class Axis:
             return Problem(place, f"{self.path}: {value!r} is not finite")
         return self._read(value, place)
 
-    @property
-    def whole(self) -> bool:
-        """Whether it takes whole numbers only."""
-        return self._variable is not None and self._variable.kind is Kind.INTEGER
+    def spread(self, value: Scalar, place: str) -> float | Problem:
+        """A standard deviation in the axis's unit: a difference of two values, not held to their bounds."""
+        if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value)):
+            return Problem(place, f"{self.path}: std {value!r} is no number")
+        label = f"{self.path}: std"
+        if self._variable is not None and self._variable.kind is Kind.REAL:
+            one = self._variable
+            measure = Measure(one.unit_name, one.unit, one.display_units)
+        else:
+            measure = Measure(self.unit, parse_unit(self.unit)) if self.unit else Measure("1", ONE)
+        return quantity(label, measure, value, place, difference=True)
 
-    def at(self, number: float) -> Level:
-        """The value of a number in the axis's unit."""
+    def whole(self, ends: Sequence[Level]) -> bool:
+        """Whether it takes whole numbers only, if these are values of it."""
         if self.start:
-            value = round(number) if self.whole else float(number)
+            return self._variable is not None and self._variable.kind is Kind.INTEGER
+        numbers = [one.shown for one in ends]
+        if self.unit or not all(type(one) is int for one in numbers):
+            return False
+        # Of an option nothing tells but its refusal of what is beside a number that it takes.
+        least = min(numbers)
+        return self._takes(least) and not self._takes(least + 0.5) and not self._takes(least - 0.5)
+
+    def _takes(self, value: Scalar) -> bool:
+        try:
+            prepare(self._config, [f"{self.path}={_yaml(value)}"])
+        except ConfigError:
+            return False
+        return True
+
+    def at(self, number: float, whole: bool = False) -> Level:
+        """The value of a number in the axis's unit.
+
+        Args:
+            whole: what `whole` tells.
+        """
+        if self.start:
+            value = round(number) if whole else float(number)
             return Level(value, value, "")
+        if whole:
+            number = round(number)
         made = self._read(f"{float(number)!r} {self.unit}" if self.unit else number, "")
         assert isinstance(made, Level)
         return made

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..config import path_text
-from ..errors import Problem
+from ..errors import Problem, listed
 from .axes import Axis, Level
 from .models import BlockModel, DrawnModel, RangeModel, RepeatsModel, SampleModel
 
@@ -97,19 +97,20 @@ class _Distribution:
         self._axis, self._model = axis, model
         self.ends: list[Level] = []
         self._numbers: list[float] = []
+        self._whole = False
         found = len(problems)
         if model.choice is not None:
             self.ends = _levels(axis, model.choice, place, problems)
             return
-        written = model.uniform or model.log_uniform
-        if model.normal is not None:
-            normal = model.normal
-            written = [
-                normal.mean,
-                normal.std,
-                *(one for one in (normal.low, normal.high) if one is not None),
-            ]
-        levels = _levels(axis, written or [], place, problems)
+        normal = model.normal
+        written = model.uniform or model.log_uniform or []
+        if normal is not None:
+            written = [one for one in (normal.mean, normal.low, normal.high) if one is not None]
+        levels = _levels(axis, written, place, problems)
+        # After the mean: of an option, the first value with a unit tells the axis's.
+        deviation = None if normal is None else axis.spread(normal.std, place)
+        if isinstance(deviation, Problem):
+            problems.append(deviation)
         if len(problems) > found:
             return
         for level in levels:
@@ -117,38 +118,45 @@ class _Distribution:
                 problems.append(Problem(place, f"{axis.path} cannot be drawn: {level.shown!r} is no number"))
                 return
             self._numbers.append(float(level.shown))
-        if model.normal is None:
-            self.ends = levels
+        self.ends = levels
+        self._whole = axis.whole(levels)
+        if normal is None:
             low, high = self._numbers
             if not low < high:
                 problems.append(Problem(place, f"{axis.path}: {written[0]!r} is not below {written[1]!r}"))
             elif model.log_uniform is not None and low <= 0.0:
                 problems.append(Problem(place, f"{axis.path}: {written[0]!r} has no logarithm"))
             return
-        deviation = self._numbers[1]
-        self._low = -math.inf if model.normal.low is None else self._numbers[2]
-        self._high = math.inf if model.normal.high is None else self._numbers[-1]
+        assert isinstance(deviation, float)
+        self._deviation = deviation
+        self._low = -math.inf if normal.low is None else self._numbers[1]
+        self._high = math.inf if normal.high is None else self._numbers[-1]
         if deviation <= 0.0:
-            problems.append(Problem(place, f"{axis.path}: std {model.normal.std!r} is not positive"))
+            problems.append(Problem(place, f"{axis.path}: std {normal.std!r} is not positive"))
         elif not self._low < self._high:
             problems.append(Problem(place, f"{axis.path}: low is not below high"))
-        self.ends = [one for one, given in zip(levels, (True, False, True, True), strict=False) if given]
 
     def at(self, u: float) -> Level:
         model = self._model
         if model.choice is not None:
             return self.ends[min(int(u * len(self.ends)), len(self.ends) - 1)]
+        # Whole numbers stand for all that is rounded to them: the ends as often as those between.
+        beyond = 0.5 if self._whole else 0.0
         if model.normal is not None:
             from scipy.special import ndtr, ndtri
 
-            mean, deviation = self._numbers[:2]
-            low, high = (float(ndtr((end - mean) / deviation)) for end in (self._low, self._high))
-            u = min(max(low + u * (high - low), 2.0**-53), 1.0 - 2.0**-53)
-            return self._axis.at(min(max(mean + deviation * float(ndtri(u)), self._low), self._high))
-        low, high = self._numbers
-        if model.log_uniform is not None:
-            return self._axis.at(min(max(low * (high / low) ** u, low), high))
-        return self._axis.at(min(max(low + u * (high - low), low), high))
+            mean, deviation = self._numbers[0], self._deviation
+            low, high = self._low, self._high
+            below, above = (float(ndtr((one - mean) / deviation)) for one in (low - beyond, high + beyond))
+            u = min(max(below + u * (above - below), 2.0**-53), 1.0 - 2.0**-53)
+            number = mean + deviation * float(ndtri(u))
+        else:
+            low, high = self._numbers
+            begin, end = low - beyond, high + beyond
+            number = (
+                begin * (end / begin) ** u if model.log_uniform is not None else begin + u * (end - begin)
+            )
+        return self._axis.at(min(max(number, low), high), self._whole)
 
 
 def _levels(axis: Axis, values: Sequence[object], place: str, problems: list[Problem]) -> list[Level]:
@@ -252,10 +260,14 @@ class Blocks:
             return []
         spread = np.geomspace if given.spacing == "log" else np.linspace
         made = spread(low, high, given.count).tolist()
-        if axis.whole and any(one != round(one) for one in made):
-            self._problems.append(Problem(place, f"{axis.path} takes whole numbers; the range holds others"))
+        whole = axis.whole(ends)
+        # What stands at equal ratios is whole but for its rounding: 1, 2, 4, 8.
+        if whole and any(abs(one - round(one)) > 1e-9 * abs(one) for one in made):
+            what = f"{axis.path} takes whole numbers; the range holds others"
+            allowed = f"{listed([f'{one:.6g}' for one in made])}"
+            self._problems.append(Problem(place, what, allowed, "Choose another count, or list the values."))
             return []
-        return [ends[0], *(axis.at(one) for one in made[1:-1]), ends[1]]
+        return [ends[0], *(axis.at(one, whole) for one in made[1:-1]), ends[1]]
 
     def _multiply(self, models: Sequence[BlockModel], place: Path) -> Block:
         taken: dict[str, int] = {}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from orchestrator import bundled
 from orchestrator.campaign import Study
 
 # 100 steps of compiled FMUs, one contact.
@@ -33,4 +35,38 @@ def quick(**changes: Any) -> Study:
         },
         "derived": DERIVED,
     }
+    return Study(values | changes)
+
+
+def with_mass_in(unit: str, path: Path, start: str, bounds: str = 'min="0"') -> Path:
+    """The satellite as an FMU that takes its mass to be in g, K or kg."""
+    # Here: processes of the tests' own import this module, without pytest's paths.
+    from archives import repack
+
+    base = {"g": '<BaseUnit kg="1" factor="0.001"/>', "K": '<BaseUnit K="1"/>', "kg": ""}[unit]
+    changes = {
+        '<Real start="279.06976744186045" quantity="Mass" unit="kg" min="0"/>': (
+            f'<Real start="{start}" unit="{unit}" {bounds}/>'
+        )
+    }
+    if base:
+        changes['<Unit name="kg">'] = f'<Unit name="{unit}">{base}</Unit><Unit name="kg">'
+
+    def change(name: str, data: bytes) -> tuple[str, bytes]:
+        if name == "modelDescription.xml":
+            for old, new in changes.items():
+                assert data.count(old.encode()) == 1
+                data = data.replace(old.encode(), new.encode())
+        return name, data
+
+    return repack(bundled.fmu_forms("SatelliteDynamics")["native"], path, change)
+
+
+def one_body(fmu: object, **changes: Any) -> Study:
+    """A study of one free body, 10 steps."""
+    system = {
+        "run": {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "0.1 s"},
+        "instances": {"m": {"fmu": str(fmu), "start": {"force": "0 N"}}},
+    }
+    values = {"system": system, "derived": {"mass": "m.mass"}, "step_halving": False}
     return Study(values | changes)
