@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from .. import bundled
-from ..config import Config, Places, dump, load_config, move_effects, parse, put_value, validation_problems
+from ..checks import start_value
+from ..config import Config, Places, dump, move_effects, parse, put_value, validation_problems
 from ..digests import digest_of
 from ..errors import ConfigError, Problem, listed, nearest
 from ..run import Prepared, prepare
+from ..system import Instance
 from ..workers import Retry
 from ..workers.files import place_of
 from .axes import Axis, Level, axis_of
@@ -109,7 +110,7 @@ class Study:
         if isinstance(system, str) and (folder / system).is_file():
             system = folder / system
         changes = changes if isinstance(changes, Mapping) else {}
-        texts = [f"{path}={dump({'x': value}).partition(':')[2].strip()}" for path, value in changes.items()]
+        texts = [f"{path}={_text(value)}" for path, value in changes.items()]
         try:
             made = prepare(system, texts)
         except ConfigError as error:
@@ -226,13 +227,12 @@ class Study:
         for path, level in point.items():
             axis, text = self.axes[path], level.text
             if level.file is not None:
-                path, text = f"{axis.target[1]}.fmu", str(level.file.resolve())
+                path, text = f"{axis.target[1]}.fmu", _text(str(level.file.resolve()))
             elif axis.start:
-                text = dump({"x": self._written(axis, level)}).partition(":")[2].strip()
+                text = _text(self._written(axis, level))
             texts.append(f"{path}={text}")
-        config = self.prepared.config
-        if any(level.file is not None for level in point.values()):
-            config = _without_form(config, [self.axes[path].target[1] for path in point])
+        made = [self.axes[path].target[1] for path, level in point.items() if level.file is not None]
+        config = _without_form(self.prepared.config, made) if made else self.prepared.config
         try:
             prepare(config, texts)
         except ConfigError as error:
@@ -352,26 +352,62 @@ class Study:
     def _varied_sources(self) -> dict[tuple[str, Level], list[str]]:
         return {}
 
+    def _made_of(self, name: str, file: Path) -> Instance | None:
+        """An instance as it is of another FMU, whose units may be others; None if it cannot be."""
+        known = self._instances
+        if (name, file) not in known:
+            try:
+                texts = [f"{name}.fmu={_text(str(file.resolve()))}"]
+                system = prepare(_without_form(self.prepared.config, [name]), texts).system
+                known[name, file] = next(one for one in system.instances if one.name == name)
+            except ConfigError:
+                known[name, file] = None
+        return known[name, file]
+
+    @cached_property
+    def _instances(self) -> dict[tuple[str, Path], Instance | None]:
+        return {}
+
     def task(self, index: int) -> tuple[Task, dict[str, Level]]:
         """A run, and the values that the design has for it."""
         number, repeat = divmod(index, len(self._repeat))
         point = self._block[number] | self._repeat[repeat]
         data = json.loads(self._identity)
         starts, others = [], []
+        replaced: dict[str, Instance] = {}
+        for path, level in point.items():
+            if level.file is None:
+                continue
+            name = str(self.axes[path].target[1])
+            place = self._file_levels[level.file][0]
+            data["instances"][name]["fmu"] = FILES + place
+            others.append((f"{name}.fmu", FILES + place))
+            instance = self._made_of(name, level.file)
+            if instance is not None:
+                replaced[name] = instance
+                data["instances"][name]["start"] = dict(instance.start)
         for path, level in point.items():
             axis = self.axes[path]
             if level.file is not None:
-                place = self._file_levels[level.file][0]
-                data["instances"][axis.target[1]]["fmu"] = FILES + place
-                others.append((f"{axis.target[1]}.fmu", FILES + place))
+                continue
+            if axis.start:
+                name, variable, value = str(axis.target[1]), str(axis.target[3]), level.canonical
+                if name in replaced:
+                    # In the unit that this FMU has it in.
+                    written = self._written(axis, level)
+                    description = replaced[name].fmu.description
+                    there = start_value(name, description, variable, written, path)
+                    if isinstance(there, Problem):  # the run fails and tells it
+                        others.append((path, _text(written)))
+                    else:
+                        value = there
+                put_value(data, axis.target, value)
+                starts.append((name, variable, value))
                 continue
             put_value(data, axis.target, level.canonical)
             if axis.target[0] == "connections" and axis.target[-1] == "effect":
                 data.setdefault("varied_effects", {})[path] = self._sources(path, level)
-            if axis.start:
-                starts.append((str(axis.target[1]), str(axis.target[3]), level.canonical))
-            else:
-                others.append((path, level.text))
+            others.append((path, level.text))
         key = digest_of(json.dumps(data, sort_keys=True).encode())
         return Task(key, tuple(starts), tuple(others)), point
 
@@ -437,16 +473,15 @@ def _column(values: list[Any]) -> pa.Array:
     return pa.array([None if one is None else str(one) for one in values])
 
 
+def _text(value: Any) -> str:
+    """A value as an override has it."""
+    return dump({"x": value}).partition(":")[2].strip()
+
+
 def _without_form(config: Config, instances: Sequence[object]) -> Config:
+    """The config without the form of instances that are given another FMU."""
     data = config.model.to_data()
-    for name, instance in data["instances"].items():
-        if name in instances:
-            instance.pop("form", None)
-        fmu = config.folder / instance["fmu"]
-        if fmu.is_file():
-            instance["fmu"] = str(fmu.resolve())
-        elif "form" in instance:
-            continue
-        elif (found := bundled.find_fmu(instance["fmu"])) is not None:
-            instance["fmu"] = str(found)
-    return load_config(data)
+    for name in instances:
+        data["instances"][name].pop("form", None)
+    # Not read anew from plain values: relative paths in it start from its own folder.
+    return replace(config, model=type(config.model).model_validate(data))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import sys
 
 import pytest
-from campaign_bench import quick
+import yaml
+from campaign_bench import one_body, quick, with_mass_in
 
+from orchestrator.campaign import Study
 from orchestrator.campaign import product as products
 from orchestrator.config import load_config
 from orchestrator.run import prepare
@@ -160,3 +162,78 @@ def test_effects_of_the_product_are_counted_once_and_others_of_its_modules_by_th
     assert products.effect_sources(prepare(law[0]).system) == []
     played = through("orchestrator.diagnosis.ports.playback:Release")
     assert len(products.effect_sources(prepare(played[0]).system)) == 1
+
+
+@pytest.fixture
+def bodies(tmp_path):
+    """One body as two FMUs, which have its mass in kg and in g."""
+    kilograms = with_mass_in("kg", tmp_path / "kilograms.fmu", "280")
+    return kilograms, with_mass_in("g", tmp_path / "grams.fmu", "280000")
+
+
+def test_start_values_are_in_the_units_of_the_fmu_that_a_point_has(bodies, tmp_path):
+    kilograms, grams = bodies
+    grid = {"m.mass": ["100 kg", "2e5 g"], "m.fmu": [str(one) for one in bodies]}
+    study = one_body(kilograms, design={"grid": grid})
+    columns = study.run(tmp_path / "store", jobs=1).columns()
+    assert columns["m.mass"].tolist() == [100.0, 100.0, 200.0, 200.0]  # in the axis's unit
+    assert columns["mass"].tolist() == [100.0, 100000.0, 200.0, 200000.0]  # in that of each FMU
+    # The same runs, made from the other side.
+    grid = {"m.fmu": [str(one) for one in bodies], "m.mass": ["0.1 t", "200 kg"]}
+    other = one_body(grams, design={"grid": grid}).run(tmp_path / "store", jobs=1)
+    assert (other.made, other.reused) == (0, 4)
+    assert other.columns()["mass"].tolist() == [100.0, 200.0, 100000.0, 200000.0]
+
+
+def _weighing(fmu, mass, **grid):
+    """The identity of a run whose config gives the mass."""
+    design = {"grid": {"run.step_size": ["10 ms"], **grid}}
+    system = one_body(fmu, design=design).prepared.config.model.to_data()
+    system["instances"]["m"]["start"]["mass"] = mass
+    return one_body(fmu, system=system, design=design).task(0)[0].key
+
+
+def test_start_values_of_the_system_are_told_apart_by_the_unit_of_the_fmu_that_a_point_has(bodies):
+    kilograms, grams = bodies
+    varied = _weighing(kilograms, "100 kg", **{"m.fmu": [str(grams)]})
+    assert varied == _weighing(grams, "1e5 g")
+    assert varied != _weighing(grams, "100 g")
+
+
+def test_a_start_value_that_an_fmu_of_the_design_does_not_take_is_a_failure_of_its_runs(tmp_path):
+    kilograms = with_mass_in("kg", tmp_path / "kilograms.fmu", "280")
+    light = with_mass_in("g", tmp_path / "light.fmu", "10", 'min="0" max="1000"')
+    points = [
+        {"m.fmu": str(kilograms), "m.mass": "1 kg"},
+        {"m.fmu": str(light), "m.mass": "2 kg"},
+        {"m.fmu": str(light), "m.mass": "1 kg"},
+    ]
+    columns = one_body(kilograms, design={"list": points}).run(tmp_path / "store", jobs=1).columns()
+    assert columns["kind"].tolist() == ["", "config", ""]
+    assert "m.mass = 2.0 kg is out of range" in columns["message"][1]
+    assert columns["mass"][2] == 1000.0
+
+
+@pytest.mark.parametrize("varied", ["satellite.form", "satellite.fmu"])
+def test_a_study_over_fmus_finds_its_effects_wherever_it_is_loaded(varied, tmp_path, monkeypatch):
+    folder, elsewhere = tmp_path / "study", tmp_path / "elsewhere"
+    folder.mkdir()
+    elsewhere.mkdir()
+    (folder / "laws.py").write_text(_MODULE.format(imports="", factor=0.5))
+    data, _ = through("laws.py:Scaled")
+    (folder / "system.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
+    with_mass_in("kg", folder / "own.fmu", "280")
+    values = {"satellite.form": ["python", "native"], "satellite.fmu": ["own.fmu", "SatelliteDynamics"]}[
+        varied
+    ]
+    study = {
+        "format": "sweep/1",
+        "system": "system.yaml",
+        "set": {"run.stop_time": "0.1 s"},
+        "design": {"grid": {varied: values}},
+        "step_halving": False,
+    }
+    (folder / "study.yaml").write_text(yaml.safe_dump(study))
+    monkeypatch.chdir(elsewhere)
+    swept = Study.load(folder / "study.yaml").run(tmp_path / "store", jobs=1)
+    assert (swept.made, swept.failed) == (2, {})
