@@ -83,6 +83,11 @@ class Axis:
             return Problem(place, f"{self.path}: {value!r} is not finite")
         return self._read(value, place)
 
+    @property
+    def known(self) -> bool:
+        """Whether there is such a variable, of a start value."""
+        return self._variable is not None
+
     def spread(self, value: Scalar, place: str) -> float | Problem:
         """A standard deviation in the axis's unit: a difference of two values, not held to their bounds."""
         if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value)):

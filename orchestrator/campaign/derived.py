@@ -23,7 +23,7 @@ from ..errors import ConfigError, Problem, listed, nearest
 from ..results import Results
 from ..units import UnitError, parse_quantity, parse_unit
 
-__all__ = ["Derived", "lookup", "parse_derived"]
+__all__ = ["Derived", "lookup", "parse_derived", "unknown_numbers"]
 
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
@@ -253,3 +253,46 @@ def parse_derived(
     if problems:
         raise ConfigError(problems)
     return tuple(made)
+
+
+def unknown_numbers(
+    derived: Sequence[Derived],
+    parameters: Sequence[str],
+    recorded: Sequence[str],
+    instances: Sequence[str],
+    measured: bool,
+    place: Callable[[str], str],
+) -> list[Problem]:
+    """Problems of names outside reducers that no run has a number for.
+
+    What measures find can only be told by a run: of those names only such are judged that are an instance's.
+
+    Args:
+        parameters: and start values, as instance.variable, that are numbers.
+        recorded: names of the signals that a run records.
+        instances: by name.
+        measured: whether the system has measures.
+        place: where each quantity was written.
+    """
+    problems = []
+    for one in derived:
+        for name in one.numbers:
+            head = name.partition(".")[0]
+            if name in parameters or (measured and head not in instances):
+                continue
+            what = f"{one.name}: no number {name!r}"
+            if name in recorded:
+                allowed = (
+                    "it is a signal: outside max, final and so on stand parameters and numbers of the summary"
+                )
+                problems.append(Problem(place(one.name), what, allowed, f"Write final({name})."))
+                continue
+            if head in instances:
+                own = [other.removeprefix(f"{head}.") for other in parameters if other.startswith(f"{head}.")]
+                allowed = f"parameters of {head}: {listed(own)}"
+                remedy = nearest(name.removeprefix(f"{head}."), own, f"{head}.")
+            else:
+                allowed = f"the system has no measures; parameters: {listed(parameters)}"
+                remedy = nearest(name, parameters)
+            problems.append(Problem(place(one.name), what, allowed, remedy))
+    return problems

@@ -21,7 +21,7 @@ from ..system import Instance
 from ..workers import Retry
 from ..workers.files import place_of
 from .axes import Axis, Level, axis_of
-from .derived import parse_derived
+from .derived import Derived, parse_derived, unknown_numbers
 from .design import Block, Blocks, paths_of, seeds
 from .execute import FILES, Order, Task
 from .models import RecordModel, StudyModel
@@ -87,12 +87,13 @@ class Study:
         if model is None or prepared is None:
             raise ConfigError(problems)
         self.model, self.prepared = model, prepared
-        self._derive(problems)
+        derived = self._derive(problems)
         self.axes = self._axes(problems)
         blocks = Blocks(self.axes, problems, self._place)
         self._block: Block = blocks.make(model.design, ("design",))
         repeats = self._repeats(problems)
         self._repeat: Sequence[dict[str, Level]] = repeats
+        problems += self._unknown_numbers(derived, blocks)
         if not problems and not len(self._block):
             problems.append(Problem(self._place(("design",)), "the design has no points"))
         if not problems:
@@ -129,15 +130,16 @@ class Study:
                 )
         return made
 
-    def _derive(self, problems: list[Problem]) -> None:
+    def _derive(self, problems: list[Problem]) -> tuple[Derived, ...]:
         for name in self.model.derived:
             if name.casefold() in RESERVED:
                 what = f"{name!r} cannot name a quantity"
                 problems.append(Problem(self._place(("derived", name)), what, "the store has a column of it"))
         self._distinct(self.model.derived, "derived", problems)
         recorded = [str(port) for port in self.prepared.system.recorded]
+        derived: tuple[Derived, ...] = ()
         try:
-            parse_derived(self.model.derived, recorded, lambda name: self._place(("derived", name)))
+            derived = parse_derived(self.model.derived, recorded, lambda name: self._place(("derived", name)))
         except ConfigError as error:
             problems += error.problems
         record = self.model.record
@@ -149,6 +151,28 @@ class Study:
         if record != "none":
             chosen = record.signals if isinstance(record, RecordModel) else None
             self._distinct(chosen or recorded, "record", problems)
+        return derived
+
+    def _unknown_numbers(self, derived: Sequence[Derived], blocks: Blocks) -> list[Problem]:
+        system = self.prepared.system
+        known = dict.fromkeys(_numbers_of(system.instances))
+        for axis in self.axes.values():
+            if axis.known:
+                known[f"{axis.target[1]}.{axis.target[3]}"] = None
+        if any(name not in known for one in derived for name in one.numbers):
+            # Another FMU may have further parameters.
+            for path, levels in blocks.levels.items():
+                files = [level.file for level in levels if level.file is not None]
+                made = (self._made_of(str(self.axes[path].target[1]), file) for file in files)
+                known |= dict.fromkeys(_numbers_of(one for one in made if one is not None))
+        recorded = [str(port) for port in system.recorded]
+        instances = [one.name for one in system.instances]
+        measured = bool(self.prepared.measures)
+
+        def place(name: str) -> str:
+            return self._place(("derived", name))
+
+        return unknown_numbers(derived, list(known), recorded, instances, measured, place)
 
     def _distinct(self, names: Iterable[str], key: str, problems: list[Problem]) -> None:
         """Names of columns, which SQL reads without regard to case, so that one would hide the other."""
@@ -471,6 +495,15 @@ def _column(values: list[Any]) -> pa.Array:
     if all(type(one) in (int, float) for one in there):
         return pa.array([None if one is None else float(one) for one in values], pa.float64())
     return pa.array([None if one is None else str(one) for one in values])
+
+
+def _numbers_of(instances: Iterable[Instance]) -> Iterator[str]:
+    """Names of the parameters and start values of instances that are numbers."""
+    for one in instances:
+        given = {each.name: each.start for each in one.fmu.description.parameters} | dict(one.start)
+        for name, value in given.items():
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                yield f"{one.name}.{name}"
 
 
 def _text(value: Any) -> str:

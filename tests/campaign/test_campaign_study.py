@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from archives import repack
 from campaign_bench import QUICK, one_body, quick, with_mass_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from orchestrator import bundled
 from orchestrator.campaign import Study
 from orchestrator.campaign.derived import Derived
 from orchestrator.campaign.execute import flat
@@ -284,6 +286,47 @@ def test_names_that_the_store_would_not_tell_apart_are_refused():
             )
         ),
     ]
+
+
+def test_names_that_no_run_has_a_number_for_are_refused():
+    told = refused(
+        design={"grid": {"robot.omegas": ["1 Hz"]}},
+        derived={"a": "satellite.masss + robot.nothing", "b": "contact.force * contact.stiffness"},
+    )
+    assert told.splitlines()[2:] == [
+        "study: derived.a: a: no number 'satellite.masss'",
+        "  parameters of satellite: mass, position, velocity. Did you mean satellite.mass?",
+        "study: derived.a: a: no number 'robot.nothing'",
+        "  parameters of robot: omega_n, xi_n, tau_m",
+        "study: derived.b: b: no number 'contact.force'",
+        "  it is a signal: outside max, final and so on stand parameters and numbers of the summary. "
+        "Write final(contact.force).",
+    ]
+
+
+def test_numbers_of_measures_and_of_varied_start_values_are_let_pass(tmp_path):
+    # What a measure finds only a run tells; the force is an input that only the design gives a value.
+    quick(derived={"growth": "contacts[1].cor / robot.tau_m", "never": "contacts[99].nothing"})
+    body = one_body(
+        "SatelliteDynamics", derived={"force": "m.force"}, design={"grid": {"m.force": ["1 N", "2 N"]}}
+    )
+    assert body.run(tmp_path / "store", jobs=1).columns()["force"].tolist() == [1.0, 2.0]
+    with pytest.raises(ConfigError, match=r"the system has no measures; parameters: m\.mass"):
+        one_body(
+            "SatelliteDynamics", derived={"cor": "contacts[0].cor"}, design={"grid": {"m.mass": ["1 kg"]}}
+        )
+
+
+def test_parameters_of_a_varied_fmu_are_known(tmp_path):
+    def renamed(name, data):
+        return name, data.replace(b'name="mass"', b'name="weight"') if name.endswith(".xml") else data
+
+    other = repack(bundled.fmu_forms("SatelliteDynamics")["native"], tmp_path / "other.fmu", renamed)
+    design = {"grid": {"m.fmu": ["SatelliteDynamics", str(other)]}}
+    study = one_body("SatelliteDynamics", derived={"mass": "m.mass", "weight": "m.weight"}, design=design)
+    columns = study.run(tmp_path / "store", jobs=1).columns()
+    assert columns["weight"][1] == columns["mass"][0] > 0.0
+    assert np.isnan([columns["weight"][0], columns["mass"][1]]).all()
 
 
 def test_only_the_form_of_values_that_was_meant_is_told():
