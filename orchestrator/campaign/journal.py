@@ -44,6 +44,8 @@ class Journal:
             while written < len(record):
                 written += os.write(self._file, record[written:])
         except OSError:
+            # Back as well: written behind a gap, nothing that comes later would be read.
+            os.lseek(self._file, self.size, os.SEEK_SET)
             os.ftruncate(self._file, self.size)
             raise
         self.size += len(record)

@@ -68,6 +68,26 @@ def test_a_journal_reads_back_up_to_its_last_whole_record(records, cut, flip, tm
     assert list(read_journal(path)) == records[:whole]
 
 
+def test_a_journal_goes_on_after_a_write_that_failed(tmp_path, monkeypatch):
+    journal = Journal(tmp_path / "1.log")
+    journal.append(b"one", b"1")
+    write = os.write
+
+    def full(file, data):
+        write(file, bytes(data)[:10])
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", full)
+        with pytest.raises(OSError, match="No space left"):
+            journal.append(b"two" * 100)
+    assert (tmp_path / "1.log").stat().st_size == journal.size
+    journal.append(b"three", b"3")
+    journal.close()
+    assert list(read_journal(tmp_path / "1.log")) == [(b"one", b"1"), (b"three", b"3")]
+    assert (tmp_path / "1.log").stat().st_size == journal.size
+
+
 def _row(value):
     return {"kind": "", "derived": {"x": value}, "numbers": {"n": value}}
 
