@@ -44,6 +44,9 @@ class Child:
         self._work = work
         self._expired = False
         self._ended = False
+        # The exchange that a time limit runs for; guarded, since the limit's own thread looks at it.
+        self._limited: object | None = None
+        self._guard = threading.Lock()
         # Ended at once, the process tidies nothing up: FMUs that it has unpacked go with this folder.
         self._temporary = tempfile.TemporaryDirectory(prefix="worker-", ignore_cleanup_errors=True)
         # Appended to, so that it can be cut short between tasks.
@@ -111,28 +114,41 @@ class Child:
         begin = monotonic()
         watch: threading.Timer | None = None
         if limit is not None:
-            watch = threading.Timer(limit, self._expire)
+            self._limited = exchange = object()
+            watch = threading.Timer(limit, self._expire, [exchange])
             watch.daemon = True
             watch.start()
+        answer = None
         try:
             with suppress(OSError):  # it died before: the answer's absence tells
                 frames.send(self._commands, frames.CALL, pickle.dumps(message))
             kind, payload = frames.receive(self._answers)
-            value, self._grown = pickle.loads(payload)
+            answer = pickle.loads(payload)
         except (EOFError, OSError):
-            return Attempt(None, self._death(limit), monotonic() - begin)
+            pass
         finally:
+            # A limit that is over from here on comes too late; its thread may be at work already.
+            with self._guard:
+                self._limited = None
             if watch is not None:
                 watch.cancel()
+        if answer is None:
+            return Attempt(None, self._death(limit), monotonic() - begin)
+        value, self._grown = answer
         seconds = monotonic() - begin
+        if self._expired:
+            self.end()  # while the answer was read: that counts, but the process takes no more tasks
         if kind == frames.ERROR:
             return Attempt(None, Failure("error", value), seconds)
         return Attempt(value, None, seconds)
 
-    def _expire(self) -> None:
-        self._expired = True
-        with suppress(OSError):
-            self._process.kill()
+    def _expire(self, exchange: object) -> None:
+        with self._guard:
+            if self._limited is not exchange:
+                return
+            self._expired = True
+            with suppress(OSError):
+                self._process.kill()
 
     def _death(self, limit: float | None) -> Failure:
         """Why there was no answer."""

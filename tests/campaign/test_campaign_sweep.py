@@ -9,13 +9,15 @@ import time
 
 import foreign
 import pytest
+import workers_tasks
 from campaign_bench import QUICK, quick
 
 from orchestrator.campaign import Store, Study
 from orchestrator.errors import ConfigError, Interrupted
+from orchestrator.fmi import frames
 from orchestrator.run import run
-from orchestrator.workers import LocalPool
-from orchestrator.workers.child import KilledError, _begun
+from orchestrator.workers import LocalPool, Work
+from orchestrator.workers.child import Child, KilledError, _begun
 
 CRASH, HANG = 1, 2
 
@@ -213,6 +215,46 @@ def test_a_worker_that_is_killed_while_it_begins_is_started_again():
         return "a process"
 
     assert _begun(make) == "a process" and len(begun) == 3
+
+
+class _Late(threading.Timer):
+    """A time limit that is over at the moment the answer has been read."""
+
+    def start(self):
+        pass
+
+    def cancel(self):
+        self.function(*self.args, **self.kwargs)
+
+
+@pytest.fixture
+def child():
+    made = Child(Work(workers_tasks.do, None, "payload", time_limit=1e6), None)
+    yield made
+    made.end()
+
+
+def test_a_time_limit_that_is_over_as_the_answer_comes_ends_nothing(child, monkeypatch):
+    monkeypatch.setattr(threading, "Timer", _Late)
+    for task in ("one", "two"):
+        assert child.do(task).value[1] == task
+        assert child.alive
+    assert child.do("leave").failure.kind == "crash"
+
+
+def test_a_process_that_a_time_limit_ends_after_its_answer_takes_no_more_tasks(child, monkeypatch):
+    receive = frames.receive
+
+    def expired(file):
+        answer = receive(file)
+        child._expire(child._limited)
+        return answer
+
+    with monkeypatch.context() as patch:
+        patch.setattr(frames, "receive", expired)
+        made = child.do("one")
+    assert made.failure is None and made.value[1] == "one"
+    assert not child.alive
 
 
 @pytest.mark.skipif(os.name != "posix", reason="kills by signal")
