@@ -166,3 +166,4 @@ class Outcome(_Column):
     PHASE = auto()
     BLOCK = auto()  # row of the table of calls
     STATUS = auto()
+    PART = auto()  # of the instance's own steps in a communication step
