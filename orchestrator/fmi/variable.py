@@ -105,6 +105,15 @@ class Variable:
     intermediate: bool = False
 
     @property
+    def whole_range(self) -> tuple[int, int] | None:
+        """The smallest and the largest number of its type of integers; None of other types."""
+        if self.kind is not Kind.INTEGER:
+            return None
+        signed, digits = not self.type.startswith("U"), self.type[self.type.index("Int") + 3 :]
+        bits = int(digits) if digits.isdecimal() else 32  # "Integer"
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+
+    @property
     def settable(self) -> bool:
         """Whether a value may be given before initialisation (FMI 2.0.4, 4.2.4; FMI 3.0, 2.3.2)."""
         if self.variability is Variability.CONSTANT or self.kind in (Kind.CLOCK, Kind.BINARY):

@@ -155,7 +155,7 @@ class Phase(_Column):
     ADVANCE = auto()
     GET = auto()
     FINITE = auto()  # a signal is not finite
-    CONVERT = auto()  # an input that is no number has to become an integer
+    CONVERT = auto()  # an input cannot become a whole number of its type
     BEND = auto()  # derivatives of inputs were refused
 
 

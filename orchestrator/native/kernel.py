@@ -50,7 +50,7 @@ _CALL_ROW, _STEP_ROW = 8 * len(Call), 8 * len(Step)  # bytes
 # Of a step: how near its end an early return counts as its end, as in fmi3.py.
 _CLOSE = 1e-9
 
-_BIGGEST, _WRAP = 2.0**63, 2.0**64
+_BIGGEST = 2.0**63
 
 
 # Helpers take addresses instead of arrays: numba counts the references of every array that is passed on, with
@@ -112,13 +112,29 @@ def _step(row, time, step_size):
 
 @register_jitable
 def _unsigned(value):
-    """A whole number modulo 2**64, as ctypes and C convert."""
-    if -_BIGGEST <= value < _BIGGEST:
-        return np.uint64(np.int64(value))
-    value -= np.floor(value / _WRAP) * _WRAP  # exact: all three are multiples of the value's last bit
+    """A whole number from -2**63 to below 2**64, as 64 bits."""
     if value < _BIGGEST:
         return np.uint64(np.int64(value))
     return np.uint64(np.int64(value - _BIGGEST)) + np.uint64(1 << 63)
+
+
+@register_jitable
+def _fits(code, whole):
+    """Whether a type holds a whole number; none holds NaN or infinities."""
+    if code == _BOOL:
+        return math.isfinite(whole)
+    signed = code == _I8 or code == _I16 or code == _I32 or code == _I64
+    if code == _I8 or code == _U8:
+        count = 256.0
+    elif code == _I16 or code == _U16:
+        count = 65536.0
+    elif code == _I32 or code == _U32:
+        count = 4294967296.0
+    else:
+        count = 2.0 * _BIGGEST
+    if signed:
+        return -0.5 * count <= whole < 0.5 * count
+    return 0.0 <= whole < count
 
 
 @register_jitable
@@ -135,8 +151,11 @@ def _send(row, places, memory):
         if code == _F32:
             store(address + 4 * index, np.float32(value))
             continue
-        if not math.isfinite(value):
+        if not _fits(code, np.rint(value)):
             return False
+        if code == _BOOL:
+            store(address + index, np.uint8(np.rint(value) != 0.0))
+            continue
         whole = _unsigned(np.rint(value))
         if code == _I64 or code == _U64:
             store(address + 8 * index, whole)
@@ -144,10 +163,8 @@ def _send(row, places, memory):
             store(address + 4 * index, np.uint32(whole))
         elif code == _I16 or code == _U16:
             store(address + 2 * index, np.uint16(whole))
-        elif code == _I8 or code == _U8:
-            store(address + index, np.uint8(whole))
         else:
-            store(address + index, np.uint8(np.rint(value) != 0.0))
+            store(address + index, np.uint8(whole))
     return True
 
 

@@ -189,7 +189,7 @@ def _raise(
         if part and phase in (Phase.CONVERT, Phase.SET, Phase.BEND):
             one.stand_at(_own(ratio, point, begin, part - 1).time)
         if phase == Phase.CONVERT:
-            tables.blocks[row].send()
+            one.send_block(tables.blocks[row])
         if phase == Phase.SET:
             one.fail_block(tables.blocks[row], status)
         if phase == Phase.BEND:
