@@ -80,8 +80,7 @@ class Block:
         self.memory = memory
         self.positions = [position for position, _ in ports]
         self.slots = [offsets[variable.reference] + variable.element for _, variable in ports]
-        self._signs = [-1.0 if variable.negated else 1.0 for _, variable in ports]
-        self._plain = self.slots == list(range(count)) and -1.0 not in self._signs
+        self._plain = self.slots == list(range(count)) and not any(one.negated for one in self._variables)
         self.partial = len(set(self.slots)) < count
         first = self.positions[0]
         # Doubles that lie side by side are moved where they are; anything else goes by way of a buffer.
@@ -104,14 +103,15 @@ class Block:
         if self._plain:
             self.memory[self.positions] = self.values[:]
             return
-        for position, slot, sign in zip(self.positions, self.slots, self._signs, strict=True):
-            self.memory[position] = sign * self.values[slot]
+        for position, slot, variable in zip(self.positions, self.slots, self._variables, strict=True):
+            self.memory[position] = variable.as_referenced(self.values[slot])
 
     def send(self) -> None:
         """Memory -> buffer. Raises: Unfit."""
         values = self.memory[self.positions].tolist()
         if not self._plain:
-            values = [value if sign > 0 else -value for value, sign in zip(values, self._signs, strict=True)]
+            pairs = zip(self._variables, values, strict=True)
+            values = [variable.as_referenced(value) for variable, value in pairs]
         if not self.real:
             values = self._whole(values)
         if self._plain:

@@ -120,7 +120,7 @@ class Values(ABC):
         for name, value in values.items():
             variable = self.description.variables[name]
             ctype, function = self._accessor(variable, "Set")
-            given = value.encode() if isinstance(value, str) else -value if variable.negated else value
+            given = value.encode() if isinstance(value, str) else variable.as_referenced(value)
             try:
                 check_fit(variable, ctype, given)
             except Unfit as error:
@@ -162,8 +162,8 @@ class Values(ABC):
             value = buffer[variable.element]
             if ctype is c_char_p:
                 value = (value or b"").decode("utf-8", errors="replace")
-            elif variable.negated:
-                value = -value
+            else:
+                value = variable.as_referenced(value)
             values[name] = bool(value) if variable.kind is Kind.BOOLEAN else value
         return values
 
