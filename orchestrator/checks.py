@@ -169,14 +169,19 @@ def in_range(instance: str, variable: Variable, value: Value, given: Scalar, pla
     if not isinstance(value, int | float) or variable.kind not in (Kind.REAL, Kind.INTEGER):
         return None
     low, high = variable.minimum, variable.maximum
+    held = variable.whole_range
+    if held is not None:
+        low = held[0] if low is None else max(low, held[0])
+        high = held[1] if high is None else min(high, held[1])
     if (low is None or value >= low) and (high is None or value <= high):
         return None
     unit = f" {variable.unit_name}" if variable.unit_name not in ("", "1") else ""
     bounds = [f"at least {low!r}{unit}"] if low is not None else []
     bounds += [f"at most {high!r}{unit}"] if high is not None else []
-    return Problem(
-        place, f"{instance}.{variable.name} = {given} is out of range", f"allowed: {' and '.join(bounds)}"
-    )
+    allowed = f"allowed: {' and '.join(bounds)}"
+    if held is not None and not held[0] <= value <= held[1]:
+        allowed += f"; its type is {variable.type}"
+    return Problem(place, f"{instance}.{variable.name} = {given} is out of range", allowed)
 
 
 def dependencies(

@@ -155,11 +155,11 @@ class Instances:
         self._slopes[index] = [slope if gain is None else gain * slope for slope in slopes]
 
     def _follows(self, index: int) -> NDArray[np.bool_]:
-        """Whether the FMU follows the course of each input over a step."""
+        """Whether the FMU follows the course of each input over a step: what jumps has none."""
         if index not in self._followed:
-            followed = self.running[index].description.followed
-            names = self.layout.inputs[index].names
-            self._followed[index] = np.array([name in followed for name in names], np.bool_)
+            followed, inputs = self.running[index].description.followed, self.layout.inputs[index]
+            named = np.array([name in followed for name in inputs.names], np.bool_)
+            self._followed[index] = named & self.layout.smooth[inputs.source]
         return self._followed[index]
 
     def _through(self, index: int) -> NDArray[np.bool_]:
@@ -222,10 +222,10 @@ class Instances:
             one.write_inputs()
             if self.layout.text_inputs[index]:
                 one.set_values({name: self.texts[port] for name, port in self.layout.text_inputs[index]})
-            if index in self._slopes:
-                for order, slope in enumerate(self._slopes.pop(index), 1):
-                    one.write_input_derivatives(order, slope)
-            status = self._do_step(index, point)
+            slopes = self._slopes.pop(index, None)
+            for order, slope in enumerate(slopes or (), 1):
+                one.write_input_derivatives(order, slope)
+            status = self._do_step(index, point, slopes)
             if status <= StepStatus.WARNING:
                 one.read_outputs()
                 if self.layout.text_outputs[index]:
@@ -238,7 +238,7 @@ class Instances:
         self._elapsed[index] += perf_counter_ns() - begin
         return status
 
-    def _do_step(self, index: int, point: Point) -> StepStatus:
+    def _do_step(self, index: int, point: Point, slopes: Sequence[Array] | None) -> StepStatus:
         one, count, every = self.running[index], self._parts[index], self._every[index]
         if every > 1:
             begun = self._begun[index]
@@ -246,12 +246,34 @@ class Instances:
         if count == 1:
             return one.do_step(point)
         size = point.step_size / count
+        # FMI 2's derivatives hold for one step only; what follows a curve by FMI 3's updates keeps it.
+        bent = slopes is not None and one.description.capabilities.interpolate_inputs
+        begin = self._u[index].copy()
         for part in range(count):
-            own = Point(point.index * count + part, point.time + point.step_size * (part / count), size)
-            status = one.do_step(own)
+            passed = point.step_size * (part / count)
+            if part and slopes is not None and bent:
+                self._bend_on(index, begin, slopes, passed)
+            status = one.do_step(Point(point.index * count + part, point.time + passed, size))
             if status > StepStatus.WARNING:
                 break
         return status
+
+    def _bend_on(self, index: int, begin: Array, slopes: Sequence[Array], passed: float) -> None:
+        """Send an instance's inputs, and their derivatives, as they are within the step.
+
+        Args:
+            begin, slopes: values and derivatives at its begin, each of shape (inputs,).
+            passed: since then [s].
+        """
+        one, u, follows, first = self.running[index], self._u[index], self._follows(index), slopes[0]
+        run = begin + passed * first
+        if len(slopes) > 1:
+            run += 0.5 * passed * passed * slopes[1]
+            first = first + passed * slopes[1]
+        u[:] = np.where(follows, run, begin)
+        one.write_inputs()
+        for order, slope in enumerate((first, *slopes[1:]), 1):
+            one.write_input_derivatives(order, slope)
 
     @contextmanager
     def checkpoint(self, indices: Iterable[int]) -> Iterator[Callable[[], None]]:

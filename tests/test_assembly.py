@@ -209,6 +209,14 @@ def lone(name: str, value, **attributes) -> str | float:
             "  allowed: at least 0.0 and at most 5.0"),
         (4, {"kind": Kind.INTEGER, "type": "Int32"}, 4),
         (4.5, {"kind": Kind.INTEGER, "type": "Int32"}, "one.p must be a whole number, got 4.5"),
+        (300, {"kind": Kind.INTEGER, "type": "UInt8"}, "one.p = 300 is out of range\n"
+            "  allowed: at least 0 and at most 255; its type is UInt8"),
+        (2**32 + 1, {"kind": Kind.INTEGER, "type": "Integer", "minimum": 1.0}, "one.p = 4294967297 is out of "
+            "range\n  allowed: at least 1.0 and at most 2147483647; its type is Integer"),
+        (2**64 - 1, {"kind": Kind.INTEGER, "type": "UInt64"}, 2**64 - 1),
+        (-(2**63) - 1, {"kind": Kind.INTEGER, "type": "Int64"}, "one.p = -9223372036854775809 is out of "
+            "range\n  allowed: at least -9223372036854775808 and at most 9223372036854775807; "
+            "its type is Int64"),
         (True, {"kind": Kind.INTEGER, "type": "Int32"}, "one.p must be a whole number, got True"),
         (False, {"kind": Kind.BOOLEAN, "type": "Boolean"}, False),
         ("off", {"kind": Kind.BOOLEAN, "type": "Boolean"}, "one.p must be true or false, got 'off'"),

@@ -35,6 +35,26 @@ def started(fmu, name="one", **start):
     return instance, dict(zip(inputs, range(len(inputs)), strict=True)), u, y, outputs
 
 
+def test_whole_numbers_that_a_type_cannot_hold_are_refused(c_fmu):
+    """ctypes would take them modulo its size: 300 as 44."""
+    instance, index, u, *_ = started(c_fmu, word_in="hello", limit=100.0)
+    remedy = "\n  Give it a value within, or scale what feeds it."
+    for value, told in ((-1.0, "-1"), (2.0**32, "4294967296")):
+        u[index["count_in"]] = value
+        with pytest.raises(StepError) as caught:
+            instance.write_inputs()
+        assert str(caught.value) == (
+            f"one: count_in (UInt32) cannot hold {told}; it holds whole numbers from 0 to 4294967295{remedy}"
+        )
+        assert caught.value.status == "out of range"
+    u[index["count_in"]] = np.nan
+    with pytest.raises(StepError, match=r"count_in \(UInt32\) cannot hold nan: it is no whole number"):
+        instance.write_inputs()
+    with pytest.raises(StepError, match=r"byte_in \(Int8\) cannot hold 300; .* from -128 to 127"):
+        instance.set_values({"byte_in": 300})
+    instance.free()
+
+
 def test_fmi3_moves_every_type(c_fmu):
     instance, index, u, y, outputs = started(c_fmu, word_in="hello", limit=100.0)
     for name, value in TYPES3.items():

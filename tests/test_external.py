@@ -217,6 +217,46 @@ def test_a_silent_peer_is_told(pair):
         link.latest(0.01)
 
 
+class Stranger:
+    """In place of a link's socket, and of its clock: somebody who sends every 10 ms, and never the peer."""
+
+    def __init__(self, link: Link, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.own, self.sent = link._socket, 0
+        self.now = self.begin = link._heard
+        monkeypatch.setattr(link, "_socket", self)
+        monkeypatch.setattr("orchestrator.external.link.perf_counter_ns", lambda: self.now)
+
+    def settimeout(self, seconds: float) -> None: ...
+
+    def close(self) -> None:
+        self.own.close()
+
+    def sendto(self, data: bytes, address: object) -> None:
+        self.sent += 1
+
+    def recvfrom(self, size: int) -> tuple[bytes, None]:
+        self.now += 10_000_000
+        assert self.now - self.begin < 10_000_000_000, "the wait has no end"
+        return b"telemetry", None
+
+
+def test_a_stranger_who_goes_on_sending_puts_no_deadline_off(pair, monkeypatch):
+    link, _ = pair
+    one = Link(("127.0.0.1", 0), ("127.0.0.1", 9), 1)
+    stranger = Stranger(one, monkeypatch)
+    with pytest.raises(LinkError, match="within 1 s; 101 datagrams came that are not its"):
+        one.connect(1.0)
+    assert stranger.sent == 21  # greetings, each 50 ms
+    one.close()
+    link.send(1, 0.0, np.array([1.0]))
+    stranger = Stranger(link, monkeypatch)
+    with pytest.raises(LinkError, match=r"for 1.01 s \(a greeting before\); 101 datagrams came"):
+        link.of_step(1, 1.0)
+    assert stranger.sent == 20  # what the peer may have missed
+    with pytest.raises(LinkError, match="nothing from"):
+        link.latest(0.5)
+
+
 def test_a_peer_that_ended_is_told(pair):
     link, peer = pair
     peer.say(0, flag=Flag.END)

@@ -111,19 +111,27 @@ class Following(FakeInstance):
         return super().do_step(point)
 
 
-@fixed_masters
-@pytest.mark.parametrize("order", [1, 2])
-def test_an_fmu_that_interpolates_follows_a_polynomial_exactly(name, order):
+def following(unit=""):
+    """An FMU of such instances."""
     level = variable("level", Causality.OUTPUT, initial=Initial.EXACT)
     fmu = FakeFmu(
-        inputs={"u": "mm"}, extra=[level],
+        inputs={"u": unit}, extra=[level],
         capabilities=Capabilities(interpolate_inputs=True, save_state=True),
     )  # fmt: skip
     fmu.instantiate = lambda name: Following(name, fmu)
+    return fmu
+
+
+@fixed_masters
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("count", [1, 3])
+def test_an_fmu_that_interpolates_follows_a_polynomial_exactly(name, order, count):
+    """In parts of a step, too: derivatives hold for one of its own steps only."""
     source = polynomial(*[1.0, 2.0, -3.0][: order + 1])
     # The connection converts by 1000, and with it the derivatives.
     scaled = FakeFmu(outputs={"y": "m"}, output=source.output, step=source.step)
-    system = assemble([Part("source", scaled), Part("sum", fmu)], ["source.y -> sum.u"])
+    parts = [Part("source", scaled), Part("sum", following("mm"), ratio=Fraction(1, count))]
+    system = assemble(parts, ["source.y -> sum.u"])
     results = simulated(system, create_master({"name": name, "extrapolation": order}), 10)
     t = results.time
     exact = 1e3 * sum(c * t ** (n + 1) / (n + 1) for n, c in enumerate([1.0, 2.0, -3.0][: order + 1]))
@@ -133,15 +141,29 @@ def test_an_fmu_that_interpolates_follows_a_polynomial_exactly(name, order):
 
 
 @fixed_masters
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("count", [1, 3])
+def test_what_jumps_is_held_though_the_fmu_interpolates(name, order, count):
+    """A curve through the value before a jump would run on to three times the jump."""
+    through = [{"effect": "quantise", "resolution": 0.5}]
+    link = {"from": "source.y", "to": "sum.u", "through": through}
+    parts = [Part("source", polynomial(0.0, 1.0)), Part("sum", following(), ratio=Fraction(1, count))]
+    results = simulated(assemble(parts, [link]), create_master({"name": name, "extrapolation": order}), 10)
+    held = 0.5 * np.round(results.time / 0.5)
+    given = held[1:] if name == "gauss-seidel" else held[:-1]
+    assert np.diff(results["sum.level"]) == pytest.approx(0.1 * given, abs=1e-12)
+
+
+@fixed_masters
 def test_slow_instances_are_refused_with_extrapolation(name):
     system = assemble([Part("slow", gain(), {"u": 1}, ratio=Fraction(2))])
     with pytest.raises(ConfigError, match="the master extrapolates inputs over one communication step"):
         simulated(system, create_master({"name": name, "extrapolation": 1}), 2)
 
 
-def docking(master, step):
+def docking(master, step, *more):
     """The first contact of the bundled system, whose C FMUs interpolate their inputs."""
-    config = ["run.stop_time=0.3 s", f"run.step_size={step}", f"run.master={master}"]
+    config = ["run.stop_time=0.3 s", f"run.step_size={step}", f"run.master={master}", *more]
     return run(prepare("docking-1d-uncompensated", config), halving=False).results["contact.force"]
 
 
@@ -157,6 +179,17 @@ def test_bundled_fmus_take_input_derivatives(name):
     assert error(0) > 1e-3
     assert error(1) < 1e-4  # measured: 3.7e-5 and 6.8e-6
     assert error(2) < 1e-5  # measured: 9.0e-7 and 8.4e-7
+
+
+@pytest.mark.parametrize("who", ["robot", "contact"])
+@pytest.mark.parametrize(
+    "master",
+    ["{name: gauss-seidel, extrapolation: 2}", "{name: iterative, tolerance: 1e-9, interpolation: 1}"],
+)
+def test_bundled_fmus_in_parts_of_a_step_follow_their_inputs_as_in_whole_ones(who, master):
+    whole, parts = (docking(master, "0.2 ms", *own) for own in ((), (f"instances.{who}.step_size=0.1 ms",)))
+    # What is left are the parts' own roundings; where later parts hold their inputs it is 1e-3 and more.
+    assert parts == pytest.approx(whole, rel=0, abs=1e-7 * np.abs(whole).max())
 
 
 def test_interpolated_iteration_on_an_interpolating_fmu():

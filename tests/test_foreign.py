@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import tempfile
+from ctypes import c_uint8
+from dataclasses import replace
 from math import sqrt
 
 import fmpy
@@ -13,6 +15,7 @@ from archives import repack
 
 from orchestrator.errors import ConfigError, FmuError, StepError
 from orchestrator.fmi import Handling, Interface, Kind, Point, StepStatus, load_fmu
+from orchestrator.fmi.block import Block
 from orchestrator.run import prepare, run
 
 GRAVITY, RESTITUTION = 9.81, 0.5
@@ -206,6 +209,31 @@ def test_fmi1_start_value_of_a_negated_alias(slave):
     instance.set_values({"fall": 3.0})
     assert instance.get_values(["v", "fall"]) == {"v": -3.0, "fall": 3.0}
     instance.free()
+
+
+def test_fmi1_negated_alias_of_a_boolean_is_its_opposite(slave, tmp_path):
+    path = tmp_path / "Aliases.fmu"
+
+    def with_alias(name, data):
+        if name == "modelDescription.xml":
+            added = b"""<ScalarVariable name="falls" valueReference="8" causality="output"
+                alias="negatedAlias" variability="discrete"><Boolean/></ScalarVariable>"""
+            data = data.replace(b"</ModelVariables>", added + b"</ModelVariables>")
+        return name, data
+
+    repack(slave, path, with_alias)
+    instance, u, y, outputs = started(path, ["u"])
+    for speed, rises in ((4.0, True), (-9.0, False)):
+        u[0] = speed
+        row = dict(zip(outputs, steps(instance, y, 1, 0.25, first=int(not rises))[0], strict=True))
+        assert row["rises"] == rises and row["falls"] == (not rises)
+        assert instance.get_values(["rises", "falls"]) == {"rises": rises, "falls": not rises}
+    instance.free()
+    told = load_fmu(path).description.variables["falls"]
+    memory = np.array([1.0, 0.0])
+    block = Block("Boolean", c_uint8, "fmi1SetBoolean", [(0, told), (1, replace(told, reference=9))], memory)
+    block.send()
+    assert list(block.values) == [0, 1]
 
 
 # Arrays and event mode.

@@ -112,7 +112,7 @@ def driven(path, handling, count=20):
     instance.exit_initialisation()
     rows = []
     for n in range(count):
-        u[:] = np.sin(n + np.arange(len(inputs)))
+        u[:] = 1.0 + np.sin(n + np.arange(len(inputs)))  # unsigned ones take no negative numbers
         instance.write_inputs()
         assert instance.do_step(Point(n, 0.01 * n, 0.01)) <= StepStatus.WARNING
         instance.read_outputs()

@@ -22,6 +22,7 @@ from orchestrator.signals import Layout
 from orchestrator.simulate import Grid, simulate
 
 METHODS = ("newton", "anderson", "fixed-point")
+STIFFNESS = {"soft": 0.3, "stiff": 1.0}
 
 
 def simulated(system, master, steps, stop=1):
@@ -261,6 +262,29 @@ def test_the_number_of_iterations_and_the_residual_are_told():
         signals = instances.initialise(0.0, 1.0)
         _, info = Iterative(tolerance=1e-12).step(system, instances, Point(0, 0.0, 0.1), signals)
     assert 2 <= info.iterations <= 4 and 0.0 <= info.residual <= 1e-12
+
+
+@pytest.mark.parametrize("names", [("soft", "stiff"), ("stiff", "soft")])
+def test_of_several_cycles_the_most_iterations_and_the_largest_residual_are_told(names):
+    """The one that takes the most need not be the one that is left with the largest."""
+    from orchestrator.fmi import Point
+    from orchestrator.instances import instantiate
+
+    def told(*which):
+        parts, links = [], []
+        for one in which:
+            parts += [Part(f"{one}-mass", mass(), {"position": "1 m"}), Part(one, spring(STIFFNESS[one]))]
+            links += [f"{one}-mass.position -> {one}.position", f"{one}.force -> {one}-mass.force"]
+        system = assemble(parts, links)
+        with instantiate(system) as instances:
+            signals = instances.initialise(0.0, 1.0)
+            master = Iterative(tolerance=1e-3, method="fixed-point")
+            return master.step(system, instances, Point(0, 0.0, 0.1), signals)[1]
+
+    soft, stiff = told("soft"), told("stiff")
+    assert soft.iterations < stiff.iterations and soft.residual > stiff.residual
+    both = told(*names)
+    assert (both.iterations, both.residual) == (stiff.iterations, soft.residual)
 
 
 # Options.

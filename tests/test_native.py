@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import signal
 import subprocess
@@ -174,13 +175,13 @@ def test_every_type_is_converted_as_ctypes_does(c_fmu):
     fmu = load_fmu(c_fmu)
     connected = [
         ("single_out", "single_in"),
-        ("byte_out", "count_in"),
-        ("count_out", "byte_in"),
+        ("byte_out", "byte_in"),
+        ("count_out", "count_in"),
         ("level_out", "level_in"),
         ("flag_out", "flag_in"),
     ]
     start = {
-        "real_in": "1.7 m/s", "single_in": "0.1 rad/s", "byte_in": 3, "count_in": 2**32 - 2, "level_in": 2,
+        "real_in": "1.7 m/s", "single_in": "0.1 rad/s", "byte_in": 3, "count_in": 2**32 - 3, "level_in": 2,
         "flag_in": True, "word_in": "none", "limit": "1e9 mm",
     }  # fmt: skip
     fed = {target for _, target in connected}
@@ -189,11 +190,36 @@ def test_every_type_is_converted_as_ctypes_does(c_fmu):
     system = assemble(parts, [f"a.{source} -> b.{target}" for source, target in connected])
     kept = both(system, "gauss-seidel", 40)
     assert kept.error is None
-    assert kept.results["b.byte_out"][-1] != 0
-    assert kept.results["b.count_out"][-1] == 2**32 - 3 + 1  # a negative byte in an unsigned count
+    assert kept.results["b.byte_out"][-1] == 3
+    assert kept.results["b.count_out"][-1] == 2**32 - 1
 
 
-def test_whole_numbers_of_any_size_wrap_as_in_ctypes():
+OTHERS = {
+    "real_in": "0 m/s",
+    "single_in": "0 rad/s",
+    "count_in": 0,
+    "level_in": 2,
+    "flag_in": True,
+    "word_in": "-",
+}
+
+
+@every_master
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_whole_number_beyond_the_inputs_type_fails_the_same(master, version, c_fmu):
+    """A count of steps that comes to 128, in a byte with a sign; ctypes would make -128 of it."""
+    parts = [Part("one", load_fmu(unruly_fmu(version)), {"rate": "0 m"}), Part("b", load_fmu(c_fmu), OTHERS)]
+    kept = both(assemble(parts, ["one.count -> b.byte_in"]), master, 200)
+    assert kept.error[1] == "b" and kept.error[3] == "out of range"
+    step = 126 if master == "gauss-seidel" else 127
+    assert kept.error[0] == (
+        f"b at time {1 / 3 + step / 700:.12g} s: byte_in (Int8) cannot hold 128; it holds whole numbers "
+        "from -128 to 127\n  Give it a value within, or scale what feeds it."
+    )
+    assert max(kept.results["b.byte_out"]) <= 0
+
+
+def test_whole_numbers_are_sent_where_their_type_holds_them():
     from numba import njit
 
     from orchestrator.native.codes import Call, Code
@@ -201,22 +227,30 @@ def test_whole_numbers_of_any_size_wrap_as_in_ctypes():
     from orchestrator.native.tables import _CODES
 
     send, fetch = njit(_send), njit(_fetch)
-    values = [0.5, 1.5, -2.5, 1e10, -1e10, 2.0**63, -(2.0**70) - 2.0**30, 1e300, 255.49, 0.3, -0.3]
-    places = np.arange(len(values))
+    values = [0.5, 1.5, -2.5, 1e10, -1e10, -(2.0**70) - 2.0**30, 1e300, 255.49, 0.3, -0.3, np.nan, -np.inf]
+    values += [sign * 2.0**bits + more for bits in (7, 8, 15, 16, 31, 32, 63, 64) for sign in (-1, 1)
+               for more in (-1, -0.6, 0, 0.4)]  # fmt: skip
     for ctype, code in _CODES.items():
         if code in (Code.F64, Code.F32):
             continue
-        buffer, memory = (ctype * len(values))(), np.array(values)
+        held = [value for value in values if math.isfinite(value)]
+        if code != Code.BOOL:
+            held = [value for value in held if ctype(round(value)).value == round(value)]
+        assert 4 < len(held) < len(values)
+        places = np.arange(len(held))
+        buffer, memory = (ctype * len(held))(), np.array(held)
         row = np.zeros((1, len(Call)), np.int64)
         row[0, Call.VALUES], row[0, Call.CODE] = ctypes.addressof(buffer), code
-        row[0, Call.VALUE_COUNT] = len(values)
+        row[0, Call.VALUE_COUNT] = len(held)
         assert send(row.ctypes.data, places.ctypes.data, memory.ctypes.data)
-        assert list(buffer) == [ctype(round(value)).value for value in values], ctype
+        assert list(buffer) == [ctype(round(value)).value for value in held], ctype
         backwards = places[::-1].copy()
         fetch(row.ctypes.data, backwards.ctypes.data, memory.ctypes.data)
         assert memory[::-1].tolist() == [float(value) for value in buffer], ctype
-        memory[:] = np.nan
-        assert not send(row.ctypes.data, places.ctypes.data, memory.ctypes.data)
+        for value in set(values) - set(held):
+            memory[-1] = value
+            assert not send(row.ctypes.data, places.ctypes.data, memory.ctypes.data), (ctype, value)
+            memory[-1] = held[0]
 
 
 @pytest.mark.parametrize("name", ["docking-1d", "docking-1d-uncompensated"])

@@ -42,42 +42,72 @@ def test_bits_are_the_same_along_curves_through_effects_and_parts_of_a_step(effe
     assert kept.error is None and len(np.unique(kept.results["two.level"])) > 2000
 
 
-def followed_in_other_units():
+def followed_in_other_units(ratio=Fraction(1)):
     """A response that follows the course of its input, given in mm, in a ring."""
     command = Part("source", load_fmu(unruly_fmu(2, "mm", "mm")))
     response = load_fmu(FOLDER / "RobotResponse" / "RobotResponse.fmu")
     assert response.description.followed == {"command"}
     start = Part("start", load_fmu(unruly_fmu(3, "m", "m")), {"rate": "1 mm"})
     back = {"from": ["robot.position", "start.level"], "to": "source.rate"}
-    return assemble([command, Part("robot", response), start], ["source.level -> robot.command", back])
+    robot = Part("robot", response, ratio=ratio)
+    return assemble([command, robot, start], ["source.level -> robot.command", back])
 
 
+whole_or_in_parts = pytest.mark.parametrize("ratio", [Fraction(1), Fraction(1, 3)])
+
+
+@whole_or_in_parts
 @pytest.mark.parametrize("master", CURVED)
-def test_fmus_that_follow_their_inputs_are_told_the_same_derivatives(master):
-    kept = both(followed_in_other_units(), master, 2100)
+def test_fmus_that_follow_their_inputs_are_told_the_same_derivatives(master, ratio):
+    kept = both(followed_in_other_units(ratio), master, 2100)
     assert kept.error is None and len(np.unique(kept.results["robot.position"])) > 2000
 
 
+@whole_or_in_parts
+@pytest.mark.parametrize("name", ["fmi2SetReal", "fmi2SetRealInputDerivatives"])
 @pytest.mark.parametrize("master", CURVED)
-def test_derivatives_that_are_refused_are_told_the_same(master, monkeypatch):
+def test_inputs_and_derivatives_that_are_refused_are_told_the_same(master, name, ratio, monkeypatch):
+    """In parts of a step, the 1500th call is in a later one."""
     calls = []
 
-    @ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 2, ctypes.c_size_t, *[ctypes.c_void_p] * 2)
+    arrays = 2 if name.endswith("Derivatives") else 1
+
+    @ctypes.CFUNCTYPE(ctypes.c_int, *[ctypes.c_void_p] * 2, ctypes.c_size_t, *[ctypes.c_void_p] * arrays)
     def refuse(*_):
         calls.append(1)
         return 3 if len(calls) == 1500 else 0
 
+    refuse.__name__ = name
+
     def found(self, find=Fmi2Instance._find_functions):
         find(self)
-        self._slave._functions["fmi2SetRealInputDerivatives"] = refuse
+        if self.name == "robot":
+            self._slave._functions[name] = refuse
 
     monkeypatch.setattr(Fmi2Instance, "_find_functions", found)
     seen = []
     for loop in ("native", "python"):
         calls.clear()
-        seen.append(Kept(followed_in_other_units(), master, 2100, loop))
+        seen.append(Kept(followed_in_other_units(ratio), master, 2100, loop))
     assert seen[0].seen == seen[1].seen
-    assert seen[0].error[1] == "robot" and "fmi2SetRealInputDerivatives returned error" in seen[0].error[0]
+    assert seen[0].error[1] == "robot" and f"{name} returned error" in seen[0].error[0]
+
+
+@pytest.mark.parametrize("master", CURVED)
+def test_what_jumps_is_held_in_the_same_bits_where_an_fmu_follows_its_other_inputs(master):
+    response, contact = (
+        load_fmu(FOLDER / name / f"{name}.fmu") for name in ("RobotResponse", "DockingContact")
+    )
+    parts = [
+        Part("source", load_fmu(unruly_fmu(2)), {"rate": "1 m"}),
+        Part("robot", response),
+        Part("contact", contact, ratio=Fraction(1, 3)),
+    ]
+    through = [{"effect": "quantise", "resolution": "0.3 mm"}]
+    jumping = {"from": "robot.position", "to": "contact.position", "through": through}
+    links = ["source.level -> robot.command", jumping, "robot.velocity -> contact.velocity"]
+    kept = both(assemble(parts, links), master, 2100)
+    assert kept.error is None and len(np.unique(kept.results["contact.force"])) > 1000
 
 
 def test_what_curves_do_in_python_is_left_to_it(tmp_path):

@@ -18,6 +18,7 @@ __all__ = ["Link", "LinkError"]
 
 # While a peer does not answer, what it may have missed is sent again this often [s].
 _AGAIN = 0.05
+_AGAIN_NS = int(_AGAIN * 1e9)
 # Sequence numbers that are remembered, to tell duplicates, and datagrams that may be asked for again.
 _REMEMBERED, _KEPT = 1024, 3
 _NOTHING = np.zeros(0)
@@ -65,11 +66,17 @@ class Link:
 
     def connect(self, seconds: float) -> None:
         """Wait until the peer is heard, and tell it that it was. Raises: LinkError."""
-        deadline = perf_counter_ns() + int(seconds * 1e9)
+        begin = perf_counter_ns()
+        again = begin
         while self._theirs is None:
-            self._say(Flag.HELLO)
-            if not self._take(_AGAIN) and perf_counter_ns() > deadline:
-                raise LinkError(f"no datagram from {_text(self._peer)} within {seconds:g} s")
+            if perf_counter_ns() >= again:
+                self._say(Flag.HELLO)
+                again = perf_counter_ns() + _AGAIN_NS
+            # Others may send without an end: what they send puts nothing off.
+            self._take(_AGAIN)
+            if self._theirs is None and perf_counter_ns() - begin > seconds * 1e9:
+                told = f"no datagram from {_text(self._peer)} within {seconds:g} s"
+                raise LinkError(told + self._strangers())
         self._say(Flag.HELLO)
         self._heard = perf_counter_ns()
 
@@ -89,7 +96,8 @@ class Link:
 
         Raises: LinkError if nothing came for `seconds`.
         """
-        while self._take(0.0):
+        begin = perf_counter_ns()
+        while self._take(0.0) and perf_counter_ns() - begin < seconds * 1e9:
             pass
         age = perf_counter_ns() - self._heard
         if age > seconds * 1e9:
@@ -102,14 +110,19 @@ class Link:
     def of_step(self, sequence: int, seconds: float) -> Array:
         """The peer's values of a step, waited for. Raises: LinkError if they do not come."""
         begin = perf_counter_ns()
+        again = begin + _AGAIN_NS
         while sequence not in self._seen:
-            if not self._take(_AGAIN):
-                if self._ended:
-                    raise LinkError(f"{_text(self._peer)} ended its run before its step {sequence}")
-                waited = perf_counter_ns() - begin
-                if waited > seconds * 1e9:
-                    raise LinkError(self._silence(waited))
+            came = self._take(_AGAIN)
+            if sequence in self._seen:
+                break
+            if not came and self._ended:
+                raise LinkError(f"{_text(self._peer)} ended its run before its step {sequence}")
+            now = perf_counter_ns()
+            if now - begin > seconds * 1e9:
+                raise LinkError(self._silence(now - begin) + self._strangers())
+            if not came or now >= again:
                 self._again(sequence)
+                again = now + _AGAIN_NS
         return self._seen[sequence]
 
     def end(self) -> None:
@@ -136,6 +149,11 @@ class Link:
         which = "a greeting before" if self._latest is None else f"last: its step {self._latest.sequence}"
         end = "; it ended its run" if self._ended else ""
         return f"nothing from {_text(self._peer)} for {nanoseconds * 1e-9:.3g} s ({which}{end})"
+
+    def _strangers(self) -> str:
+        """Of datagrams that were not the peer's, for messages."""
+        count = self._counts["foreign"]
+        return f"; {count} datagrams came that are not its" if count else ""
 
     def _say(self, flag: Flag) -> None:
         self._put(pack(Datagram(flag, self._session, 0, 0.0, perf_counter_ns(), self._echo, _NOTHING)))

@@ -3,13 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from ctypes import c_double, c_uint
+from ctypes import c_bool, c_double, c_float, c_uint, sizeof
+from math import isfinite
 from typing import Any
 
 from .instance import Array
 from .variable import Variable
 
-__all__ = ["Block"]
+__all__ = ["Block", "Unfit", "check_fit"]
+
+_NOT_WHOLE = (c_bool, c_double, c_float)
+
+
+class Unfit(ValueError):
+    """A value that the type of a variable cannot hold; ctypes would take it modulo the type's size."""
+
+
+def _whole_range(ctype: Any) -> tuple[int, int] | None:
+    """The smallest and the largest number that a type of whole numbers holds; None of other types."""
+    if ctype in _NOT_WHOLE or not isinstance(ctype(0).value, int):
+        return None
+    bits = 8 * sizeof(ctype)
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if ctype(-1).value < 0 else (0, (1 << bits) - 1)
+
+
+def check_fit(variable: Variable, ctype: Any, value: Any) -> None:
+    """Raises: Unfit if a variable, whose values are of that ctype, cannot hold a value."""
+    held = _whole_range(ctype)
+    if held is None or not isinstance(value, int | float) or held[0] <= value <= held[1]:
+        return
+    what = f"{variable.name} ({variable.type}) cannot hold {value!r}"
+    raise Unfit(f"{what}; it holds whole numbers from {held[0]} to {held[1]}")
 
 
 class Block:
@@ -50,12 +74,13 @@ class Block:
         self.name = name
         self.address = 0
         self.ctype = ctype
+        self._variables = [variable for _, variable in ports]
+        self._range = _whole_range(ctype)
         self.references = (c_uint * len(offsets))(*offsets)
         self.memory = memory
         self.positions = [position for position, _ in ports]
         self.slots = [offsets[variable.reference] + variable.element for _, variable in ports]
-        self._signs = [-1.0 if variable.negated else 1.0 for _, variable in ports]
-        self._plain = self.slots == list(range(count)) and -1.0 not in self._signs
+        self._plain = self.slots == list(range(count)) and not any(one.negated for one in self._variables)
         self.partial = len(set(self.slots)) < count
         first = self.positions[0]
         # Doubles that lie side by side are moved where they are; anything else goes by way of a buffer.
@@ -78,16 +103,32 @@ class Block:
         if self._plain:
             self.memory[self.positions] = self.values[:]
             return
-        for position, slot, sign in zip(self.positions, self.slots, self._signs, strict=True):
-            self.memory[position] = sign * self.values[slot]
+        for position, slot, variable in zip(self.positions, self.slots, self._variables, strict=True):
+            self.memory[position] = variable.as_referenced(self.values[slot])
 
     def send(self) -> None:
-        """Memory -> buffer."""
+        """Memory -> buffer. Raises: Unfit."""
         values = self.memory[self.positions].tolist()
+        if not self._plain:
+            pairs = zip(self._variables, values, strict=True)
+            values = [variable.as_referenced(value) for variable, value in pairs]
         if not self.real:
-            values = [round(value) for value in values]
+            values = self._whole(values)
         if self._plain:
             self.values[:] = values
             return
-        for slot, sign, value in zip(self.slots, self._signs, values, strict=True):
-            self.values[slot] = value if sign > 0 else -value
+        for slot, value in zip(self.slots, values, strict=True):
+            self.values[slot] = value
+
+    def _whole(self, values: list[float]) -> list[int]:
+        """Values as the FMU's whole numbers, checked."""
+        try:
+            whole = [round(value) for value in values]
+        except (OverflowError, ValueError):
+            position = next(place for place, value in enumerate(values) if not isfinite(value))
+            told = f"{self._variables[position].name} ({self._variables[position].type})"
+            raise Unfit(f"{told} cannot hold {values[position]!r}: it is no whole number") from None
+        if self._range is not None and not self._range[0] <= min(whole) <= max(whole) <= self._range[1]:
+            for variable, value in zip(self._variables, whole, strict=True):
+                check_fit(variable, self.ctype, value)
+        return whole

@@ -40,7 +40,8 @@ def complete(raw: Any, root: Any) -> frozenset[str]:
     negated = set()
     for item in raw.modelVariables:
         element = elements[item.name]
-        if element.get("alias") == "negatedAlias":
+        # Texts and items of enumerations have no negative; FMI's own checker ignores it there, too.
+        if element.get("alias") == "negatedAlias" and item.type in ("Real", "Integer", "Boolean"):
             negated.add(item.name)
         if item.causality == "none":
             item.causality = "local"

@@ -127,7 +127,7 @@ class Intermediate:
             self._values += slope * (passed**order / order)
         for block in self._blocks:
             if not block.direct:
-                block.send()
+                self._instance.send_block(block)
             status = block.call()
             if status > 1:
                 self._instance.fail_block(block, status)

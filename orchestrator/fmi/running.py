@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import FmuError, StepError
 from .archive import Unpacked
-from .block import Block
+from .block import Block, Unfit
 from .description import ModelDescription
 from .handling import Handling
 from .instance import Array, Point, StepStatus
@@ -151,6 +151,17 @@ class CompiledInstance(Values):
         label = STATUS.get(status, f"illegal status {status}")
         what = f"{function} returned {label}"
         raise StepError(what, instance=self.name, time=self._time, status=label, log=self.log_lines())
+
+    def _refuse(self, error: Unfit) -> NoReturn:
+        remedy = "Give it a value within, or scale what feeds it."
+        raise StepError(
+            str(error),
+            instance=self.name,
+            time=self._time,
+            status="out of range",
+            log=self.log_lines(),
+            remedy=remedy,
+        ) from None
 
     def log_lines(self) -> tuple[str, ...]:
         """The latest lines that the FMU logged, oldest first."""

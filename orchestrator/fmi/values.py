@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .block import Block
+from .block import Block, Unfit, check_fit
 from .description import ModelDescription
 from .instance import Array
 from .variable import Kind, Value, Variable
@@ -37,6 +37,10 @@ class Values(ABC):
     @abstractmethod
     def _fail(self, function: str, status: int) -> NoReturn:
         """Raises: StepError for a function that returned `status`."""
+
+    @abstractmethod
+    def _refuse(self, error: Unfit) -> NoReturn:
+        """Raises: StepError for a value that a variable cannot hold."""
 
     # Ports.
 
@@ -89,10 +93,17 @@ class Values(ABC):
         """Send the bound inputs to the FMU."""
         for block in self._inputs:
             if not block.direct:
-                block.send()
+                self.send_block(block)
             status = block.call()
             if status > 1:
                 self._fail(block.name, status)
+
+    def send_block(self, block: Block) -> None:
+        """Memory -> the block's buffer. Raises: StepError if a variable cannot hold its value."""
+        try:
+            block.send()
+        except Unfit as error:
+            self._refuse(error)
 
     def read_outputs(self) -> None:
         """Fetch the bound outputs from the FMU."""
@@ -109,7 +120,11 @@ class Values(ABC):
         for name, value in values.items():
             variable = self.description.variables[name]
             ctype, function = self._accessor(variable, "Set")
-            given = value.encode() if isinstance(value, str) else -value if variable.negated else value
+            given = value.encode() if isinstance(value, str) else variable.as_referenced(value)
+            try:
+                check_fit(variable, ctype, given)
+            except Unfit as error:
+                self._refuse(error)
             if variable.elements == 1:
                 self._access(function, variable, (ctype * 1)(given), ctype)
             else:
@@ -147,8 +162,8 @@ class Values(ABC):
             value = buffer[variable.element]
             if ctype is c_char_p:
                 value = (value or b"").decode("utf-8", errors="replace")
-            elif variable.negated:
-                value = -value
+            else:
+                value = variable.as_referenced(value)
             values[name] = bool(value) if variable.kind is Kind.BOOLEAN else value
         return values
 

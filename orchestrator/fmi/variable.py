@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any
 
 from ..units import Unit
 
@@ -78,7 +79,8 @@ class Variable:
         items: names of an enumeration and their values.
         shape: dimensions of an array that is kept whole, () for a scalar and for an element of an array.
         element: place of an element in its array, row by row from 0; elements: length of that array.
-        negated: whether the value is the negative of what the reference stands for (FMI 1.0's negatedAlias).
+        negated: whether the value is the negative, of a Boolean the opposite, of what the reference stands
+            for (FMI 1.0's negatedAlias).
         intermediate: whether it may be set or got within a step (FMI 3.0's intermediateUpdate).
     """
 
@@ -103,6 +105,21 @@ class Variable:
     elements: int = 1
     negated: bool = False
     intermediate: bool = False
+
+    def as_referenced(self, value: Any) -> Any:
+        """What stands for a value under the reference, and the other way round."""
+        if not self.negated:
+            return value
+        return not value if self.kind is Kind.BOOLEAN else -value
+
+    @property
+    def whole_range(self) -> tuple[int, int] | None:
+        """The smallest and the largest number of its type of integers; None of other types."""
+        if self.kind is not Kind.INTEGER:
+            return None
+        signed, digits = not self.type.startswith("U"), self.type[self.type.index("Int") + 3 :]
+        bits = int(digits) if digits.isdecimal() else 32  # "Integer"
+        return (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
 
     @property
     def settable(self) -> bool:

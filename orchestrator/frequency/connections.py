@@ -10,6 +10,7 @@ import numpy as np
 
 from ..effects import Effect
 from ..effects.backlash import Backlash
+from ..effects.choose import BUILT_IN, built_in
 from ..effects.dead_band import DeadBand
 from ..effects.delay import Delay
 from ..effects.gain import Gain
@@ -23,7 +24,7 @@ from ..effects.saturate import Saturate
 from ..errors import ConfigError, Problem
 from .transfer import Array, Transfer, polynomial
 
-__all__ = ["Feed", "effect_note", "effect_path", "static_gain"]
+__all__ = ["Feed", "effect_note", "effect_path", "known_effects", "static_gain"]
 
 
 def _low_pass(effect: Any) -> Transfer:
@@ -55,6 +56,11 @@ def effect_path(effect: Effect) -> Transfer | None:
         return Transfer.gain(1.0)
     made = _LINEAR.get(type(effect))
     return None if made is None else made(effect)
+
+
+def known_effects() -> tuple[str, ...]:
+    """Names of the bundled effects that have a transfer function here."""
+    return tuple(name for name in BUILT_IN if built_in(name) in (*_LINEAR, *_LEFT_OUT))
 
 
 def static_gain(effect: Effect) -> float | None:

@@ -8,12 +8,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ..effects import Effect, effect_names
+from ..effects import Effect
 from ..errors import ConfigError, Problem, listed, nearest
 from ..results import parameters_of
 from ..run import Prepared, prepare
 from ..system import Connection, System
-from .connections import effect_note, effect_path
+from .connections import effect_note, effect_path, known_effects
 from .plant import ACTIVE, MODELS, Paths, problems_of
 from .quasi import QuasiPolynomial, characteristic
 from .transfer import Transfer
@@ -43,7 +43,7 @@ class Wire:
             if law is None:
                 place = f"{loop}: connection to {'.'.join(self.target)}"
                 what = f"the effect {name} has no transfer function that is known here"
-                allowed = f"known effects: {listed(effect_names())}"
+                allowed = f"known effects: {listed(known_effects())}"
                 remedy = "Measure the response with orchestrator.frequency.sweep_system."
                 raise ConfigError([Problem(place, what, allowed, remedy)])
             total = total * law

@@ -160,8 +160,10 @@ class Iterative(Master):
                 info = self._sweep(instances, point, block, curve)
             if info.status > StepStatus.WARNING:
                 return signals, info
-            if info.iterations > done.iterations or done.residual is None:
-                done = info
+            residuals = [one for one in (done.residual, info.residual) if one is not None]
+            done = StepInfo(
+                iterations=max(done.iterations, info.iterations), residual=max(residuals, default=None)
+            )
         return instances.signals(point.time + point.step_size), done
 
     @staticmethod

@@ -19,7 +19,7 @@ from .codes import Ahead, Bend, Given, Step
 from .foreign import call_fmi2_derivatives, load, store
 from .plain import word
 
-__all__ = ["Curves", "bend", "feed", "predict", "settle", "settle_all"]
+__all__ = ["Curves", "bend", "bend_on", "bends", "feed", "predict", "settle", "settle_all"]
 
 # numba takes plain whole numbers for constants.
 _ORDER, _SIZE, _PAST, _MIDDLE, _END, _WEIGHTS, _SMOOTH, _GIVEN, _SPANS, _BENDS, _BOUNDS, _PLACES = map(
@@ -124,16 +124,64 @@ def feed(row, ahead, source, gain, offset, inputs):
 
 
 @register_jitable
-def bend(row, ahead, order, who, source, gain, step_size, square):
-    """Tell an instance the derivatives of its inputs at the begin of the step.
+def bends(ahead, who):
+    """Whether an instance is told derivatives of its inputs."""
+    bounds = word(ahead, _BOUNDS)
+    return word(bounds, who + 1) > word(bounds, who)
+
+
+@register_jitable
+def _slope(row, ahead, derivative, source, gain, place, step_size, square):
+    """A derivative of an input at the begin of the step, by its place; see `Instances.transfer`."""
+    if word(word(ahead, _GIVEN), place) != _COURSE:
+        return 0.0
+    signal = word(source, place)
+    first, last = _double(word(ahead, _PAST), signal), _double(word(ahead, _END), signal)
+    bow = 2.0 * (first + last - 2.0 * _double(word(ahead, _MIDDLE), signal))
+    slope = (last - first - bow) / step_size if derivative == 1 else 2.0 * bow / square
+    if word(row, _CONVERTS) != 0:
+        slope = _double(gain, place) * slope
+    return slope
+
+
+@register_jitable
+def bend_on(row, ahead, order, who, source, gain, offset, inputs, step_size, square, passed):
+    """Feed an instance's inputs as they are within the step; see `Instances.advance`.
+
+    Args:
+        row, source, gain, offset, inputs: as of `feed`.
+        step_size: [s]; square: of it.
+        passed: since the begin of the step [s].
+    """
+    past, bounds = word(ahead, _PAST), word(ahead, _BOUNDS)
+    for one in range(word(bounds, who), word(bounds, who + 1)):
+        call = word(ahead, _BENDS) + _BEND_ROW * one
+        places = word(ahead, _PLACES) + 8 * word(call, _FIRST_PLACE)
+        for index in range(word(call, _COUNT)):
+            place = word(places, index)
+            if word(word(ahead, _GIVEN), place) != _COURSE:
+                continue
+            value = _double(past, word(source, place))
+            if word(row, _CONVERTS) != 0:
+                value = value * _double(gain, place) + _double(offset, place)
+            value = value + passed * _slope(row, ahead, 1, source, gain, place, step_size, square)
+            if order > 1:
+                bow = _slope(row, ahead, 2, source, gain, place, step_size, square)
+                value = value + 0.5 * passed * passed * bow
+            store(inputs + 8 * place, value)
+
+
+@register_jitable
+def bend(row, ahead, order, who, source, gain, step_size, square, passed):
+    """Tell an instance the derivatives of its inputs at the begin of one of its own steps.
 
     Args:
         row, source, gain: as of `feed`.
-        step_size: [s]; square: of it.
+        step_size: of the communication step [s]; square: of it.
+        passed: from the begin of that to the begin of the own one [s].
     Returns: the status of the call that failed; 0.
     """
-    past, middle, end = word(ahead, _PAST), word(ahead, _MIDDLE), word(ahead, _END)
-    bounds, converts = word(ahead, _BOUNDS), word(row, _CONVERTS) != 0
+    bounds = word(ahead, _BOUNDS)
     for derivative in range(1, order + 1):
         for one in range(word(bounds, who), word(bounds, who + 1)):
             call = word(ahead, _BENDS) + _BEND_ROW * one
@@ -141,12 +189,10 @@ def bend(row, ahead, order, who, source, gain, step_size, square):
             places = word(ahead, _PLACES) + 8 * word(call, _FIRST_PLACE)
             for index in range(count):
                 place = word(places, index)
-                signal = word(source, place)
-                first, last = _double(past, signal), _double(end, signal)
-                bow = 2.0 * (first + last - 2.0 * _double(middle, signal))
-                slope = (last - first - bow) / step_size if derivative == 1 else 2.0 * bow / square
-                if converts:
-                    slope = _double(gain, place) * slope
+                slope = _slope(row, ahead, derivative, source, gain, place, step_size, square)
+                if derivative == 1 and order > 1 and passed > 0.0:
+                    bow = _slope(row, ahead, 2, source, gain, place, step_size, square)
+                    slope = slope + passed * bow
                 store(word(call, _VALUES) + 8 * index, slope)
             orders = word(call, _ORDERS) + 4 * count * (derivative - 1)
             status = call_fmi2_derivatives(

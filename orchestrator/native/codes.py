@@ -155,7 +155,7 @@ class Phase(_Column):
     ADVANCE = auto()
     GET = auto()
     FINITE = auto()  # a signal is not finite
-    CONVERT = auto()  # an input that is no number has to become an integer
+    CONVERT = auto()  # an input cannot become a whole number of its type
     BEND = auto()  # derivatives of inputs were refused
 
 
@@ -166,3 +166,4 @@ class Outcome(_Column):
     PHASE = auto()
     BLOCK = auto()  # row of the table of calls
     STATUS = auto()
+    PART = auto()  # of the instance's own steps in a communication step

@@ -12,8 +12,8 @@ from numba import njit
 from numba.extending import register_jitable
 
 from .. import effects
-from .ahead import bend, feed, predict, settle, settle_all
-from .codes import Ahead, Call, Code, Outcome, Phase, Step
+from .ahead import bend, bend_on, bends, feed, predict, settle, settle_all
+from .codes import Ahead, Call, Code, Phase, Step
 from .codes import Path as Chain
 from .foreign import (
     call_fmi2_step,
@@ -44,14 +44,13 @@ _FIRST_SET, _END_SET, _FIRST_GET, _END_GET, _FIRST_INPUT, _END_INPUT, _CONVERTS 
 _EVERY, _PARTS = map(int, list(Step)[15:])
 _DIRECT, _F64, _F32, _I8, _U8, _I16, _U16, _I32, _U32, _I64, _U64, _BOOL = map(int, Code)
 _DONE, _SET, _ADVANCE, _GET, _FINITE, _CONVERT, _BEND = map(int, Phase)
-_WHO, _PHASE, _BLOCK, _STATUS = map(int, Outcome)
 _AT_END, _PATH_PLACE = int(Ahead.END), int(Chain.PLACE)
 _CALL_ROW, _STEP_ROW = 8 * len(Call), 8 * len(Step)  # bytes
 
 # Of a step: how near its end an early return counts as its end, as in fmi3.py.
 _CLOSE = 1e-9
 
-_BIGGEST, _WRAP = 2.0**63, 2.0**64
+_BIGGEST = 2.0**63
 
 
 # Helpers take addresses instead of arrays: numba counts the references of every array that is passed on, with
@@ -113,13 +112,29 @@ def _step(row, time, step_size):
 
 @register_jitable
 def _unsigned(value):
-    """A whole number modulo 2**64, as ctypes and C convert."""
-    if -_BIGGEST <= value < _BIGGEST:
-        return np.uint64(np.int64(value))
-    value -= np.floor(value / _WRAP) * _WRAP  # exact: all three are multiples of the value's last bit
+    """A whole number from -2**63 to below 2**64, as 64 bits."""
     if value < _BIGGEST:
         return np.uint64(np.int64(value))
     return np.uint64(np.int64(value - _BIGGEST)) + np.uint64(1 << 63)
+
+
+@register_jitable
+def _fits(code, whole):
+    """Whether a type holds a whole number; none holds NaN or infinities."""
+    if code == _BOOL:
+        return math.isfinite(whole)
+    signed = code == _I8 or code == _I16 or code == _I32 or code == _I64
+    if code == _I8 or code == _U8:
+        count = 256.0
+    elif code == _I16 or code == _U16:
+        count = 65536.0
+    elif code == _I32 or code == _U32:
+        count = 4294967296.0
+    else:
+        count = 2.0 * _BIGGEST
+    if signed:
+        return -0.5 * count <= whole < 0.5 * count
+    return 0.0 <= whole < count
 
 
 @register_jitable
@@ -136,8 +151,11 @@ def _send(row, places, memory):
         if code == _F32:
             store(address + 4 * index, np.float32(value))
             continue
-        if not math.isfinite(value):
+        if not _fits(code, np.rint(value)):
             return False
+        if code == _BOOL:
+            store(address + index, np.uint8(np.rint(value) != 0.0))
+            continue
         whole = _unsigned(np.rint(value))
         if code == _I64 or code == _U64:
             store(address + 8 * index, whole)
@@ -145,10 +163,8 @@ def _send(row, places, memory):
             store(address + 4 * index, np.uint32(whole))
         elif code == _I16 or code == _U16:
             store(address + 2 * index, np.uint16(whole))
-        elif code == _I8 or code == _U8:
-            store(address + index, np.uint8(whole))
         else:
-            store(address + index, np.uint8(np.rint(value) != 0.0))
+            store(address + index, np.uint8(whole))
     return True
 
 
@@ -322,26 +338,37 @@ def _compile(name: str, sources: int, wired: bool, bent: bool) -> Callable[..., 
                 if timed:
                     begin = _now(timer_at)
                 version = _word(step, _VERSION)
-                for index in range(_word(step, _FIRST_SET), _word(step, _END_SET)):
-                    call = calls_at + _CALL_ROW * index
-                    if _word(call, _CODE) != _DIRECT and not _send(call, places_at, inputs_at):
-                        _end(outcome_at, who, _CONVERT, index, 0)
-                        return point
-                    status = _call_values(call, version)
-                    if status > 1:
-                        _end(outcome_at, who, _SET, index, status)
-                        return point
-                if bent and curved > 0:
-                    status = bend(step, ahead_at, curved, who, source_at, gain_at, step_size, square)
-                    if status > 1:
-                        _end(outcome_at, who, _BEND, 0, status)
-                        return point
+                follows = bent and curved > 0 and bends(ahead_at, who)
                 for part in range(parts):
+                    passed = 0.0
                     if parts != 1:
-                        own_time = time + step_size * (part / parts)
+                        passed = step_size * (part / parts)
+                        own_time = time + passed
+                    if bent and follows and part > 0:
+                        bend_on(
+                            step, ahead_at, curved, who, source_at, gain_at, offset_at, inputs_at, step_size,
+                            square, passed,
+                        )  # fmt: skip
+                    if part == 0 or (bent and follows):
+                        for index in range(_word(step, _FIRST_SET), _word(step, _END_SET)):
+                            call = calls_at + _CALL_ROW * index
+                            if _word(call, _CODE) != _DIRECT and not _send(call, places_at, inputs_at):
+                                _end(outcome_at, who, _CONVERT, index, 0, part)
+                                return point
+                            status = _call_values(call, version)
+                            if status > 1:
+                                _end(outcome_at, who, _SET, index, status, part)
+                                return point
+                    if bent and follows:
+                        status = bend(
+                            step, ahead_at, curved, who, source_at, gain_at, step_size, square, passed
+                        )
+                        if status > 1:
+                            _end(outcome_at, who, _BEND, 0, status, part)
+                            return point
                     status = _step(step, own_time, own_size)
                     if status > 1 or (version == 3 and _stopped(step, own_time + (1.0 - _CLOSE) * own_size)):
-                        _end(outcome_at, who, _ADVANCE, part, status)
+                        _end(outcome_at, who, _ADVANCE, 0, status, part)
                         return point
                 for index in range(_word(step, _FIRST_GET), _word(step, _END_GET)):
                     call = calls_at + _CALL_ROW * index

@@ -179,20 +179,22 @@ def _raise(
     instances: Instances, tables: Tables, outcome: NDArray[np.int64], point: Point, begun: Array
 ) -> None:
     """Tell of a failed step what the interpreter's loop would. Raises: StepError."""
-    who, phase, row, status = outcome.tolist()
+    who, phase, row, status, part = outcome.tolist()
     if phase == Phase.FINITE:
         instances.signals(point.time + point.step_size)
     one = instances.running[who]
     assert isinstance(one, CompiledInstance)
     try:
+        ratio, begin = instances.system.instances[who].ratio, float(begun[who])
+        if part and phase in (Phase.CONVERT, Phase.SET, Phase.BEND):
+            one.stand_at(_own(ratio, point, begin, part - 1).time)
         if phase == Phase.CONVERT:
-            tables.blocks[row].send()
+            one.send_block(tables.blocks[row])
         if phase == Phase.SET:
             one.fail_block(tables.blocks[row], status)
         if phase == Phase.BEND:
             one.fail_derivatives(status)
-        ratio = instances.system.instances[who].ratio
-        own = _own(ratio, point, float(begun[who]), row if phase == Phase.ADVANCE else ratio.denominator - 1)
+        own = _own(ratio, point, begin, part if phase == Phase.ADVANCE else ratio.denominator - 1)
         one.stand_at(own.time)
         if phase == Phase.GET:
             one.fail_block(tables.blocks[row], status)

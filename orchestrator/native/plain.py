@@ -15,7 +15,7 @@ from .foreign import call_fmi2_step, call_fmi2_values, load, store
 __all__ = ["end", "not_finite", "run_plain", "word"]
 
 # numba takes plain whole numbers for constants.
-_WHO, _PHASE, _BLOCK, _STATUS = map(int, Outcome)
+_WHO, _PHASE, _BLOCK, _STATUS, _PART = map(int, Outcome)
 _SET, _ADVANCE, _GET, _FINITE = map(int, (Phase.SET, Phase.ADVANCE, Phase.GET, Phase.FINITE))
 _COMPONENT, _SETTER, _INPUTS, _INPUT_COUNT, _U, _STEP, _NO_ROLLBACK = map(int, list(Plain)[:7])
 _GETTER, _OUTPUTS, _OUTPUT_COUNT, _Y, _FIRST_INPUT, _END_INPUT = map(int, list(Plain)[7:13])
@@ -33,12 +33,13 @@ def word(row, column):
 
 
 @register_jitable
-def end(outcome, who, phase, row, status):
+def end(outcome, who, phase, row, status, part=0):
     """Tell how a chunk ended."""
     store(outcome + 8 * _WHO, np.int64(who))
     store(outcome + 8 * _PHASE, np.int64(phase))
     store(outcome + 8 * _BLOCK, np.int64(row))
     store(outcome + 8 * _STATUS, np.int64(status))
+    store(outcome + 8 * _PART, np.int64(part))
 
 
 @register_jitable

@@ -102,6 +102,11 @@ TWENTIETH = "Leave it out for a twentieth of each run."
          "  up to 2 s, and at least three"),
         (within("runs", 0, without=["drive.positon"]), "runs[0].without: drive.positon has no column\n"
          "  controller.voltage, drive.position, path.position, time. Did you mean drive.position"),
+        *((within("runs", number, without=["controller.voltage", "drive.position"]),
+           f"runs[{number}].without: `without` leaves nothing of run-{number}.csv to compare\n"
+           "  at least one of controller.voltage, drive.position. Leave one of them in, or leave the run "
+           "out.")
+          for number in (0, 2)),
         (within("runs", 0, role="heldout"), "runs[0].role: input should be 'train', 'validation', 'held-out' "
          "or 'repeat', got 'heldout'\n  Did you mean held-out?"),
         (within("runs", 1, role="repeat"), "runs[1]: a run of the role repeat has no `repeats`\n"

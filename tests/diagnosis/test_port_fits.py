@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.fit import Fit, Fitter
+from orchestrator.diagnosis.ports import seek
 from orchestrator.diagnosis.ports.candidates import _apart, _periods, _resolutions
 from orchestrator.diagnosis.ports.conjugate import pairs
 from orchestrator.diagnosis.ports.effect import PortEffect
+from orchestrator.diagnosis.ports.study import PortRun, Role
 from orchestrator.diagnosis.ports.wary import WaryFitter
 from orchestrator.diagnosis.ports.weigh import _answers
 from orchestrator.diagnosis.ports.where import _Loss, _most
@@ -80,6 +84,44 @@ def test_what_hardly_explains_anything_is_not_looked_at_closely():
     assert comb.best(cost, ENDS, 0.2) == []
     assert len(tried) == len(comb.coarse) + 1
     assert comb.best(cost, ENDS, 0.05) != []
+
+
+class Logs:
+    """In place of a replay: a run without the port at which readings are rounded, and one with it."""
+
+    study = SimpleNamespace(settled=0, interval=STEP)
+    read, other = Port("a", "read"), Port("a", "other")
+
+    def __init__(self, _, runs):
+        self.runs = runs
+
+    def compared(self, run):
+        return list(run.logs)
+
+    def residuals(self, calibrated, effects, theta):
+        run = self.runs[0]
+        given = {self.read: rounded(SWING, theta[-1] if len(theta) else 0.0), self.other: np.zeros(len(TIME))}
+        return [(log - given[port][: len(log)]) / 1e-3 for port, log in run.logs.items()]
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_resolution_is_sought_in_a_run_that_has_the_port(last, monkeypatch):
+    monkeypatch.setattr(seek, "PortReplay", Logs)
+    noise = 1e-3 * np.random.default_rng(5).standard_normal((2, len(TIME)))
+    logs = [{Logs.other: noise[0]}, {Logs.read: rounded(SWING, 0.0421) + noise[1]}]
+    runs = [PortRun(str(number), Role.TRAIN, one) for number, one in enumerate(logs if last else logs[::-1])]
+    effect = PortEffect(
+        "a.read.quantise",
+        "",
+        "",
+        (Parameter("resolution", "1", 1.0, 0.0, 3.0),),
+        port=Logs.read,
+        make=lambda p: Gain(factor=p[0]),
+        comb=_resolutions(1.0),
+    )
+    base = SimpleNamespace(effects=(), theta=np.zeros(0), calibrated={})
+    (found,) = seek._combed(Logs(None, runs), [effect], base, 1)
+    assert found.parameters[0].starts[0] == pytest.approx(0.0421, rel=1e-4)
 
 
 class Relay:

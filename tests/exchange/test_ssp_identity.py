@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -51,6 +52,25 @@ def same_system(one, other):
     ]
     for a, b in zip(one.connections, other.connections, strict=True):
         assert line(a) == pytest.approx(line(b), rel=1e-12, abs=1e-15)
+
+
+def test_fmus_that_were_equal_at_an_earlier_export_are_told_apart(tmp_path):
+    """In one process: a file may be another one by then, under the same name."""
+    files = [tmp_path / name / "X.fmu" for name in ("a", "b")]
+    for file in files:
+        file.parent.mkdir()
+        shutil.copy(bundled.find_fmu("RobotResponse"), file)
+    start = {"omega_n": "75 Hz", "xi_n": 0.8, "tau_m": "2 ms", "command": "0 m"}
+    instances = {name: {"fmu": str(file), "start": start} for name, file in zip("ab", files, strict=True)}
+    run_ = {"master": "jacobi", "step_size": "1 ms", "stop_time": "0.1 s"}
+    for count in (1, 2):
+        write_ssp({"run": run_, "instances": instances}, tmp_path / "x.ssp")
+        with zipfile.ZipFile(tmp_path / "x.ssp") as package:
+            packed = [package.read(name) for name in package.namelist() if name.endswith(".fmu")]
+        assert sorted(packed) == sorted({file.read_bytes() for file in files}) and len(packed) == count
+        if count == 1:
+            with zipfile.ZipFile(files[1], "a") as archive:
+                archive.writestr("extra/note.txt", "another one")
 
 
 def line(connection):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import zipfile
+from fractions import Fraction
 from pathlib import Path
 
 import fmpy
@@ -14,13 +15,17 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 
 from orchestrator.__main__ import main
+from orchestrator.assembly import Part, assemble
 from orchestrator.config import load_config
 from orchestrator.effects import effect_names
-from orchestrator.errors import ConfigError
+from orchestrator.errors import ConfigError, StepError
 from orchestrator.exchange.cli import _names
 from orchestrator.exchange.inside import EFFECTS, native_config
 from orchestrator.exchange.system_fmu import export_system_fmu
+from orchestrator.fmi import load_fmu
+from orchestrator.master.jacobi import Jacobi
 from orchestrator.run import run
+from orchestrator.simulate import Grid, simulate
 from orchestrator.translate.build import build
 from orchestrator.translate.coupled import binary, build_binaries
 from orchestrator.translate.package import PLATFORMS
@@ -350,6 +355,29 @@ def test_foreign_fmus_with_arrays_and_all_types(tmp_path, c_fmu):
     y = 4 * 2 + 5 * 3 + 0.5 * 4
     assert results["one.y[2]"][-1] == y
     assert results["two.y[2]"][-1] == 4 * y + 5 * 3 + 6 * 4
+
+
+BEYOND = """
+run: {master: jacobi, step_size: 0.1 s, stop_time: 1 s}
+instances:
+  a: {fmu: Types.fmu, start: {word_in: hello, real_in: 0 m/s, single_in: 2 rad/s, count_in: 300, byte_in: 5,
+      level_in: high, flag_in: true}}
+  b: {fmu: Types.fmu, start: {word_in: hello, real_in: 0 m/s, single_in: 2 rad/s, count_in: 7, level_in: high,
+      flag_in: true}}
+connections:
+  - a.count_out -> b.byte_in
+"""
+
+
+def test_a_whole_number_beyond_an_inner_inputs_type_ends_the_run(tmp_path, c_fmu):
+    (tmp_path / "Types.fmu").write_bytes(c_fmu.read_bytes())
+    (tmp_path / "whole.yaml").write_text(BEYOND)
+    with pytest.raises(StepError, match=r"b at time 0 s: byte_in \(Int8\) cannot hold 301"):
+        reference(tmp_path / "whole.yaml")
+    report = exported(tmp_path, tmp_path / "whole.yaml", fmi_version="3.0", inputs=[])
+    parts = [Part("whole", load_fmu(report.path))]
+    with pytest.raises(StepError, match="b: 301 is no value for an input"):
+        simulate(assemble(parts), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10))
 
 
 def test_the_binaries_are_those_of_their_sources(tmp_path):

@@ -16,6 +16,7 @@ from orchestrator.frequency import (
     count_right_of,
     rightmost_roots,
 )
+from orchestrator.frequency.connections import known_effects
 from orchestrator.frequency.loop import Wire
 
 MASS, STIFFNESS, OMEGA, XI = 279.06976744186045, 176e3, 471.23889803846896, 0.8
@@ -261,6 +262,9 @@ def test_an_effect_of_unknown_law_is_refused():
     told = refused(replace(loop, wires=wires).gain)
     assert told.startswith(
         "docking-1d-uncompensated: connection to satellite.force: the effect mine has no transfer function "
-        "that is known here\n  known effects: "
+        "that is known here\n  known effects: gain, offset, delay, low-pass, "
     )
+    # Those without a law here are known to runs alone.
+    assert not {"drift", "dropout", "jitter", "map"} & set(known_effects())
+    assert ", ".join(known_effects()) in told
     assert told.endswith("Measure the response with orchestrator.frequency.sweep_system.")

@@ -151,7 +151,8 @@ class _Reader:
             what = f"no file {practice.name} in {practice.parent}"
             remedy = "`orchestrator diagnose STUDY --practice N --out DIR` writes one."
             sheet.tell(("practice",), what, remedy=remedy)
-        columns = Columns(_named(model), mapping, units, self.step if self.faithful else None)
+        step = self.step if self.faithful else None
+        columns = Columns(_named(model), mapping, units, step, tuple(map(str, compared)))
         runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
         self._window_in(runs, window, round(settled / self.step))
         self._moving(runs, compared, round(settled / self.step))

@@ -43,12 +43,14 @@ class Columns:
         mapping: those that can.
         units: in which signals are taken, by name.
         step: communication step [s]; None if it is not known.
+        compared: signals that are compared.
     """
 
     named: tuple[str, ...]
     mapping: Mapping[str, Logged]
     units: Mapping[str, str]
     step: float | None
+    compared: tuple[str, ...] = ()
 
 
 def read_runs(
@@ -133,6 +135,12 @@ class _Run:
             near = nearest(unknown[0], self.columns.named)
             what = f"{listed(unknown)} has no column"
             sheet.tell((*self.place, "without"), what, listed(self.columns.named), near)
+        compared = self.columns.compared
+        if compared and set(compared) <= set(model.without):
+            called = model.name or self.path.name
+            what = f"`without` leaves nothing of {called} to compare"
+            remedy = "Leave one of them in, or leave the run out."
+            sheet.tell((*self.place, "without"), what, f"at least one of {listed(compared)}", remedy)
         if not self.begin < self.end:
             what = f"from {model.begin} to {model.end} holds no samples"
             sheet.tell((*self.place, "to"), what, "an end after the begin")

@@ -13,8 +13,10 @@ from ..effect import Effect
 from ..fit import Fit, Fitter, cost_of
 from ..search import Search, each, exchanged, search
 from ..study import Array
+from .comb import Comb
 from .effect import PortEffect
 from .replay import PortReplay, Weighted
+from .study import PortRun
 from .wary import WaryFitter
 
 __all__ = ["carries", "sought"]
@@ -94,31 +96,47 @@ def _combed(
     Args:
         share: see `Comb.best`.
     """
-    run, settled = replay.runs[0], replay.study.settled
     step = replay.study.interval
-    more = len(run) - settled
-    ends = [settled + max(more // part, 1) for part in (8, 4, 2, 1)]
-    parts: dict[int, PortReplay] = {}
-    for end in ends:
-        parts[end] = PortReplay(replay.study, [run.until(end)])
+    looked = [_parts(replay, run) for run in _telling(replay)]
 
     def combed(effect: Effect) -> Effect:
         comb = effect.comb if isinstance(effect, PortEffect) else None
         if comb is None or any(effect.id == one.id for one in base.effects):
             return effect
+        for parts in looked:
+            best = sought_in(parts, comb, effect)
+            if best:
+                return replace(effect, parameters=(replace(effect.parameters[0], starts=tuple(best)),))
+        return effect
 
+    def sought_in(parts: dict[int, PortReplay], comb: Comb, effect: Effect) -> list[float]:
         def cost(value: float, samples: int) -> float:
             model = (*base.effects, effect), np.array([*base.theta, value])
             left = parts[samples].residuals(base.calibrated, *model)
             total = sum(float(r @ r) for r in left)
             return total if math.isfinite(total) else math.inf
 
-        best = comb.best(cost, [(end, end * step) for end in ends], share)[:_STARTS]
-        if not best:
-            return effect
-        return replace(effect, parameters=(replace(effect.parameters[0], starts=tuple(best)),))
+        return comb.best(cost, [(end, end * step) for end in parts], share)[:_STARTS]
 
     return tuple(each(combed, effects, workers))
+
+
+def _telling(replay: PortReplay) -> list[PortRun]:
+    """Runs of which each is compared where none before it is: one will do where all have all logs."""
+    found, seen = [], set[Port]()
+    for run in replay.runs:
+        if not set(replay.compared(run)) <= seen:
+            seen |= set(replay.compared(run))
+            found.append(run)
+    return found
+
+
+def _parts(replay: PortReplay, run: PortRun) -> dict[int, PortReplay]:
+    """Replays of the beginnings of a run, the longest of which is all of it, by their numbers of samples."""
+    settled = replay.study.settled
+    more = len(run) - settled
+    ends = [settled + max(more // part, 1) for part in (8, 4, 2, 1)]
+    return {end: PortReplay(replay.study, [run.until(end)]) for end in ends}
 
 
 def _promising(effects: Sequence[Effect], explored: Search) -> tuple[Effect, ...]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from fractions import Fraction
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +44,8 @@ _OWN_KEYS = (
 _TIMES = ("start_time", "stop_time")
 
 
-@cache
 def checksum(path: Path) -> str:
-    """SHA-256 of a file."""
+    """SHA-256 of a file as it is now: a process that lives long may meet another under the same name."""
     return file_digest(path)
 
 

@@ -197,7 +197,7 @@ void *buffer_for(Type type, int n)
     DO(V_I8, int8_t) DO(V_U8, uint8_t) DO(V_I16, int16_t) DO(V_U16, uint16_t) DO(V_I32, int32_t) DO(V_U32, uint32_t) \
     DO(V_I64, int64_t) DO(V_U64, uint64_t)
 
-/* 0, or 1 if the value cannot be converted. */
+/* 0, or 1 if the type does not hold the value. */
 int buffer_put(void *buffer, Type type, int version, int n, double value)
 {
     double rounded = nearbyint(value);
@@ -214,7 +214,7 @@ int buffer_put(void *buffer, Type type, int version, int n, double value)
         bits = rounded > 0 && rounded < 18446744073709551616.0 ? (uint64_t)rounded : 0;
     switch (type) {
 #define PUT(code, ctype) \
-    case code: ((ctype *)buffer)[n] = (ctype)bits; return 0;
+    case code: ((ctype *)buffer)[n] = (ctype)bits; return (double)(ctype)bits != rounded;
         EACH_WHOLE(PUT)
     case V_BOOL:
         if (version == 2) ((int *)buffer)[n] = rounded != 0;
@@ -263,7 +263,8 @@ RtStatus inner_move(Container *c, const Block *block)
         for (int i = 0; i < block->n_values; i++)
             if (block->places[i] >= 0 &&
                 buffer_put(block->buffer, block->type, version, i, c->inputs[block->places[i]])) {
-                rt_fail(&c->rt, RT_ERROR, "%s: an input is not finite", inner->name);
+                rt_fail(&c->rt, RT_ERROR, "%s: %g is no value for an input", inner->name,
+                        c->inputs[block->places[i]]);
                 return RT_ERROR;
             }
     status = move(inner, block->type, block->getting, block->references, block->n_references, block->buffer,
