@@ -15,7 +15,7 @@ from .benign import Weighing, Weighted, Widened, along_way, scatter, settled, to
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import WHITE, Colour, whitened
-from .effect import Effect
+from .effect import Effect, Site
 from .fit import Fit, Fitter
 from .links import Arrivals, arrivals, other_link, random_links, search_behind
 from .marginal import inflation
@@ -163,17 +163,28 @@ def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Search]:
     """Search with roughness as it shows beside the best fit, where that is strong and leaves much.
 
     About the nominal rig it tells nothing of motions that only an effect leads to, as far deeper contacts.
-    It may take up what the effect itself does, too: then it is none.
+    It may take up what the effect itself does, too: then it is none. A servo at its limits is drawn to the
+    encoder.
     """
     found = search(fitter, weighing.effects)
     left = fitter.marginal.left(found.best.residuals)
     if found.gain(found.best) < _STRONG or unexplained(left) < _MUCH:
         return weighing, found
+    if any(_limited(one) and found.gain(one) > _KEEPS * found.gain(found.best) for one in found.fits):
+        followed = replace(weighing, model=weighing.model.followed(), known={})
+        again = search(followed.fitter(), weighing.effects)
+        if _limited(again.best):
+            weighing, found = followed, again
     beside = weighing.beside(found.best)
     again = search(beside.fitter(), weighing.effects)
     if again.gain(again.best) < _KEEPS * found.gain(found.best):
         return weighing, found
     return beside, again
+
+
+def _limited(fit: Fit) -> bool:
+    """Whether a fit holds limits of the servo."""
+    return any(one.site in (Site.LIMIT, Site.RATE) for one in fit.effects)
 
 
 def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
