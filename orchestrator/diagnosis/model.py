@@ -161,6 +161,7 @@ class RigModel:
     def given(self, shorter: Sequence[Array]) -> RigModel:
         """The same of runs whose commands arrived changed, by run, as those of `Seen`, shape (n,) [m]."""
         model = RigModel(self.study, self.runs, self.substeps)
+        model.pull = self.pull
         for index, change in enumerate(shorter):
             model.commands[index][HISTORY - 1 : -1] += change
         return model
