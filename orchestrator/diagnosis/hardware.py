@@ -15,7 +15,7 @@ from .benign import Weighing, Weighted, Widened, along_way, scatter, settled, to
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import WHITE, Colour, whitened
-from .effect import Effect
+from .effect import Effect, Site
 from .fit import Fit, Fitter
 from .links import Arrivals, arrivals, other_link, random_links, search_behind
 from .marginal import inflation
@@ -109,6 +109,8 @@ def _weigh(
     weighing = Weighing.of(model, [one for one in of_hardware() if one.id not in without], rough)
     sensor = _sensed(weighing, without)
     weighing, found = _searched(weighing, sensor.fitter)
+    if not model.pull and _astray(weighing.fitter(), found):
+        return _weigh(model.followed(), without, rough, lost)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
     scattered = scatter(model, sensor.fitter.replay, found.best)
     fitter = weighing.fitter(None, scattered)
@@ -163,17 +165,35 @@ def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Search]:
     """Search with roughness as it shows beside the best fit, where that is strong and leaves much.
 
     About the nominal rig it tells nothing of motions that only an effect leads to, as far deeper contacts.
-    It may take up what the effect itself does, too: then it is none.
+    It may take up what the effect itself does, too, or lead astray: then it is none. Beside a servo at its
+    limits it is always looked at.
     """
     found = search(fitter, weighing.effects)
     left = fitter.marginal.left(found.best.residuals)
-    if found.gain(found.best) < _STRONG or unexplained(left) < _MUCH:
+    if found.gain(found.best) < _STRONG or (unexplained(left) < _MUCH and not weighing.model.pull):
         return weighing, found
-    beside = weighing.beside(found.best)
-    again = search(beside.fitter(), weighing.effects)
-    if again.gain(again.best) < _KEEPS * found.gain(found.best):
+    # About few effects: what further ones do may be roughness.
+    most = [one for one in found.fits if found.gain(one) > _KEEPS * found.gain(found.best)]
+    beside = weighing.beside(min(most, key=lambda one: len(one.effects)))
+    by = beside.fitter()
+    again = search(by, weighing.effects)
+    little = unexplained(by.marginal.left(again.best.residuals)) < 2.0 * max(_MUCH, unexplained(left))
+    if not little or again.gain(again.best) < _KEEPS * found.gain(found.best):
         return weighing, found
     return beside, again
+
+
+def _astray(fitter: Fitter, found: Search) -> bool:
+    """Whether a servo at its limits explains most, and still leaves much."""
+    clear, best = found.gain(found.best), found.best
+    if clear < _STRONG or unexplained(fitter.marginal.left(best.residuals)) < _MUCH:
+        return False
+    return any(
+        one.site in (Site.LIMIT, Site.RATE)
+        for fit in found.fits
+        if found.gain(fit) > _KEEPS * clear
+        for one in fit.effects
+    )
 
 
 def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -28,6 +29,11 @@ CALIBRATED = (
     "sensor_cutoff",
     "force_bias",
 )
+
+# Poles of the observer that draws a servo at its limits to the encoder [rad/s]: slower than what effects do in
+# a swing, faster than errors grow from one to the next.
+_ENCODER = CHANNELS.index("encoder_position")
+_PULL = 2.0 * math.pi * 3.0
 
 
 def nominal_parameters(study: Study, run: Run) -> Array:
@@ -139,6 +145,7 @@ class RigModel:
         commands: sent, by tick, of each run; the first HISTORY before it, shape (HISTORY + n,) [m].
         noise: standard deviations of encoder [m] and sensor force [N], rounding included.
         correction: added to the robot's position in replays, shape (n + 1,) of each run [m].
+        pull: see `followed`; zero otherwise [rad/s].
     """
 
     def __init__(self, study: Study, runs: Sequence[Run], substeps: int = SUBSTEPS) -> None:
@@ -148,11 +155,13 @@ class RigModel:
         self._nominal = [nominal_parameters(study, run) for run in runs]
         self.commands = [self._sent(run) for run in runs]
         self.correction = [np.zeros(len(run) + 1) for run in runs]
+        self.pull = 0.0
         self.noise = study.noise("encoder"), study.noise("force")
 
     def given(self, shorter: Sequence[Array]) -> RigModel:
         """The same of runs whose commands arrived changed, by run, as those of `Seen`, shape (n,) [m]."""
         model = RigModel(self.study, self.runs, self.substeps)
+        model.pull = self.pull
         for index, change in enumerate(shorter):
             model.commands[index][HISTORY - 1 : -1] += change
         return model
@@ -161,6 +170,16 @@ class RigModel:
         """The same whose robot is moved in replays, by run, each of shape (n + 1,) [m]."""
         model = copy(self)
         model.correction = list(by)
+        return model
+
+    def followed(self) -> RigModel:
+        """The same whose servo is drawn to the encoder in replays, by an observer, slowly.
+
+        A servo at its limits forgets nothing: where it begins a little otherwise it goes far astray, and no
+        fit comes near the rig. Drawn to the encoder it shows limits at each swing anew.
+        """
+        model = copy(self)
+        model.pull = _PULL
         return model
 
     def finer(self) -> RigModel:
@@ -271,5 +290,9 @@ class RigModel:
         out = np.zeros((len(CHANNELS), inject.shape[1] - 1))
         p = self.parameters(index, calibrated, effects, theta)
         state = begin_state(self.study, self.runs[index])
-        run_rig(p, closed, commands, state, laws.table, *laws.room(theta), inject, 0, out, self.substeps)
+        pull = 0.0 if closed else self.pull
+        if pull > 0.0:
+            out[_ENCODER] = self.runs[index]["encoder_position"]
+        room = laws.room(theta)
+        run_rig(p, closed, commands, state, laws.table, *room, inject, 0, out, self.substeps, pull)
         return out

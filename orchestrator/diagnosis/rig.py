@@ -173,7 +173,9 @@ def _transition(omega, xi, step):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out, substeps=_SUBSTEPS):
+def run_rig(
+    p, closed, commands, state, laws, memory, theta, inject, begin, out, substeps=_SUBSTEPS, pull=0.0
+):
     """Run the rig over the ticks of `out`.
 
     Args:
@@ -187,8 +189,9 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
         memory, theta: of all laws.
         inject: by `Inject`, shape (4, n + 1).
         begin: number of the first tick.
-        out: by `CHANNELS`, shape (8, n); written.
+        out: by `CHANNELS`, shape (8, n); written. With a pull its encoder holds what was measured when given.
         substeps: per tick.
+        pull: both poles of the observer that draws the servo to the encoder; none, if zero [rad/s].
     """
     h = p[_TICK]
     dt = h / substeps
@@ -218,6 +221,10 @@ def run_rig(p, closed, commands, state, laws, memory, theta, inject, begin, out,
         encoder = servo[2] + (inject[0, n] if closed else 0.0)
         sample = pass_site(_AT_DELAYED, laws, time, 0.0, y, known, memory, theta) + p[_BIAS]
         sample = pass_site(_AT_SAMPLE, laws, time, h, sample, known, memory, theta) + inject[1, n]
+        if pull > 0.0:
+            strayed = out[2, n] - encoder
+            servo[0] += 2.0 * pull * h * strayed
+            servo[1] += pull * pull * h * strayed
         out[2, n], out[3, n], out[6, n], out[7, n] = encoder, sample, force, contact
         if closed:
             control(p, state, sample, encoder)

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from .effect import Effect
-from .fit import Base, Fit, Fitter
+from .fit import Base, Fit, Fitter, cost_of
 from .study import Array
 
 __all__ = [
@@ -271,10 +271,11 @@ def _grow(
         _, effect, base, start = one
         count = len(fitter.replay.tolerances)
         try:
-            return fitter.fit(
+            fit = fitter.fit(
                 (*base.effects, effect), base.z[:count], np.concatenate([base.z[count:], start]),
                 base.jacobian[:, :count], aim,
             )  # fmt: skip
+            return _counted(fitter, fit, count, aim) if effect.parameters[0].whole else fit
         except np.linalg.LinAlgError:
             return None
 
@@ -284,6 +285,30 @@ def _grow(
         found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
         aim = min([fit.cost for fit in found], default=math.inf) + HOPELESS
     return found
+
+
+def _counted(fitter: Fitter, fit: Fit, count: int, aim: float) -> Fit:
+    """A fit, or that with another whole number of its last effect where it does better.
+
+    Where the number was screened, calibration and other effects had taken up what it does. Beside the
+    nominal calibration they have not.
+
+    Args:
+        count: of calibrated numbers; aim: see `Fitter.fit`.
+    """
+    place = len(fit.z) - len(fit.effects[-1].parameters)
+    number = fit.effects[-1].parameters[0]
+    best, least = fit.z, math.inf
+    for value in range(math.ceil(number.low), math.floor(number.high) + 1):
+        z = fit.z.copy()
+        z[:count], z[place] = 0.0, value / number.scale
+        cost = cost_of(fitter.stacked(fit.effects, z), z)
+        if cost < least:
+            best, least = z, cost
+    if best[place] == fit.z[place]:
+        return fit
+    other = fitter.fit(fit.effects, None, best[count:], None, aim)
+    return other if other.cost < fit.cost else fit
 
 
 def _distinct(bases: Sequence[Base]) -> list[tuple[Base, ...]]:
