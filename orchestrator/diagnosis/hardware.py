@@ -189,7 +189,7 @@ def _astray(fitter: Fitter, found: Search) -> bool:
     if clear < _STRONG or unexplained(fitter.marginal.left(best.residuals)) < _MUCH:
         return False
     return any(
-        one.site in (Site.LIMIT, Site.RATE)
+        one.site is Site.LIMIT
         for fit in found.fits
         if found.gain(fit) > _KEEPS * clear
         for one in fit.effects

@@ -30,9 +30,9 @@ CALIBRATED = (
     "force_bias",
 )
 
-# Poles of the observer that draws a servo at its limits to the encoder [rad/s]: slower than what effects do in
-# a swing, faster than errors grow from one to the next.
 _ENCODER = CHANNELS.index("encoder_position")
+# Poles of the observer that draws a servo at its limits to the encoder [rad/s]: slower than what effects do
+# in a swing, faster than errors grow from one to the next.
 _PULL = 2.0 * math.pi * 3.0
 
 

@@ -18,6 +18,7 @@ __all__ = [
     "HOPELESS",
     "Direction",
     "Search",
+    "counted",
     "directions",
     "each",
     "exchanged",
@@ -275,7 +276,7 @@ def _grow(
                 (*base.effects, effect), base.z[:count], np.concatenate([base.z[count:], start]),
                 base.jacobian[:, :count], aim,
             )  # fmt: skip
-            return _counted(fitter, fit, count, aim) if effect.parameters[0].whole else fit
+            return counted(fitter, fit, count, aim) if effect.parameters[0].whole else fit
         except np.linalg.LinAlgError:
             return None
 
@@ -287,7 +288,7 @@ def _grow(
     return found
 
 
-def _counted(fitter: Fitter, fit: Fit, count: int, aim: float) -> Fit:
+def counted(fitter: Fitter, fit: Fit, count: int, aim: float) -> Fit:
     """A fit, or that with another whole number of its last effect where it does better.
 
     Where the number was screened, calibration and other effects had taken up what it does. Beside the

@@ -12,14 +12,16 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose
+from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.links import Arrivals
 from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_case, simulated_study
 from orchestrator.diagnosis.remainder import own_error
-from orchestrator.diagnosis.search import search
+from orchestrator.diagnosis.search import counted, search
 from orchestrator.diagnosis.study import Role
+from tests.diagnosis.rigs import study
 
 _RIVALS = ("robot.bandwidth", "robot.damping", "robot.delay", "link.clock-skew", "robot.friction")
 
@@ -148,3 +150,40 @@ def test_a_wide_step_of_commands_is_proposed_beside_a_resonance():
     (step, phase), _ = propose(model.seen(fit.calibrated, fit.effects, fit.theta))
     assert step == pytest.approx(case.values["command_step"], rel=5e-6)
     assert step * phase == pytest.approx(case.values["command_phase"], rel=0.2)
+
+
+@pytest.mark.parametrize(("seed", "number"), [(6, 4), (7, 3), (7, 4)])
+def test_a_servo_drawn_to_the_encoder_shows_its_limit_without_detours(seed, number):
+    """Replayed from its begin alone, one at its limit goes far astray whatever the limit is taken to be."""
+    own, values = hiding("robot.acceleration-limit", 1.0, seed, number)
+    model, limit = RigModel(own, own.of(Role.TRAIN)), (catalogue()["robot.acceleration-limit"],)
+    factors = (0.94, 0.96, 0.98, 1.0, 1.02, 1.04, 1.06)
+
+    def strayed(by):
+        tried = [np.array([values["acceleration_limit"] * one]) for one in factors]
+        return [float(np.mean(np.square(by.residuals({}, limit, one)[0::2]))) for one in tried]
+
+    free, drawn = strayed(model), strayed(model.followed())
+    assert min(free) > 100.0
+    assert drawn[3] == min(drawn) < 2.0
+    assert drawn[:4] == sorted(drawn[:4], reverse=True) and drawn[3:] == sorted(drawn[3:])
+    assert strayed(model) == free  # the model itself stays as it is
+
+
+def test_a_deep_limit_is_named_beside_what_it_hides():
+    plan = Plan("pair", (HIDDEN["link.sample-and-hold"], HIDDEN["robot.acceleration-limit"]), 0.6)
+    own, _ = simulated_study(6, 4, plan=plan)
+    best = weigh_rig(own).answers[1]
+    assert sorted(best.effects) == ["link.sample-and-hold", "robot.acceleration-limit"]
+    assert best.left < 20.0
+
+
+def test_a_whole_number_is_found_though_the_calibration_took_up_another():
+    hold, delay = catalogue()["link.sample-and-hold"], catalogue()["robot.delay"]
+    own = study((hold,), (6.0,))
+    model = RigModel(own, own.runs)
+    fitter = Fitter(model)
+    count = len(model.tolerances)
+    astray = fitter.fit((delay, hold), None, np.array([0.0, 2.0 / hold.parameters[0].scale]))
+    assert round(astray.theta[-1]) == 2 and astray.theta[0] > 0.0
+    assert round(counted(fitter, astray, count, np.inf).theta[-1]) == 6
