@@ -1,6 +1,8 @@
-"""Where runs begin: first samples are as noisy as all others."""
+"""Where runs begin: first samples as noisy as all others, and what held samples act over."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,9 @@ from orchestrator.diagnosis.ports.replay import PortReplay
 from orchestrator.diagnosis.ports.starts import Begun
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.weigh import weigh_ports
+from orchestrator.translate.python_fmu import build_python_fmu
+
+SOURCES = Path(__file__).parents[1] / "fmu_sources"
 
 
 def begun(path, off):
@@ -60,3 +65,30 @@ def test_what_noise_of_the_begin_makes_is_marginalised():
     j = np.column_stack(columns)
     assert float(kept @ kept) == pytest.approx(float(r @ np.linalg.solve(np.eye(30) + j @ j.T, r)), rel=1e-9)
     assert np.array_equal(np.concatenate(Begun([np.full(30, np.nan)]).less([r])), r)
+
+
+def test_a_held_input_acts_from_its_sample_on(tmp_path):
+    """Also on what holds a state that its FMU does not tell of; under Gauss-Seidel, too."""
+    build_python_fmu(SOURCES / "basin.py", tmp_path / "Basin.fmu")
+    inflow = np.random.default_rng(2).standard_normal(200)
+    level = np.concatenate([[0.0], np.cumsum(inflow)[:-1] * 2e-3])
+    rows = np.column_stack([2e-3 * np.arange(200.0), inflow, level])
+    text = "\n".join(["time [s],q [m/s],h [m]", *(",".join(map(repr, row)) for row in rows.tolist())])
+    (tmp_path / "run.csv").write_text(text + "\n")
+    run = {"master": "gauss-seidel", "step_size": "2 ms", "stop_time": "1 s"}
+    basin = {"fmu": "Basin.fmu", "start": {"inflow": "0 m/s", "level": "0 m"}}
+    (tmp_path / "system.yaml").write_text(
+        yaml.safe_dump({"run": run, "instances": {"basin": basin}, "connections": []})
+    )
+    columns = {
+        "time": "time",
+        "basin.inflow": {"column": "q", "hold": True},
+        "basin.level": {"column": "h", "noise": "1 um", "feed": False},
+    }
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({
+        "format": "port-study/1", "system": "system.yaml", "columns": columns,
+        "runs": [{"file": "run.csv", "role": "train"}],
+    }))  # fmt: skip
+    own = load_port_study(tmp_path)
+    (left,) = PortReplay(own, own.runs).of(NOMINAL)
+    assert np.abs(left).max() < 1e-6
