@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .headline import percent
+from .headline import MUCH, at_ports, leaves_much, percent
 from .verdict import Diagnosis
 
 __all__ = ["caveats"]
 
-# Mean square of what is left, over that of the noise, from which it is told: twice the noise.
-_MUCH = 4.0
-# Share of the gap that an answer closes which is the whole cause.
-_CLOSED = 0.7
 # The gap clearly shows at a place that has this share of it, and so many times that of any place named.
 _MOST, _TIMES = 0.5, 2.0
 # Closures that differ by less are the same; and tolerances that a number must stray by to be named.
@@ -31,7 +27,7 @@ def _leaves(diagnosis: Diagnosis) -> str:
     Of a docking rig's places nothing is told: there `misfit` is that of the best fit, which may be another
     answer than the one given, and has in it what random effects draw, which no replay takes off.
     """
-    much = {port: value for port, value in _at_ports(diagnosis).items() if value > _MUCH}
+    much = {port: value for port, value in at_ports(diagnosis).items() if value > MUCH}
     if not much:
         return ""
     worst = max(much, key=lambda port: much[port])
@@ -41,17 +37,10 @@ def _leaves(diagnosis: Diagnosis) -> str:
     text += f" times the noise at {worst}"
     if len(much) > 1:
         more = len(much) - 1
-        text += f", and more than {_MUCH**0.5:g} times at {more} more port{'s' if more > 1 else ''}"
-    gap = diagnosis.how_far
-    named = diagnosis.verdict.effects and "outside" not in diagnosis.verdict.effects
-    if named and gap is not None and gap.closure is not None and gap.closure < _CLOSED:
+        text += f", and more than {MUCH**0.5:g} times at {more} more port{'s' if more > 1 else ''}"
+    if leaves_much(diagnosis):
         text += ", and much of the gap stays: something that is not in the list acts beside it, or instead"
     return f"{text}."
-
-
-def _at_ports(diagnosis: Diagnosis) -> dict[str, float]:
-    """What is left by port; nothing of a docking rig."""
-    return {name: value for name, value in diagnosis.misfit.items() if "." in name}
 
 
 def _elsewhere(diagnosis: Diagnosis) -> str:
@@ -63,7 +52,7 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     """
     effects, places = diagnosis.verdict.effects, diagnosis.verdict.places
     noise = diagnosis.how_far is not None and diagnosis.how_far.within_floor
-    if not diagnosis.where or not effects or noise or ("outside" in effects and not _at_ports(diagnosis)):
+    if not diagnosis.where or not effects or noise or ("outside" in effects and not at_ports(diagnosis)):
         return ""
     shares = {one.place: one.share for one in diagnosis.where}
     first = max(shares, key=lambda place: shares[place])

@@ -7,7 +7,18 @@ from collections.abc import Sequence
 from .catalogue import catalogue
 from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chance_outside
 
-__all__ = ["TELLS", "given", "headline", "leaves_in_words", "listed_or", "nats", "percent"]
+__all__ = [
+    "MUCH",
+    "TELLS",
+    "at_ports",
+    "given",
+    "headline",
+    "leaves_in_words",
+    "leaves_much",
+    "listed_or",
+    "nats",
+    "percent",
+]
 
 # An answer that is likelier than this is named alone, its ties after it.
 _SURE = 0.8
@@ -15,6 +26,10 @@ _SURE = 0.8
 TELLS = 1.0
 # Beyond this an experiment decides; how far beyond only tells how many digits exact software has [nats].
 _DECIDES = 1000.0
+# Mean square of what is left, over that of the noise, from which it is told: twice the noise.
+MUCH = 4.0
+# Share of the gap that an answer closes which is the whole cause.
+_CLOSED = 0.7
 # A share that is no more is rounding.
 _NOTHING = 1e-7
 
@@ -60,7 +75,8 @@ def _answer(diagnosis: Diagnosis) -> str:
         named = f"One of {listed_or([*effects, *first.ties])}"
         chance = f"together {percent(together)}; these logs cannot tell them apart"
     it = "them" if len(effects) > 1 else effects[0] if among else "it"
-    text = f"{named} {'cause' if len(effects) > 1 else 'causes'} the gap ({chance})"
+    share = " part of" if leaves_much(diagnosis) else ""
+    text = f"{named} {'cause' if len(effects) > 1 else 'causes'}{share} the gap ({chance})"
     if gap is not None and _contradicted(gap):
         grows = f"by {percent(-gap.closure)} of it" if gap.closure is not None else "without bounds"
         if gap.within_floor:
@@ -80,6 +96,19 @@ def _answer(diagnosis: Diagnosis) -> str:
             f" These logs cannot tell {'them' if len(effects) > 1 else 'it'} from {listed_or(first.ties)}."
         )
     return text
+
+
+def leaves_much(diagnosis: Diagnosis) -> bool:
+    """Whether effects at ports leave much of the held-out gap, and twice the noise at some port."""
+    gap, effects = diagnosis.how_far, diagnosis.verdict.effects
+    if not effects or "outside" in effects or gap is None or gap.closure is None or gap.closure >= _CLOSED:
+        return False
+    return any(value > MUCH for value in at_ports(diagnosis).values())
+
+
+def at_ports(diagnosis: Diagnosis) -> dict[str, float]:
+    """What is left by port; nothing of a docking rig: see `caveats`."""
+    return {name: value for name, value in diagnosis.misfit.items() if "." in name}
 
 
 def _contradicted(gap: Gap) -> bool:

@@ -26,6 +26,7 @@ _CLOCKS = ("t", "time", "timestamp", "stamp", "zeit", "seconds", "sec")
 # Of clocks without unit [s]: what their values may be counted in.
 _COUNTED = (1.0, 1e-3, 1e-6, 1e-9)
 _COMMA = re.compile(r"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*")
+_DATE = re.compile(r"\s*\d{1,4}[-./]\d{1,2}[-./]\d{1,4}([T ].*)?")
 
 
 class _Named(Protocol):
@@ -135,6 +136,10 @@ def unread_rows(
         )
         if isinstance(held, str) and _COMMA.fullmatch(held):
             remedy = f"Write decimal points: {held.strip().replace(',', '.')}."
+        allowed = "a number"
+        if isinstance(held, str) and _DATE.fullmatch(held):
+            allowed = "a number, or a date as ISO 8601 has it, 2026-03-04T09:15:00.250"
+            remedy = "Write dates so, with a decimal point and the year first, or times as seconds."
         place = f"{path}:{signal.line + row}" if signal.line is not None else str(path)
         what = f"row {row} of column {mapping[name].column} holds {told}"
-        yield Problem(f"{place}: {name}", what, f"a number; {len(wrong)} such in all", remedy)
+        yield Problem(f"{place}: {name}", what, f"{allowed}; {len(wrong)} such in all", remedy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
@@ -22,6 +23,18 @@ _FACTORS = {
     0.22480894309971052: "it is 4.45 times too small, as if logged in pounds-force",
 }
 
+# The same of any system's ports: units that a value was logged in and taken for, and the factor that this
+# makes. Of 9.81 and 10, which both may help, the one that fits best is told.
+_PAIRS = {
+    10.0: "mm, not in cm",
+    100.0: "cm, not in m, or in percent, not in 1",
+    60.0: "1/min, not in 1/s, or in s, not in min",
+    180.0 / math.pi: "deg, not in rad",
+    2.0 * math.pi: "rad, not in turns, or in rad/s, not in Hz",
+    30.0 / math.pi: "rpm, not in rad/s",
+    6e4: "L/min, not in m3/s",
+    9.81: "N, not in kgf",
+}
 
 # Scales of temperature, which differ by more than a factor.
 _SCALES = ("K", "degC", "degF")
@@ -32,11 +45,12 @@ class Mistake(Problem):
     """A problem of a run without which all fits; the remedy says so. The place is "run: column"."""
 
 
-def wrong_factors(sign: int = 1, unit: str | None = None) -> Iterator[tuple[float, str]]:
+def wrong_factors(sign: int = 1, unit: str | None = None, pairs: bool = False) -> Iterator[tuple[float, str]]:
     """What a column may be too large by, its sign included, each with what to do.
 
     Args:
         sign, unit: that a study file gives the column.
+        pairs: whether units that are no power of a thousand apart are meant, too.
     """
     correct = _corrected(unit)
     turn = "Correct its values, or give `sign: -1` in a study file."
@@ -44,6 +58,10 @@ def wrong_factors(sign: int = 1, unit: str | None = None) -> Iterator[tuple[floa
         turn = "The study file says `sign: -1`: take that out."
     for factor, text in _FACTORS.items():
         yield factor, f"All fits if {text}. {turn if factor < 0.0 else correct}"
+    for factor, pair in _PAIRS.items() if pairs else ():
+        yield factor, f"All fits if it is {factor:.4g} times too large, as if logged in {pair}. {correct}"
+        less = f"it is {factor:.4g} times too small, as if it should be in {pair}"
+        yield 1.0 / factor, f"All fits if {less}. {correct}"
 
 
 def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, float, str]]:

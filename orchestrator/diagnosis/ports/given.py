@@ -180,7 +180,7 @@ def _factors(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun
     """A column's name, the mistake in it as a remedy, and the run without it."""
     for port, log in run.logs.items():
         column = study.columns[port]
-        for factor, told in wrong_factors(column.sign, column.unit):
+        for factor, told in wrong_factors(column.sign, column.unit, pairs=True):
             yield str(port), told, _with(run, {port: log / factor})
         for gain, offset, told in wrong_scales(study.unit(port), column.unit):
             yield str(port), told, _with(run, {port: gain * log + offset})

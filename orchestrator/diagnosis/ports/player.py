@@ -214,10 +214,15 @@ class Player:
 
         Gauss-Seidel gives so what passes at once to an output, and what comes from instances that have
         stepped; the log comes as these do. What integrates over the step would be early by half of it instead
-        of late, and by all of it where the log is held.
+        of late, and by all of it where the log is held. FMUs made of Python tell of no states: that they hold
+        some is told by outputs that no input passes to at once.
         """
         about = instance.fmu.description
         if not isinstance(self._master, GaussSeidel) or about.states:
+            return False
+        if Port(instance.name, name) in self._held and any(
+            at in about.assumed or not inputs for at, inputs in instance.feedthrough.items()
+        ):
             return False
         if any(name in inputs for at, inputs in instance.feedthrough.items() if at not in about.assumed):
             return True

@@ -11,7 +11,7 @@ from ..study import Array
 from .noise import white
 from .study import PortRun, PortStudy, Role
 
-__all__ = ["apart", "unlike"]
+__all__ = ["apart", "repeats_of", "unlike"]
 
 # Runs whose inputs differ by more of their spread do not repeat each other.
 _UNLIKE = 0.2
@@ -42,10 +42,17 @@ def apart(study: PortStudy, run: PortRun, port: Port) -> list[Array]:
     Repeats that were driven otherwise are left out: they tell of their inputs.
     """
     found = []
-    for other in study.of(Role.REPEAT):
-        if other.repeats != run.name or port not in run.logs or port not in other.logs:
-            continue
-        if next(unlike(study, other, run), None) is None:
+    for other in repeats_of(study, run):
+        if port in run.logs and port in other.logs:
             n = min(len(run), len(other))
             found.append((run.logs[port][:n] - other.logs[port][:n])[study.settled :] / np.sqrt(2.0))
     return found
+
+
+def repeats_of(study: PortStudy, run: PortRun) -> list[PortRun]:
+    """The repeats of a run that were driven as it was."""
+    return [
+        other
+        for other in study.of(Role.REPEAT)
+        if other.repeats == run.name and next(unlike(study, other, run), None) is None
+    ]

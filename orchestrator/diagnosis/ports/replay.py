@@ -22,6 +22,7 @@ from .candidates import candidates
 from .conjugate import conjugates
 from .effect import PortEffect, Sizes
 from .player import Inserted, Player
+from .starts import Begun
 from .study import PortRun, PortStudy, Role
 
 __all__ = ["PortReplay", "Weighted", "candidates_of", "measure", "player_of"]
@@ -53,6 +54,7 @@ class PortReplay:
         self.study, self.runs = study, tuple(runs)
         # Searches come back to the same models with other weights.
         self._kept: OrderedDict[Any, list[Array]] = OrderedDict()
+        self._begun: dict[int, Begun] = {}
         self._lock = threading.Lock()
         self.player = player_of(study, study.fed, study.compared if seen is None else seen)
 
@@ -67,16 +69,24 @@ class PortReplay:
         return {name: (one.value, one.tolerance) for name, one in self.study.nominal.items()}
 
     def signals(
-        self, run: PortRun, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
+        self,
+        run: PortRun,
+        calibrated: Mapping[str, float],
+        effects: Sequence[Effect],
+        theta: Array,
+        off: Mapping[Port, float] | None = None,
     ) -> dict[Port, Array]:
         """What a model gives at the ports that are seen, in their units, each of shape (samples,).
 
         The error of the step is taken off, where the run tells it.
+
+        Args:
+            off: by what runs begin elsewhere than at the first samples of ports, in their units.
         """
         start, inserted = self.made(calibrated, effects, theta)
         for port, column in self.study.columns.items():
             if column.start and port in run.logs:
-                start[port] = float(run.logs[port][0])
+                start[port] = float(run.logs[port][0]) + (off or {}).get(port, 0.0)
         return self.player.run(run.logs, len(run), start, inserted, run.errors)
 
     def made(
@@ -101,7 +111,8 @@ class PortReplay:
     def residuals(
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
     ) -> list[Array]:
-        """See `Replay`: per run, and in it per compared port."""
+        """See `Replay`: per run, and in it per compared port; less what noise of the first samples makes of
+        them, where runs begin at these: see `Begun`."""
         families = [one.family for one in effects if isinstance(one, PortEffect) and one.family]
         if len(set(families)) < len(families):
             # Two forms of one cause explain nothing together that a third form of it would not.
@@ -120,8 +131,9 @@ class PortReplay:
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
     ) -> list[Array]:
         found = []
-        for run in self.runs:
+        for number, run in enumerate(self.runs):
             given = self.signals(run, calibrated, effects, theta)
+            own = []
             for port in self.compared(run):
                 noise, log = self.study.columns[port].noise, run.logs[port]
                 assert noise is not None
@@ -129,8 +141,31 @@ class PortReplay:
                     r = (log - given[port])[self.study.settled :] / noise
                     ran_away = not np.abs(r).max() < _RUNAWAY * (np.abs(log).max() / noise + 1.0)
                 # Where a model runs away, fits are to stay out, and not to compare by how far.
-                found.append(np.full_like(r, np.nan) if ran_away else r)
+                own.append(np.full_like(r, np.nan) if ran_away else r)
+            found += self._begin(number).less(own)
         return found
+
+    def _begin(self, number: int) -> Begun:
+        """How noise of the first samples strays a run. About the system as believed: effects and other
+        calibrations hardly change what so little makes."""
+        if number not in self._begun:
+            run = self.runs[number]
+            ports = [port for port, one in self.study.columns.items() if one.start and one.noise]
+            columns = []
+            given = self.signals(run, {}, (), np.zeros(0)) if any(one in run.logs for one in ports) else {}
+            for port in ports if given else ():
+                if port not in run.logs:
+                    continue
+                size = float(self.study.columns[port].noise or 0.0)
+                other = self.signals(run, {}, (), np.zeros(0), {port: size})
+                columns.append(np.concatenate([self._moved(one, given, other) for one in self.compared(run)]))
+            self._begun[number] = Begun(columns)
+        return self._begun[number]
+
+    def _moved(self, port: Port, given: Mapping[Port, Array], other: Mapping[Port, Array]) -> Array:
+        with np.errstate(invalid="ignore", over="ignore"):
+            moved: Array = (given[port] - other[port])[self.study.settled :] / self.study.columns[port].noise
+        return moved
 
     def of(self, model: Fit | Augmented) -> list[Array]:
         """Residuals of a model."""

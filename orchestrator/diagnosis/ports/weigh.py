@@ -32,6 +32,8 @@ __all__ = ["Weighed", "foremost", "weigh_ports"]
 _KEPT = 12
 # Excess counts where it is this part of the noise at least.
 _EXCESS = 0.5
+# What is left of a port's excess is of something else where it is this many times the noise's mean square.
+_OTHER = 16.0
 # Answers of a larger probability tell which of their effects counts most.
 _WORTH = 0.01
 # What a model that runs away leaves of the validation runs beyond others, in squares of the noise.
@@ -130,20 +132,24 @@ def _left(replays: Sequence[PortReplay], fit: Fit, none: Fit) -> tuple[dict[str,
     """Share of the excess over noise of the model without effects that one with them leaves.
 
     Returns: by port; and of all ports. There a port counts by the logarithm of its excess: one that is hardly
-        beyond its noise tells little, one that is far beyond does not tell all.
+        beyond its noise tells little, one that is far beyond does not tell all. At least that of any port at
+        which four times the noise is left: what is explained elsewhere does not explain it.
     """
     excess: dict[str, list[tuple[float, float, int]]] = {}
     for replay in replays:
         for (_, port), r, r0 in zip(replay.channels, replay.of(fit), replay.of(none), strict=True):
             excess.setdefault(str(port), []).append((structured(r), structured(r0), len(r)))
-    found, counts = {}, {}
+    found, counts, worst = {}, {}, 0.0
     for name, parts in excess.items():
         n = sum(part[2] for part in parts)
         left, whole = (sum(part[place] * part[2] for part in parts) / n for place in (0, 1))
         if whole > _EXCESS:
             found[name], counts[name] = left / whole, math.log1p(whole)
+            if left > _OTHER:
+                worst = max(worst, found[name])
     total = sum(counts.values())
-    return found, sum(found[name] * count for name, count in counts.items()) / total if total else 0.0
+    pooled = sum(found[name] * count for name, count in counts.items()) / total if total else 0.0
+    return found, max(pooled, worst)
 
 
 @dataclass(frozen=True)
