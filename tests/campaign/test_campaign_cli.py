@@ -49,6 +49,10 @@ def test_the_store_is_listed_shown_queried_and_exported(store, capsys, tmp_path)
     assert main(["store", "show", str(store)]) == 0
     shown = capsys.readouterr().out
     assert "units: robot.tau_m [s]" in shown and "peak.change" in shown
+    assert main(["store", "query", str(store), "select null as nothing, point from sweep order by 2"]) == 0
+    assert [one.split() for one in capsys.readouterr().out.splitlines()] == [
+        ["nothing", "point"], *(["-", str(n)] for n in range(3))
+    ]  # fmt: skip
     assert (
         main(["store", "query", str(store), "select point, run, peak from sweep order by point", "--json"])
         == 0
