@@ -170,7 +170,10 @@ def _about(run: RunFolder) -> str:
             ["steps", about["steps"]],
             ["loop", about.get("loop")],
             ["wall time", f"{about['wall_time']:.3g} s"],
-            ["while stepping", f"{about['real_time_factor']:.3g} times real time"],
+            [
+                "of it stepping",
+                f"{about['stepping_time']:.3g} s, {about['real_time_factor']:.3g} times real time",
+            ],
         ]
     if run.config is not None:
         model = run.config.model
