@@ -98,8 +98,9 @@ def _heading(summary: Mapping[str, Any]) -> str:
     run = summary["run"]
     # The ratio is of the time that stands beside it; loading and initialising are told apart.
     text = (
-        f"{run['steps']} steps of {run['step_size']:g} s, {run['master']}, in {_seconds(run['stepping_time'])}: "
-        f"{run['real_time_factor']:.3g} times real time; {_seconds(run['wall_time'])} with loading"
+        f"{run['steps']} steps of {run['step_size']:g} s, {run['master']}, "
+        f"in {_seconds(run['stepping_time'])}: {run['real_time_factor']:.3g} times real time; "
+        f"{_seconds(run['wall_time'])} with loading"
     )
     return f"{summary['title']}\n{text}" if summary.get("title") else text
 
