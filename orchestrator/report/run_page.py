@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -35,11 +35,12 @@ BUDGET = 8_000_000
 _COUPLING = 0.2
 
 
-def page(run: RunFolder, budget: int = BUDGET) -> str:
+def page(run: RunFolder, budget: int = BUDGET, notes: Sequence[str] = ()) -> str:
     """The page as HTML.
 
     Args:
         budget: what the signals may take in it [B].
+        notes: to be told with it.
     """
     store = SignalStore(budget)
     charts = energies = ""
@@ -52,7 +53,7 @@ def page(run: RunFolder, budget: int = BUDGET) -> str:
     parts = [
         f"<p class=headline>{escape(sentence(run))}</p>",
         _error(summary),
-        aside("To know", [*run.missing, *(remarks(summary) if summary else [])]),
+        aside("To know", [*notes, *run.missing, *(remarks(summary) if summary else [])]),
         "<div class=cards>",
         card("Key numbers", _numbers(run)),
         card("The run", _about(run)),

@@ -232,6 +232,47 @@ def test_a_folder_of_runs_is_compared_and_bad_ones_are_refused(line_run, tmp_pat
     assert main(["report", str(line_run), "--size", "0"]) == 2
 
 
+def test_what_a_page_leaves_out_of_a_folder_is_told(line_run, tmp_path, capsys):
+    folder = tmp_path / "multi"
+    shutil.copytree(line_run, folder)
+    for name in ("a", "b"):
+        shutil.copytree(line_run, folder / name)
+    (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
+    (folder / "report.html").write_text("the diagnosis' page", encoding="utf-8")
+    (folder / "reproduction.json").write_text("{}", encoding="utf-8")
+    assert main(["report", str(folder)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].startswith(f"Written: {folder / 'runs.html'}")
+    expected = [
+        f"{folder} also holds a diagnosis: see {folder / 'report.html'}",
+        f"{folder} also holds a reproduction: see {folder / 'reproduction.html'}",
+        f"{folder} also holds runs in folders (a, b): "
+        f"see `orchestrator report {folder / 'a'} {folder / 'b'}`",
+    ]
+    assert told[1:] == [f"left out: {one}" for one in expected]
+    text = words((folder / "runs.html").read_text(encoding="utf-8"))
+    assert "Done: 2 s in 4000 steps" in text and all(one in text for one in expected)
+    assert (folder / "report.html").read_text(encoding="utf-8") == "the diagnosis' page"
+    page = words(report([folder, folder / "a"]))
+    assert "2 runs, all done" in page and "also holds runs in folders (b)" in page
+    (folder / "config.yaml").unlink()
+    assert "2 runs, all done" in words(report([folder]))  # those in its folders
+
+
+def test_a_reproduction_leaves_a_run_in_its_folder_alone(line_run, tmp_path):
+    from orchestrator.docking.reproduction.command import write
+    from orchestrator.docking.reproduction.reproduce import Reproduction
+
+    folder = tmp_path / "out"
+    shutil.copytree(line_run, folder)
+    before = (folder / "summary.json").read_bytes()
+    counts = {"agree": 0, "differ": 0}
+    summary = {"reference": "x", "runs": 0, "wall_time": 0.0, "figures": [], "experiments": [], "numbers": 0}
+    write(Reproduction(summary | {"source": counts, "theory": counts}, {}), folder)
+    assert (folder / "summary.json").read_bytes() == before
+    assert headline(report([folder])).startswith("Done: 2 s")
+
+
 def sweep(rows) -> SweepTable:
     return SweepTable("abc", "delays", {"robot.tau_m": "s"}, ["peak"], rows, {})
 
