@@ -338,6 +338,28 @@ def test_several_systems_are_run_and_compared(tmp_path):
         assert (out / name / "summary.json").is_file()
 
 
+def test_figures_of_an_earlier_run_do_not_stand_beside_a_new_one(tmp_path):
+    from orchestrator.compare import run_each
+    from orchestrator.measures import COMPARISONS, FIGURES
+
+    for system, stop in (("docking-1d", "0.6 s"), ("docking-6d", "0.1 s")):
+        out = tmp_path / system
+        first = run(system, out=out, overrides=[f"run.stop_time={stop}"], halving=False)
+        drawn = {one for one in first.files if one.endswith(".png")}
+        assert drawn - {"signals.png", "coupling.png"} <= {f"{one}.png" for one in FIGURES}
+        (out / "mine.png").write_bytes(b"mine")
+        (out / "realtime.png").write_bytes(b"of a paced run")
+        run(system, out=out, overrides=["run.stop_time=0.1 s"], halving=False, figures=False)
+        assert {one.name for one in out.glob("*.png")} == {"mine.png"}
+    whole = tmp_path / "several"
+    whole.mkdir()
+    for name in COMPARISONS:
+        (whole / f"{name}.png").write_bytes(b"of earlier runs")
+    pair = ["docking-1d", "docking-1d-osaki"]
+    list(run_each(pair, out=whole, overrides=["run.stop_time=0.1 s"], halving=False, figures=False))
+    assert not list(whole.glob("*.png"))
+
+
 def test_problems_of_all_systems_are_told_before_any_runs(tmp_path, capsys):
     from orchestrator.__main__ import main
 
