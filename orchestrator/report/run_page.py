@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from ..errors import OrchestratorError
+from ..errors import OrchestratorError, listed
 from ..page import (
     SignalStore,
     aside,
@@ -147,7 +147,11 @@ def _numbers(run: RunFolder) -> str:
             f"Of the measured signals, half the step changes {name} most: by {share:.2g} of its range."
         )
     if not found:
-        return (worst or "") + note("The config names no measures that give single numbers.")
+        told = "The config names no measures that give single numbers."
+        if run.measures and run.state is not State.DONE:
+            how = "has not ended yet" if run.state is State.RUNNING else "did not come to its end"
+            told = f"{listed(one.name for one in run.measures)}: not computed, since the run {how}."
+        return (worst or "") + note(told)
     rows = [
         [spelt(one.name), one.value, one.unit, None if one.change is None else float(f"{one.change:.1e}")]
         for one in found

@@ -96,6 +96,20 @@ def test_a_failed_run_is_told_with_its_error(line_run, tmp_path):
     assert "<broken>" not in text and "<li>a &amp; b</li>" in text
 
 
+@pytest.mark.parametrize(("kind", "state"), [("Interrupted", "Interrupted"), ("StepError", "Failed")])
+def test_numbers_of_a_run_that_did_not_end_are_told_as_not_computed(line_run, tmp_path, kind, state):
+    folder = tmp_path / "stopped"
+    shutil.copytree(line_run, folder)
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    kept = {key: summary[key] for key in ("title", "config", "run", "parameters", "provenance")}
+    kept["error"] = {"kind": kind, "message": "stopped"}
+    (folder / "summary.json").write_text(json.dumps(kept), encoding="utf-8")
+    text = report([folder])
+    assert headline(text).startswith(state)
+    assert "docking: not computed, since the run did not come to its end." in words(text)
+    assert "names no measures" not in text
+
+
 def test_the_page_loads_nothing(line_run):
     text = re.sub(r"<script.*?</script>", "", report([line_run]), flags=re.S)
     assert not re.search(r"(?:src|href)\s*=\s*[\"']?(?!#|data:|[\"'])", re.sub(r"xlink:href=\"#", "", text))
