@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from ...commands import add_json
-from ...errors import ConfigError, Problem
+from ...errors import ConfigError, Interrupted, Problem
 from ...plotting import save
 from .page import headline, number, page, verdict
 from .reproduce import Reproduction, reproduce
@@ -42,7 +42,13 @@ def main(args: argparse.Namespace) -> int:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError([Problem("--out", f"cannot make the folder {folder} ({error})")]) from error
-    made = reproduce(only, jobs=args.jobs, progress=not args.quiet and not args.json)
+    try:
+        made = reproduce(only, jobs=args.jobs, progress=not args.quiet and not args.json)
+    except KeyboardInterrupt:
+        raise Interrupted(
+            "interrupted; nothing is kept of this reproduction, which is written when all runs are made\n"
+            "  --only fig6,fig7 makes a part of it."
+        ) from None
     write(made, folder)
     if args.json:
         told = {"exit_code": 1 if made.failed else 0, "folder": str(folder), **made.summary}
