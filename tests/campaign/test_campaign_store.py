@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from orchestrator.campaign import Store
 from orchestrator.campaign.journal import Journal, read_journal
 from orchestrator.campaign.store import StoreWriter, journals, parts
-from orchestrator.errors import ConfigError, OrchestratorError
+from orchestrator.errors import ConfigError
 
 HERE = Path(__file__).parent
 posix = pytest.mark.skipif(os.name != "posix", reason="kills and limits of POSIX")
