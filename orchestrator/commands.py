@@ -174,11 +174,14 @@ def export_results(args: argparse.Namespace) -> int:
     """Write recorded results in other formats."""
     from pathlib import Path
 
+    from .errors import ConfigError, Problem
     from .formats import check_formats
     from .results import read_results
 
     suffixes = check_formats(args.format.split(","))
     path = Path(args.folder)
+    if not path.exists():
+        raise ConfigError([Problem(str(path), "no such folder", "what `run --out` wrote to")])
     results = read_results(path)
     base = path / "results" if path.is_dir() else path
     for suffix in suffixes:

@@ -9,6 +9,7 @@ from typing import Any
 
 from .errors import ConfigError, Problem, listed
 from .folder_lock import locked
+from .measures import COMPARISONS
 from .run import RunResult, prepare, run
 from .run_folder import folder_at
 
@@ -54,6 +55,8 @@ def run_each(
     whole = folder_at(out)
     assert whole is not None
     with locked(whole):  # each run locks a folder in it
+        for name in COMPARISONS:  # of earlier runs, should these fail
+            (whole / f"{name}.png").unlink(missing_ok=True)
         finished = {}
         for one in prepared:
             result = run(one, out=whole / one.config.name, figures=figures, **options)

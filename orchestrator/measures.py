@@ -17,7 +17,16 @@ from .results import Results
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["ChosenMeasure", "Measure", "changes", "choose_measures", "measure_names", "signal_changes"]
+__all__ = [
+    "COMPARISONS",
+    "FIGURES",
+    "ChosenMeasure",
+    "Measure",
+    "changes",
+    "choose_measures",
+    "measure_names",
+    "signal_changes",
+]
 
 
 class Measure(Protocol):
@@ -35,7 +44,7 @@ class Measure(Protocol):
         """Numbers by name: dicts, lists, numbers, texts and None, as JSON has them."""
 
     def figures(self, results: Results, options: Any) -> dict[str, Figure]:
-        """Figures by file name without suffix."""
+        """Figures by file name without suffix, of `FIGURES`."""
 
     # Only where a report has more to tell of it:
 
@@ -48,7 +57,8 @@ class Measure(Protocol):
     # Only where several runs can be compared:
 
     def comparison(self, runs: Mapping[str, tuple[Results, Any]]) -> dict[str, Figure]:
-        """Figures by file name without suffix; `runs` holds results and options by the system's name."""
+        """Figures by file name without suffix, of `COMPARISONS`; `runs` holds results and options by the
+        system's name."""
 
 
 # Numbers that are compared at a time.
@@ -59,6 +69,9 @@ _MEASURES = {
     "docking": "orchestrator.docking.measures:DockingMeasure",
     "docking-space": "orchestrator.docking.space:SpaceMeasure",
 }
+# All that their figures are called, so that those of an earlier run can be cleared without importing them.
+FIGURES = ("attitude", "contacts", "energy", "estimates", "forces", "positions", "rebounds")
+COMPARISONS = ("comparison", "comparison-space")
 
 
 @dataclass(frozen=True)

@@ -153,13 +153,19 @@ def _thinned(
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure as PNG."""
-    figure.savefig(path, dpi=150)
+    _written(figure, path, dpi=150)
+
+
+def _written(figure: Figure, target: Any, **options: Any) -> None:
+    # Margins around what a diverging run reached are beyond the range of numbers: those axes end there.
+    with np.errstate(over="ignore", invalid="ignore"):
+        figure.savefig(target, **options)
 
 
 def encoded(figure: Figure, dpi: int = 110) -> str:
     """A figure as PNG in base 64, to stand in a page."""
     memory = io.BytesIO()
-    figure.savefig(memory, format="png", dpi=dpi)
+    _written(figure, memory, format="png", dpi=dpi)
     return base64.b64encode(memory.getvalue()).decode("ascii")
 
 
@@ -167,7 +173,7 @@ def svg(figure: Figure, name: str) -> str:
     """A figure as SVG text; the same figure gives the same bytes, and names do not clash within a page."""
     stream = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify": True}):
-        figure.savefig(stream, format="svg", metadata={"Date": None})
+        _written(figure, stream, format="svg", metadata={"Date": None})
     text = stream.getvalue()
     return text[text.index("<svg") :]
 

@@ -12,11 +12,20 @@ from typing import TYPE_CHECKING
 from .config import Config, load_config, move_effects
 from .errors import ConfigError, OrchestratorError, Problem
 from .formats import FORMATS
+from .measures import FIGURES
 
 if TYPE_CHECKING:
     from .run import RunResult
 
 __all__ = ["begin_folder", "folder_at", "incomplete", "write_run"]
+
+# What a run writes, the config aside. Its figures are those that it draws itself, and its measures'.
+_WRITTEN = (
+    "summary.json",
+    "coupling.csv",
+    *(f"results.{suffix}" for suffix in FORMATS),
+    *(f"{name}.png" for name in ("signals", "realtime", "coupling", *FIGURES)),
+)
 
 
 def folder_at(out: Path | str | None) -> Path | None:
@@ -37,7 +46,7 @@ def begin_folder(folder: Path, config: Config) -> None:
     Raises: ConfigError if the folder cannot be written to.
     """
     try:
-        for name in ("summary.json", "coupling.csv", *(f"results.{suffix}" for suffix in FORMATS)):
+        for name in _WRITTEN:
             (folder / name).unlink(missing_ok=True)
         (folder / "config.yaml").write_text(_moved(config, folder).text(), encoding="utf-8")
     except OSError as error:

@@ -96,11 +96,17 @@ def _milliseconds(times: Mapping[str, Any]) -> str:
 
 def _heading(summary: Mapping[str, Any]) -> str:
     run = summary["run"]
+    # The ratio is of the time that stands beside it; loading and initialising are told apart.
     text = (
-        f"{run['steps']} steps of {run['step_size']:g} s, {run['master']}, in {run['wall_time']:.2f} s: "
-        f"{run['real_time_factor']:.3g} times real time while stepping"
+        f"{run['steps']} steps of {run['step_size']:g} s, {run['master']}, "
+        f"in {_seconds(run['stepping_time'])}: {run['real_time_factor']:.3g} times real time; "
+        f"{_seconds(run['wall_time'])} with loading"
     )
     return f"{summary['title']}\n{text}" if summary.get("title") else text
+
+
+def _seconds(time: float) -> str:
+    return f"{time:.2f} s" if time >= 0.1 else f"{1e3 * time:.2g} ms"
 
 
 def _section(key: str, value: Any, change: Any) -> list[str]:

@@ -97,7 +97,14 @@ def test_tasks_are_counted_on_terminals_alone(monkeypatch):
 SUMMARY = {
     "title": "t",
     "config": {},
-    "run": {"steps": 10, "step_size": 0.1, "master": "jacobi", "wall_time": 2.0, "real_time_factor": 0.5},
+    "run": {
+        "steps": 10,
+        "step_size": 0.1,
+        "master": "jacobi",
+        "wall_time": 2.0,
+        "stepping_time": 0.04,
+        "real_time_factor": 25.0,
+    },
     "contacts": [
         {"side": "front", "ratio": -1.25, "peak": 10.0},
         {"side": "rear", "ratio": 1.5, "peak": None},
@@ -120,7 +127,7 @@ SUMMARY = {
 def test_a_summary_as_text():
     assert summary_text(SUMMARY).splitlines() == [
         "t",
-        "10 steps of 0.1 s, jacobi, in 2.00 s: 0.5 times real time while stepping",
+        "10 steps of 0.1 s, jacobi, in 40 ms: 25 times real time; 2.00 s with loading",
         "contacts:",
         "       side    ratio     peak",
         "   1  front    -1.25       10",

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import fmpy
@@ -336,6 +337,42 @@ def test_several_systems_are_run_and_compared(tmp_path):
     assert sorted(entry.name for entry in out.iterdir()) == ["comparison.png", *sorted(names)]
     for name in names:
         assert (out / name / "summary.json").is_file()
+
+
+def test_figures_of_an_earlier_run_do_not_stand_beside_a_new_one(tmp_path):
+    from orchestrator.compare import run_each
+    from orchestrator.measures import COMPARISONS, FIGURES
+
+    for system, stop in (("docking-1d", "0.6 s"), ("docking-6d", "0.1 s")):
+        out = tmp_path / system
+        first = run(system, out=out, overrides=[f"run.stop_time={stop}"], halving=False)
+        drawn = {one for one in first.files if one.endswith(".png")}
+        assert drawn - {"signals.png", "coupling.png"} <= {f"{one}.png" for one in FIGURES}
+        (out / "mine.png").write_bytes(b"mine")
+        (out / "realtime.png").write_bytes(b"of a paced run")
+        run(system, out=out, overrides=["run.stop_time=0.1 s"], halving=False, figures=False)
+        assert {one.name for one in out.glob("*.png")} == {"mine.png"}
+    whole = tmp_path / "several"
+    whole.mkdir()
+    for name in COMPARISONS:
+        (whole / f"{name}.png").write_bytes(b"of earlier runs")
+    pair = ["docking-1d", "docking-1d-osaki"]
+    list(run_each(pair, out=whole, overrides=["run.stop_time=0.1 s"], halving=False, figures=False))
+    assert not list(whole.glob("*.png"))
+
+
+def test_results_of_a_folder_that_is_not_there(tmp_path, capsys):
+    assert main(["export-results", str(tmp_path / "nope")]) == 2
+    told = f"orchestrator: {tmp_path / 'nope'}: no such folder\n  what `run --out` wrote to\n"
+    assert capsys.readouterr().err == told
+
+
+def test_energies_beyond_the_range_of_numbers_warn_of_nothing_before_the_error(tmp_path):
+    overrides = ["robot.tau_m=20 ms", "run.step_size=1 ms", "run.stop_time=70 s"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(StepError, match=r"satellite at time .* is inf"):
+            run("docking-1d-uncompensated", overrides=overrides, out=tmp_path / "out")
 
 
 def test_problems_of_all_systems_are_told_before_any_runs(tmp_path, capsys):

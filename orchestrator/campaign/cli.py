@@ -259,9 +259,8 @@ def _print(table: pa.Table, as_json: bool) -> None:
         return
     rows = [[_cell(one) for one in row.values()] for row in table.slice(0, _ROWS).to_pylist()]
     columns = [[name, *(row[n] for row in rows)] for n, name in enumerate(table.column_names)]
-    shown = [column for column in columns if any(column[1:])] if rows else columns
-    widths = [max(map(len, column)) for column in shown]
-    for line in zip(*shown, strict=True):
+    widths = [max(map(len, column)) for column in columns]
+    for line in zip(*columns, strict=True):
         print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
     if table.num_rows > _ROWS:
         print(
@@ -271,7 +270,7 @@ def _print(table: pa.Table, as_json: bool) -> None:
 
 def _cell(value: object) -> str:
     if value is None:
-        return ""
+        return "-"
     return f"{value:.6g}" if isinstance(value, float) else str(value).partition("\n")[0]
 
 

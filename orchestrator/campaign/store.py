@@ -101,8 +101,15 @@ class StoreWriter:
         self._journal: Journal | None = None
         self._session = ""
         self._stack = ExitStack()
+        if folder.exists() and not folder.is_dir():
+            problem = Problem(str(folder), "is a file", "a folder, which is made if need be")
+            raise ConfigError([problem])
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError([Problem("", f"cannot make the folder {folder} ({error})")]) from error
         with self._told("it cannot be opened"):
-            if folder.is_dir() and any(folder.iterdir()) and not (folder / "store.json").is_file():
+            if any(folder.iterdir()) and not (folder / "store.json").is_file():
                 left = {one.name for one in folder.iterdir()} - {
                     "journal",
                     "parts",

@@ -128,7 +128,17 @@ def comparison(measured: Mapping[str, Mapping[str, Any]]) -> Figure:
     for axes, (key, text) in zip(panels, wanted, strict=True):
         for index, (name, one) in enumerate(measured.items()):
             values = [contact[key] for contact in one["contacts"]]
-            axes.plot(range(1, len(values) + 1), values, "o-", color=COLORS[index % len(COLORS)], label=name)
+            # Rings, each within the one before: runs that agree can all be seen.
+            axes.plot(
+                range(1, len(values) + 1),
+                values,
+                "o-",
+                color=COLORS[index % len(COLORS)],
+                fillstyle="none",
+                markersize=max(3.0, 10.0 - 3.0 * index),
+                linewidth=max(0.8, 2.6 - 0.8 * index),
+                label=name,
+            )
         axes.set_xlabel("contact")
         axes.set_ylabel(text)
         axes.xaxis.get_major_locator().set_params(integer=True)

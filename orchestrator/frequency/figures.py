@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..plotting import COLORS
 from .charts import Chart
-from .margins import Margins, margins, span
+from .gain import verdict
+from .margins import margins, span
 from .points import source_points
 from .roots import Roots
 from .sampled import SampledLoop
@@ -19,6 +22,8 @@ from .transfer import Array, Transfer
 __all__ = ["bode", "nichols", "nyquist", "root_map", "stability_chart", "step_chart"]
 
 _GREY = "#666666"
+# Least range of a phase axis [deg].
+_LEAST_PHASE = 10.0
 _DASHES = ("-", "--", "-.", ":")
 # Parameters as they stand on axes: factor from SI and unit, by the end of the name.
 _UNITS = {
@@ -65,12 +70,23 @@ def bode(
     lower.set_xlabel("frequency [Hz]")
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
+    lower.ticklabel_format(axis="y", useOffset=False)
+    low, high = lower.get_ylim()
+    # A compensated loop's phase is -180 deg to rounding, which is not to fill the axes.
+    if high - low < _LEAST_PHASE:
+        middle = 0.5 * (low + high)
+        lower.set_ylim(middle - 0.5 * _LEAST_PHASE, middle + 0.5 * _LEAST_PHASE)
+    _plain(lower)
     upper.legend()
     return figure
 
 
-def nyquist(loops: Mapping[str, Transfer]) -> Figure:
-    """L(j w) around -1, with the circle that the modulus margin leaves free."""
+def nyquist(loops: Mapping[str, Transfer], growth: Mapping[str, float] | None = None) -> Figure:
+    """L(j w) around -1, with the circle that the modulus margin leaves free.
+
+    Args:
+        growth: of the velocity per contact, where it is known; tells which loops are on the border.
+    """
     figure = Figure(figsize=(6.5, 6.0), layout="constrained")
     axes = figure.subplots()
     for index, (name, loop) in enumerate(loops.items()):
@@ -82,7 +98,7 @@ def nyquist(loops: Mapping[str, Transfer]) -> Figure:
             value.imag[near],
             _DASHES[index % 4],
             color=color,
-            label=f"{name}: {_verdict(told)}",
+            label=f"{name}: {verdict(told.unstable, (growth or {}).get(name))}",
         )
         turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200))
         circle = -1.0 + told.modulus_margin * turn
@@ -247,6 +263,7 @@ def step_chart(
     left.set_ylabel("growth of the velocity per contact [1]")
     right.set_ylabel("phase margin [deg]")
     for axes in (left, right):
+        _plain(axes)
         axes.set_xlabel("communication step [ms]")
         axes.grid(alpha=0.3)
     left.legend(fontsize="small")
@@ -259,12 +276,17 @@ def _log_norm(limit: float) -> object:
     return LogNorm(np.exp(-limit), np.exp(limit))
 
 
+def _plain(axes: Axes) -> None:
+    """Plain numbers along a logarithmic x axis: the labels by default collide within a decade or two."""
+    low, high = axes.get_xlim()
+    wide = high > 1e4 * low
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
 def _unit(name: str) -> tuple[float, str]:
     return _UNITS.get(name.rpartition(".")[2], (1.0, "SI"))
-
-
-def _verdict(told: Margins) -> str:
-    return "stable" if told.stable else f"{told.unstable} unstable roots"
 
 
 def _phase(value: Array) -> Array:

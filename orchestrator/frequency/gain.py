@@ -14,7 +14,11 @@ from .quasi import Complex, characteristic
 from .roots import Roots, rightmost_roots
 from .transfer import Array, Transfer
 
-__all__ = ["Contact", "contact_root", "growth_per_contact", "predict_contact"]
+__all__ = ["Contact", "contact_root", "growth_per_contact", "predict_contact", "verdict"]
+
+# A change of the velocity per contact that is told as none: the roots of a loop that is compensated exactly
+# lie within rounding of the imaginary axis, on either side.
+_BORDER = 1e-5
 
 
 def contact_root(roots: Roots) -> complex | None:
@@ -28,6 +32,20 @@ def contact_root(roots: Roots) -> complex | None:
 def growth_per_contact(root: complex) -> float:
     """exp(pi sigma/omega): a contact is half an oscillation. Its square is the energy gain."""
     return float(np.exp(np.pi * root.real / root.imag))
+
+
+def verdict(unstable: int, growth: float | None) -> str:
+    """Whether a loop is stable, in the words of report and figures.
+
+    Args:
+        unstable: number of roots with positive real part.
+        growth: of the velocity per contact; None where that is not known, or nothing oscillates.
+    """
+    if growth is not None and abs(growth - 1.0) < _BORDER:
+        return "on the border of stability"
+    if not unstable:
+        return "stable"
+    return f"unstable: {unstable} root{'' if unstable == 1 else 's'} with positive real part"
 
 
 @dataclass(frozen=True)

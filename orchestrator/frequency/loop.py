@@ -240,6 +240,15 @@ class Loop:
         """The closed loop's characteristic quasi-polynomial. Raises: ConfigError as `gain`."""
         return characteristic(self.gain(), self.name)
 
+    def switching(self) -> list[str]:
+        """Names of active controllers that give work of onset back, which is not linear and left out."""
+        return [
+            name
+            for name in self.named("ComplianceController")
+            if int(self.parameters[f"{name}.mode"]) == ACTIVE
+            and self.parameters[f"{name}.switching_compensation"]
+        ]
+
     def _left_out(self) -> list[str]:
         notes = []
         for name in self.named("ForceSensor"):
@@ -250,10 +259,7 @@ class Loop:
                 f"{name}: its sample hold counts as a delay of half a period; estimates stand still, "
                 "by default at the true values"
             )
-            if (
-                int(self.parameters[f"{name}.mode"]) == ACTIVE
-                and self.parameters[f"{name}.switching_compensation"]
-            ):
+            if name in self.switching():
                 notes.append(f"{name}.switching_compensation is not linear and is left out")
         for wire in self.wires:
             for name, effect in wire.effects:

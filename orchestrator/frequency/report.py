@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import ConfigError, OrchestratorError
+from ..errors import ConfigError, OrchestratorError, listed
 from ..run import Prepared, prepare
 from .charts import chart
-from .gain import contact_root, growth_per_contact, predict_contact
+from .gain import contact_root, growth_per_contact, predict_contact, verdict
 from .loop import Loop
 from .margins import critical_delays, margins
 from .plant import ACTIVE
@@ -33,9 +33,8 @@ def stability(
     """Analyse a configured docking system.
 
     Args: as `orchestrator.run.prepare`.
-    Returns: a dict with `margins`, `critical_delays` (of the robot's tau_m; None with an active controller,
-    where
-        the delay is not in the whole loop), `roots`, `growth_per_contact`, `contact`, `step` and `notes`.
+    Returns: a dict with `verdict`, `margins`, `critical_delays` (of the robot's tau_m), `roots`,
+        `growth_per_contact`, `contact`, `step` and `notes`.
     Raises: ConfigError with all problems.
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
@@ -43,6 +42,7 @@ def stability(
     told = margins(loop.gain())
     roots = rightmost_roots(loop.characteristic())
     first = contact_root(roots)
+    growth = None if first is None else growth_per_contact(first)
     contact: dict[str, Any] | None
     try:
         predicted = predict_contact(loop)
@@ -50,11 +50,13 @@ def stability(
             "velocity_ratio": predicted.velocity_ratio,
             "energy_gain": predicted.energy_gain,
             "duration": predicted.duration,
+            "left_out": [f"{name}.switching_compensation" for name in loop.switching()],
         }
     except OrchestratorError as error:
         contact = {"error": str(error)}
     return {
         "title": prepared.config.model.title,
+        "verdict": verdict(told.unstable, growth),
         "margins": {
             "stable": told.stable,
             "unstable_roots": told.unstable,
@@ -69,7 +71,7 @@ def stability(
         "critical_delays": _critical(loop),
         "roots": [[root.real, root.imag] for root in roots.values],
         "residual": float(np.max(roots.residuals)),
-        "growth_per_contact": None if first is None else growth_per_contact(first),
+        "growth_per_contact": growth,
         "contact": contact,
         "step": _step(prepared, loop),
         "notes": list(loop.notes),
@@ -129,13 +131,8 @@ def text(report: Mapping[str, Any]) -> str:
     """The report as it is printed."""
     m, lines = report["margins"], [report["title"] or ""]
     growth = report["growth_per_contact"]
-    if growth is not None and abs(growth - 1.0) < 1e-5:
-        lines.append("on the border of stability: a contact changes the velocity by less than 1e-5")
-        border = True
-    else:
-        border = False
-        verdict = f"unstable: {m['unstable_roots']} roots with positive real part"
-        lines.append("stable" if m["stable"] else verdict)
+    border = report["verdict"] == verdict(0, 1.0)
+    lines.append(report["verdict"] + (": a contact changes the velocity by less than 1e-5" if border else ""))
     for one in m["crossovers"]:
         lines.append(
             f"crossover at {one['omega'] / (2 * np.pi):.4g} Hz: phase margin {one['phase_margin']:.4g} deg"
@@ -156,10 +153,8 @@ def text(report: Mapping[str, Any]) -> str:
     for real, imag in report["roots"]:
         if imag >= 0.0:
             lines.append(f"root {real:.6g} {'+-' + format(imag, '.6g') + 'j ' if imag else ''}[1/s]")
-    if report["growth_per_contact"] is not None:
-        lines.append(
-            f"growth of the velocity per contact: {report['growth_per_contact']:.5f} by the rightmost roots"
-        )
+    if growth is not None:
+        lines.append(f"growth of the velocity per contact: {growth:.5f} by the rightmost roots")
     contact = report["contact"]
     if "error" in contact:
         lines.append(f"one contact after free flight: {contact['error']}")
@@ -168,6 +163,11 @@ def text(report: Mapping[str, Any]) -> str:
             f"one contact after free flight: velocity x {contact['velocity_ratio']:.5f}, energy x "
             f"{contact['energy_gain']:.5f}, {contact['duration'] * 1e3:.4g} ms"
         )
+        if contact["left_out"]:
+            # A run differs most here: no linear loop brings back the work of onset.
+            lines[-1] += f", without {listed(contact['left_out'])}, which in a run takes back what onset adds"
+            if growth is not None:
+                lines[-1] += f" to the {growth:.5f} above"
     step = report["step"]
     if step is None:
         lines.append("what the communication step adds is not analysed for this master with these options")
@@ -190,6 +190,8 @@ def stability_figures(loop: Loop) -> dict[str, Figure]:
     from . import figures
 
     gain = {loop.name: loop.gain()}
+    roots = rightmost_roots(loop.characteristic())
+    first = contact_root(roots)
     robot, contact = loop.only("RobotResponse"), loop.only("DockingContact")
     delay, damping = f"{robot}.tau_m", f"{contact}.damping"
     here = float(loop.parameters[delay]), float(loop.parameters[damping])
@@ -210,9 +212,9 @@ def stability_figures(loop: Loop) -> dict[str, Figure]:
     drawn = chart(loop, (delay, across), upward)
     return {
         "bode": figures.bode(gain),
-        "nyquist": figures.nyquist(gain),
+        "nyquist": figures.nyquist(gain, {} if first is None else {loop.name: growth_per_contact(first)}),
         "nichols": figures.nichols(gain),
-        "roots": figures.root_map({loop.name: rightmost_roots(loop.characteristic())}),
+        "roots": figures.root_map({loop.name: roots}),
         "chart": figures.stability_chart(drawn, {"this system": here}),
     }
 

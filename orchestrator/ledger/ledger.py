@@ -148,14 +148,16 @@ class Ledger:
     ) -> None:
         """Enter steps; `rows`: after how many of them points were reached that are kept, at `times`."""
         assert self._before is not None
-        taken, given, parts, self._before = self.books.energies(sizes, outputs, inputs, self._before)
-        steps = np.stack([taken, given, self.books.per_bond(parts)], axis=1)
-        course = _summed(self._totals, steps)
+        # Energies of a run that diverges leave the range of numbers before its signals do, and it ends then.
+        with np.errstate(over="ignore", invalid="ignore"):
+            taken, given, parts, self._before = self.books.energies(sizes, outputs, inputs, self._before)
+            steps = np.stack([taken, given, self.books.per_bond(parts)], axis=1)
+            course = _summed(self._totals, steps)
+            self._exchanged = _summed(self._exchanged, np.abs(taken))[-1]
+            self._parts = _summed(self._parts, parts)[-1]
         self._times.append(times)
         self._course.append(course[rows - 1])
         self._totals = course[-1]
-        self._exchanged = _summed(self._exchanged, np.abs(taken))[-1]
-        self._parts = _summed(self._parts, parts)[-1]
         self._kept += len(times)
         while self._kept > _MOST_KEPT:
             self._every *= 2

@@ -9,8 +9,6 @@ from ..errors import ConfigError, Problem
 
 __all__ = ["add_arguments", "main"]
 
-_NAME = "report.html"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator report`."""
@@ -26,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="FILE",
-        help=f"the page to write (default: {_NAME} in the first folder)",
+        help="the page to write (default: report.html in the first folder)",
     )
     parser.add_argument(
         "--size", type=float, default=8.0, metavar="MB",
@@ -40,10 +38,10 @@ def main(args: argparse.Namespace) -> int:
     if not 0.0 < args.size < 1000.0:
         raise ConfigError([Problem("--size", f"{args.size:g} MB", "more than 0 and less than 1000")])
     # Imported late: drawing takes a second to load.
-    from .make import report
+    from .make import left_out, page_name, report
 
     text = report(args.folders, budget=round(1e6 * args.size))
-    path = args.out or args.folders[0] / _NAME
+    path = args.out or args.folders[0] / page_name(args.folders[0])
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
@@ -51,4 +49,6 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError([Problem("--out", f"cannot write {path} ({error})")]) from error
     if not args.quiet:
         print(f"Written: {path} ({len(text.encode()) / 1e6:.1f} MB); open it in a browser")
+        for one in left_out(args.folders):
+            print(f"left out: {one}")
     return 0

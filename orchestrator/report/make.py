@@ -7,12 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import ConfigError, Problem, listed
+from ..errors import ConfigError, OrchestratorError, Problem, listed
 from .folder import is_run, read_run
 from .run_page import BUDGET
 
-__all__ = ["report"]
+__all__ = ["NAME", "left_out", "page_name", "report"]
 
+# Of the page, where it is not named.
+NAME = "report.html"
+
+# What a folder may hold that is no run, by what tells it.
+_FILES = {"store": "store.json", "diagnosis": "diagnosis.json", "reproduction": "reproduction.json"}
 _ALLOWED = "what run --out, sweep --store, reproduce or diagnose wrote, or several run folders"
 
 
@@ -21,7 +26,7 @@ def report(folders: Sequence[Path | str], *, budget: int = BUDGET) -> str:
 
     Args:
         folders: one of any kind; or several of runs, which are compared. A folder of run folders stands for
-            these.
+            these. Of one that several commands wrote to, a part is shown: see `left_out`.
         budget: what recorded signals may take in the page [B].
     Raises: ConfigError if a folder holds nothing that a page can be made of; OrchestratorError if what it
         holds cannot be read.
@@ -44,35 +49,84 @@ def report(folders: Sequence[Path | str], *, budget: int = BUDGET) -> str:
         problems.append(Problem("", f"several runs are called {listed(twice)}", "one folder name for each"))
     if problems or not runs:
         raise ConfigError(problems or [Problem("", "no folder is given", _ALLOWED)])
-    read = [read_run(run) for run in runs]
+    read, notes = [read_run(run) for run in runs], [f"Left out: {one}" for one in left_out(paths)]
     if len(read) == 1:
         from .run_page import page
 
-        return page(read[0], budget)
+        return page(read[0], budget, notes)
     from .runs_page import page as together
 
-    return together(read, budget)
+    return together(read, budget, notes)
+
+
+def left_out(folders: Sequence[Path | str]) -> tuple[str, ...]:
+    """What else the folders hold that their page does not show, and where it is to be seen.
+
+    Commands that write to one folder leave each other's files alone, and which of them a page is wanted of
+    cannot be told from their files: files that were copied have lost their times.
+    """
+    paths = [Path(one) for one in folders]
+    shown = {run.resolve() for path in paths for run in _runs(path)}
+    told = []
+    for path in paths:
+        words = {
+            "store": "the store of a sweep",
+            "run": "a run; give each command a folder of its own",
+            "diagnosis": f"a diagnosis: see {path / NAME}",
+            "reproduction": f"a reproduction: see {path / 'reproduction.html'}",
+        }
+        kind = _kind(path) if len(paths) == 1 else "run"
+        held = {*_specials(path), *(["run"] if _runs(path) else [])}
+        told += [f"{path} also holds {text}" for one, text in words.items() if one in held and one != kind]
+        within = [run for run in _within(path) if run.resolve() not in shown]
+        if kind == "run" and within:
+            names, command = listed(run.name for run in within), " ".join(map(str, within))
+            told.append(f"{path} also holds runs in folders ({names}): see `orchestrator report {command}`")
+    return tuple(told)
+
+
+def page_name(folder: Path) -> str:
+    """How the page of a folder is called in it: a diagnosis' own page is not written over by a run's."""
+    return NAME if _kind(folder) == "diagnosis" or "diagnosis" not in _specials(folder) else "runs.html"
 
 
 def _runs(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return []
-    return [path] if is_run(path) else sorted(one for one in path.iterdir() if one.is_dir() and is_run(one))
+    return [path] if is_run(path) else _within(path)
+
+
+def _within(path: Path) -> list[Path]:
+    return sorted(one for one in path.iterdir() if one.is_dir() and is_run(one)) if path.is_dir() else []
+
+
+def _specials(folder: Path) -> list[str]:
+    """What a folder holds that is no run."""
+    return [name for name, file in _FILES.items() if (folder / file).is_file()]
+
+
+def _kind(folder: Path) -> str:
+    """Of which of the things that a folder holds its page is; empty if of none.
+
+    A diagnosis and a reproduction come last: they have pages of their own.
+    """
+    held = _specials(folder)
+    if "store" in held:
+        return "store"
+    return "run" if _runs(folder) else next(iter(held), "")
 
 
 def _special(folder: Path) -> str | None:
     """The page of what is no run; None if it is one, or nothing that is known."""
-    if (folder / "store.json").is_file():
+    kind = _kind(folder)
+    if kind == "store":
         from .store_page import page as store_page
 
         return store_page(folder)
-    if (folder / "diagnosis.json").is_file():
-        return _diagnosis(folder / "report.html")
-    summary = _summary(folder / "summary.json")
-    if "experiments" in summary:
+    if kind == "diagnosis":
+        return _diagnosis(folder / NAME)
+    if kind == "reproduction":
         from ..docking.reproduction.page import page_of_folder as reproduction_page
 
-        return reproduction_page(folder, summary)
+        return reproduction_page(folder, _reproduced(folder / _FILES[kind]))
     return None
 
 
@@ -86,9 +140,8 @@ def _diagnosis(path: Path) -> str:
         raise ConfigError([problem]) from None
 
 
-def _summary(path: Path) -> dict[str, Any]:
+def _reproduced(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise OrchestratorError(f"{path}: the reproduction cannot be read ({error})") from error

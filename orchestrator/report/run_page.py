@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from ..errors import OrchestratorError
+from ..errors import OrchestratorError, listed
 from ..page import (
     SignalStore,
     aside,
@@ -35,11 +35,12 @@ BUDGET = 8_000_000
 _COUPLING = 0.2
 
 
-def page(run: RunFolder, budget: int = BUDGET) -> str:
+def page(run: RunFolder, budget: int = BUDGET, notes: Sequence[str] = ()) -> str:
     """The page as HTML.
 
     Args:
         budget: what the signals may take in it [B].
+        notes: to be told with it.
     """
     store = SignalStore(budget)
     charts = energies = ""
@@ -52,7 +53,7 @@ def page(run: RunFolder, budget: int = BUDGET) -> str:
     parts = [
         f"<p class=headline>{escape(sentence(run))}</p>",
         _error(summary),
-        aside("To know", [*run.missing, *(remarks(summary) if summary else [])]),
+        aside("To know", [*notes, *run.missing, *(remarks(summary) if summary else [])]),
         "<div class=cards>",
         card("Key numbers", _numbers(run)),
         card("The run", _about(run)),
@@ -146,7 +147,11 @@ def _numbers(run: RunFolder) -> str:
             f"Of the measured signals, half the step changes {name} most: by {share:.2g} of its range."
         )
     if not found:
-        return (worst or "") + note("The config names no measures that give single numbers.")
+        told = "The config names no measures that give single numbers."
+        if run.measures and run.state is not State.DONE:
+            how = "has not ended yet" if run.state is State.RUNNING else "did not come to its end"
+            told = f"{listed(one.name for one in run.measures)}: not computed, since the run {how}."
+        return (worst or "") + note(told)
     rows = [
         [spelt(one.name), one.value, one.unit, None if one.change is None else float(f"{one.change:.1e}")]
         for one in found
@@ -170,7 +175,10 @@ def _about(run: RunFolder) -> str:
             ["steps", about["steps"]],
             ["loop", about.get("loop")],
             ["wall time", f"{about['wall_time']:.3g} s"],
-            ["while stepping", f"{about['real_time_factor']:.3g} times real time"],
+            [
+                "of it stepping",
+                f"{about['stepping_time']:.3g} s, {about['real_time_factor']:.3g} times real time",
+            ],
         ]
     if run.config is not None:
         model = run.config.model

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from ..page import SignalStore, details, document, figure, heading, note, provenance, table
+from ..page import SignalStore, aside, details, document, figure, heading, note, provenance, table
 from ..plotting import encoded
 from .charts import HELP, shared_charts
 from .folder import RunFolder, State
@@ -16,12 +16,13 @@ from .run_page import BUDGET, measured, sentence
 __all__ = ["page"]
 
 
-def page(runs: Sequence[RunFolder], budget: int = BUDGET) -> str:
+def page(runs: Sequence[RunFolder], budget: int = BUDGET, notes: Sequence[str] = ()) -> str:
     """The page as HTML.
 
     Args:
         runs: two or more, with names of their own.
         budget: what the signals may take in it [B].
+        notes: to be told with it.
     """
     done = sum(run.state is State.DONE for run in runs)
     told = f"{len(runs)} runs, {'all' if done == len(runs) else done} done."
@@ -31,6 +32,7 @@ def page(runs: Sequence[RunFolder], budget: int = BUDGET) -> str:
     charts = shared_charts(store, having, first) if having else ""
     parts = [
         f"<p class=headline>{escape(told)}</p>",
+        aside("To know", notes),
         table(
             ["run", "state", "in a sentence"],
             [[run.name, run.state.value, sentence(run)] for run in runs],

@@ -63,6 +63,8 @@ def main(args: argparse.Namespace) -> int:
     Raises: BuildError for what cannot be built.
     """
     file: Path = args.model_file
+    if not file.exists():  # before anything about what a build needs
+        raise BuildError(f"{file}: no such file; give the .mo or .py file of a model")
     output: Path = args.output or Path(f"{(args.model or file.stem).rpartition('.')[2]}.fmu")
     platforms = {"all": tuple(PLATFORMS), "none": ()}.get(
         args.platforms, tuple(name.strip() for name in args.platforms.split(","))

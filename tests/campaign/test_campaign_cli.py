@@ -49,6 +49,10 @@ def test_the_store_is_listed_shown_queried_and_exported(store, capsys, tmp_path)
     assert main(["store", "show", str(store)]) == 0
     shown = capsys.readouterr().out
     assert "units: robot.tau_m [s]" in shown and "peak.change" in shown
+    assert main(["store", "query", str(store), "select null as nothing, point from sweep order by 2"]) == 0
+    assert [one.split() for one in capsys.readouterr().out.splitlines()] == [
+        ["nothing", "point"], *(["-", str(n)] for n in range(3))
+    ]  # fmt: skip
     assert (
         main(["store", "query", str(store), "select point, run, peak from sweep order by point", "--json"])
         == 0
@@ -97,3 +101,14 @@ def test_a_sweep_whose_runs_all_fail_ends_with_one(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "3 failed" in told
     assert "  time limit: 3, for example: took longer than 0.001 s, and was ended" in told
+
+
+def test_a_store_that_is_a_file_is_refused_before_anything_runs(tmp_path, capsys, store):
+    study, file = str(store.parent / "delays.yaml"), tmp_path / "file"
+    file.write_text("mine")
+    assert main(["sweep", study, "--store", str(file), "--quiet"]) == 2
+    told = f"orchestrator: {file}: is a file\n  a folder, which is made if need be\n"
+    assert capsys.readouterr().err == told
+    assert main(["sweep", study, "--store", str(file / "in"), "--quiet"]) == 2
+    assert f"cannot make the folder {file / 'in'} (" in capsys.readouterr().err
+    assert file.read_text() == "mine"

@@ -310,7 +310,7 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_journal(tmp_path):
 
 def test_a_store_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "store").write_text("a file")
-    with pytest.raises(OrchestratorError, match="it cannot be opened"):
+    with pytest.raises(ConfigError, match="store: is a file"):
         StoreWriter(tmp_path / "store")
 
 

@@ -477,3 +477,16 @@ def test_a_secret_seed_differs_each_time(tmp_path):
         np.frombuffer((tmp_path / one / "case-0001/train-1.csv.gz").read_bytes(), np.uint8) for one in "ab"
     ]
     assert not np.array_equal(*logs)
+
+
+def test_a_challenge_that_cannot_be_made_or_is_interrupted_says_where(tmp_path, monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    (tmp_path / "file").write_text("mine")
+    folder = tmp_path / "file" / "q"
+    assert main(["challenge", "make", str(folder), "--cases", "1", "--seed", "2"]) == 2
+    assert f"cannot make the folder {folder} (" in capsys.readouterr().err
+    monkeypatch.setattr("orchestrator.diagnosis.challenge.make.make", interrupted)
+    assert main(["challenge", "make", str(tmp_path / "q"), "--cases", "1", "--seed", "2"]) == 130
+    assert f"cases made until then are in {tmp_path / 'q'}" in capsys.readouterr().err

@@ -72,7 +72,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def summary(folder):
-    return json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return json.loads((folder / "reproduction.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -137,3 +137,12 @@ def test_the_page_tells_failures_and_escapes_text(summary):
     reader = read(page(made))
     assert not reader.rows and not reader.images
     assert "active: <controller> gave up & ended" in "".join(reader.text)
+
+
+def test_an_interrupted_reproduction_says_what_is_kept(tmp_path, monkeypatch, capsys):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("orchestrator.docking.reproduction.command.reproduce", interrupted)
+    assert main(["reproduce", "--out", str(tmp_path)]) == 130
+    assert "interrupted; nothing is kept of this reproduction" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from orchestrator.__main__ import main
 from orchestrator.docking.contacts import find_contacts
 from orchestrator.docking.space import effective_mass, stacked
+from orchestrator.docking.space_figures import comparison
 from orchestrator.run import run
 
 # Of the initial energy: what the active mode may gain in any free flight, over all contacts of a run.
@@ -142,6 +143,15 @@ def test_the_command_writes_measures_and_figures(tmp_path, capsys):
         summary = json.loads((out / system / "summary.json").read_text())
         assert len(summary["contacts"]) == 1 and summary["numerics"]["momentum"]["linear_change"] is not None
     assert (out / "comparison-space.png").is_file()
+
+
+def test_equal_runs_are_both_seen_in_their_comparison():
+    contact = {"cor": 1.0, "kinetic_energy_ratio": 1.0, "peak_force": 140.0}
+    drawn = comparison({name: {"contacts": [contact, contact]} for name in ("one", "two", "three", "four")})
+    for axes in drawn.axes:
+        sizes = [line.get_markersize() for line in axes.lines]
+        assert sizes == sorted(sizes, reverse=True) and len(set(sizes[:3])) == 3
+        assert all(line.get_fillstyle() == "none" for line in axes.lines)
 
 
 def test_noise_reaches_the_reading_and_is_the_seeds():

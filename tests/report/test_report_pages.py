@@ -96,6 +96,20 @@ def test_a_failed_run_is_told_with_its_error(line_run, tmp_path):
     assert "<broken>" not in text and "<li>a &amp; b</li>" in text
 
 
+@pytest.mark.parametrize(("kind", "state"), [("Interrupted", "Interrupted"), ("StepError", "Failed")])
+def test_numbers_of_a_run_that_did_not_end_are_told_as_not_computed(line_run, tmp_path, kind, state):
+    folder = tmp_path / "stopped"
+    shutil.copytree(line_run, folder)
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    kept = {key: summary[key] for key in ("title", "config", "run", "parameters", "provenance")}
+    kept["error"] = {"kind": kind, "message": "stopped"}
+    (folder / "summary.json").write_text(json.dumps(kept), encoding="utf-8")
+    text = report([folder])
+    assert headline(text).startswith(state)
+    assert "docking: not computed, since the run did not come to its end." in words(text)
+    assert "names no measures" not in text
+
+
 def test_the_page_loads_nothing(line_run):
     text = re.sub(r"<script.*?</script>", "", report([line_run]), flags=re.S)
     assert not re.search(r"(?:src|href)\s*=\s*[\"']?(?!#|data:|[\"'])", re.sub(r"xlink:href=\"#", "", text))
@@ -230,6 +244,47 @@ def test_a_folder_of_runs_is_compared_and_bad_ones_are_refused(line_run, tmp_pat
     with pytest.raises(ConfigError, match="several runs are called"):
         report([tmp_path / "runs" / "a", tmp_path / "runs"])
     assert main(["report", str(line_run), "--size", "0"]) == 2
+
+
+def test_what_a_page_leaves_out_of_a_folder_is_told(line_run, tmp_path, capsys):
+    folder = tmp_path / "multi"
+    shutil.copytree(line_run, folder)
+    for name in ("a", "b"):
+        shutil.copytree(line_run, folder / name)
+    (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
+    (folder / "report.html").write_text("the diagnosis' page", encoding="utf-8")
+    (folder / "reproduction.json").write_text("{}", encoding="utf-8")
+    assert main(["report", str(folder)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].startswith(f"Written: {folder / 'runs.html'}")
+    expected = [
+        f"{folder} also holds a diagnosis: see {folder / 'report.html'}",
+        f"{folder} also holds a reproduction: see {folder / 'reproduction.html'}",
+        f"{folder} also holds runs in folders (a, b): "
+        f"see `orchestrator report {folder / 'a'} {folder / 'b'}`",
+    ]
+    assert told[1:] == [f"left out: {one}" for one in expected]
+    text = words((folder / "runs.html").read_text(encoding="utf-8"))
+    assert "Done: 2 s in 4000 steps" in text and all(one in text for one in expected)
+    assert (folder / "report.html").read_text(encoding="utf-8") == "the diagnosis' page"
+    page = words(report([folder, folder / "a"]))
+    assert "2 runs, all done" in page and "also holds runs in folders (b)" in page
+    (folder / "config.yaml").unlink()
+    assert "2 runs, all done" in words(report([folder]))  # those in its folders
+
+
+def test_a_reproduction_leaves_a_run_in_its_folder_alone(line_run, tmp_path):
+    from orchestrator.docking.reproduction.command import write
+    from orchestrator.docking.reproduction.reproduce import Reproduction
+
+    folder = tmp_path / "out"
+    shutil.copytree(line_run, folder)
+    before = (folder / "summary.json").read_bytes()
+    counts = {"agree": 0, "differ": 0}
+    summary = {"reference": "x", "runs": 0, "wall_time": 0.0, "figures": [], "experiments": [], "numbers": 0}
+    write(Reproduction(summary | {"source": counts, "theory": counts}, {}), folder)
+    assert (folder / "summary.json").read_bytes() == before
+    assert headline(report([folder])).startswith("Done: 2 s")
 
 
 def sweep(rows) -> SweepTable:

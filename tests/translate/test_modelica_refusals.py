@@ -8,6 +8,7 @@ import build_extra  # noqa: F401
 import modelica_bench as bench
 import pytest
 
+from orchestrator.__main__ import main
 from orchestrator.errors import BuildError
 from orchestrator.translate.build import build, translate
 
@@ -272,3 +273,15 @@ def test_an_unknown_part_of_the_representation_is_refused(tmp_path, monkeypatch)
         "Modelica compiler: rumoca 0.9.13 is installed, its representation is known for 0.10.2 only; run "
         "`pip install rumoca==0.10.2`"
     )
+
+
+@pytest.mark.parametrize("arguments", [["none.mo"], ["none.py"], ["none.py", "--form", "native"]])
+def test_a_missing_model_is_told_before_what_a_build_needs(tmp_path, monkeypatch, capsys, arguments):
+    def missing():
+        raise BuildError("CasADi is not installed")
+
+    for place in ("build", "native_form"):
+        monkeypatch.setattr(f"orchestrator.translate.{place}.need_casadi", missing)
+    file, *more = arguments
+    assert main(["build", str(tmp_path / file), *more]) == 1
+    assert f"{tmp_path / file}: no such file; give the .mo or .py file" in capsys.readouterr().err

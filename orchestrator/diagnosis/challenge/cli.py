@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError, Problem
+from ...errors import ConfigError, Interrupted, Problem
 from ...formats import strict
 from ...progress import counting
 
@@ -113,7 +113,13 @@ def _make(args: argparse.Namespace) -> int:
 
     order = Order(args.cases, _seed(args.seed), args.magnitude, args.pairs, args.outside, args.tight)
     with _bar(order.cases, "make", not args.json) as progress:
-        digest = make(Path(args.folder), order, _jobs(args), progress)
+        try:
+            digest = make(Path(args.folder), order, _jobs(args), progress)
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"interrupted; cases made until then are in {args.folder}, but their truth is sealed "
+                "at the end alone: they can be diagnosed, not scored\n  Make them again in a new folder."
+            ) from None
     told = {"folder": args.folder, "cases": order.cases, "sealed": SEALED, "sha256": digest}
     if _told(args, {"exit_code": 0, **told}):
         return 0

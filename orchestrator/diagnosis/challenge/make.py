@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import ConfigError, OrchestratorError, Problem
+from ...run_folder import folder_at
 from ...workers import LocalPool, Work
 from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
 from .evidence import imitated, visibility
@@ -64,11 +65,11 @@ def make(
     Args:
         progress: called with the name of each case when it stands.
     Returns: the digest of the sealed truth.
-    Raises: ConfigError if the folder is not empty.
+    Raises: ConfigError if the folder is not empty, or cannot be made.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigError([Problem(str(folder), "is not empty", remedy="Name a new folder.")])
-    folder.mkdir(parents=True, exist_ok=True)
+    folder_at(folder)
     seed = secrets.randbits(63) if order.seed is None else order.seed
     outside = tuple(OUTSIDE.values()) if order.outside else ()
     plans = plan_cases(order.cases, seed, tuple(HIDDEN.values()), outside, order.pairs, order.magnitude)

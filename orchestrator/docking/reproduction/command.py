@@ -8,12 +8,15 @@ import sys
 from pathlib import Path
 
 from ...commands import add_json
-from ...errors import ConfigError, Problem
+from ...errors import ConfigError, Interrupted, Problem
 from ...plotting import save
 from .page import headline, number, page, verdict
 from .reproduce import Reproduction, reproduce
 
-__all__ = ["add_arguments", "main"]
+__all__ = ["NAME", "add_arguments", "main"]
+
+# Not summary.json, which is a run's: a folder may hold both.
+NAME = "reproduction.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,23 +42,29 @@ def main(args: argparse.Namespace) -> int:
         (folder / "figures").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError([Problem("--out", f"cannot make the folder {folder} ({error})")]) from error
-    made = reproduce(only, jobs=args.jobs, progress=not args.quiet and not args.json)
+    try:
+        made = reproduce(only, jobs=args.jobs, progress=not args.quiet and not args.json)
+    except KeyboardInterrupt:
+        raise Interrupted(
+            "interrupted; nothing is kept of this reproduction, which is written when all runs are made\n"
+            "  --only fig6,fig7 makes a part of it."
+        ) from None
     write(made, folder)
     if args.json:
         told = {"exit_code": 1 if made.failed else 0, "folder": str(folder), **made.summary}
         print(json.dumps(told, allow_nan=False, ensure_ascii=False))
     elif not args.quiet:
         print(_text(made))
-        print(f"Written to {folder}: reproduction.html, summary.json, figures/")
+        print(f"Written to {folder}: reproduction.html, {NAME}, figures/")
     for message in made.failed:
         print(f"orchestrator: {message}", file=sys.stderr)
     return 1 if made.failed else 0
 
 
 def write(made: Reproduction, folder: Path) -> None:
-    """Write reproduction.html, summary.json and figures/NAME.png to an existing folder."""
+    """Write reproduction.html, reproduction.json and figures/NAME.png to an existing folder."""
     text = json.dumps(made.summary, indent=2, allow_nan=False, ensure_ascii=False)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    (folder / NAME).write_text(text + "\n", encoding="utf-8")
     (folder / "reproduction.html").write_text(page(made), encoding="utf-8")
     (folder / "figures").mkdir(exist_ok=True)
     for name, figure in made.figures.items():

@@ -149,7 +149,7 @@ class Quantity:
     """A number beside the source's.
 
     Attributes:
-        key: its name in summary.json.
+        key: its name in reproduction.json.
         figure: where it belongs, one of the experiment's figures.
         text: what it is.
         unit: of `ours`.

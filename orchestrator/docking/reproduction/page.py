@@ -29,7 +29,7 @@ def page_of_folder(folder: Path, summary: Mapping[str, Any]) -> str:
     """The page of what `orchestrator reproduce` wrote to a folder; figures that are gone are left out.
 
     Args:
-        summary: content of the folder's summary.json.
+        summary: content of the folder's reproduction.json.
     """
     images = {}
     for name in summary["figures"]:

@@ -29,7 +29,7 @@ class Reproduction:
     """What `reproduce` made.
 
     Attributes:
-        summary: as in summary.json.
+        summary: as in reproduction.json.
         figures: by name, in the source's order.
     """
 
