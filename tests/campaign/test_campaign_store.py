@@ -22,7 +22,7 @@ from orchestrator.campaign import Store, Study
 from orchestrator.campaign.journal import Journal, read_journal
 from orchestrator.campaign.store import StoreWriter, journals, parts
 from orchestrator.config import load_config
-from orchestrator.errors import ConfigError, OrchestratorError
+from orchestrator.errors import ConfigError
 
 HERE = Path(__file__).parent
 posix = pytest.mark.skipif(os.name != "posix", reason="kills and limits of POSIX")

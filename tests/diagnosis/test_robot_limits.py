@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from orchestrator.diagnosis.arrival import random_arrival
 from orchestrator.diagnosis.benign import Weighing
@@ -170,20 +171,29 @@ def test_a_servo_drawn_to_the_encoder_shows_its_limit_without_detours(seed, numb
     assert strayed(model) == free  # the model itself stays as it is
 
 
-def test_a_deep_limit_is_named_beside_what_it_hides():
-    plan = Plan("pair", (HIDDEN["link.sample-and-hold"], HIDDEN["robot.acceleration-limit"]), 0.6)
-    own, _ = simulated_study(6, 4, plan=plan)
-    best = weigh_rig(own).answers[1]
-    assert sorted(best.effects) == ["link.sample-and-hold", "robot.acceleration-limit"]
+@pytest.mark.parametrize(
+    ("names", "size", "seed", "number"),
+    [
+        (("link.sample-and-hold", "robot.acceleration-limit"), 0.6, 6, 5),
+        (("robot.acceleration-limit",), 1.0, 7, 4),
+    ],
+)
+def test_a_deep_limit_leaves_little(names, size, seed, number):
+    plan = Plan("pair" if len(names) > 1 else "single", tuple(HIDDEN[one] for one in names), size)
+    own, _ = simulated_study(seed, number, plan=plan)
+    with threadpool_limits(limits=1, user_api="blas"):
+        best = weigh_rig(own).answers[1]
+    assert tuple(sorted(best.effects)) == names
     assert best.left < 20.0
 
 
 def test_a_whole_number_is_found_though_the_calibration_took_up_another():
-    hold, delay = catalogue()["link.sample-and-hold"], catalogue()["robot.delay"]
+    hold = catalogue()["link.sample-and-hold"]
     own = study((hold,), (6.0,))
     model = RigModel(own, own.runs)
     fitter = Fitter(model)
-    count = len(model.tolerances)
-    astray = fitter.fit((delay, hold), None, np.array([0.0, 2.0 / hold.parameters[0].scale]))
-    assert round(astray.theta[-1]) == 2 and astray.theta[0] > 0.0
-    assert round(counted(fitter, astray, count, np.inf).theta[-1]) == 6
+    astray = fitter.fit((hold,), None, np.array([2.0 / hold.parameters[0].scale]))
+    assert round(astray.theta[0]) == 2 and astray.deviation["response_delay"] > 10.0
+    found = counted(fitter, astray, len(model.tolerances), np.inf)
+    assert round(found.theta[0]) == 6 and abs(found.deviation["response_delay"]) < 0.1
+    assert counted(fitter, found, len(model.tolerances), np.inf) is found
