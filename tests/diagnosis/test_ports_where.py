@@ -441,7 +441,7 @@ def test_what_practice_teaches_covers_what_it_did_not_see():
 def test_practice_of_other_candidates_is_refused(tmp_path):
     path, parts = tmp_path / "practice.json", {"config": "c", "FMUs": "f"}
     data = {
-        "format": "port-practice/2",
+        "format": "port-practice/3",
         "tempering": Tempering(temperature=3.0).data(),
         "effects": ["a", "b"],
         "system": parts,
@@ -458,7 +458,7 @@ def test_practice_of_other_candidates_is_refused(tmp_path):
     with pytest.raises(ConfigError, match=r"was changed after it was written\n  Practise again"):
         read_practice(path, ["a", "b"], parts)
     path.write_text(json.dumps(data | {"format": "port-practice/1"}))
-    with pytest.raises(ConfigError, match=r"got 'port-practice/1'\n  port-practice/2. Practise again"):
+    with pytest.raises(ConfigError, match=r"got 'port-practice/1'\n  port-practice/3. Practise again"):
         read_practice(path, ["a", "b"], parts)
     path.write_text("{}")
     with pytest.raises(ConfigError, match="is no result of practice"):
@@ -505,7 +505,7 @@ def test_practice_on_the_command_line(tmp_path, capsys):
     assert "got 4 cases" in capsys.readouterr().err
     assert main([*told, "--practice", "10"]) == 0
     practice = json.loads((out / "practice.json").read_text())
-    assert practice["format"] == "port-practice/2" and len(practice["cases"]) == 10
+    assert practice["format"] == "port-practice/3" and len(practice["cases"]) == 10
     assert practice["coverage"]["as learned, on unseen cases"]["cases"] == 10
     assert set(practice["effects"]) == set(few["only"])
     first = json.loads((out / "diagnosis.json").read_text())

@@ -18,7 +18,7 @@ from ..study import Array
 
 __all__ = ["FORMAT", "Tempering", "digest", "read_practice", "sealed"]
 
-FORMAT = "port-practice/2"
+FORMAT = "port-practice/3"
 _AGAIN = "Practise again: `orchestrator diagnose STUDY --practice N --out DIR`."
 
 
