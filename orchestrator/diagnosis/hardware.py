@@ -172,9 +172,12 @@ def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Search]:
     left = fitter.marginal.left(found.best.residuals)
     if found.gain(found.best) < _STRONG or (unexplained(left) < _MUCH and not weighing.model.pull):
         return weighing, found
-    # About few effects: what further ones do may be roughness.
-    most = [one for one in found.fits if found.gain(one) > _KEEPS * found.gain(found.best)]
-    beside = weighing.beside(min(most, key=lambda one: len(one.effects)))
+    about = found.best
+    if weighing.model.pull:
+        # Few effects: what further ones do may be roughness.
+        most = [one for one in found.fits if found.gain(one) > _KEEPS * found.gain(about)]
+        about = min(most, key=lambda one: len(one.effects))
+    beside = weighing.beside(about)
     by = beside.fitter()
     again = search(by, weighing.effects)
     little = unexplained(by.marginal.left(again.best.residuals)) < 2.0 * max(_MUCH, unexplained(left))

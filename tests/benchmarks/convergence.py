@@ -23,7 +23,7 @@ import numpy as np
 
 from orchestrator.assembly import Part, assemble
 from orchestrator.bundled import find_fmu
-from orchestrator.fmi import Array, Point
+from orchestrator.fmi import Array
 from orchestrator.instances import instantiate
 from orchestrator.master import create_master
 from orchestrator.run import prepare
@@ -91,10 +91,10 @@ def _measure(problem: Problem, options: Options, step: Fraction, control: float)
         signals = instances.initialise(0.0, float(grid.stop))
         plain = instances._do_step
 
-        def counted(index: int, point: Point) -> Any:
+        def counted(*given: Any) -> Any:
             nonlocal counts
             counts += 1
-            return plain(index, point)
+            return plain(*given)
 
         instances._do_step = counted  # type: ignore[method-assign]
         begin = process_time()

@@ -407,6 +407,7 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     ]
     assert lines[2].startswith("  checked at 40 random points, largest relative residual ")
     assert fmpy.read_model_description("ForceSensor.fmu").fmiVersion == "3.0"
+    Path("model.txt").write_text("")
     assert main(["build", "model.txt"]) == 1
     assert capsys.readouterr().err == (
         "orchestrator: model.txt: cannot tell what kind of model this is; give a .mo or a .py file\n"

@@ -231,6 +231,7 @@ def test_requirements_that_cannot_be_checked_are_refused(tmp_path):
 def test_options_of_compiled_fmus_are_refused_for_python_forms(tmp_path):
     import argparse
 
+    (tmp_path / "model.py").write_text("")
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     arguments = parser.parse_args([str(tmp_path / "model.py"), "--fmi", "3.0"])
