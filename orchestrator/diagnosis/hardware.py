@@ -108,8 +108,8 @@ def _weigh(
     """
     weighing = Weighing.of(model, [one for one in of_hardware() if one.id not in without], rough)
     sensor = _sensed(weighing, without)
-    weighing, found = _searched(weighing, sensor.fitter)
-    if not model.pull and _astray(weighing.fitter(), found):
+    weighing, fitter, found = _searched(weighing, sensor.fitter)
+    if not model.pull and _astray(fitter, found):
         return _weigh(model.followed(), without, rough, lost)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
     scattered = scatter(model, sensor.fitter.replay, found.best)
@@ -161,17 +161,19 @@ def _weigh(
     )
 
 
-def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Search]:
+def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Fitter, Search]:
     """Search with roughness as it shows beside the best fit, where that is strong and leaves much.
 
     About the nominal rig it tells nothing of motions that only an effect leads to, as far deeper contacts.
     It may take up what the effect itself does, too, or lead astray: then it is none. Beside a servo at its
     limits it is always looked at.
+
+    Returns: the weighing, what was fitted by, and what was found.
     """
     found = search(fitter, weighing.effects)
     left = fitter.marginal.left(found.best.residuals)
     if found.gain(found.best) < _STRONG or (unexplained(left) < _MUCH and not weighing.model.pull):
-        return weighing, found
+        return weighing, fitter, found
     about = found.best
     if weighing.model.pull:
         # Few effects: what further ones do may be roughness.
@@ -182,8 +184,8 @@ def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Search]:
     again = search(by, weighing.effects)
     little = unexplained(by.marginal.left(again.best.residuals)) < 2.0 * max(_MUCH, unexplained(left))
     if not little or again.gain(again.best) < _KEEPS * found.gain(found.best):
-        return weighing, found
-    return beside, again
+        return weighing, fitter, found
+    return beside, by, again
 
 
 def _astray(fitter: Fitter, found: Search) -> bool:
