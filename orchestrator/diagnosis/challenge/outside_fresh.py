@@ -27,7 +27,7 @@ def _presliding(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 
 def _integral(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"integral": size * between(rng, 2.0, 8.0)}
+    return {"integral": size * between(rng, 1.5, 6.0)}
 
 
 def _one_sided(rng: np.random.Generator, size: float) -> dict[str, float]:
