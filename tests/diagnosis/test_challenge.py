@@ -25,7 +25,7 @@ from orchestrator.errors import ConfigError
 DIAGNOSIS = Path(orchestrator.diagnosis.__file__).parent
 GAP = Path(__file__).parents[3] / "shared" / "gap"
 needs_gap = pytest.mark.skipif(not GAP.is_dir(), reason="the labelled cases are not beside the checkout")
-ORDER = Order(cases=4, seed=11, pairs=True, outside=True)
+ORDER = Order(cases=4, seed=11, pairs=True, outside="known")
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_a_case_tells_nothing_of_its_truth(made):
 
 def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
     """Only making and scoring import the opener; nothing outside of `challenge` imports either of the two."""
-    users = {"seal": set(), "outside": set()}
+    users = {"seal": set(), "outside": set(), "outside_fresh": set()}
     for path in DIAGNOSIS.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             named = set()
@@ -145,7 +145,7 @@ def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
                     users[module].add(path.relative_to(DIAGNOSIS).as_posix())
     own = {f"challenge/{name}.py" for name in ("cli", "make", "score")}
     assert users["seal"] == own
-    assert users["outside"] == {"challenge/make.py"}
+    assert users["outside"] == users["outside_fresh"] == {"challenge/make.py"}
     for path in DIAGNOSIS.rglob("*.py"):
         if path.parent.name != "challenge":
             text = path.read_text(encoding="utf-8")
@@ -443,6 +443,10 @@ def test_verdicts_of_other_cases_are_refused(made, tmp_path, capsys):
             "--tight: got 9\n  from 1 (tolerances as they are) to 5",
         ),
         (["--cases", "1", "--seed", "1", "--jobs", "0"], "--jobs: got 0\n  at least 1"),
+        (
+            ["--cases", "1", "--seed", "1", "--outside", "odd"],
+            "--outside: got 'odd'\n  all, fresh, known",
+        ),
     ],
 )
 def test_wrong_orders_are_refused(tmp_path, capsys, options, told):

@@ -39,7 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     make.add_argument("--pairs", action="store_true", help="hide two effects in a quarter of those with any")
     make.add_argument(
-        "--outside", action="store_true", help="hide effects outside the catalogue in a quarter of them"
+        "--outside",
+        nargs="?",
+        const="all",
+        metavar="KINDS",
+        help="hide effects outside the catalogue in a quarter of them: `known`, those that were known when "
+        "the diagnosis was made; `fresh`, those that were not; or `all` (what --outside alone means)",
     )
     make.add_argument(
         "--tight",

@@ -9,18 +9,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError, OrchestratorError, Problem
+from ...errors import ConfigError, OrchestratorError, Problem, listed
 from ...run_folder import folder_at
 from ...workers import LocalPool, Work
 from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
 from .evidence import imitated, visibility
 from .hidden import HARDWARE, HIDDEN, SOFTWARE
 from .outside import OUTSIDE
+from .outside_fresh import FRESH
 from .rig import Array
 from .seal import seal_truth
 from .write import write_case
 
-__all__ = ["Order", "make"]
+__all__ = ["KINDS", "Order", "make"]
+
+# Kinds outside the catalogue, by which may be drawn.
+KINDS = {"known": OUTSIDE, "fresh": FRESH, "all": {**OUTSIDE, **FRESH}}
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,8 @@ class Order:
     Attributes:
         seed: None draws a secret one, which is kept in the sealed truth alone.
         magnitude: of every effect; None draws one per case.
-        pairs, outside: whether these kinds are among the cases.
+        pairs: whether two effects are hidden in some cases.
+        outside: which of `KINDS` are hidden in some, "all", "known" or "fresh"; None hides none of them.
         tight: by how much the lab's tolerances are smaller than the errors of its calibration.
     """
 
@@ -38,7 +43,7 @@ class Order:
     seed: int | None
     magnitude: float | None = None
     pairs: bool = False
-    outside: bool = False
+    outside: str | None = None
     tight: float = 1.0
 
     def __post_init__(self) -> None:
@@ -51,6 +56,8 @@ class Order:
             problems.append(
                 Problem("--magnitude", f"got {self.magnitude:g}", "above 0 (absent) up to 2; 1 is strong")
             )
+        if self.outside is not None and self.outside not in KINDS:
+            problems.append(Problem("--outside", f"got {self.outside!r}", listed(sorted(KINDS), len(KINDS))))
         if not 1.0 <= self.tight <= 5.0:
             problems.append(Problem("--tight", f"got {self.tight:g}", "from 1 (tolerances as they are) to 5"))
         if problems:
@@ -71,7 +78,7 @@ def make(
         raise ConfigError([Problem(str(folder), "is not empty", remedy="Name a new folder.")])
     folder_at(folder)
     seed = secrets.randbits(63) if order.seed is None else order.seed
-    outside = tuple(OUTSIDE.values()) if order.outside else ()
+    outside = tuple(KINDS[order.outside].values()) if order.outside else ()
     plans = plan_cases(order.cases, seed, tuple(HIDDEN.values()), outside, order.pairs, order.magnitude)
     tasks = [(folder, plan, seed, number, order.tight) for number, plan in enumerate(plans, start=1)]
     cases = {}

@@ -1,4 +1,7 @@
-"""Kinds of effects outside the catalogue. Nothing that weighs candidates may import this module."""
+"""Kinds of effects outside the catalogue. Nothing that weighs candidates may import this module.
+
+Who made the diagnosis knew of these; of those in `outside_fresh`, not.
+"""
 
 from __future__ import annotations
 

@@ -13,12 +13,18 @@ from numba import njit
 
 __all__ = ["MEMORY", "STATES", "contact_force", "integrate", "output", "remember"]
 
-# Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'.
-STATES = 9
-# Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat.
-MEMORY = 5
+# Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
+# that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'.
+STATES = 15
+_USUAL = 9
+# Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
+# how far the mount slipped.
+MEMORY = 6
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
+# Of a loose plate: stiffness of the frame behind it over that of the whole, and its dampers' ratios.
+_BEHIND, _HUNG_XI, _BEHIND_XI = 11.0, 0.1, 0.2
+_FILM_REACH = 15.0  # gaps of a film beyond which it is none
 
 
 @njit(cache=True, error_model="numpy")
@@ -40,7 +46,8 @@ def output(p, s, memory):
 def _contact_point(p, s, memory):
     position, rate = output(p, s, memory)
     stretch = 1.0 + p.scale + p.bend * position
-    return stretch * position - p.offset, (stretch + p.bend * position) * rate
+    point = stretch * position - p.offset + memory[5] + s[11]
+    return point, (stretch + p.bend * position) * rate + s[12]
 
 
 @njit(cache=True, error_model="numpy")
@@ -48,7 +55,7 @@ def _depth(p, s, memory):
     """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
     point, rate = _contact_point(p, s, memory)
     if 2.0 * point > p.front + p.rear:
-        return 1.0, point - p.front - memory[2] - s[7], rate - s[8]
+        return 1.0, point - p.front - memory[2] - s[7] - s[13], rate - s[8] - s[14]
     return -1.0, p.rear - memory[2] - point, -rate
 
 
@@ -59,6 +66,9 @@ def contact_force(p, t, s, memory):
     touch, pull = 1.0, 0.0
     if p.adhesion > 0.0 and rate < 0.0:
         pull = p.adhesion * math.exp(-((depth / p.adhesion_range) ** 2))
+    if p.film > 0.0 and depth > -_FILM_REACH * p.film_gap:
+        # What is squeezed out of a gap h resists as 1/h^3; the frame's roughness keeps it open.
+        pull -= p.film * rate / (1.0 + max(-depth, 0.0) / p.film_gap) ** 3
     if p.onset > 0.0:
         if depth < -50.0 * p.onset:
             return side * pull, side, 0.0, 0.0
@@ -69,6 +79,8 @@ def contact_force(p, t, s, memory):
         return side * pull, side, 0.0, 0.0
     rate *= touch
     k = p.k * (1.0 - side * p.asymmetry) * math.exp(-p.softening * t)
+    if p.plate > 0.0 and side > 0.0:
+        k *= _BEHIND / (_BEHIND - 1.0)  # in series with the frame behind the plate, as stiff as without it
     spring = k * depth
     if p.hertz != 0.0:
         spring *= (depth / _REFERENCE_DEPTH) ** p.hertz
@@ -100,6 +112,15 @@ def _derivative(p, t, s, memory, command, ds):
     x, v = s[0], s[1]
     force, side, depth, rate = contact_force(p, t, s, memory)
     a = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v + p.load * force
+    if p.integral != 0.0:
+        a += p.omega * p.omega * s[9]
+        ds[9] = p.integral * (command - x)
+    if p.one_sided != 0.0:
+        a -= 2.0 * p.xi * p.omega * p.one_sided * v * math.tanh(v / p.one_sided_rate)
+    if p.dahl > 0.0:
+        # A bristle that bends until it slides.
+        a -= p.dahl * s[10]
+        ds[10] = (v - abs(v) * s[10]) / p.dahl_length
     if p.coulomb > 0.0:
         excess = p.stribeck * math.exp(-abs(v) / p.stribeck_rate) if p.stribeck > 0.0 else 0.0
         a -= p.coulomb * (1.0 + excess) * v / math.sqrt(v * v + 2.25e-8)  # rounded over 0.15 mm/s
@@ -125,11 +146,27 @@ def _derivative(p, t, s, memory, command, ds):
         w = p.wall_omega
         ds[7] = s[8]
         ds[8] = (-force if side > 0.0 else 0.0) / p.wall_mass - w * w * s[7] - 0.1 * w * s[8]
+    if p.sway != 0.0:
+        w = p.sway_omega
+        ds[11] = s[12]
+        ds[12] = p.sway * (force - p.sway_arm * total) - w * w * s[11] - 2.0 * p.sway_xi * w * s[12]
+    if p.plate > 0.0:
+        ds[13], ds[14] = s[14], _plate(p, s, -force if side > 0.0 else 0.0)
 
 
 @njit(cache=True, error_model="numpy")
-def remember(p, s, memory, step):
-    """What outlasts a step: play, deepest penetration, creep of the servo, the sensor's heat."""
+def _plate(p, s, push):
+    """Acceleration [m/s2] of a plate that hangs before the front frame, and rests against it where pushed."""
+    w, behind = p.plate_omega, 0.0
+    if s[13] > 0.0:
+        k = _BEHIND * p.k
+        behind = max(k * s[13] + 2.0 * _BEHIND_XI * math.sqrt(k * p.plate) * s[14], 0.0)
+    return (push - behind) / p.plate - w * w * (s[13] + p.plate_gap) - 2.0 * _HUNG_XI * w * s[14]
+
+
+@njit(cache=True, error_model="numpy")
+def remember(p, t, s, memory, step):
+    """What outlasts a step: play, deepest penetration, creep of the servo, the sensor's heat, a slip."""
     if p.backlash > 0.0:
         memory[0], _ = output(p, s, memory)
     if p.rate_limit > 0.0:
@@ -143,6 +180,9 @@ def remember(p, s, memory, step):
         memory[3] += step * (p.creep * s[0] - memory[3]) / p.creep_time
     if p.heat != 0.0:
         memory[4] += step * (p.heat * abs(s[5]) - memory[4]) / p.heat_time
+    if p.slip > 0.0:
+        force, _, _, _ = contact_force(p, t, s, memory)
+        memory[5] += step * p.slip * (force - min(max(force, -p.slip_force), p.slip_force))
 
 
 @njit(cache=True, error_model="numpy")
@@ -158,21 +198,23 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     step = (end - begin) / steps
     k1, k2, k3, k4, mid = work[0], work[1], work[2], work[3], work[4]
     size = times.shape[0]
+    rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0
+    states = STATES if rare else _USUAL
     for i in range(steps):
         t = begin + i * step
         _derivative(p, t, s, memory, command, k1)
-        for j in range(STATES):
+        for j in range(states):
             mid[j] = s[j] + 0.5 * step * k1[j]
         _derivative(p, t + 0.5 * step, mid, memory, command, k2)
-        for j in range(STATES):
+        for j in range(states):
             mid[j] = s[j] + 0.5 * step * k2[j]
         _derivative(p, t + 0.5 * step, mid, memory, command, k3)
-        for j in range(STATES):
+        for j in range(states):
             mid[j] = s[j] + step * k3[j]
         _derivative(p, t + step, mid, memory, command, k4)
-        for j in range(STATES):
+        for j in range(states):
             s[j] += step / 6.0 * (k1[j] + 2.0 * (k2[j] + k3[j]) + k4[j])
-        remember(p, s, memory, step)
+        remember(p, t + step, s, memory, step)
         times[count % size] = t + step
         sensed[count % size] = s[6] if p.filter_time > 0.0 else s[5]
         count += 1

@@ -29,6 +29,9 @@ COLUMNS = (
 )
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
+# Play of the hysteresis; instant of the last reading; force and charge then; tare, and whether it is
+# taken.
+_AMPLIFIER = 6
 _SUBSTEPS = 40  # per tick
 _DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs
 
@@ -110,6 +113,7 @@ def _run(
         series.missed,
         series.body,
         series.wall,
+        series.payload,
         logged,
         TICK / substeps,
         out,
@@ -118,7 +122,9 @@ def _run(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall, logged, longest, out):
+def _ticks(
+    p, believed, mass, arrival, encoder, force, held, missed, body, wall, payload, logged, longest, out
+):
     """Fill `out`; returns how many ticks were run."""
     k, c, lead, start, speed = believed
     driven = logged.shape[1] > 0
@@ -135,7 +141,8 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
         active -= 1
     count, contact, touching = 0, 0, False
     memory[2] = wall[0]
-    reading, played = 0.0, 0.0
+    s[13] = -p.plate_gap
+    reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
     for n in range(ticks):
         now = n * TICK
         position, _ = output(p, s, memory)
@@ -143,7 +150,7 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
         if not driven:
             position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
         if not held[n] or n == 0:
-            reading, played = _read(p, now, past(times, sensed, count, now - p.tau_s), memory, played)
+            reading = _read(p, now, past(times, sensed, count, now - p.tau_s), memory, amplifier)
             reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
         seen_force, seen_position, acting = reading, position, 0.0
@@ -156,7 +163,7 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
             compensate(p, k, lead, TICK, seen_force, seen_position, satellite[0], satellite[1], controller)
         out[4, n], out[5, n] = controller[11], controller[6]
         acting = logged[4, n] if driven else controller[11]
-        move_satellite(p, mass, TICK, acting, body[n], satellite)
+        move_satellite(p, mass, now, TICK, acting, body[n], satellite)
         sent = satellite[0]
         if driven:
             out[0, n], out[1, n] = satellite[0], satellite[1]
@@ -175,7 +182,8 @@ def _ticks(p, believed, mass, arrival, encoder, force, held, missed, body, wall,
             for i in range(active + 1, HISTORY + n + 1):
                 if now + 1e-12 < arrival[i] < stop:
                     stop = arrival[i]
-            command = commands[active] + _cogging(p, commands[active])
+            command = commands[payload[active]]
+            command += _cogging(p, command)
             count = integrate(p, now, stop, longest, s, memory, command, work, times, sensed, count)
             now = stop
         f, _, _, _ = contact_force(p, end, s, memory)
@@ -201,15 +209,35 @@ def _cogging(p, position):
 
 
 @njit(cache=True, error_model="numpy")
-def _read(p, now, value, memory, played):
-    """The sensor's reading [N] before noise, and the play of its hysteresis."""
+def _read(p, now, value, memory, amplifier):
+    """The sensor's reading [N] before noise; the amplifier's state is advanced."""
     if p.hysteresis != 0.0:
-        played = min(max(played, value - p.hysteresis_width), value + p.hysteresis_width)
+        played = min(max(amplifier[0], value - p.hysteresis_width), value + p.hysteresis_width)
         value += p.hysteresis * (played - value)
+        amplifier[0] = played
+    value = _amplified(p, now - amplifier[1], value, amplifier)
+    amplifier[1] = now
     reading = (1.0 + p.gain) * value * (1.0 + p.force_curve * abs(value)) + p.bias + memory[4]
     # A drift that slows down, as of something that warms.
     reading += p.drift * 20.0 * (1.0 - math.exp(-now / 20.0))
-    return reading, played
+    return reading
+
+
+@njit(cache=True, error_model="numpy")
+def _amplified(p, since, value, amplifier):
+    """What an amplifier makes of a force [N] some time [s] after the one before."""
+    if p.leak > 0.0:
+        charge = amplifier[3] * math.exp(-p.leak * since) + value - amplifier[2]
+        amplifier[2], amplifier[3] = value, charge
+        value = charge
+    if p.tare > 0.0:
+        # Zeroed by a part of the reading that tells it of a contact, until the next.
+        if abs(value) < 0.25 * p.tare_force:
+            amplifier[4], amplifier[5] = 0.0, 0.0
+        elif abs(value) > p.tare_force and amplifier[5] == 0.0:
+            amplifier[4], amplifier[5] = p.tare * value, 1.0
+        value -= amplifier[4]
+    return value
 
 
 @njit(cache=True, error_model="numpy")

@@ -28,6 +28,7 @@ class Series:
         encoder: noise [m]; force: noise of all kinds [N]; body: force on the satellite [N]; shape (n,).
         held, missed: ticks at which sensor or controller do nothing, shape (n,).
         wall: where the frames stand in each contact, shape (400,) [m].
+        payload: which tick's command is the one that then holds, shape (64 + n,).
     """
 
     arrival: Array
@@ -37,6 +38,7 @@ class Series:
     missed: NDArray[np.bool_]
     body: Array
     wall: Array
+    payload: NDArray[np.int64]
 
 
 def draw_series(
@@ -51,7 +53,7 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(10)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(12)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
@@ -74,10 +76,28 @@ def draw_series(
         sign = np.where(np.floor((t + period) / period) % 2.0 < 1.0, 1.0, -1.0)
         body = body + get("burst", 0.0) * sign * (at < length)
     wall = get("wall_scatter", 0.0) * streams[8].standard_normal(_CONTACTS)
-    return Series(_arrivals(values, ticks, streams[7]), encoder, force, held, missed, body, wall)
+    arrival = _arrivals(values, ticks, streams[7], streams[10])
+    payload = _payload(values, ticks, streams[11])
+    return Series(arrival, encoder, force, held, missed, body, wall, payload)
 
 
-def _arrivals(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:
+def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.int64]:
+    """Which command holds from each arrival on: some come late, after newer ones, and are obeyed."""
+    index = np.arange(HISTORY + ticks)
+    late = round(values.get("reorder_ticks", 0.0))
+    if late < 1:
+        return index
+    first = late + 1
+    delayed = first + np.flatnonzero(stream.random(ticks) < values.get("reorder", 0.0))
+    payload = index.copy()
+    payload[delayed] = delayed - 1
+    payload[delayed + late] = delayed
+    return payload
+
+
+def _arrivals(
+    values: Mapping[str, float], ticks: int, stream: np.random.Generator, resets: np.random.Generator
+) -> Array:
     get = values.get
     index = np.arange(-HISTORY, ticks)
     sent = TICK * index
@@ -88,6 +108,10 @@ def _arrivals(values: Mapping[str, float], ticks: int, stream: np.random.Generat
     if stall > 0.0:
         into = np.mod(arrival + period * stream.random(), period)
         arrival += np.where(into < stall, stall - into, 0.0)
+    if get("reset", 0.0) > 0.0:
+        # A clock that runs slow and is set right time and again.
+        period = get("reset_period", 1.0)
+        arrival += get("reset", 0.0) * np.mod(sent / period + resets.random(), 1.0)
     hold = round(get("hold", 0.0))
     if hold > 1:
         lost |= (index + 1) % hold != 0

@@ -12,20 +12,29 @@ __all__ = ["compensate", "first_controller", "first_satellite", "move_satellite"
 
 @njit(cache=True, error_model="numpy")
 def first_satellite(speed):
-    """Position and velocity of the satellite and of what hangs on it, shape (4,)."""
-    return np.array([0.0, speed, 0.0, speed])
+    """Position and velocity of the satellite and of what hangs on it, and whether it fires, shape (5,)."""
+    return np.array([0.0, speed, 0.0, speed, 0.0])
 
 
 @njit(cache=True, error_model="numpy")
-def move_satellite(p, mass, tick, force, extra, s):
+def move_satellite(p, mass, now, tick, force, extra, s):
     """A tick of the satellite under a held force [N]: four semi-implicit Euler sub-steps.
 
     Args:
         extra: force of the rig's surroundings on the body [N].
-        s: position, velocity, and those of an appendage or sloshing mass, shape (4,); advanced.
+        s: see `first_satellite`; advanced.
     """
     dt = 0.25 * tick
     total = mass * (1.0 + p.mass)
+    if p.fuel != 0.0:
+        total *= max(1.0 - p.fuel * now, 0.1)
+    if p.thrust > 0.0:
+        # Thrusters brake from one speed down to half of it.
+        if abs(s[1]) > p.thrust_speed:
+            s[4] = 1.0
+        elif abs(s[1]) < 0.5 * p.thrust_speed:
+            s[4] = 0.0
+        extra -= math.copysign(p.thrust * s[4], s[1])
     hung = total * p.appendage
     w = p.appendage_omega
     for _ in range(4):
@@ -74,9 +83,14 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
             s[4], s[5] = 1.0, position + force / max(s[6], 1000.0)
         if abs(ahead) > 15.0:
             _estimate(s, k, ahead)
-        out = ahead - (1.0 + p.stiffness_gain) * s[6] * (desired - position) - s[7] * (rate - s[3])
+        stretch = desired - position + p.stale * speed * tick  # the encoder as it was before
+        if p.count > 0.0:
+            stretch = p.count * math.floor(stretch / p.count)  # as integers cut off
+        out = ahead - (1.0 + p.stiffness_gain) * s[6] * stretch - s[7] * (rate - s[3])
     else:
         s[4] = 0.0
+        if p.forget > 0.0:
+            s[6] = max(s[6] * (1.0 - p.forget * tick), 0.4 * k)
         out = force
     if p.output_limit > 0.0:
         out = math.copysign(min(abs(out), p.output_limit), out)
