@@ -38,18 +38,18 @@ components without states (contacts, springs, gears), and of first order where a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from math import lcm
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bonds import Bond
 from ..fmi import Array
 from ..instances import Instances
 from ..signals import Layout
-from ..system import Connection, Port, System
+from ..system import Port, System
+from .entries import Entries
 
 __all__ = ["Before", "Books", "Step"]
 
@@ -78,26 +78,6 @@ class Before:
     size: float = 0.0
 
 
-@dataclass
-class _Tables:
-    """Columns of the samples that are multiplied, and how products add up."""
-
-    columns: list[tuple[str, Port]] = field(default_factory=list)
-    products: list[tuple[int, int, bool]] = field(default_factory=list)
-
-    def column(self, kind: str, port: Port) -> int:
-        key = kind, port
-        if key not in self.columns:
-            self.columns.append(key)
-        return self.columns.index(key)
-
-    def product(self, effort: int, motion: int, displaced: bool) -> int:
-        key = effort, motion, displaced
-        if key not in self.products:
-            self.products.append(key)
-        return self.products.index(key)
-
-
 class Books:
     """How the energies of a system's bonds are computed from signals and inputs.
 
@@ -109,100 +89,32 @@ class Books:
 
     def __init__(self, system: System, layout: Layout) -> None:
         self.bonds = system.bonds
-        tables = _Tables()
-        # Per row of products: factor, place among what is told.
-        terms: list[tuple[int, int, float]] = []
-        told = 0
-        self.names: list[list[str]] = []
-        self._taken, self._given, self._created = [], [], []
-        partners: dict[int, int] = {}
-        jumping: set[int] = set()
-        curved: set[int] = set()
-        for bond in self.bonds:
-            jumps = _jumps(bond, system)
-
-            def output(
-                port: Port, fed: Port | None, moved: bool = False, jumps: dict[Port, bool] = jumps
-            ) -> int:
-                column = tables.column("output", port)
-                if fed is not None:
-                    partners[column] = tables.column("input", fed)
-                if jumps[port]:
-                    jumping.add(column)
-                if moved or fed is None:
-                    curved.add(column)
-                return column
-
-            def carried(leg: Connection, plain: int, jumps: dict[Port, bool] = jumps) -> int:
-                """What the target was to be given: what comes out of the connection's effects, if any."""
-                if leg.wire is None:
-                    return plain
-                column = tables.column("carried", leg.target)
-                partners[column] = partners.get(plain, -1)
-                if jumps[leg.source] and leg.source in leg.passed_at_once:
-                    jumping.add(column)
-                if plain in curved:
-                    curved.add(column)
-                return column
-
-            whole, *displaced = bond.displaced
-            effort = output(bond.effort[0].source, bond.flow[-1].target if bond.flow else None)
-            motion = output(bond.motion, bond.effort[-1].target, whole)
-            self._taken.append(told)
-            given_to = tables.column("input", bond.effort[-1].target)
-            terms.append((tables.product(given_to, motion, whole), told, bond.sign))
-            told += 1
-            self._given.append(told)
-            if bond.flow:
-                last = tables.column("input", bond.flow[-1].target)
-                terms.append((tables.product(effort, last, displaced[-1]), told, bond.sign))
-            else:
-                terms.append((tables.product(effort, motion, whole), told, bond.sign))
-            told += 1
-            created = []
-            for number, leg in enumerate(bond.effort):
-                source = output(leg.source, bond.effort[number - 1].target) if number else effort
-                source = carried(leg, source)
-                target = tables.column("input", leg.target)
-                terms.append((tables.product(target, motion, whole), told, bond.sign))
-                terms.append((tables.product(source, motion, whole), told, -bond.sign))
-                created.append(told)
-                told += 1
-            for number, (leg, moved) in enumerate(zip(bond.flow, displaced, strict=True)):
-                source = output(leg.source, bond.flow[number - 1].target, moved) if number else motion
-                source = carried(leg, source)
-                target = tables.column("input", leg.target)
-                terms.append((tables.product(effort, target, moved), told, -bond.sign))
-                terms.append((tables.product(effort, source, moved), told, bond.sign))
-                created.append(told)
-                told += 1
-            self._created.append(created)
-            self.names.append([str(one) for one in (*bond.effort, *bond.flow)])
-        self._sums = np.zeros((len(tables.products), told))
-        for product, place, factor in terms:
-            self._sums[product, place] += factor
-        self._effort = np.array([one[0] for one in tables.products], np.intp)
-        self._motion = np.array([one[1] for one in tables.products], np.intp)
-        self._displaced = np.array([one[2] for one in tables.products], np.bool_)
-        self._bind(system, layout, tables)
+        entries = Entries.of(system)
+        self.names = [[str(one) for one in (*bond.effort, *bond.flow)] for bond in system.bonds]
+        self._taken, self._given, self._created = entries.taken, entries.given, entries.created
+        self._sums = entries.sums()
+        self._effort = np.array([one[0] for one in entries.products], np.intp)
+        self._motion = np.array([one[1] for one in entries.products], np.intp)
+        self._displaced = np.array([one[2] for one in entries.products], np.bool_)
+        self._bind(system, layout, entries.columns)
         # Without an input of its own in the bond an output counts as jumping all at once.
-        self._partner = np.array([partners.get(column, -1) for column in self._outputs], np.intp)
-        self._is_jumping = np.isin(self._outputs, list(jumping))
-        self._is_curved = np.isin(self._outputs, list(curved))
+        self._partner = np.array([entries.partners.get(column, -1) for column in self._outputs], np.intp)
+        self._is_jumping = np.isin(self._outputs, list(entries.jumping))
+        self._is_curved = np.isin(self._outputs, list(entries.curved))
 
-    def _bind(self, system: System, layout: Layout, tables: _Tables) -> None:
+    def _bind(self, system: System, layout: Layout, columns: Sequence[tuple[str, Port]]) -> None:
         """Find the columns in the vectors of signals and inputs, and bring them to SI units."""
         first = np.cumsum([0, *(len(one.names) for one in layout.inputs)])
-        kinds = [kind == "input" for kind, _ in tables.columns]
+        kinds = [kind == "input" for kind, _ in columns]
         self._outputs = np.flatnonzero(np.logical_not(kinds))
         self._fed = np.flatnonzero(kinds)
-        units = [system.variable(port).unit for _, port in tables.columns]
+        units = [system.variable(port).unit for _, port in columns]
         self._factor = np.array([float(unit.factor) if unit else 1.0 for unit in units])
         self._offset = np.array([float(unit.offset) if unit else 0.0 for unit in units])
         wired = {one.connection.target: one for one in layout.wired}
         self._read = np.zeros(len(self._outputs), np.intp)
         for row, column in enumerate(self._outputs):
-            kind, port = tables.columns[column]
+            kind, port = columns[column]
             if kind == "output":
                 self._read[row] = layout.index[port]
                 continue
@@ -215,7 +127,7 @@ class Books:
         self._gain, self._shift = np.ones(len(self._fed)), np.zeros(len(self._fed))
         owners = []
         for row, column in enumerate(self._fed):
-            port = tables.columns[column][1]
+            port = columns[column][1]
             index = system.position[port.instance]
             owners.append(index)
             inputs = layout.inputs[index]
@@ -365,14 +277,3 @@ class Books:
         """What each bond created, shape (n, bonds), from what its connections did."""
         ends = np.cumsum([0, *(len(one) for one in self.names)])
         return np.stack([created[:, begin:end].sum(1) for begin, end in pairwise(ends)], axis=1)
-
-
-def _jumps(bond: Bond, system: System) -> dict[Port, bool]:
-    """Which outputs on a bond's way depend directly on an input that is connected."""
-    targets = {connection.target for connection in system.connections}
-    found = {}
-    for port in (bond.motion, *(leg.source for leg in (*bond.effort, *bond.flow))):
-        one = system.instances[system.position[port.instance]]
-        fed = one.feedthrough.get(port.variable, ())
-        found[port] = any(Port(port.instance, name) in targets for name in fed)
-    return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
 from time import perf_counter_ns
 from typing import TYPE_CHECKING
@@ -17,7 +18,7 @@ from ..instances import Instances
 from ..master import MasterAlgorithm
 from ..master.base import failure
 from . import kernel
-from .choice import kernel_of, schedule
+from .choice import Schedule, kernel_of, schedule
 from .codes import Outcome, Phase
 from .tables import Tables
 
@@ -63,28 +64,95 @@ def run_native(
     Returns: the index of the point that was reached.
     Raises: StepError.
     """
-    running = [one for one in instances.running if isinstance(one, CompiledInstance)]
-    native = [calls for one in running if (calls := one.native_calls()) is not None]
     planned = schedule(instances, master)
-    if planned is None or len(native) != len(instances):
-        raise ValueError("these instances, or this master, cannot be run by the native loop")
-    step_size = float(grid.step_size)
-    tables = Tables.of(instances, native, planned, step_size)
-    wiring, curves = tables.wiring, tables.curves
-    run = getattr(kernel, kernel_of(bool(len(wiring.paths)), curves.order > 0))
-    square = step_size**2
-    elapsed = np.zeros(len(running), np.int64)
-    outcome, begun_at = np.zeros(len(Outcome), np.int64), np.zeros(len(running))
     width = instances.layout.size
-    largest = _MOST if paced is None else 1
-    while seen is not None and largest > _FEWEST and largest * width > _NUMBERS:
-        largest //= 2
+    largest = _largest(width, seen is not None, paced is not None)
     columns = np.empty((width, 0 if seen is None else largest + _APART))
-    timed_every = 1
+    native = None if planned is None else _Native.of(instances, planned, float(grid.step_size), columns)
+    if native is None:
+        raise ValueError("these instances, or this master, cannot be run by the native loop")
+    native.take(0, np.empty(0))  # brings the machine code from disk, or compiles it
+    if begun is not None:
+        begun()
+    index, size = 0, min(_FEWEST, largest)
+    while index < grid.steps and not check():
+        times = grid.times(index, min(index + size, grid.steps))
+        if paced is not None:
+            paced(float(times[0]))
+            if check():
+                break
+        begin = perf_counter_ns()
+        done = native.take(index, times)
+        took = perf_counter_ns() - begin
+        native.tell_elapsed(took)
+        if seen is not None:
+            count = done + native.failed
+            seen(index, times[:count], columns[:, :count].T)
+        index += done
+        if done:
+            for one, part in zip(native.running, instances.system.instances, strict=True):
+                latest = _latest(part.ratio, grid, index)
+                if latest is not None:
+                    one.stand_at(latest)
+        if native.failed:
+            native.raise_failure(Point(index, float(times[done]), float(grid.step_size)))
+        native.timed_every = _TIMED_EVERY if took < done * len(native.running) * _SHORT else 1
+        size = min(2 * size, largest) if took < _LONGEST else max(size // 2, 1)
+    return index
 
-    def take(first: int, times: Array) -> int:
+
+def _largest(width: int, seen: bool, paced: bool) -> int:
+    """How many steps a chunk has at most.
+
+    Args:
+        width: signals that each of them records, where they are seen.
+    """
+    largest = 1 if paced else _MOST
+    while seen and largest > _FEWEST and largest * width > _NUMBERS:
+        largest //= 2
+    return largest
+
+
+@dataclass
+class _Native:
+    """Instances in machine code, and what it tells of the steps that it took.
+
+    Attributes:
+        running: the instances; columns: where signals are recorded, shape (layout.size, at least a chunk).
+        run: the kernel; timed_every: one in so many steps is timed.
+        elapsed: time that steps took, per instance [ns]; begun: when the last step of each began [s];
+            outcome: by `Outcome`.
+    """
+
+    instances: Instances
+    running: list[CompiledInstance]
+    tables: Tables
+    step_size: float
+    columns: Array
+    run: Callable[..., int]
+    elapsed: NDArray[np.int64]
+    begun: Array
+    outcome: NDArray[np.int64]
+    timed_every: int = 1
+
+    @staticmethod
+    def of(instances: Instances, planned: Schedule, step_size: float, columns: Array) -> _Native | None:
+        """None where some instance is not in machine code."""
+        running = [one for one in instances.running if isinstance(one, CompiledInstance)]
+        calls = [found for one in running if (found := one.native_calls()) is not None]
+        if len(calls) != len(instances):
+            return None
+        tables = Tables.of(instances, calls, planned, step_size)
+        run = getattr(kernel, kernel_of(bool(len(tables.wiring.paths)), tables.curves.order > 0))
+        elapsed, outcome = np.zeros(len(running), np.int64), np.zeros(len(Outcome), np.int64)
+        return _Native(
+            instances, running, tables, step_size, columns, run, elapsed, np.zeros(len(running)), outcome
+        )
+
+    def take(self, first: int, times: Array) -> int:
         """Take the steps that begin at `times`, shape (n,) [s], the first at point `first`: how many."""
-        return run(
+        tables, wiring = self.tables, self.tables.wiring
+        return self.run(
             tables.order,
             tables.late,
             tables.steps,
@@ -98,11 +166,11 @@ def run_native(
             tables.inputs,
             first,
             times,
-            step_size,
-            begun_at,
-            columns,
-            elapsed,
-            timed_every,
+            self.step_size,
+            self.begun,
+            self.columns,
+            self.elapsed,
+            self.timed_every,
             tables.timer,
             wiring.paths,
             wiring.links,
@@ -112,45 +180,28 @@ def run_native(
             wiring.reads,
             wiring.after,
             wiring.bounds,
-            curves.table,
-            square,
-            outcome,
+            tables.curves.table,
+            self.step_size**2,
+            self.outcome,
         )
 
-    take(0, np.empty(0))  # brings the machine code from disk, or compiles it
-    if begun is not None:
-        begun()
-    index, size = 0, min(_FEWEST, largest)
-    while index < grid.steps and not check():
-        times = grid.times(index, min(index + size, grid.steps))
-        if paced is not None:
-            paced(float(times[0]))
-            if check():
-                break
-        begin = perf_counter_ns()
-        done = take(index, times)
-        took = perf_counter_ns() - begin
-        total = int(elapsed.sum())
+    @property
+    def failed(self) -> bool:
+        """Whether the steps taken last ended with one that failed."""
+        return bool(self.outcome[Outcome.PHASE] != Phase.DONE)
+
+    def tell_elapsed(self, took: int) -> None:
+        """Tell how long the instances' steps took, of those that were timed; all together `took` [ns]."""
+        total = int(self.elapsed.sum())
         if total:
             # A step that was timed may by chance have been interrupted: they did not take longer than all.
-            factor = min(float(timed_every), took / total)
-            instances.add_elapsed([round(factor * part) for part in elapsed.tolist()])
-            elapsed[:] = 0
-        failed = outcome[Outcome.PHASE] != Phase.DONE
-        if seen is not None:
-            count = done + failed
-            seen(index, times[:count], columns[:, :count].T)
-        index += done
-        if done:
-            for one, part in zip(running, instances.system.instances, strict=True):
-                latest = _latest(part.ratio, grid, index)
-                if latest is not None:
-                    one.stand_at(latest)
-        if failed:
-            _raise(instances, tables, outcome, Point(index, float(times[done]), step_size), begun_at)
-        timed_every = _TIMED_EVERY if took < done * len(running) * _SHORT else 1
-        size = min(2 * size, largest) if took < _LONGEST else max(size // 2, 1)
-    return index
+            factor = min(float(self.timed_every), took / total)
+            self.instances.add_elapsed([round(factor * part) for part in self.elapsed.tolist()])
+            self.elapsed[:] = 0
+
+    def raise_failure(self, point: Point) -> None:
+        """Tell of a failed step what the interpreter's loop would. Raises: StepError."""
+        _raise(self.instances, self.tables, self.outcome, point, self.begun)
 
 
 def _latest(ratio: Fraction, grid: Grid, steps: int) -> float | None:
