@@ -9,27 +9,20 @@ from itertools import product
 from typing import ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .descent import Descent, Place, cost_of
 from .effect import Effect, Parameter, Seen
 from .marginal import Marginal
 from .study import Array
 
-__all__ = ["Base", "Fit", "Fitter", "Replay", "Seeing", "cost_of"]
+__all__ = ["Base", "Fit", "Fitter", "Replay", "Seeing"]
 
-_MAX_ITERATIONS = 30
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
 _RUNAWAY = 1e60
 # Differences that move the residuals by more standard deviations tell of another place, not of a derivative.
 _FAR = 20.0
 # Bases whose costs differ by less are much the same place: effects are screened from the better one alone.
 _ALIKE = 60.0
-# Steps after which derivatives that only followed the steps are taken anew.
-_STALE = 5
-# A fit has converged when the cost falls by less.
-_CONVERGED = 0.3
-# Damping, as a share of the curvature, that holds nothing back, and what it has to promise.
-_UNDAMPED, _MUCH = 1e-9, 20.0
 # Normalised parameters that differ by less are the same.
 _SAME = 1e-9
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
@@ -118,7 +111,7 @@ class Fitter:
     """Fits effects to replays.
 
     Attributes:
-        _patient: whether a fit that hardly gets on, though derivatives promise more, goes on undamped.
+        _patient: see `Descent`.
 
     Args:
         inflation, roughness, apart: as those of `marginal.Marginal`.
@@ -235,10 +228,6 @@ class Fitter:
             if len(start) != len(parameters):
                 raise ValueError(f"{len(start)} parameters to begin from, {len(parameters)} to fit")
             z[count:] = start
-        smooth = np.array(
-            [place for place in range(len(z)) if place < count or parameters[place - count].smooth],
-            np.intp,
-        )
         r = self.stacked(effects, z)
         cost = cost_of(r, z)
         if not math.isfinite(cost):
@@ -247,54 +236,22 @@ class Fitter:
         jacobian = self.jacobian(effects, z, r, range(len(z)) if known is None else range(count, len(z)))
         if known is not None:
             jacobian[:, :count] = known
-        fresh, damping, stale = known is None, 1e-3, 0
-        for iteration in range(_MAX_ITERATIONS):
-            hessian = jacobian.T @ jacobian + np.eye(len(z))
-            slope = jacobian.T @ r + z
-            gain, fresh_before = 0.0, fresh
-            free = smooth[~self._held(effects, z, slope)[smooth]]
-            promised = 0.0
-            if fresh:
-                promised = float(slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free]))
-                if promised < _CONVERGED:
-                    break
-            for _ in range(6):
-                damped = (hessian + damping * np.diag(np.diag(hessian)))[np.ix_(free, free)]
-                ahead = self._bounded(effects, _less(z, free, np.linalg.solve(damped, slope[free])))
-                r_ahead = self.stacked(effects, ahead)
-                cost_ahead = cost_of(r_ahead, ahead)
-                if cost < cost_ahead < math.inf:
-                    # Along a valley, as of two numbers that only count by their sum, a long step is right but
-                    # for a little across: the valley is steep, and no shorter step would go far along it.
-                    back = np.linalg.solve(damped, (jacobian.T @ r_ahead + ahead)[free])
-                    second = self._bounded(effects, _less(ahead, free, back))
-                    r_second = self.stacked(effects, second)
-                    cost_second = cost_of(r_second, second)
-                    if cost_second < cost:
-                        ahead, r_ahead, cost_ahead = second, r_second, cost_second
-                if cost_ahead < cost:
-                    move = ahead - z
-                    # Broyden's update: the derivatives along the step just taken are known.
-                    jacobian += np.outer(r_ahead - r - jacobian @ move, move / (move @ move))
-                    gain, fresh = cost - cost_ahead, False
-                    z, r, cost = ahead, r_ahead, cost_ahead
-                    damping = max(damping / 10.0, _UNDAMPED)
-                    break
-                damping *= 10.0
-            if gain < _CONVERGED and fresh_before:
-                if not (self._patient and promised > _MUCH and gain > 0.0 and damping > _UNDAMPED):
-                    break
-                # A straight valley, as of two numbers that only count by their product: damping, which goes
-                # by how steep it is across, holds the step back.
-                damping = _UNDAMPED
-            if iteration > 3 and cost > aim and 10.0 * gain < cost - aim:
-                break
-            stale = 0 if fresh else stale + 1
-            if not fresh_before and (gain < max(_CONVERGED, 2e-4 * cost) or stale > _STALE):
-                jacobian, fresh, damping = self.jacobian(effects, z, r, range(len(z))), True, 1e-3
-        hessian = jacobian.T @ jacobian + np.eye(len(z))
-        _, log_determinant = np.linalg.slogdet(hessian)
-        return self._fitted(effects, z, r, cost, float(log_determinant))
+        at = Place(z, r, cost, jacobian, known is None)
+        self._descent(effects).run(at, aim)
+        _, log_determinant = np.linalg.slogdet(at.hessian)
+        return self._fitted(effects, at.z, at.r, at.cost, float(log_determinant))
+
+    def _descent(self, effects: tuple[Effect, ...]) -> Descent:
+        """A descent of effects and calibration."""
+        smooth = [True] * len(self._names)
+        smooth += [one.smooth for effect in effects for one in effect.parameters]
+        return Descent(
+            lambda z: self.stacked(effects, z),
+            lambda z, r: self.jacobian(effects, z, r, range(len(z))),
+            *self._limits(effects),
+            np.flatnonzero(smooth),
+            self._patient,
+        )
 
     def _fitted(
         self, effects: tuple[Effect, ...], z: Array, r: Array, cost: float, log_determinant: float
@@ -410,21 +367,6 @@ class Fitter:
     def _bounded(self, effects: tuple[Effect, ...], z: Array) -> Array:
         return np.clip(z, *self._limits(effects))
 
-    def _held(self, effects: tuple[Effect, ...], z: Array, slope: Array) -> NDArray[np.bool_]:
-        """Which parameters stand at a bound that the slope leads beyond.
-
-        Others would be moved as if these could follow.
-        """
-        low, high = self._limits(effects)
-        return ((z <= low) & (slope > 0.0)) | ((z >= high) & (slope < 0.0))
-
-
-def cost_of(r: Array, z: Array) -> float:
-    """Sum of squares of normalised residuals and parameters; infinite where a model runs away."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        cost = float(r @ r + z @ z)
-    return cost if math.isfinite(cost) else math.inf
-
 
 def _least(columns: Array, r: Array, z: Array) -> tuple[Array, float]:
     """Step to the least cost of a linearised problem, and that cost.
@@ -438,12 +380,6 @@ def _least(columns: Array, r: Array, z: Array) -> tuple[Array, float]:
         slope = columns.T @ r + z[: columns.shape[1]]
         step = np.linalg.solve(hessian, slope)
         return step, cost_of(r, z) - float(slope @ step)
-
-
-def _less(z: Array, places: NDArray[np.intp], step: Array) -> Array:
-    ahead = z.copy()
-    ahead[places] -= step
-    return ahead
 
 
 def _centre(one: Parameter) -> float:

@@ -10,8 +10,9 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from .descent import cost_of
 from .effect import Effect
-from .fit import Base, Fit, Fitter, cost_of
+from .fit import Base, Fit, Fitter
 from .study import Array
 
 __all__ = [

@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from ...system import Port
+from ..descent import cost_of
 from ..effect import Effect
-from ..fit import Fit, Fitter, cost_of
+from ..fit import Fit, Fitter
 from ..search import Search, each, exchanged, search
 from ..study import Array
 from .comb import Comb

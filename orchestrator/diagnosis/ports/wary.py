@@ -8,8 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..descent import cost_of
 from ..effect import Effect
-from ..fit import Base, Fit, Fitter, cost_of
+from ..fit import Base, Fit, Fitter
 from ..study import Array
 
 __all__ = ["WaryFitter"]
