@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryFile
 from time import perf_counter
 from typing import Any, BinaryIO, cast
 
 from . import checks
-from .assembly import load_system
-from .config import Config, load_config
+from .assembly import Judged, judge_system
+from .config import Config, Draft, read_config
+from .config.base import exact_time
 from .errors import ConfigError, Interrupted, OrchestratorError, Problem, error_data, listed
 from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
 from .master import MasterAlgorithm, create_master
-from .measures import ChosenMeasure, changes, choose_measures, signal_changes
+from .measures import ChosenMeasure, changes, judge_measures, signal_changes
 from .pacing import Pace
 from .progress import Progress
 from .provenance import origin, versions
 from .results import Recorder, Results, parameters_of
 from .run_folder import begin_folder, folder_at, incomplete, write_run
-from .simulate import Grid, Observer, Report, simulate
+from .simulate import Grid, Observer, Report, simulate, time_problems
 from .system import System
 
 __all__ = ["Prepared", "RunResult", "instance_fmus", "prepare", "run"]
@@ -72,36 +75,76 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
         config, overrides: see `load_config`.
     Raises: ConfigError with all problems.
     """
-    loaded = load_config(config, overrides)
-    problems: list[Problem] = []
-    master = grid = system = None
-    measures: tuple[ChosenMeasure, ...] = ()
-    model, places = loaded.model, loaded.places
+    draft = read_config(config, overrides)
+    problems, unchecked = [*draft.problems], [*draft.unchecked]
+    if draft.config is None:
+        raise ConfigError(problems, unchecked)
+    model, places, gaps = draft.config.model, draft.config.places, draft.gaps
+    master = grid = None
+    if gaps.whole("run", "master"):
+        try:
+            master = create_master(model.run.master, places.text(("run", "master")), places)
+        except ConfigError as error:
+            problems += error.problems
     try:
-        master = create_master(model.run.master, places.text(("run", "master")), places)
+        grid = _grid(draft, unchecked)
     except ConfigError as error:
         problems += error.problems
-    try:
-        grid = Grid.of(model.run, places.text(("run",)))
-    except ConfigError as error:
-        problems += error.problems
-    try:
-        measures = choose_measures(loaded)
-    except ConfigError as error:
-        problems += error.problems
+    measures, wrong = judge_measures(draft.config)
+    problems += wrong
     needed = {name: ("measures", one.name) for one in measures for name in one.signals()}
-    try:
-        # Of an unknown master it cannot be told whether it solves loops: one mistake is to be told, not two.
-        system = load_system(loaded, needed, loops=master is None or master.solves_loops)
-    except ConfigError as error:
-        problems += error.problems
-    if master is not None and system is not None:
-        problems += master.check(system, places)
-    if system is not None and grid is not None:
-        problems += checks.step_size(system.instances, grid.step_size, places)
-    if problems or master is None or grid is None or system is None:
+    # Of an unknown master it cannot be told whether it solves loops: one mistake is to be told, not two.
+    judged = judge_system(draft, needed, loops=master is None or master.solves_loops)
+    problems += judged.problems
+    unchecked += judged.unchecked
+    problems += _steps(draft, judged, master, unchecked)
+    if problems or master is None or grid is None:
+        raise ConfigError(sorted(problems, key=_line), unchecked)
+    return Prepared(draft.config, judged.sound(), master, grid, tuple(measures))
+
+
+def _grid(draft: Draft, unchecked: list[str]) -> Grid | None:
+    """The communication points; None if not all times are known. Raises: ConfigError."""
+    assert draft.config is not None
+    run, place = draft.config.model.run, draft.config.places.text(("run",))
+
+    def knows(key: str) -> bool:
+        return draft.gaps.knows("run", key)
+
+    if all(map(knows, ("start_time", "stop_time", "step_size"))):
+        return Grid.of(run, place)
+    unchecked.append("whether the run is a whole number of steps")
+    if problems := time_problems(run, place, knows):
         raise ConfigError(problems)
-    return Prepared(loaded, system, master, grid, measures)
+    return None
+
+
+def _steps(
+    draft: Draft, judged: Judged, master: MasterAlgorithm | None, unchecked: list[str]
+) -> list[Problem]:
+    """What instances cannot do of the steps that they are to take, and what else the master asks for."""
+    assert draft.config is not None and judged.system is not None
+    places, system = draft.config.places, judged.system
+    settled = [one for one in system.instances if one.name not in judged.unsettled]
+    problems = [] if master is None else master.check(system, places)
+    if draft.problems or judged.problems:
+        # Signals and bonds may be missing for what is wrong; what an FMU cannot do it cannot in any case.
+        paths = [("instances", one.name, *key) for one in settled for key in ((), ("step_size",))]
+        sure = set(map(places.text, paths))
+        if master is None or any(one.place not in sure for one in problems):
+            unchecked.append("what the master asks of the system")
+        problems = [one for one in problems if one.place in sure]
+    known = draft.gaps.knows("run", "step_size")
+    if not known:
+        unchecked.append("step sizes of FMUs")
+    size = exact_time(draft.config.model.run.step_size) if known else Fraction(0)
+    return problems + (checks.step_size(settled, size, places) if size > 0 else [])
+
+
+def _line(problem: Problem) -> int:
+    """By which problems are sorted: overrides and what has no line come first."""
+    found = re.match(r"[^:]*:(\d+)(:|$)", problem.place)
+    return int(found[1]) if found else 0
 
 
 def run(

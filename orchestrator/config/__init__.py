@@ -1,16 +1,10 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
 from .external import ExternalModel, RealtimeModel
-from .load import (
-    Config,
-    json_schema,
-    load_config,
-    move_effects,
-    override_path,
-    put_value,
-    unknown_path,
-)
+from .gaps import Gaps
+from .load import Config, Draft, json_schema, load_config, move_effects, read_config
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
+from .overrides import override_path, put_value, unknown_path
 from .problems import validation_problems
 from .text import Place, Places, dump, parse, path_text
 
@@ -18,7 +12,9 @@ __all__ = [
     "BondModel",
     "Config",
     "ConnectionModel",
+    "Draft",
     "ExternalModel",
+    "Gaps",
     "InstanceModel",
     "Place",
     "Places",
@@ -35,6 +31,7 @@ __all__ = [
     "parse",
     "path_text",
     "put_value",
+    "read_config",
     "unknown_path",
     "validation_problems",
 ]

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from ..errors import Problem, listed, nearest
+from ..errors import Problem, close, listed, nearest
+from .gaps import Gaps
 from .models import ConnectionModel, SourceModel
 from .text import Path, Places, path_text
 
-__all__ = ["validation_problems"]
+__all__ = ["is_of_another_form", "validation_problems"]
 
 # Of pydantic's locations: key checks, and members of unions that are told apart by a tag.
 _MARKS = ("[key]", "[list]", "[range]")
+# Of the other unions there are: that of `bonds`, and those in bonds and in external ones.
+_MEMBER = re.compile(r"(str|constrained-str|ReceivedModel|(literal|list|function-after)\[.*\])")
 
 
 def validation_problems(
-    error: ValidationError, places: Places, prefix: Path, model: type[BaseModel]
+    error: ValidationError,
+    places: Places,
+    prefix: Path,
+    model: type[BaseModel],
+    gaps: Gaps | None = None,
 ) -> list[Problem]:
     """pydantic's errors as problems with places; one for each value, also where several forms are allowed.
 
@@ -26,10 +34,19 @@ def validation_problems(
         error: what pydantic raised for `model`.
         places: where the values were written.
         prefix: path of the validated value in the config.
+        gaps: where it is not known; nothing is told to be missing there.
     """
     problems: dict[Path, Problem] = {}
-    for item in error.errors(include_url=False):
+    errors = error.errors(include_url=False)
+    misspelt = _misspelt(errors, model)
+    for item in errors:
+        if item["loc"] in misspelt and item["type"] == "missing":
+            continue
         path = prefix + _plain_path(item["loc"])
+        if is_of_another_form(item):
+            continue
+        if item["type"] == "missing" and gaps is not None and not gaps.knows(*path):
+            continue
         place = places.text(path)
         kind = item["type"]
         if kind == "missing" and path[:1] != ("connections",):
@@ -55,8 +72,7 @@ def validation_problems(
                 what = f"cannot read connection {got!r}"
             elif kind in ("missing", "extra_forbidden"):
                 path = (*path[:2], item["loc"][-1])
-                kind_of = SourceModel if "SourceModel" in item["loc"] else ConnectionModel
-                names = [one.alias or name for name, one in kind_of.model_fields.items()]
+                names = _keys(model, item["loc"][:-1])
                 if kind == "missing":
                     problem = Problem(places.text(path[:2]), f"{path[-1]} is missing", "it has no default")
                 else:
@@ -85,31 +101,62 @@ def validation_problems(
     return list(problems.values())
 
 
+def _misspelt(errors: Iterable[Any], model: type[BaseModel]) -> set[tuple[str | int, ...]]:
+    """Locations of keys that unknown ones are most likely meant for: that those are missing is no news."""
+    unknown = [item["loc"] for item in errors if item["type"] == "extra_forbidden"]
+    return {
+        (*location[:-1], meant)
+        for location in unknown
+        for meant in close(str(location[-1]), _keys(model, location[:-1]))[:1]
+    }
+
+
 def _plain_path(location: tuple[str | int, ...]) -> Path:
     """pydantic's location without the names of union members and of key checks."""
     if location[:1] == ("connections",):
         inner = tuple(part for part in location[2:] if part in ("from", "to"))
         return (*location[:2], *inner)
     if location[:2] == ("run", "record"):
-        return tuple(part for part in location[:3] if isinstance(part, int) or part in ("run", "record"))
+        return tuple(part for part in location if isinstance(part, int) or part in ("run", "record"))
+    if location[:1] in (("bonds",), ("external",)):
+        named = 1 if location[0] == "bonds" else 4
+        location = (*location[:named], *(one for one in location[named:] if not _is_member(one)))
     if location[:1] == ("instances",) and len(location) > 3 and location[2] == "start":
         return location[:4]
     return tuple(part for part in location if part not in _MARKS)
 
 
+def _is_member(part: str | int) -> bool:
+    return isinstance(part, str) and _MEMBER.fullmatch(part) is not None
+
+
+def is_of_another_form(item: Any) -> bool:
+    """Whether an error says no more than that a list or a mapping, whose own errors are told, is no text."""
+    kind, got, location = item["type"], item["input"], item["loc"]
+    if kind == "literal_error":
+        return isinstance(got, list) and (location[:2] == ("run", "record") or location[:-1] == ("bonds",))
+    return kind == "string_type" and isinstance(got, dict) and location[2:3] == ("receive",)
+
+
 def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
     """Keys allowed at a location."""
+    if location[:1] == ("connections",) and "ConnectionModel" in location:
+        return _names(SourceModel if "SourceModel" in location else ConnectionModel)
     current: Any = model
     for part in location:
-        if part in _MARKS:
+        if part in _MARKS or _is_member(part):
             continue
         fields = getattr(current, "model_fields", None)
         if fields is not None:
             current = fields[part].annotation if part in fields else None
         else:
             current = _model_in(current)
-    fields = getattr(current, "model_fields", {})
-    return [found.alias or name for name, found in fields.items()]
+    return _names(current)
+
+
+def _names(model: Any) -> list[str]:
+    """Keys of a model as they are written; none of what is no model."""
+    return [found.alias or name for name, found in getattr(model, "model_fields", {}).items()]
 
 
 def _model_in(annotation: Any) -> Any:
