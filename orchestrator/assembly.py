@@ -5,7 +5,7 @@ Everything that can be known before a run is checked here, and all problems are 
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,11 @@ from . import checks
 from .bonds import Bond, declared_bonds, find_bonds
 from .config import BondModel, Config, ConnectionModel, Draft, Gaps, Places
 from .config.base import exact_time
-from .connecting import Ends, connect, elements, meant
+from .connecting import Absent, Ends, connect, elements, meant
 from .errors import ConfigError, Problem, close, listed
 from .fmi import Kind, ModelDescription, Value, Variable
 from .loops import algebraic_loops
-from .parts import Absent, Part, parts_of
+from .parts import Part, parts_of
 from .system import Connection, Instance, Port, System
 
 __all__ = ["Judged", "Part", "assemble", "judge_system", "load_system"]
@@ -219,6 +219,8 @@ def _assemble(
     if unread or len(passing) < len(checked):
         judged.unchecked.append("algebraic loops by way of effects or instances that are not known")
     bonded = _bonded(bonds, instances, checked, stated, absent, places, found, notes)
+    if bonds and not all(one.known for one in stated):
+        judged.unchecked.append("whether the connections of bonds are there")
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
     longest = step_size if broken else None
     judged.system = System(
@@ -294,7 +296,7 @@ def _bonded(
     instances: Sequence[Instance],
     connections: Sequence[Connection],
     stated: Sequence[Ends],
-    absent: Container[str],
+    absent: Absent,
     places: Places,
     problems: list[Problem],
     notes: list[str],
@@ -375,7 +377,7 @@ def _recorded(
     outputs: bool,
     wanted: Mapping[str, tuple[str | int, ...]],
     instances: Sequence[Instance],
-    absent: Container[str],
+    absent: Absent,
     places: Places,
     problems: list[Problem],
 ) -> tuple[Port, ...]:
@@ -392,7 +394,9 @@ def _recorded(
         name, _, variable = text.partition(".")
         if name in absent:
             continue
-        problem = checks.recordable(name, variable, descriptions, places.text(path))
+        problem = checks.recordable(
+            name, variable, descriptions, places.text(path), absent.among(descriptions)
+        )
         if problem is not None:
             problems.append(problem)
         ports[Port(name, variable)] = None

@@ -207,12 +207,17 @@ def dependencies(
 
 
 def recordable(
-    instance: str, name: str, descriptions: Mapping[str, ModelDescription], place: str
+    instance: str,
+    name: str,
+    descriptions: Mapping[str, ModelDescription],
+    place: str,
+    names: Sequence[str] = (),
 ) -> Problem | None:
-    """Judge a signal that is to be recorded."""
+    """Judge a signal that is to be recorded; `names`: of all instances, where not all are described."""
     if instance not in descriptions:
         what = f"no instance {instance!r} to record {instance}.{name} of"
-        return Problem(place, what, f"instances: {listed(descriptions)}", nearest(instance, descriptions))
+        names = names or list(descriptions)
+        return Problem(place, what, f"instances: {listed(names)}", nearest(instance, names))
     variables = descriptions[instance].variables
     variable = variables.get(name)
     names = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,31 @@ from .quantities import Measure
 from .system import Connection, Leg, Link, Port, Wire
 from .units import ONE, UnitError, convert, parse_unit
 
-__all__ = ["Ends", "connect", "elements", "meant"]
+__all__ = ["Absent", "Ends", "connect", "elements", "meant"]
+
+
+@dataclass(frozen=True)
+class Absent:
+    """Names of instances of which nothing is known, so that nothing that concerns them is judged.
+
+    Attributes:
+        names: of those that are there, and have a problem of their own.
+        known: names of all others; None if every name that does not exist is a mistake.
+    """
+
+    names: frozenset[str] = frozenset()
+    known: Container[str] | None = None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names or (self.known is not None and name not in self.known)
+
+    def among(self, others: Iterable[str]) -> list[str]:
+        """All names of instances, for messages: these and others."""
+        return [*others, *sorted(self.names)]
+
+    def but(self, known: Container[str]) -> Absent:
+        """Also whatever name is not among those."""
+        return Absent(self.names, known)
 
 
 @dataclass(frozen=True)
@@ -151,7 +175,7 @@ def _shape(found: Mapping[str, str]) -> str:
 def connect(
     ends: Ends,
     descriptions: Mapping[str, ModelDescription],
-    absent: Container[str],
+    absent: Absent,
     places: Places,
     folder: Path,
     step_size: float | None,
@@ -241,7 +265,7 @@ class _Judge:
         self,
         ends: Ends,
         descriptions: Mapping[str, ModelDescription],
-        absent: Container[str],
+        absent: Absent,
         places: Places,
         problems: list[Problem],
     ) -> None:
@@ -257,8 +281,10 @@ class _Judge:
             return None
         if name not in self._descriptions:
             what = f"no instance {name!r} in {self._ends}"
-            allowed = f"instances: {listed(self._descriptions)}"
-            self._problems.append(Problem(self.place, what, allowed, nearest(name, self._descriptions)))
+            names = self._absent.among(self._descriptions)
+            self._problems.append(
+                Problem(self.place, what, f"instances: {listed(names)}", nearest(name, names))
+            )
         elif not dot:
             self._problems.append(
                 Problem(self.place, f"{text!r} names no variable", f"written as {name}.variable")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -10,11 +10,12 @@ from pathlib import Path
 from . import bundled
 from .config import Config, Draft, InstanceModel, Scalar
 from .config.base import exact_time
+from .connecting import Absent
 from .errors import FmuError, Problem, listed, nearest
 from .external import ExternalFmu
 from .fmi import Fmu, Handling, Interface, load_fmu
 
-__all__ = ["Absent", "Part", "Parts", "parts_of"]
+__all__ = ["Part", "Parts", "parts_of"]
 
 
 @dataclass(frozen=True)
@@ -34,26 +35,6 @@ class Part:
     start: Mapping[str, Scalar] = field(default_factory=dict)
     feedthrough: Mapping[str, Sequence[str]] = field(default_factory=dict)
     ratio: Fraction = Fraction(1)
-
-
-@dataclass(frozen=True)
-class Absent:
-    """Names of instances of which nothing is known, so that nothing that concerns them is judged.
-
-    Attributes:
-        names: of those that are there, and have a problem of their own.
-        known: names of all others; None if every name that does not exist is a mistake.
-    """
-
-    names: frozenset[str] = frozenset()
-    known: Container[str] | None = None
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.names or (self.known is not None and name not in self.known)
-
-    def but(self, known: Container[str]) -> Absent:
-        """Also whatever name is not among those."""
-        return Absent(self.names, known)
 
 
 @dataclass(frozen=True)

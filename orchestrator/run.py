@@ -20,7 +20,7 @@ from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
 from .master import MasterAlgorithm, create_master
-from .measures import ChosenMeasure, changes, judge_measures, signal_changes
+from .measures import ChosenMeasure, changes, judge_measures, measure_names, signal_changes
 from .pacing import Pace
 from .progress import Progress
 from .provenance import origin, versions
@@ -92,6 +92,8 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
         problems += error.problems
     measures, wrong = judge_measures(draft.config)
     problems += wrong
+    unread = model.measures.keys() & set(measure_names()) - {one.name for one in measures}
+    unchecked += [f"signals of measures.{name}" for name in sorted(unread)]
     needed = {name: ("measures", one.name) for one in measures for name in one.signals()}
     # Of an unknown master it cannot be told whether it solves loops: one mistake is to be told, not two.
     judged = judge_system(draft, needed, loops=master is None or master.solves_loops)
@@ -99,7 +101,7 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
     unchecked += judged.unchecked
     problems += _steps(draft, judged, master, unchecked)
     if problems or master is None or grid is None:
-        raise ConfigError(sorted(problems, key=_line), unchecked)
+        raise ConfigError(_in_order(problems), unchecked)
     return Prepared(draft.config, judged.sound(), master, grid, tuple(measures))
 
 
@@ -141,10 +143,15 @@ def _steps(
     return problems + (checks.step_size(settled, size, places) if size > 0 else [])
 
 
-def _line(problem: Problem) -> int:
-    """By which problems are sorted: overrides and what has no line come first."""
-    found = re.match(r"[^:]*:(\d+)(:|$)", problem.place)
-    return int(found[1]) if found else 0
+def _in_order(problems: list[Problem]) -> list[Problem]:
+    """Problems by the lines of their files; those of overrides, and of what has no line, first."""
+    files: dict[str, int] = {}
+
+    def order(problem: Problem) -> tuple[int, int]:
+        found = re.match(r"(?!--set )([^:]*):(\d+)(:|$)", problem.place)
+        return (files.setdefault(found[1], len(files) + 1), int(found[2])) if found else (0, 0)
+
+    return sorted(problems, key=order)
 
 
 def run(

@@ -27,6 +27,7 @@ from .text import Path, Places
 __all__ = ["read_model"]
 
 _ARROW = TypeAdapter(Arrow)
+_NAMED = ("instances", "external")
 # For the keys of an external one that its ports do not depend on.
 _ANY_PEER = {"listen": "127.0.0.1:1", "peer": "127.0.0.1:2", "exchange": "latest"}
 
@@ -69,7 +70,7 @@ class _Reader:
             path, kind = _within(data, item["loc"]), item["type"]
             if kind == "extra_forbidden":
                 self._gaps.update(_meant(self._at(path[:-1]), path, self._at(path)))
-            elif kind == "value_error" and path in {(), item["loc"]} and len(path) in (0, 2):
+            elif kind == "value_error" and (not path or (len(path) == 2 and path[0] in _NAMED)):
                 self._wholes.add(path)  # its keys do not go together
             elif path[:1] == ("connections",) and len(path) > 1:
                 continue  # see `_connection`
@@ -229,7 +230,7 @@ def _fits(adapter: TypeAdapter[Any], data: Any) -> bool:
 
 
 def _meant(data: Mapping[str, Any], path: Path, value: Any) -> Iterable[Path]:
-    """What an unknown key may be meant for: keys not given that have a like name, or take such a value."""
+    """What an unknown key may be meant for: keys not given of a like name or, failing that, of such values."""
     above = path[:-1]
     kinds: dict[str | int, type[BaseModel]] = {
         "run": RunModel,
@@ -249,8 +250,12 @@ def _meant(data: Mapping[str, Any], path: Path, value: Any) -> Iterable[Path]:
         for name, one in kind.model_fields.items()
         if (one.alias or name) not in data
     }
-    like = [key for key, annotation in absent.items() if _takes(annotation, value)]
-    return [(*above, key) for key in {*like, *close(str(path[-1]), absent)}]
+    like = close(str(path[-1]), absent)
+    return [
+        (*above, key)
+        for key, annotation in absent.items()
+        if key in like or (not like and _takes(annotation, value))
+    ]
 
 
 def _takes(annotation: Any, value: Any) -> bool:
