@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -18,6 +19,7 @@ __all__ = [
     "StepError",
     "close",
     "error_data",
+    "in_order",
     "listed",
     "nearest",
 ]
@@ -156,6 +158,17 @@ def nearest(name: str, names: Iterable[str], prefix: str = "") -> str:
     """
     found = close(name, names)
     return f"Did you mean {' or '.join(prefix + match for match in found)}?" if found else ""
+
+
+def in_order(problems: Iterable[Problem]) -> list[Problem]:
+    """Problems by the lines of their files; those of overrides, and of what has no line, first."""
+    files: dict[str, int] = {}
+
+    def order(problem: Problem) -> tuple[int, int]:
+        found = re.match(r"(?!--set )([^:]*):(\d+)(:|$)", problem.place)
+        return (files.setdefault(found[1], len(files) + 1), int(found[2])) if found else (0, 0)
+
+    return sorted(problems, key=order)
 
 
 def close(name: str, names: Iterable[str]) -> list[str]:

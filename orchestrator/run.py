@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -15,7 +14,7 @@ from . import checks
 from .assembly import Judged, judge_system
 from .config import Config, Draft, read_config
 from .config.base import exact_time
-from .errors import ConfigError, Interrupted, OrchestratorError, Problem, error_data, listed
+from .errors import ConfigError, Interrupted, OrchestratorError, Problem, error_data, in_order, listed
 from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
@@ -101,7 +100,7 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
     unchecked += judged.unchecked
     problems += _steps(draft, judged, master, unchecked)
     if problems or master is None or grid is None:
-        raise ConfigError(_in_order(problems), unchecked)
+        raise ConfigError(in_order(problems), unchecked)
     return Prepared(draft.config, judged.sound(), master, grid, tuple(measures))
 
 
@@ -141,17 +140,6 @@ def _steps(
         unchecked.append("step sizes of FMUs")
     size = exact_time(draft.config.model.run.step_size) if known else Fraction(0)
     return problems + (checks.step_size(settled, size, places) if size > 0 else [])
-
-
-def _in_order(problems: list[Problem]) -> list[Problem]:
-    """Problems by the lines of their files; those of overrides, and of what has no line, first."""
-    files: dict[str, int] = {}
-
-    def order(problem: Problem) -> tuple[int, int]:
-        found = re.match(r"(?!--set )([^:]*):(\d+)(:|$)", problem.place)
-        return (files.setdefault(found[1], len(files) + 1), int(found[2])) if found else (0, 0)
-
-    return sorted(problems, key=order)
 
 
 def run(

@@ -5,8 +5,8 @@ from .gaps import Gaps
 from .load import Config, Draft, json_schema, load_config, move_effects, read_config
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .overrides import override_path, put_value, unknown_path
-from .problems import validation_problems
-from .text import Place, Places, dump, parse, path_text
+from .problems import path_within, validation_problems
+from .text import Place, Places, compose, dump, parse, path_text
 
 __all__ = [
     "BondModel",
@@ -23,6 +23,7 @@ __all__ = [
     "Scalar",
     "SourceModel",
     "SystemModel",
+    "compose",
     "dump",
     "json_schema",
     "load_config",
@@ -30,6 +31,7 @@ __all__ = [
     "override_path",
     "parse",
     "path_text",
+    "path_within",
     "put_value",
     "read_config",
     "unknown_path",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from types import NoneType
 from typing import Any, get_args, get_origin
 
@@ -21,7 +21,7 @@ from .models import (
     SystemModel,
     named_twice,
 )
-from .problems import is_of_another_form, validation_problems
+from .problems import is_of_another_form, path_within, validation_problems
 from .text import Path, Places
 
 __all__ = ["read_model"]
@@ -67,7 +67,7 @@ class _Reader:
         self.problems: list[Problem] = []
         self._gaps, self._wholes = set(gaps.paths), set[Path]()
         for item in error.errors(include_url=False):
-            path, kind = _within(data, item["loc"]), item["type"]
+            path, kind = path_within(data, item["loc"]), item["type"]
             if kind == "extra_forbidden":
                 self._gaps.update(_meant(self._at(path[:-1]), path, self._at(path)))
             elif kind == "value_error" and (not path or (len(path) == 2 and path[0] in _NAMED)):
@@ -210,17 +210,6 @@ class _Reader:
         return port if isinstance(port, str) else None
 
 
-def _within(data: Any, location: Sequence[str | int]) -> Path:
-    """pydantic's location as a path of the data: without names of union members and the like."""
-    path: list[str | int] = []
-    for part in location:
-        there = isinstance(data, Mapping) and part in data
-        if there or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
-            data = data[part]
-            path.append(part)
-    return tuple(path)
-
-
 def _fits(adapter: TypeAdapter[Any], data: Any) -> bool:
     try:
         adapter.validate_python(data)
@@ -230,7 +219,7 @@ def _fits(adapter: TypeAdapter[Any], data: Any) -> bool:
 
 
 def _meant(data: Mapping[str, Any], path: Path, value: Any) -> Iterable[Path]:
-    """What an unknown key may be meant for: keys not given of a like name or, failing that, of such values."""
+    """What an unknown key may be meant for: keys not given of a like name or, without any, of such values."""
     above = path[:-1]
     kinds: dict[str | int, type[BaseModel]] = {
         "run": RunModel,

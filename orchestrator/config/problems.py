@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from typing import Any, get_args
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -13,7 +13,7 @@ from .gaps import Gaps
 from .models import ConnectionModel, SourceModel
 from .text import Path, Places, path_text
 
-__all__ = ["is_of_another_form", "validation_problems"]
+__all__ = ["is_of_another_form", "path_within", "validation_problems"]
 
 # Of pydantic's locations: key checks, and members of unions that are told apart by a tag.
 _MARKS = ("[key]", "[list]", "[range]")
@@ -42,7 +42,7 @@ def validation_problems(
     for item in errors:
         if item["loc"] in misspelt and item["type"] == "missing":
             continue
-        path = prefix + _plain_path(item["loc"])
+        path = prefix + _plain_path(item["loc"][:-1] if _is_scalar(item) else item["loc"])
         if is_of_another_form(item):
             continue
         if item["type"] == "missing" and gaps is not None and not gaps.knows(*path):
@@ -88,8 +88,9 @@ def validation_problems(
         elif path[:1] == ("instances",) and kind == "string_pattern_mismatch":
             what = f"{item['input']!r} cannot name an instance"
             problem = Problem(place, what, "letters, digits, _ and -, beginning with a letter or _")
-        elif path[2:3] == ("start",) and len(path) == 4:
-            what = f"{item['input']!r} is no start value"
+        elif (path[2:3] == ("start",) and len(path) == 4) or _is_scalar(item):
+            named = "start value" if path[2:3] == ("start",) else "value"
+            what = f"{item['input']!r} is no {named}"
             problem = Problem(place, what, "a number, a quantity such as 6 ms, true, false or text")
         else:
             message = item["msg"].removeprefix("Value error, ")
@@ -99,6 +100,17 @@ def validation_problems(
             problem = Problem(place, message, remedy=nearest(str(item["input"]), names))
         problems.setdefault(path, problem)
     return list(problems.values())
+
+
+def path_within(data: Any, location: Sequence[str | int]) -> Path:
+    """pydantic's location as a path of the data: without names of union members and the like."""
+    path: list[str | int] = []
+    for part in location:
+        there = isinstance(data, Mapping) and part in data
+        if there or (isinstance(data, list) and isinstance(part, int) and part < len(data)):
+            data = data[part]
+            path.append(part)
+    return tuple(path)
 
 
 def _misspelt(errors: Iterable[Any], model: type[BaseModel]) -> set[tuple[str | int, ...]]:
@@ -126,6 +138,14 @@ def _plain_path(location: tuple[str | int, ...]) -> Path:
     return tuple(part for part in location if part not in _MARKS)
 
 
+def _is_scalar(item: Any) -> bool:
+    """Whether an error is one of those of a value that may be a number, text, true or false."""
+    kind, last = item["type"], item["loc"][-1:]
+    if item["loc"][:1] in (("connections",), ("external",), ("bonds",)):
+        return False
+    return last in (("bool",), ("int",), ("float",), ("str",)) and kind.startswith(str(last[0]))
+
+
 def _is_member(part: str | int) -> bool:
     return isinstance(part, str) and _MEMBER.fullmatch(part) is not None
 
@@ -146,12 +166,22 @@ def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
     for part in location:
         if part in _MARKS or _is_member(part):
             continue
-        fields = getattr(current, "model_fields", None)
+        fields = getattr(_unwrapped(current), "model_fields", None)
         if fields is not None:
-            current = fields[part].annotation if part in fields else None
+            named = {found.alias or name: found.annotation for name, found in fields.items()}
+            current = named.get(str(part))
         else:
             current = _model_in(current)
-    return _names(current)
+    return _names(_unwrapped(current))
+
+
+def _unwrapped(annotation: Any) -> Any:
+    """The model that a value of an annotation is if it is a mapping of its own; else the annotation."""
+    if isinstance(annotation, type) or get_origin(annotation) in (list, dict):
+        return annotation
+    return next(
+        (one for arg in get_args(annotation) if hasattr(one := _unwrapped(arg), "model_fields")), annotation
+    )
 
 
 def _names(model: Any) -> list[str]:
