@@ -65,7 +65,7 @@ def validation_problems(
             problem = Problem(place, what, f"keys and their values: {listed(names)}" if names else "keys")
         elif path[:1] == ("connections",) and len(path) > 1:
             got = item["input"]
-            if item["loc"][2:3] != ("ConnectionModel",) or kind == "model_type":
+            if item["loc"][2:3] != ("ConnectionModel",) or item["loc"][2:] == ("ConnectionModel",):
                 if isinstance(got, dict):
                     continue  # that it is no arrow is not what is wrong with it
                 path = path[:2]
@@ -84,6 +84,8 @@ def validation_problems(
             else:
                 what = f"cannot read {path[2] if len(path) > 2 else 'it'}: {got!r}"
             form = "written as a.output -> b.input or {from: a.output, to: b.input}"
+            if path[2:] == ("through",):
+                form = "a list of effects, written as [{delay: 1 ms}]"
             problem = Problem(places.text(path), what, form)
         elif path[:1] == ("instances",) and kind == "string_pattern_mismatch":
             what = f"{item['input']!r} cannot name an instance"
@@ -126,7 +128,7 @@ def _misspelt(errors: Iterable[Any], model: type[BaseModel]) -> set[tuple[str | 
 def _plain_path(location: tuple[str | int, ...]) -> Path:
     """pydantic's location without the names of union members and of key checks."""
     if location[:1] == ("connections",):
-        inner = tuple(part for part in location[2:] if part in ("from", "to"))
+        inner = tuple(part for part in location[2:] if part in ("from", "to", "through"))
         return (*location[:2], *inner)
     if location[:2] == ("run", "record"):
         return tuple(part for part in location if isinstance(part, int) or part in ("run", "record"))
@@ -155,7 +157,11 @@ def is_of_another_form(item: Any) -> bool:
     kind, got, location = item["type"], item["input"], item["loc"]
     if kind == "literal_error":
         return isinstance(got, list) and (location[:2] == ("run", "record") or location[:-1] == ("bonds",))
-    return kind == "string_type" and isinstance(got, dict) and location[2:3] == ("receive",)
+    if kind != "string_type":
+        return False
+    if location[:1] == ("connections",):
+        return isinstance(got, list | dict) and "from" in location
+    return isinstance(got, dict) and location[2:3] == ("receive",)
 
 
 def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
