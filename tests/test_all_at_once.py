@@ -65,6 +65,11 @@ measures:
 """
 
 
+UNFED = ("  - satellite.position -> robot.command\n", "")
+ROBOT = "{fmu: RobotResponse"
+STEP = "step_size: 0.1 ms"
+
+
 def told(text: str, overrides=()) -> ConfigError:
     """What is told of a config as text."""
     with pytest.raises(ConfigError) as caught:
@@ -119,8 +124,8 @@ def test_mistakes_of_every_stage_are_told_once_in_the_order_of_the_file(wrong):
         "wrong.yaml:28: connections[3]: cannot read connection 'satellite.position - other.position'",
         "wrong.yaml:29: connections[4]: no instance 'satelite' in satelite.velocity -> other.velocity",
         "wrong.yaml:30: connections[5].form: unknown key 'form'",
-        "wrong.yaml:30: connections[5]: satellite.position cannot be the target of a connection: its causality "
-        "is output",
+        "wrong.yaml:30: connections[5]: satellite.position cannot be the target of a connection: "
+        "its causality is output",
         "wrong.yaml:31: connections[6]: cannot connect satellite.position [m] to contact.velocity [m/s]",
         "wrong.yaml:32: connections[7].through[0].low-pass: low-pass: cutoff: cannot take '5 m', "
         "m [m] cannot be converted to Hz [s-1]",
@@ -155,7 +160,7 @@ def test_they_are_all_in_what_is_told_to_machines(wrong, capsys):
         # An instance of which nothing is known: what is connected to it is not blamed.
         ([("fmu: RobotResponse", "fmu: 3")], ["instances.robot.fmu: input should be a valid string, got 3"]),
         ([("fmu: RobotResponse, ", "")], ["instances.robot: fmu is missing"]),
-        ([("{fmu: RobotResponse", "{fmuu: RobotResponse")], ["instances.robot.fmuu: unknown key 'fmuu'"]),
+        ([(ROBOT, "{fmuu: RobotResponse")], ["instances.robot.fmuu: unknown key 'fmuu'"]),
         # Keys that others were meant for.
         ([("connections:", "conections:")], ["conections: unknown key 'conections'"]),
         ([("instances:", "parts:")], ["instances is missing", "parts: unknown key 'parts'"]),
@@ -164,17 +169,20 @@ def test_they_are_all_in_what_is_told_to_machines(wrong, capsys):
             [("robot.command", "robot.comand")],
             ["connections[0]: robot has no variable 'comand'"],
         ),
-        ([("-> robot.command", "-> robt.command")], ["connections[0]: no instance 'robt' in satellite.position -> "]),
         (
-            [("  - satellite.position -> robot.command", "  - {from: satellite.position, too: robot.command}")],
+            [("-> robot.command", "-> robt.command")],
+            ["connections[0]: no instance 'robt' in satellite.position -> "],
+        ),
+        (
+            [("satellite.position -> robot.command", "{from: satellite.position, too: robot.command}")],
             ["connections[0].too: unknown key 'too'"],
         ),
         (
-            [("  - satellite.position -> robot.command\n", ""), ("tau_m: 2 ms}", "tau_m: 2 ms, comand: 1 m}")],
+            [UNFED, ("tau_m: 2 ms}", "tau_m: 2 ms, comand: 1 m}")],
             ["instances.robot.start.comand: robot has no variable 'comand'"],
         ),
         (
-            [("  - satellite.position -> robot.command\n", ""), ("tau_m: 2 ms}", "tau_m: 2 ms, command: [1]}")],
+            [UNFED, ("tau_m: 2 ms}", "tau_m: 2 ms, command: [1]}")],
             ["instances.robot.start.command: [1] is no start value"],
         ),
         # One end of a connection, or its effects, can be judged without the other.
@@ -187,27 +195,36 @@ def test_they_are_all_in_what_is_told_to_machines(wrong, capsys):
             ["connections[3].prt: unknown key 'prt'", "connections[3]: contact has no variable 'forces'"],
         ),
         (
-            [("fmu: RobotResponse", "fmu: 3"), ("robot.velocity -> contact.velocity", "robot.velocity -> contact.x")],
+            [
+                ("fmu: RobotResponse", "fmu: 3"),
+                ("robot.velocity -> contact.velocity", "robot.velocity -> contact.x"),
+            ],
             ["instances.robot.fmu: input should", "connections[2]: contact has no variable 'x'"],
         ),
         # What the name of a step size needs.
         (
-            [("step_size: 0.1 ms", "step_size: 0.1"), ("{fmu: RobotResponse", "{step_size: 3 ms, fmu: RobotResponse")],
+            [(STEP, "step_size: 0.1"), (ROBOT, "{step_size: 3 ms, fmu: RobotResponse")],
             ["run.step_size: 0.1 has no unit"],
         ),
-        ([("step_size: 0.1 ms", "step_size: 0.1"), ("4 s", "-4 s")], ["run.step_size: 0.1 has", "run: stop_time -4 s is not"]),
-        ([("step_size: 0.1 ms", "step_size: 0 s"), ("4 s", "-4 s")], ["run: step_size 0 s is not", "run: stop_time -4 s is not"]),
+        (
+            [(STEP, "step_size: 0.1"), ("4 s", "-4 s")],
+            ["run.step_size: 0.1 has", "run: stop_time -4 s is not"],
+        ),
+        (
+            [(STEP, "step_size: 0 s"), ("4 s", "-4 s")],
+            ["run: step_size 0 s is not", "run: stop_time -4 s is not"],
+        ),
         # Keys that go together, beside one that is unknown, and where one of them is not known.
         (
-            [("{fmu: RobotResponse", "{time_limit: 1 s, foo: 1, fmu: RobotResponse")],
+            [(ROBOT, "{time_limit: 1 s, foo: 1, fmu: RobotResponse")],
             ["instances.robot.foo: unknown key", "instances.robot: time_limit needs isolate: process"],
         ),
         (
-            [("{fmu: RobotResponse", "{time_limit: 1 s, isolate: proces, fmu: RobotResponse")],
+            [(ROBOT, "{time_limit: 1 s, isolate: proces, fmu: RobotResponse")],
             ["instances.robot.isolate: input should be 'process', got 'proces'"],
         ),
     ],
-)  # fmt: skip
+)
 def test_what_only_follows_is_not_told(changes, what):
     found = lines(told(changed(*changes)))
     assert len(found) == len(what), found
@@ -216,9 +233,7 @@ def test_what_only_follows_is_not_told(changes, what):
 
 
 def test_inputs_that_nothing_feeds_are_told_beside_what_else_is_wrong():
-    error = told(
-        changed(("  - satellite.position -> robot.command\n", ""), ("master:", "mister: 3, master:"))
-    )
+    error = told(changed(UNFED, ("master:", "mister: 3, master:")))
     assert lines(error) == [
         "run.mister: unknown key 'mister'",
         "instances.robot: input robot.command [m] is not connected and has no start value",
@@ -301,7 +316,7 @@ def test_an_override_that_cannot_be_made_hides_nothing_else():
 
 
 def test_of_a_config_with_problems_what_is_known_can_be_read():
-    draft = read_config(parse(changed(("step_size: 0.1 ms", "step_size: 0.1")), "config")[0])
+    draft = read_config(parse(changed((STEP, "step_size: 0.1")), "config")[0])
     assert draft.config is not None and len(draft.problems) == 1
     assert draft.config.model.run.stop_time == "4 s" and not hasattr(draft.config.model.run, "step_size")
     assert not draft.gaps.knows("run", "step_size") and draft.gaps.knows("run", "stop_time")
