@@ -191,8 +191,6 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
     found = told(change)
     heads = [line for line in found.splitlines() if not line.startswith("  ")]
     assert [line.split(": ")[1] for line in heads if line.startswith("wrong")] == [
-        "set[1]",
-        "set[2]",
         "columns.drive.position.nois",
         "columns.drive.speed",
         "calibrated.drive.mass.tol",
@@ -201,6 +199,8 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
         "runs[0].to",
         "runs[1].file",
         "runs[2]",
+        "set[1]",
+        "set[2]",
         "settel",
         "candidates.onli",
         "motion.port",
