@@ -191,10 +191,10 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
     found = told(change)
     heads = [line for line in found.splitlines() if not line.startswith("  ")]
     assert [line.split(": ")[1] for line in heads if line.startswith("wrong")] == [
-        "columns.drive.position.nois",
-        "columns.drive.speed",
         "calibrated.drive.mass.tol",
         "calibrated.drive.viscous_friction.tolerance",
+        "columns.drive.position.nois",
+        "columns.drive.speed",
         "runs[0].rol",
         "runs[0].to",
         "runs[1].file",
