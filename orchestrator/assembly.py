@@ -12,9 +12,9 @@ from typing import Any
 
 from . import checks
 from .bonds import Bond, declared_bonds, find_bonds
-from .config import BondModel, Config, ConnectionModel, Draft, Gaps, Places
+from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
 from .config.base import exact_time
-from .connecting import Absent, Ends, connect, elements, meant
+from .connecting import Ends, connect, elements, meant
 from .errors import ConfigError, Problem, close, listed
 from .fmi import Kind, ModelDescription, Value, Variable
 from .loops import algebraic_loops
@@ -176,7 +176,7 @@ def _assemble(
     """
     found, notes = judged.problems, list[str]()
     descriptions = {part.name: part.fmu.description for part in parts}
-    stated, single, fed = _stated(connections, descriptions, places, found, gaps)
+    stated, single, fed = _stated(connections, descriptions, judged, places, absent, gaps)
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
     told: set[Problem] = set()
@@ -197,8 +197,6 @@ def _assemble(
             continue
         wired[made.target] = (one.index, made.source)
         checked.append(made)
-    if gaps.further("connections") or not all(one.target for one in stated):
-        judged.unchecked.append("whether all inputs are connected")
     fed |= {name for part in parts for name in _given_perhaps(part, gaps)}
     unsure: set[str] = set()  # instances whose direct feedthrough is not known
     instances = [_settle(part, wired, fed, places, found, notes, unsure) for part in parts]
@@ -218,8 +216,9 @@ def _assemble(
     solvable = algebraic_loops(sure, passing, places, loops, found, step_size)
     if unread or len(passing) < len(checked):
         judged.unchecked.append("algebraic loops by way of effects or instances that are not known")
-    bonded = _bonded(bonds, instances, checked, stated, absent, places, found, notes)
-    if bonds and not all(one.known for one in stated):
+    unknown = gaps.further("connections") or not all(one.known for one in stated)
+    bonded = _bonded(bonds, instances, checked, stated, unknown, absent, places, found, notes)
+    if bonds and unknown:
         judged.unchecked.append("whether the connections of bonds are there")
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
     longest = step_size if broken else None
@@ -249,8 +248,9 @@ def _given_perhaps(part: Part, gaps: Gaps) -> set[str]:
 def _stated(
     connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
     descriptions: Mapping[str, ModelDescription],
+    judged: Judged,
     places: Places,
-    problems: list[Problem],
+    absent: Absent,
     gaps: Gaps,
 ) -> tuple[list[Ends], list[Ends], set[str]]:
     """Take connections apart, element by element.
@@ -261,19 +261,24 @@ def _stated(
     stated: list[Ends] = []
     single: list[Ends] = []
     fed: set[str] = set()
+    every, unknown = meant(Ends(0, (), ""), descriptions), gaps.further("connections")
     for index, connection in enumerate(connections):
         # Of one of which nothing is known, too: it may feed any input.
         known = gaps.whole("connections", index)
         whole = Ends(index, (), "", known=False) if connection is None else Ends.of(index, connection, known)
         ends, targets, wrong = elements(whole, descriptions, places)
         fed.update(targets)
-        fed |= meant(whole, descriptions) if targets == [whole.target] else set()
-        problems += wrong
+        there = whole.target in every or whole.target.partition(".")[0] in absent.names
+        if targets == [whole.target] and not there:
+            like = meant(whole, descriptions)
+            unknown |= bool(every) and like >= every
+            fed |= like
+        judged.problems += wrong
         single += ends
         stated += [whole, *ends] if wrong else ends
-    if gaps.further("connections"):
-        fed |= meant(Ends(0, (), ""), descriptions)
-    return stated, single, fed
+    if unknown:
+        judged.unchecked.append("whether all inputs are connected")
+    return stated, single, fed | (every if unknown else set())
 
 
 def _remarks(part: Part, places: Places) -> list[str]:
@@ -296,6 +301,7 @@ def _bonded(
     instances: Sequence[Instance],
     connections: Sequence[Connection],
     stated: Sequence[Ends],
+    unknown: bool,
     absent: Absent,
     places: Places,
     problems: list[Problem],
@@ -314,8 +320,7 @@ def _bonded(
     outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
     numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
     unjudged = [one.leading for one in stated]
-    further = not all(one.known for one in stated)
-    return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent, further)
+    return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent, unknown)
 
 
 def _settle(

@@ -287,8 +287,11 @@ def declared_bonds(
 def _leg(
     text: str, known: Mapping[str, Connection | None], place: str, problems: list[Problem]
 ) -> Connection | None:
-    name = " -> ".join(end.strip() for end in text.split("->"))
-    if name not in known:
+    ends = [end.strip() for end in text.split("->")]
+    name = " -> ".join(ends)
+    wrong = [one.split(" -> ") for one, made in known.items() if made is None]
+    # A connection with a problem of its own may be meant, where that is in the name of its other end.
+    if name not in known and not any(ends[0] == one[0] or ends[-1] == one[-1] for one in wrong):
         problems.append(Problem(place, f"no connection {text!r}", "", nearest(name, known)))
     return known.get(name)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from . import checks
-from .config import ConnectionModel, Places, SourceModel
+from .config import Absent, ConnectionModel, Places, SourceModel
 from .effects import create_effect
 from .effects.base import times_unit
 from .effects.choose import BUILT_IN
@@ -20,31 +20,7 @@ from .quantities import Measure
 from .system import Connection, Leg, Link, Port, Wire
 from .units import ONE, UnitError, convert, parse_unit
 
-__all__ = ["Absent", "Ends", "connect", "elements", "meant"]
-
-
-@dataclass(frozen=True)
-class Absent:
-    """Names of instances of which nothing is known, so that nothing that concerns them is judged.
-
-    Attributes:
-        names: of those that are there, and have a problem of their own.
-        known: names of all others; None if every name that does not exist is a mistake.
-    """
-
-    names: frozenset[str] = frozenset()
-    known: Container[str] | None = None
-
-    def __contains__(self, name: object) -> bool:
-        return name in self.names or (self.known is not None and name not in self.known)
-
-    def among(self, others: Iterable[str]) -> list[str]:
-        """All names of instances, for messages: these and others."""
-        return [*others, *sorted(self.names)]
-
-    def but(self, known: Container[str]) -> Absent:
-        """Also whatever name is not among those."""
-        return Absent(self.names, known)
+__all__ = ["Ends", "connect", "elements", "meant"]
 
 
 @dataclass(frozen=True)
@@ -158,8 +134,9 @@ def elements(
 def meant(ends: Ends, descriptions: Mapping[str, ModelDescription]) -> set[str]:
     """The inputs that a connection may be meant for: its target or, if that is none, those of a like name."""
     name, _, variable = ends.target.partition(".")
-    if not ends.target:
-        return {f"{one}.{v.name}" for one, its in descriptions.items() for v in its.inputs}
+    if not variable:
+        near = close(name, descriptions) or descriptions
+        return {f"{one}.{v.name}" for one in near for v in descriptions[one].inputs}
     if name not in descriptions:
         return {f"{one}.{variable}" for one in close(name, descriptions) or descriptions}
     if variable in descriptions[name].variables:

@@ -8,9 +8,8 @@ from fractions import Fraction
 from pathlib import Path
 
 from . import bundled
-from .config import Config, Draft, InstanceModel, Scalar
+from .config import Absent, Config, Draft, InstanceModel, Scalar
 from .config.base import exact_time
-from .connecting import Absent
 from .errors import FmuError, Problem, listed, nearest
 from .external import ExternalFmu
 from .fmi import Fmu, Handling, Interface, load_fmu

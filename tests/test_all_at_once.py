@@ -232,6 +232,34 @@ def test_what_only_follows_is_not_told(changes, what):
         assert begin in one
 
 
+def test_what_stands_deep_within_an_external_one_is_told_once():
+    rig = "external: {rig: {listen: '127.0.0.1:1', peer: '127.0.0.1:2', receive: {f: {unit: N, strt: 0 N}}, "
+    error = told(f"{RIGHT}{rig}exchange: lockstep}}}}\n")
+    assert lines(error) == ["external.rig.receive.f.strt: unknown key 'strt'"]
+    assert error.unchecked == ("ports and start values of rig",)
+
+
+BONDS = """
+bonds:
+  - {effort: contact.force -> satellite.force, flow: satellite.velocity}
+"""
+
+
+def test_bonds_are_not_blamed_for_connections_with_problems():
+    assert lines(told(changed(("contact.force ->", "contact.forse ->")) + BONDS)) == [
+        "connections[3]: contact has no variable 'forse'"
+    ]
+    assert lines(told(changed(("connections:", "conections:")) + BONDS)) == [
+        "conections: unknown key 'conections'"
+    ]
+    assert lines(told(changed(("279 kg", "279 N")) + BONDS.replace("satellite.force", "contact.velocity")))[
+        1:
+    ] == ["bonds[0]: no connection 'contact.force -> contact.velocity'"]
+    assert lines(told(RIGHT + BONDS.replace("contact.force -> satellite.force", "[]"))) == [
+        "bonds[0].effort: list should have at least 1 item after validation, not 0, got []"
+    ]
+
+
 def test_inputs_that_nothing_feeds_are_told_beside_what_else_is_wrong():
     error = told(changed(UNFED, ("master:", "mister: 3, master:")))
     assert lines(error) == [

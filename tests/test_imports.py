@@ -19,7 +19,7 @@ LAYERS = [
     "histogram", "external", "parts", "assembly", "signals", "wires", "initialisation", "culprits",
     "instance_pool", "instances", "ledger", "master", "native", "pacing", "simulate", "stream", "formats",
     "recorded", "results", "progress", "measures", "plotting", "page", "folder_lock", "workers",
-    "run_folder", "run", "compare", "table", "commands", "fmu_tools", "translate", "exchange",
+    "run_folder", "prepared", "run", "compare", "table", "commands", "fmu_tools", "translate", "exchange",
     "frequency", "docking", "diagnosis", "campaign", "report", "__main__",
 ]  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
 from .external import ExternalModel, RealtimeModel
-from .gaps import Gaps
+from .gaps import Absent, Gaps
 from .load import Config, Draft, json_schema, load_config, move_effects, read_config
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .overrides import override_path, put_value, unknown_path
@@ -9,6 +9,7 @@ from .problems import path_within, validation_problems
 from .text import Place, Places, compose, dump, parse, path_text
 
 __all__ = [
+    "Absent",
     "BondModel",
     "Config",
     "ConnectionModel",

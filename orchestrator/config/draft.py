@@ -159,9 +159,10 @@ class _Reader:
         try:
             return kind.model_validate(sound)
         except ValidationError as error:
-            known = self.gaps()
+            known, as_whole = self.gaps(), all(not one["loc"] for one in error.errors())
             # With another value of a key that is not known they may.
-            if path not in self._wholes and all(known.knows(*path, key) for key in kind.model_fields):
+            sure = as_whole and all(known.knows(*path, key) for key in kind.model_fields)
+            if sure and path not in self._wholes:
                 self.problems += validation_problems(error, self._places, path, kind)
             return None
 

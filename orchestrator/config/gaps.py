@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 
 from .text import Path
 
-__all__ = ["FURTHER", "Gaps"]
+__all__ = ["FURTHER", "Absent", "Gaps"]
 
 # In place of a key: an entry that may be there as well.
 FURTHER = "*"
@@ -44,3 +44,27 @@ class Gaps:
     def and_at(self, paths: Iterable[Path]) -> Gaps:
         """These and further ones."""
         return Gaps(self.paths.union(paths))
+
+
+@dataclass(frozen=True)
+class Absent:
+    """Names of instances of which nothing is known, so that nothing that concerns them is judged.
+
+    Attributes:
+        names: of those that are there, and have a problem of their own.
+        known: names of all others; None if every name that does not exist is a mistake.
+    """
+
+    names: frozenset[str] = frozenset()
+    known: Container[str] | None = None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names or (self.known is not None and name not in self.known)
+
+    def among(self, others: Iterable[str]) -> list[str]:
+        """All names of instances, for messages: these and others."""
+        return [*others, *sorted(self.names)]
+
+    def but(self, known: Container[str]) -> Absent:
+        """Also whatever name is not among those."""
+        return Absent(self.names, known)

@@ -189,7 +189,7 @@ class BondModel(Model):
     """A power bond: connections on which an effort and the motion that it works on go round."""
 
     name: str = Field("", description="Of the bond; by default giver-taker.")
-    effort: Arrow | list[Arrow] = Field(
+    effort: Arrow | Annotated[list[Arrow], Field(min_length=1)] = Field(
         description="The connection of the effort, or the connections that lead it from giver to taker."
     )
     flow: str | list[Arrow] = Field(

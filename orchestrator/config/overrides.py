@@ -52,8 +52,8 @@ def _reached(data: dict[str, Any], path: Path) -> bool:
         found = found.get(part) if isinstance(found, dict) else found[part]
         short = path[:length] == ("run", "master") or (length == 2 and path[0] == "connections")
         if (isinstance(found, str) and short) or found is None:
-            return True
-        if not isinstance(found, dict | list):
+            return found is not None or path[0] != "connections"
+        if not isinstance(found, list if isinstance(path[length], int) else dict):
             return False
     return True
 

@@ -161,6 +161,8 @@ def is_of_another_form(item: Any) -> bool:
         return False
     if location[:1] == ("connections",):
         return isinstance(got, list | dict) and "from" in location
+    if location[:1] == ("bonds",):
+        return isinstance(got, list)
     return isinstance(got, dict) and location[2:3] == ("receive",)
 
 
