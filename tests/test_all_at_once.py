@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import pickle
+import random
+from copy import deepcopy
 
 import pytest
 
@@ -349,3 +351,47 @@ def test_of_a_config_with_problems_what_is_known_can_be_read():
     assert draft.config.model.run.stop_time == "4 s" and not hasattr(draft.config.model.run, "step_size")
     assert not draft.gaps.knows("run", "step_size") and draft.gaps.knows("run", "stop_time")
     assert draft.config.model.instances == load_config(parse(RIGHT, "config")[0]).model.instances
+
+
+def paths(data, above=()):
+    """Where values stand in a config."""
+    for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+        yield (*above, key)
+        if isinstance(value, dict | list):
+            yield from paths(value, (*above, key))
+
+
+JUNK = (None, 3, "x", [], {}, [1], {"a": 1}, True, "1 foo", "a.b -> c.d", -1)
+SETS = (
+    "robot.tau_m=1 ms",
+    "run.stpe=3",
+    "connections[0].through=[{delay: 1 ms}]",
+    "run.master.tolerance=3",
+    "x",
+)
+
+
+@pytest.mark.parametrize("seed", range(80))
+def test_whatever_stands_where_is_told_once_beside_all_of_the_form(seed):
+    draw = random.Random(seed)
+    measures = "measures: {docking: {satellite: satellite, robot: robot, contact: contact}}\n"
+    data = parse(RIGHT + BONDS + measures, "config")[0]
+    for _ in range(3):
+        *above, last = draw.choice(list(paths(data)))
+        inner = data
+        for part in above:
+            inner = inner[part]
+        if isinstance(inner, dict) and draw.random() < 0.3:
+            inner[f"{last}s"] = inner.pop(last)
+        else:
+            inner[last] = deepcopy(draw.choice(JUNK))
+    overrides = [draw.choice(SETS)]
+    try:
+        prepare(deepcopy(data), overrides)
+    except ConfigError as error:
+        told = list(map(str, error.problems))
+        assert told and len(set(told)) == len(told)
+        try:
+            load_config(data, overrides)
+        except ConfigError as form:
+            assert set(map(str, form.problems)) <= set(told)
