@@ -223,6 +223,7 @@ def test_measures_are_refused_with_the_rest(tmp_path, config):
         "  allowed: satellite, robot, contact, controller. Did you mean robot?",
         "tanks.yaml:11: measures.dockin: no measure 'dockin'",
         "  measures: docking, docking-space. Did you mean docking or docking-space?",
+        "Not checked because of these problems: signals of measures.docking.",
     ]
 
 
