@@ -19,7 +19,8 @@ _EXIT_CODES = """exit codes:
   2    the config or the command is wrong; nothing ran
   130  interrupted; what was recorded until then is kept
 With --json an error is a JSON object on the standard output, too: {"exit_code": 2, "error": {"kind": ...,
-"message": ..., "problems": [{"place", "what", "allowed", "remedy"}, ...]}}.
+"message": ..., "problems": [{"place", "what", "allowed", "remedy"}, ...], "unchecked": [...]}}; what could
+not be checked because of the problems stands under "unchecked", if anything.
 """
 
 # Name -> help, what declares the arguments (None: there are none) and what runs it, "module:function" each:

@@ -7,39 +7,44 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from . import bundled, checks, graph
+from . import checks
 from .bonds import Bond, declared_bonds, find_bonds
-from .config import BondModel, Config, ConnectionModel, InstanceModel, Places, Scalar
-from .connecting import Ends, connect, elements
-from .errors import ConfigError, FmuError, Problem, listed, nearest
-from .external import ExternalFmu
-from .fmi import Fmu, Handling, Interface, Kind, ModelDescription, Value, Variable, load_fmu
-from .system import Connection, Instance, Port, System, port_graph
+from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
+from .config.base import exact_time
+from .connecting import Ends, connect, elements, meant
+from .errors import ConfigError, Problem, close, listed
+from .fmi import Kind, ModelDescription, Value, Variable
+from .loops import algebraic_loops
+from .parts import Part, parts_of
+from .system import Connection, Instance, Port, System
 
-__all__ = ["Part", "assemble", "load_system"]
+__all__ = ["Judged", "Part", "assemble", "judge_system", "load_system"]
 
 
-@dataclass(frozen=True)
-class Part:
-    """An instance as it is asked for, before it is checked.
+@dataclass
+class Judged:
+    """A system as far as nothing is wrong with it.
 
     Attributes:
-        name: of the instance.
-        fmu: what it is made from.
-        start: start values with units, as in a config.
-        feedthrough: dependencies that replace the FMU's own, per output.
-        ratio: its own step size over the communication step size, n or 1/n.
+        system: without what has problems; None before it is made.
+        problems: what is wrong.
+        unchecked: see `ConfigError`.
+        unsettled: instances whose steps, or what their FMUs are asked for, are not known.
     """
 
-    name: str
-    fmu: Fmu
-    start: Mapping[str, Scalar] = field(default_factory=dict)
-    feedthrough: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    ratio: Fraction = Fraction(1)
+    system: System | None = None
+    problems: list[Problem] = field(default_factory=list)
+    unchecked: list[str] = field(default_factory=list)
+    unsettled: frozenset[str] = frozenset()
+
+    def sound(self) -> System:
+        """The system. Raises: ConfigError with all problems."""
+        if self.problems or self.system is None:
+            raise ConfigError(self.problems, self.unchecked)
+        return self.system
 
 
 def load_system(
@@ -54,103 +59,48 @@ def load_system(
         loops: see `assemble`.
     Raises: ConfigError with all problems.
     """
-    problems: list[Problem] = []
-    parts: list[Part] = []
-    known: dict[tuple[str, str | None, Handling], Fmu | None] = {}
-    for name, instance in config.model.instances.items():
-        choice = instance.fmu, instance.form, _handling(instance)
-        if choice not in known:
-            known[choice] = _find_fmu(*choice, config, ("instances", name), problems)
-        fmu = known[choice]
-        if fmu is not None:
-            ratio = _ratio(name, config, problems)
-            parts.append(Part(name, fmu, instance.start, instance.feedthrough, ratio))
-    parts += [Part(name, ExternalFmu(name, one)) for name, one in config.model.external.items()]
-    absent = frozenset(config.model.instances) - {part.name for part in parts}
-    record = config.model.run.record
-    return assemble(
-        parts,
-        config.model.connections,
-        record=None if record == "all" else record,
+    return judge_system(Draft(config), needed, loops=loops).sound()
+
+
+def judge_system(
+    draft: Draft, needed: Mapping[str, tuple[str, ...]] | None = None, *, loops: bool = False
+) -> Judged:
+    """The system of a config that may have problems, as far as it is known, and its further problems.
+
+    Args:
+        draft: a config of which something can be read.
+        needed, loops: see `load_system`.
+    """
+    config, gaps = draft.config, draft.gaps
+    assert config is not None
+    model, problems = config.model, list[Problem]()
+    made = parts_of(draft, problems)
+    asked = ("step_size", "any_step", "interface", "event_mode", "isolate")
+    unsettled = {
+        part.name for part in made.parts if not all(gaps.whole("instances", part.name, key) for key in asked)
+    }
+    judged = Judged(problems=problems, unsettled=made.unsettled | unsettled)
+    if made.absent.names:
+        judged.unchecked.append(f"ports and start values of {listed(sorted(made.absent.names))}")
+    record = [] if model.run.record == "all" else list(model.run.record)
+    known = gaps.knows("run", "step_size")
+    _assemble(
+        judged,
+        made.parts,
+        model.connections,
+        record=None
+        if model.run.record == "all"
+        else {one: ("run", "record", n) for n, one in enumerate(record) if gaps.knows("run", "record", n)},
         needed=needed,
         places=config.places,
-        problems=problems,
-        absent=absent,
+        absent=made.absent,
         loops=loops,
-        step_size=float(config.model.run.times()[2]),
+        step_size=float(exact_time(model.run.step_size)) if known else None,
         folder=config.folder,
-        bonds=None if config.model.bonds == "auto" else config.model.bonds,
+        bonds=None if model.bonds == "auto" else model.bonds,
+        gaps=gaps,
     )
-
-
-def _ratio(name: str, config: Config, problems: list[Problem]) -> Fraction:
-    """An instance's own step size over the communication step size."""
-    instance, run = config.model.instances[name], config.model.run
-    own = instance.own_step()
-    begin, end, step = run.times()
-    if own is None or step <= 0:
-        return Fraction(1)
-    ratio = own / step
-    if ratio > 0 and 1 in (ratio.numerator, ratio.denominator):
-        if ratio <= 1 or ((end - begin) / own).denominator == 1:
-            return ratio
-        what = f"a run of {float(end - begin)!r} s is {float((end - begin) / own):.6g} steps of it"
-        allowed = "a whole number is needed"
-    else:
-        what = f"it is {float(ratio):.6g} communication steps of {run.step_size}"
-        allowed = "a whole multiple, or a whole part of one, is needed"
-    place = config.places.text(("instances", name, "step_size"))
-    problems.append(Problem(place, f"cannot step {name} by {instance.step_size}: {what}", allowed))
-    return Fraction(1)
-
-
-def _handling(instance: InstanceModel) -> Handling:
-    return Handling(
-        any_step=instance.any_step,
-        interface=None if instance.interface is None else Interface(instance.interface),
-        tolerance=instance.tolerance,
-        event_mode=instance.event_mode,
-        isolated=instance.isolate is not None,
-        time_limit=instance.seconds(),
-    )
-
-
-def _find_fmu(
-    text: str,
-    form: str | None,
-    handling: Handling,
-    config: Config,
-    path: tuple[str, ...],
-    problems: list[Problem],
-) -> Fmu | None:
-    place = config.places.text((*path, "fmu"))
-    file = config.folder / text
-    found = file if file.is_file() else bundled.find_fmu(text)
-    if found is None:
-        names = bundled.fmu_names()
-        is_path = "/" in text or "\\" in text or text.endswith(".fmu")
-        what = f"no file {file}" if is_path else f"no FMU {text!r}"
-        allowed = "" if is_path else f"no file {file}; "
-        allowed += f"bundled FMUs: {listed(names)}"
-        problems.append(Problem(place, what, allowed, nearest(Path(text).stem, names)))
-        return None
-    if form is not None:
-        forms = {} if file.is_file() else bundled.fmu_forms(text)
-        if form not in forms:
-            what = f"{text!r} comes in one form only, there is no form to choose"
-            names = [name for name in bundled.fmu_names() if bundled.fmu_forms(name)]
-            allowed = f"bundled FMUs in the forms python and native: {listed(names)}"
-            problems.append(Problem(config.places.text((*path, "form")), what, allowed, "Leave form out."))
-            return None
-        found = forms[form]
-    try:
-        fmu = load_fmu(found, handling)
-        fmu.check()
-        return fmu
-    except FmuError as error:
-        first, _, rest = str(error).partition("\n")
-        problems.append(Problem(place, first, "\n".join(line.strip() for line in rest.splitlines())))
-        return None
+    return judged
 
 
 def assemble(
@@ -184,18 +134,55 @@ def assemble(
         bonds: power bonds as a config declares them; None: those that units and graph leave no doubt about.
     Raises: ConfigError with all problems.
     """
-    parts = list(parts)
-    places = places or Places("system")
-    found = list(problems)
-    notes: list[str] = []
+    judged = Judged(problems=list(problems))
+    _assemble(
+        judged,
+        list(parts),
+        connections,
+        record=None if record is None else {one: ("run", "record", n) for n, one in enumerate(record)},
+        needed=needed,
+        places=places or Places("system"),
+        absent=Absent(absent),
+        loops=loops,
+        step_size=step_size,
+        folder=folder or Path.cwd(),
+        bonds=bonds,
+        gaps=Gaps(),
+    )
+    return judged.sound()
+
+
+def _assemble(
+    judged: Judged,
+    parts: Sequence[Part],
+    connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
+    *,
+    record: Mapping[str, tuple[str | int, ...]] | None,
+    needed: Mapping[str, tuple[str, ...]] | None,
+    places: Places,
+    absent: Absent,
+    loops: bool,
+    step_size: float | None,
+    folder: Path,
+    bonds: Sequence[BondModel | None] | None,
+    gaps: Gaps,
+) -> None:
+    """Judge parts and connections, and make a system of what is right; see `assemble`.
+
+    Args:
+        judged: what is found, and the system, is put here.
+        record: signals to record, and where each was asked for.
+        gaps: what of connections (None: all), start values and dependencies is not known.
+    """
+    found, notes = judged.problems, list[str]()
     descriptions = {part.name: part.fmu.description for part in parts}
-    stated, single, fed = _stated(connections, descriptions, places, found)
+    stated, single, fed = _stated(connections, descriptions, judged, places, absent, gaps)
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
     told: set[Problem] = set()
     for one in single:
         apart: list[Problem] = []
-        made = connect(one, descriptions, absent, places, folder or Path.cwd(), step_size, apart, notes)
+        made = connect(one, descriptions, absent, places, folder, step_size, apart, notes)
         # Of an effect on an array every element tells the same.
         found += [problem for problem in apart if problem not in told]
         told.update(apart)
@@ -210,50 +197,88 @@ def assemble(
             continue
         wired[made.target] = (one.index, made.source)
         checked.append(made)
-    instances = [_settle(part, wired, fed, places, found, notes) for part in parts]
+    fed |= {name for part in parts for name in _given_perhaps(part, gaps)}
+    unsure: set[str] = set()  # instances whose direct feedthrough is not known
+    instances = [_settle(part, wired, fed, places, found, notes, unsure) for part in parts]
+    unread = {one.name for one in parts if not gaps.whole("instances", one.name, "feedthrough")}
     for part in parts:
         notes += _remarks(part, places)
-        found += checks.integration(part.name, part.fmu, places)
-    found += checks.shared_process(((part.name, part.fmu) for part in parts), places)
-    wanted: dict[str, tuple[str | int, ...]] = {}
-    for index, text in enumerate(record or ()):
-        wanted.setdefault(text, ("run", "record", index))
+        if all(gaps.knows("instances", part.name, key) for key in ("tolerance", "interface")):
+            found += checks.integration(part.name, part.fmu, places)
+    together = [one for one in parts if gaps.knows("instances", one.name, "isolate")]
+    found += checks.shared_process(((part.name, part.fmu) for part in together), places)
+    wanted = dict(record or {})
     for text, path in (needed or {}).items():
         wanted.setdefault(text, path)
     recorded = _recorded(record is None, wanted, instances, absent, places, found)
-    solvable: tuple[tuple[Port, ...], ...] = ()
-    if not found:
-        solvable = _algebraic_loops(instances, checked, places, loops, found, step_size)
-    bonded = _bonded(bonds, instances, checked, stated, absent, places, found, notes)
-    if found:
-        raise ConfigError(found)
+    sure = [one for one in instances if one.name not in unsure | unread]
+    passing = checked if gaps.knows("run", "step_size") else [one for one in checked if not _may_hold(one)]
+    solvable = algebraic_loops(sure, passing, places, loops, found, step_size)
+    if unread or len(passing) < len(checked):
+        judged.unchecked.append("algebraic loops by way of effects or instances that are not known")
+    unknown = gaps.further("connections") or not all(one.known for one in stated)
+    bonded = _bonded(bonds, instances, checked, stated, unknown, absent, places, found, notes)
+    if bonds and unknown:
+        judged.unchecked.append("whether the connections of bonds are there")
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
     longest = step_size if broken else None
-    return System(tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest, bonded)
+    judged.system = System(
+        tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest, bonded
+    )
+
+
+def _may_hold(connection: Connection) -> bool:
+    """Whether over a step that is short enough an effect passes nothing at once."""
+    links = connection.wire.every_link if connection.wire else ()
+    return any(not link.effect.passes_at_once(1e-12) for link in links)
+
+
+def _given_perhaps(part: Part, gaps: Gaps) -> set[str]:
+    """Inputs of a part that have start values which cannot be read, or which another name is meant for."""
+    inputs = [variable.name for variable in part.fmu.description.inputs]
+    path = ("instances", part.name, "start")
+    if gaps.further(*path):
+        return {f"{part.name}.{one}" for one in inputs}
+    unread = [one for one in inputs if not gaps.knows(*path, one)]
+    unknown = [one for one in part.start if one not in part.fmu.description.variables]
+    like = [one for name in unknown for one in close(name, inputs)]
+    return {f"{part.name}.{one}" for one in (*unread, *like)}
 
 
 def _stated(
-    connections: Iterable[str | ConnectionModel | Mapping[str, Any]],
+    connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
     descriptions: Mapping[str, ModelDescription],
+    judged: Judged,
     places: Places,
-    problems: list[Problem],
+    absent: Absent,
+    gaps: Gaps,
 ) -> tuple[list[Ends], list[Ends], set[str]]:
     """Take connections apart, element by element.
 
     Returns: the elements, before those of a connection that has problems the whole of it; the elements alone;
-        all inputs that are fed.
+        all inputs that are fed, or may be meant to be.
     """
     stated: list[Ends] = []
     single: list[Ends] = []
     fed: set[str] = set()
+    every, unknown = meant(Ends(0, (), ""), descriptions), gaps.further("connections")
     for index, connection in enumerate(connections):
-        whole = Ends.of(index, connection)
+        # Of one of which nothing is known, too: it may feed any input.
+        known = gaps.whole("connections", index)
+        whole = Ends(index, (), "", known=False) if connection is None else Ends.of(index, connection, known)
         ends, targets, wrong = elements(whole, descriptions, places)
         fed.update(targets)
-        problems += wrong
+        there = whole.target in every or whole.target.partition(".")[0] in absent.names
+        if targets == [whole.target] and not there:
+            like = meant(whole, descriptions)
+            unknown |= bool(every) and like >= every
+            fed |= like
+        judged.problems += wrong
         single += ends
         stated += [whole, *ends] if wrong else ends
-    return stated, single, fed
+    if unknown:
+        judged.unchecked.append("whether all inputs are connected")
+    return stated, single, fed | (every if unknown else set())
 
 
 def _remarks(part: Part, places: Places) -> list[str]:
@@ -272,11 +297,12 @@ def _remarks(part: Part, places: Places) -> list[str]:
 
 
 def _bonded(
-    bonds: Sequence[BondModel] | None,
+    bonds: Sequence[BondModel | None] | None,
     instances: Sequence[Instance],
     connections: Sequence[Connection],
     stated: Sequence[Ends],
-    absent: frozenset[str],
+    unknown: bool,
+    absent: Absent,
     places: Places,
     problems: list[Problem],
     notes: list[str],
@@ -294,7 +320,7 @@ def _bonded(
     outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
     numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
     unjudged = [one.leading for one in stated]
-    return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent)
+    return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent, unknown)
 
 
 def _settle(
@@ -304,10 +330,12 @@ def _settle(
     places: Places,
     problems: list[Problem],
     notes: list[str],
+    unsure: set[str],
 ) -> Instance:
     """Start values and dependencies of a part, and its inputs that nothing feeds.
 
-    Inputs in `fed` that are not in `wired` have a connection with a problem of its own.
+    Inputs in `fed` that are not in `wired` have a connection, or a start value, with a problem of its own.
+    Parts whose stated dependencies are wrong are added to `unsure`.
     """
     path = ("instances", part.name)
     description = part.fmu.description
@@ -343,7 +371,10 @@ def _settle(
             what = f"input {part.name}.{variable} is not connected and has no start value"
             remedy = f"Connect it, or give it a constant value under instances.{part.name}.start."
             problems.append(Problem(place, what, remedy=remedy))
+    told = len(problems)
     feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
+    if len(problems) > told:
+        unsure.add(part.name)
     return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio)
 
 
@@ -351,7 +382,7 @@ def _recorded(
     outputs: bool,
     wanted: Mapping[str, tuple[str | int, ...]],
     instances: Sequence[Instance],
-    absent: frozenset[str],
+    absent: Absent,
     places: Places,
     problems: list[Problem],
 ) -> tuple[Port, ...]:
@@ -368,59 +399,10 @@ def _recorded(
         name, _, variable = text.partition(".")
         if name in absent:
             continue
-        problem = checks.recordable(name, variable, descriptions, places.text(path))
+        problem = checks.recordable(
+            name, variable, descriptions, places.text(path), absent.among(descriptions)
+        )
         if problem is not None:
             problems.append(problem)
         ports[Port(name, variable)] = None
     return tuple(ports)
-
-
-def _algebraic_loops(
-    instances: Sequence[Instance],
-    connections: Sequence[Connection],
-    places: Places,
-    accepted: bool,
-    problems: list[Problem],
-    step_size: float | None,
-) -> tuple[tuple[Port, ...], ...]:
-    """Algebraic loops at communication points that are accepted; the others become problems.
-
-    Those at initialisation are always accepted, if they can be solved at all: FMI lets inputs be set and
-    outputs be read there as often as it takes.
-    """
-    told: dict[frozenset[Port], Problem] = {}
-    found: list[tuple[Port, ...]] = []
-    targets = {connection.target: connection for connection in connections}
-    variables = {one.name: one.fmu.description.variables for one in instances}
-    assumed = {
-        Port(one.name, output)
-        for one in instances
-        for output in one.fmu.description.assumed
-        if one.feedthrough[output] == one.fmu.description.feedthrough[output]
-    }
-    for initial in (False, True):
-        nodes, successors = port_graph(instances, connections, initial=initial)
-        ports = list(nodes)
-        for component in graph.strong_components(successors):
-            cycle = graph.shortest_cycle(successors, component[0], component)
-            if not cycle:
-                continue
-            members = [ports[index] for index in component]
-            kinds = {port: variables[port.instance][port.variable].kind for port in members}
-            other = [port for port, kind in kinds.items() if kind is not Kind.REAL]
-            loop = [ports[index] for index in cycle]
-            if loop[0] not in targets:
-                loop = [*loop[1:], loop[0]]
-            key = frozenset(loop)
-            if not other and (accepted or initial):
-                if not initial:
-                    found.append(tuple(loop))
-                continue
-            if key not in told:
-                reason = ""
-                if other:
-                    reason = f"{other[0]} is of type {kinds[other[0]]}, and only real numbers can be iterated"
-                place = places.text(("connections",))
-                told[key] = checks.loop_problem(loop, targets, assumed, place, initial, reason, step_size)
-    problems += told.values()
-    return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -227,19 +227,20 @@ def _subscripts_differ(*ways: tuple[Connection, ...]) -> bool:
 
 
 def declared_bonds(
-    models: Sequence[BondModel],
+    models: Sequence[BondModel | None],
     connections: Sequence[Connection],
     variable: Callable[[Port], Variable],
     ports: Mapping[str, Port],
     places: Places,
     problems: list[Problem],
     unjudged: Collection[str] = (),
-    absent: Collection[str] = (),
+    absent: Container[str] = (),
+    further: bool = False,
 ) -> tuple[Bond, ...]:
     """The bonds that a config declares.
 
     Args:
-        models: as in the config.
+        models: as in the config; None is left out.
         connections: of the system.
         variable: gives the variable of a port.
         ports: all numeric outputs, by instance.variable.
@@ -247,15 +248,19 @@ def declared_bonds(
         problems: what is wrong is added here.
         unjudged: connections of the config that have a problem of their own, as "a.y -> b.u"; absent: such
             instances. A bond is not blamed for them.
+        further: whether there may be connections that are not known.
     """
     known: dict[str, Connection | None] = dict.fromkeys(unjudged)
     known |= {f"{one.source} -> {one.target}": one for one in connections}
     made = []
     for index, model in enumerate(models):
+        if model is None:
+            continue
         place = places.text(("bonds", index))
         told = len(problems)
-        effort = [_leg(text, known, place, problems) for text in model.effort_legs()]
-        flow = [_leg(text, known, place, problems) for text in model.flow_legs()]
+        missing = [] if further else problems
+        effort = [_leg(text, known, place, missing) for text in model.effort_legs()]
+        flow = [_leg(text, known, place, missing) for text in model.flow_legs()]
         motion = None
         if model.flow_port() is not None:
             motion = ports.get(model.flow_port() or "")
@@ -282,8 +287,11 @@ def declared_bonds(
 def _leg(
     text: str, known: Mapping[str, Connection | None], place: str, problems: list[Problem]
 ) -> Connection | None:
-    name = " -> ".join(end.strip() for end in text.split("->"))
-    if name not in known:
+    ends = [end.strip() for end in text.split("->")]
+    name = " -> ".join(ends)
+    wrong = [one.split(" -> ") for one, made in known.items() if made is None]
+    # A connection with a problem of its own may be meant, where that is in the name of its other end.
+    if name not in known and not any(ends[0] == one[0] or ends[-1] == one[-1] for one in wrong):
         problems.append(Problem(place, f"no connection {text!r}", "", nearest(name, known)))
     return known.get(name)
 

@@ -11,7 +11,7 @@ from .config import Places, Scalar
 from .errors import Problem, listed, nearest
 from .fmi import Causality, Fmu, Interface, Kind, ModelDescription, Value, Variable
 from .quantities import Measure, quantity
-from .system import Connection, Instance, Port
+from .system import Instance, Port
 from .units import convert
 
 __all__ = [
@@ -20,7 +20,6 @@ __all__ = [
     "end",
     "in_range",
     "integration",
-    "loop_problem",
     "recordable",
     "shared_process",
     "start_value",
@@ -208,12 +207,17 @@ def dependencies(
 
 
 def recordable(
-    instance: str, name: str, descriptions: Mapping[str, ModelDescription], place: str
+    instance: str,
+    name: str,
+    descriptions: Mapping[str, ModelDescription],
+    place: str,
+    names: Sequence[str] = (),
 ) -> Problem | None:
-    """Judge a signal that is to be recorded."""
+    """Judge a signal that is to be recorded; `names`: of all instances, where not all are described."""
     if instance not in descriptions:
         what = f"no instance {instance!r} to record {instance}.{name} of"
-        return Problem(place, what, f"instances: {listed(descriptions)}", nearest(instance, descriptions))
+        names = names or list(descriptions)
+        return Problem(place, what, f"instances: {listed(names)}", nearest(instance, names))
     variables = descriptions[instance].variables
     variable = variables.get(name)
     names = [
@@ -284,52 +288,3 @@ def step_size(instances: Iterable[Instance], size: Fraction, places: Places) -> 
         )
         problems.append(Problem(places.text(("instances", one.name)), what, allowed, remedy))
     return problems
-
-
-def loop_problem(
-    loop: Sequence[Port],
-    connections: Mapping[Port, Connection],
-    assumed: set[Port],
-    place: str,
-    initial: bool,
-    reason: str = "",
-    step_size: float | None = None,
-) -> Problem:
-    """An algebraic loop, told hop by hop.
-
-    Args:
-        loop: inputs and outputs in turn, beginning with an input.
-        connections: by target.
-        assumed: outputs whose dependencies the FMU does not declare.
-        reason: why no master could solve it; empty if one that iterates would.
-        step_size: of the communication step [s]; None if it is not known.
-    """
-    hops, doubtful, short = [], None, False
-    for index, port in enumerate(loop):
-        after = loop[(index + 1) % len(loop)]
-        if index % 2:
-            wire, through = connections[after].wire, []
-            for link in wire.links if wire else ():
-                told = link.name
-                # A delay: over a step short enough it passes nothing at once.
-                if not initial and step_size is not None and link.at_once:
-                    if not link.effect.passes_at_once(1e-9 * step_size):
-                        told += f" (shorter than the step of {step_size!r} s, hence passed at once)"
-                        short = True
-                through.append(told)
-            hops.append(f"{port} is connected to {after}{' through ' if through else ''}{', '.join(through)}")
-            continue
-        doubt = ""
-        if after in assumed:
-            doubt, doubtful = " (assumed: the FMU does not say what it depends on)", doubtful or after
-        hops.append(f"{port} is direct-feedthrough to {after}{doubt}")
-    shown = doubtful or loop[1]
-    remedy = (
-        (f"It cannot be solved: {reason}. " if reason else "The master iterative solves it; or take")
-        + ("Take" if reason else "")
-        + " a connection out of the loop, or put an instance without direct feedthrough into it.\n"
-        + ("A delay that is no shorter than the step breaks the loop.\n" if short else "")
-        + f"If {shown} does not depend on the inputs of the same instant, say so: "
-        f"instances.{shown.instance}.feedthrough: {{{shown.variable}: []}}"
-    )
-    return Problem(place, f"algebraic loop{' at initialisation' if initial else ''}", "\n".join(hops), remedy)

@@ -34,12 +34,14 @@ def run_each(
     Raises: as `run`; ConfigError with the problems of all systems.
     """
     overrides = tuple(overrides)
-    prepared, problems = [], []
+    prepared, problems, unchecked = [], [], []
     for config in configs:
         try:
             prepared.append(prepare(config, overrides))
         except ConfigError as error:
             problems += error.problems
+            of = f"{config}: " if len(configs) > 1 else ""
+            unchecked += [f"{of}{one}" for one in error.unchecked]
     counts = Counter(one.config.name for one in prepared)
     twice = [name for name, count in counts.items() if count > 1]
     if twice and out is not None:
@@ -47,7 +49,7 @@ def run_each(
             Problem("", f"several systems are called {listed(twice)}", "one folder for each name")
         )
     if problems:
-        raise ConfigError(problems)
+        raise ConfigError(problems, unchecked)
     if len(prepared) == 1 or out is None:
         for one in prepared:
             yield run(one, out=out, figures=figures, **options)

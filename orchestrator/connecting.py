@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from . import checks
-from .config import ConnectionModel, Places, SourceModel
+from .config import Absent, ConnectionModel, Places, SourceModel
 from .effects import create_effect
 from .effects.base import times_unit
 from .effects.choose import BUILT_IN
 from .effects.gain import split
-from .errors import Problem, listed, nearest
+from .errors import Problem, close, listed, nearest
 from .fmi import Causality, Kind, ModelDescription
 from .quantities import Measure
 from .system import Connection, Leg, Link, Port, Wire
 from .units import ONE, UnitError, convert, parse_unit
 
-__all__ = ["Ends", "connect", "elements"]
+__all__ = ["Ends", "connect", "elements", "meant"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class Ends:
         target: the input.
         through: its effects.
         element: of an array, counted from 0; None for a scalar.
+        known: whether it is all there is of the connection. Of one that is not, sources may be missing and
+            the target be empty; what is there is judged, and no connection is made.
     """
 
     index: int
@@ -40,13 +42,14 @@ class Ends:
     target: str
     through: tuple[Any, ...] = ()
     element: int | None = None
+    known: bool = True
 
     @staticmethod
-    def of(index: int, connection: str | ConnectionModel | Mapping[str, Any]) -> Ends:
+    def of(index: int, connection: str | ConnectionModel | Mapping[str, Any], known: bool = True) -> Ends:
         """The ends of "a.y -> b.u" or of the long form."""
         if isinstance(connection, str):
             source, target = connection.split("->")
-            return Ends(index, ((source.strip(), 1),), target.strip())
+            return Ends(index, ((source.strip(), 1),), target.strip(), known=known)
         if isinstance(connection, Mapping):
             connection = ConnectionModel.model_validate(connection)
         given = connection.source if isinstance(connection.source, list) else [connection.source]
@@ -56,15 +59,21 @@ class Ends:
             tuple((one.port.strip(), one.gain) for one in sources),
             connection.target.strip(),
             tuple(connection.through),
+            known=known,
         )
 
     @property
     def leading(self) -> str:
         """The first source and the target, by which bonds name a connection: "a.y -> b.u"."""
-        return f"{self.sources[0][0]} -> {self.target}"
+        return f"{self.sources[0][0] if self.sources else ''} -> {self.target}"
 
     def __str__(self) -> str:
-        return f"{' + '.join(name for name, _ in self.sources)} -> {self.target}"
+        return f"{' + '.join(name for name, _ in self.sources) or '...'} -> {self.target or '...'}"
+
+    @property
+    def plain(self) -> bool:
+        """Whether the value at the target is that at the source, but for its unit."""
+        return len(self.sources) == 1 and self.sources[0][1] in (1, "1") and not self.through
 
 
 def _family(text: str, descriptions: Mapping[str, ModelDescription], causality: Causality) -> dict[str, str]:
@@ -96,6 +105,10 @@ def elements(
     if not target and not any(sources):
         return [ends], [ends.target], []
     fed = [*target.values()] or [ends.target]
+    named = {name.partition(".")[0] for name in (ends.target, *(name for name, _ in ends.sources))}
+    if not ends.known or not named <= descriptions.keys():
+        # Of an array at one end alone it cannot be told whether it fits.
+        return [replace(ends, known=False)], fed, []
     for (name, _), found in zip(ends.sources, sources, strict=True):
         if found.keys() != target.keys():
             what = f"cannot connect {name} ({_shape(found)}) to {ends.target} ({_shape(target)})"
@@ -118,6 +131,20 @@ def elements(
     )
 
 
+def meant(ends: Ends, descriptions: Mapping[str, ModelDescription]) -> set[str]:
+    """The inputs that a connection may be meant for: its target or, if that is none, those of a like name."""
+    name, _, variable = ends.target.partition(".")
+    if not variable:
+        near = close(name, descriptions) or descriptions
+        return {f"{one}.{v.name}" for one in near for v in descriptions[one].inputs}
+    if name not in descriptions:
+        return {f"{one}.{variable}" for one in close(name, descriptions) or descriptions}
+    if variable in descriptions[name].variables:
+        return {ends.target}
+    inputs = [v.name for v in descriptions[name].inputs]
+    return {f"{name}.{one}" for one in close(variable, inputs) or inputs}
+
+
 def _shape(found: Mapping[str, str]) -> str:
     return f"elements {listed(found, 9)}" if found else "no array"
 
@@ -125,7 +152,7 @@ def _shape(found: Mapping[str, str]) -> str:
 def connect(
     ends: Ends,
     descriptions: Mapping[str, ModelDescription],
-    absent: frozenset[str],
+    absent: Absent,
     places: Places,
     folder: Path,
     step_size: float | None,
@@ -143,14 +170,14 @@ def connect(
     """
     judge = _Judge(ends, descriptions, absent, places, problems)
     sources = [judge.port(name) for name, _ in ends.sources]
-    target = judge.port(ends.target)
-    if judge.silent:
+    target = judge.port(ends.target) if ends.target else None
+    if not ends.known or target is None or None in sources:
+        judge.apart([one for one in sources if one is not None], target)
+        judge.links(ends, None, folder, step_size)
         return None
-    plain = len(sources) == 1 and not ends.through and ends.sources[0][1] in (1, "1")
-    if plain:
-        (source,) = sources
-        if source is None or target is None:
-            return None
+    found = [one for one in sources if one is not None]
+    if ends.plain:
+        source = found[0]
         result = checks.connection(
             source, descriptions[source.instance], target, descriptions[target.instance], judge.place
         )
@@ -162,14 +189,12 @@ def connect(
             notes.append(f"{judge.place}: {note}")
         return Connection(source, target, gain, offset)
     before = len(problems)
-    found = [one for one in sources if one is not None]
     for one in found:
         judge.end(one, Causality.OUTPUT)
-    if target is not None:
-        judge.end(target, Causality.INPUT)
-    if target is not None and len(problems) == before:
+    judge.end(target, Causality.INPUT)
+    if len(problems) == before:
         judge.kinds([*found, target])
-    if len(problems) > before or target is None or len(found) < len(sources):
+    if len(problems) > before:
         # What the effects are is judged without units then.
         judge.links(ends, None, folder, step_size)
         return None
@@ -217,7 +242,7 @@ class _Judge:
         self,
         ends: Ends,
         descriptions: Mapping[str, ModelDescription],
-        absent: frozenset[str],
+        absent: Absent,
         places: Places,
         problems: list[Problem],
     ) -> None:
@@ -225,17 +250,18 @@ class _Judge:
         self._places, self._problems = places, problems
         self._path = ("connections", ends.index)
         self.place = places.text(self._path)
-        self.silent = False
 
     def port(self, text: str) -> Port | None:
-        """A port by its name; instances that are absent make the judge silent."""
+        """A port by its name; None if there is a problem, or nothing is known of the instance."""
         name, dot, variable = text.partition(".")
         if name in self._absent:
-            self.silent = True
-        elif name not in self._descriptions:
+            return None
+        if name not in self._descriptions:
             what = f"no instance {name!r} in {self._ends}"
-            allowed = f"instances: {listed(self._descriptions)}"
-            self._problems.append(Problem(self.place, what, allowed, nearest(name, self._descriptions)))
+            names = self._absent.among(self._descriptions)
+            self._problems.append(
+                Problem(self.place, what, f"instances: {listed(names)}", nearest(name, names))
+            )
         elif not dot:
             self._problems.append(
                 Problem(self.place, f"{text!r} names no variable", f"written as {name}.variable")
@@ -243,6 +269,19 @@ class _Judge:
         else:
             return Port(name, variable)
         return None
+
+    def apart(self, sources: list[Port], target: Port | None) -> None:
+        """Judge each end of a connection of which not all is known."""
+        ends = [(port, Causality.OUTPUT) for port in sources]
+        ends += [(target, Causality.INPUT)] if target is not None else []
+        for port, causality in ends:
+            if _family(str(port), self._descriptions, causality):
+                continue
+            if not self._ends.plain:
+                self.end(port, causality)
+                continue
+            problem = checks.end(port, self._descriptions[port.instance], causality, self.place)
+            self._problems += [problem] if problem is not None else []
 
     def end(self, port: Port, causality: Causality) -> bool:
         """Whether a port can be an end of a connection with effects."""
@@ -260,8 +299,8 @@ class _Judge:
     def _tables(self) -> bool:
         """Whether whole numbers, booleans and enumerations may pass: by tables only."""
         ends = self._ends
-        plain = len(ends.sources) == 1 and ends.sources[0][1] in (1, "1")
-        return plain and all(isinstance(item, Mapping) and "map" in item for item in ends.through)
+        single = len(ends.sources) == 1 and ends.sources[0][1] in (1, "1")
+        return single and all(isinstance(item, Mapping) and "map" in item for item in ends.through)
 
     def kinds(self, ports: list[Port]) -> None:
         """Judge whether values of the one end's kind are values of the other's."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -16,7 +17,9 @@ __all__ = [
     "OrchestratorError",
     "Problem",
     "StepError",
+    "close",
     "error_data",
+    "in_order",
     "listed",
     "nearest",
 ]
@@ -58,15 +61,20 @@ class ConfigError(OrchestratorError):
 
     Attributes:
         problems: every problem, in the order of the config.
+        unchecked: what could not be checked for want of what has problems; further ones may be there.
     """
 
-    def __init__(self, problems: Iterable[Problem]) -> None:
+    def __init__(self, problems: Iterable[Problem], unchecked: Iterable[str] = ()) -> None:
         self.problems: tuple[Problem, ...] = tuple(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        self.unchecked: tuple[str, ...] = tuple(dict.fromkeys(unchecked))
+        lines = [str(problem) for problem in self.problems]
+        if self.unchecked:
+            lines.append(f"Not checked because of these problems: {'; '.join(self.unchecked)}.")
+        super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """From process to process with its problems: of an exception its message alone would be sent."""
-        return type(self), (self.problems,)
+        return type(self), (self.problems, self.unchecked)
 
 
 class FmuError(OrchestratorError):
@@ -128,6 +136,8 @@ def error_data(error: BaseException) -> dict[str, Any]:
     told: dict[str, Any] = {"kind": type(error).__name__, "message": str(error)}
     if isinstance(error, ConfigError):
         told["problems"] = [asdict(problem) for problem in error.problems]
+        if error.unchecked:
+            told["unchecked"] = list(error.unchecked)
     elif isinstance(error, StepError):
         told |= {
             "instance": error.instance,
@@ -146,12 +156,29 @@ def nearest(name: str, names: Iterable[str], prefix: str = "") -> str:
         names: what exists.
         prefix: put before each suggestion, for example "robot.".
     """
+    found = close(name, names)
+    return f"Did you mean {' or '.join(prefix + match for match in found)}?" if found else ""
+
+
+def in_order(problems: Iterable[Problem]) -> list[Problem]:
+    """Problems by the lines of their files; those of overrides, and of what has no line, first."""
+    files: dict[str, int] = {}
+
+    def order(problem: Problem) -> tuple[int, int]:
+        found = re.match(r"(?!--set )([^:]*):(\d+)(:|$)", problem.place)
+        return (files.setdefault(found[1], len(files) + 1), int(found[2])) if found else (0, 0)
+
+    return sorted(problems, key=order)
+
+
+def close(name: str, names: Iterable[str]) -> list[str]:
+    """Which of the names that exist a mistyped one may be meant for, the likeliest first; three at most."""
     names = list(names)
     found = difflib.get_close_matches(name, names, n=3, cutoff=0.6)
     if not found:
         folded = {other.casefold(): other for other in names}
         found = [folded[name.casefold()]] if name.casefold() in folded else []
-    return f"Did you mean {' or '.join(prefix + match for match in found)}?" if found else ""
+    return found
 
 
 def listed(names: Iterable[str], limit: int = 20) -> str:

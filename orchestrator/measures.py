@@ -24,6 +24,7 @@ __all__ = [
     "Measure",
     "changes",
     "choose_measures",
+    "judge_measures",
     "measure_names",
     "signal_changes",
 ]
@@ -95,6 +96,14 @@ def measure_names() -> tuple[str, ...]:
 
 def choose_measures(config: Config) -> tuple[ChosenMeasure, ...]:
     """The measures of a config. Raises: ConfigError if one does not exist or its options are wrong."""
+    chosen, problems = judge_measures(config)
+    if problems:
+        raise ConfigError(problems)
+    return tuple(chosen)
+
+
+def judge_measures(config: Config) -> tuple[list[ChosenMeasure], list[Problem]]:
+    """The measures of a config with which nothing is wrong, and what is wrong with the others."""
     chosen, problems = [], []
     for name, options in config.model.measures.items():
         if name not in _MEASURES:
@@ -109,9 +118,7 @@ def choose_measures(config: Config) -> tuple[ChosenMeasure, ...]:
             chosen.append(ChosenMeasure(name, measure, measure.options.model_validate(options)))
         except ValidationError as error:
             problems += validation_problems(error, config.places, ("measures", name), measure.options)
-    if problems:
-        raise ConfigError(problems)
-    return tuple(chosen)
+    return chosen, problems
 
 
 def changes(before: Any, after: Any) -> Any:

@@ -10,15 +10,14 @@ from time import perf_counter
 from typing import Any, BinaryIO, cast
 
 from . import checks
-from .assembly import load_system
-from .config import Config, load_config
-from .errors import ConfigError, Interrupted, OrchestratorError, Problem, error_data, listed
+from .config import Config
+from .errors import ConfigError, Interrupted, OrchestratorError, error_data, listed
 from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
-from .master import MasterAlgorithm, create_master
-from .measures import ChosenMeasure, changes, choose_measures, signal_changes
+from .measures import ChosenMeasure, changes, signal_changes
 from .pacing import Pace
+from .prepared import Prepared, prepare
 from .progress import Progress
 from .provenance import origin, versions
 from .results import Recorder, Results, parameters_of
@@ -31,17 +30,6 @@ __all__ = ["Prepared", "RunResult", "instance_fmus", "prepare", "run"]
 # What a run that writes to no folder may keep in memory [B].
 _IN_MEMORY = 256 << 20
 _PACKAGES = ("orchestrator", "fmpy", "numpy", "pydantic", "PyYAML")
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A config that is known to run: everything that can be checked beforehand is."""
-
-    config: Config
-    system: System
-    master: MasterAlgorithm
-    grid: Grid
-    measures: tuple[ChosenMeasure, ...]
 
 
 @dataclass
@@ -63,45 +51,6 @@ class RunResult:
     folder: Path | None = None
     files: list[str] = field(default_factory=list)
     coupling: Results | None = None
-
-
-def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Prepared:
-    """Read a config and check it, its FMUs, connections, master, times and measures.
-
-    Args:
-        config, overrides: see `load_config`.
-    Raises: ConfigError with all problems.
-    """
-    loaded = load_config(config, overrides)
-    problems: list[Problem] = []
-    master = grid = system = None
-    measures: tuple[ChosenMeasure, ...] = ()
-    model, places = loaded.model, loaded.places
-    try:
-        master = create_master(model.run.master, places.text(("run", "master")), places)
-    except ConfigError as error:
-        problems += error.problems
-    try:
-        grid = Grid.of(model.run, places.text(("run",)))
-    except ConfigError as error:
-        problems += error.problems
-    try:
-        measures = choose_measures(loaded)
-    except ConfigError as error:
-        problems += error.problems
-    needed = {name: ("measures", one.name) for one in measures for name in one.signals()}
-    try:
-        # Of an unknown master it cannot be told whether it solves loops: one mistake is to be told, not two.
-        system = load_system(loaded, needed, loops=master is None or master.solves_loops)
-    except ConfigError as error:
-        problems += error.problems
-    if master is not None and system is not None:
-        problems += master.check(system, places)
-    if system is not None and grid is not None:
-        problems += checks.step_size(system.instances, grid.step_size, places)
-    if problems or master is None or grid is None or system is None:
-        raise ConfigError(problems)
-    return Prepared(loaded, system, master, grid, measures)
 
 
 def run(

@@ -14,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from .config import RunModel
+from .config.base import exact_time
 from .errors import ConfigError, Problem
 from .fmi import Array, Point
 from .instance_pool import InstancePool
@@ -25,7 +26,7 @@ from .pacing import Pace
 from .signals import Layout, Signals
 from .system import System
 
-__all__ = ["BlockObserver", "Grid", "Observer", "Report", "simulate"]
+__all__ = ["BlockObserver", "Grid", "Observer", "Report", "simulate", "time_problems"]
 
 Observer = Callable[[Point, Signals], None]
 
@@ -48,6 +49,19 @@ class BlockObserver(Protocol):
         """
 
 
+def time_problems(
+    run: RunModel, place: str = "run", knows: Callable[[str], bool] = lambda key: True
+) -> list[Problem]:
+    """What is wrong with the times of a config, as far as those are known; `knows`: whether a key is."""
+    problems = []
+    if knows("step_size") and exact_time(run.step_size) <= 0:
+        problems.append(Problem(place, f"step_size {run.step_size} is not positive"))
+    if knows("start_time") and knows("stop_time") and exact_time(run.stop_time) <= exact_time(run.start_time):
+        what = f"stop_time {run.stop_time} is not after start_time {run.start_time}"
+        problems.append(Problem(place, what))
+    return problems
+
+
 @dataclass(frozen=True)
 class Grid:
     """Equidistant communication points: time = start + index * step size, each rounded once.
@@ -68,13 +82,9 @@ class Grid:
         Raises: ConfigError if the step size is not positive, or the run is not a whole number of steps:
             a shorter last step would act as another delay than the others.
         """
+        if problems := time_problems(run, place):
+            raise ConfigError(problems)
         start, stop, step = run.times()
-        if step <= 0:
-            raise ConfigError([Problem(place, f"step_size {run.step_size} is not positive")])
-        if stop <= start:
-            raise ConfigError(
-                [Problem(place, f"stop_time {run.stop_time} is not after start_time {run.start_time}")]
-            )
         count = (stop - start) / step
         if count.denominator != 1:
             below = count.numerator // count.denominator

@@ -270,7 +270,6 @@ def test_all_problems_of_a_system_are_told_together():
         "docking.yaml: connections[1]: robot has no variable 'x'",
         "docking.yaml: connections[1]: satellite has no variable 'y'",
         "docking.yaml: instances.robot.start.comand: robot has no variable 'comand'",
-        "docking.yaml: instances.robot: input robot.command [m] is not connected and has no start value",
         "docking.yaml: instances.satellite.start.force: satellite.force [N]: 1 has no unit",
         "docking.yaml: run.record[1]: robot has no variable 'posit' to record",
         "docking.yaml: run.record[2]: satellite.force cannot be recorded",

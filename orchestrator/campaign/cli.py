@@ -54,6 +54,7 @@ def sweep_main(args: argparse.Namespace) -> int:
     from .sweep import sweep
 
     problems: list[Problem] = []
+    unchecked: tuple[str, ...] = ()
     study = pool = None
     if args.jobs is not None and args.jobs < 1:
         problems.append(Problem("--jobs", f"got {args.jobs}", "at least 1"))
@@ -63,12 +64,13 @@ def sweep_main(args: argparse.Namespace) -> int:
         study = Study.load(args.study)
     except ConfigError as error:
         problems += error.problems
+        unchecked = error.unchecked
     try:
         pool = None if args.check else pool_of(args.scheduler, args.jobs)
     except ConfigError as error:
         problems += error.problems
     if problems or study is None:
-        raise ConfigError(problems)
+        raise ConfigError(problems, unchecked)
     notes = (
         [] if study.model.step_halving else ["step_halving is off: no number is told with its change at half"]
     )

@@ -228,12 +228,12 @@ def lookup(measured: Any, path: str) -> Any:
 
 
 def parse_derived(
-    texts: Mapping[str, str], recorded: Sequence[str], place: Callable[[str], str]
+    texts: Mapping[str, str], recorded: Sequence[str] | None, place: Callable[[str], str]
 ) -> tuple[Derived, ...]:
     """Quantities by name.
 
     Args:
-        recorded: names of the signals that a run records.
+        recorded: names of the signals that a run records; None: not known, and not judged.
         place: where each was written.
     Raises: ConfigError with all that is wrong with them.
     """
@@ -244,7 +244,7 @@ def parse_derived(
         except ValueError as error:
             problems.append(Problem(place(name), f"{name}: {text!r}: {error}"))
             continue
-        for signal in one.signals:
+        for signal in one.signals if recorded is not None else ():
             if signal not in recorded:
                 allowed = f"recorded are: {listed(recorded)}"
                 remedy = nearest(signal, recorded) or "Name it in run.record."

@@ -10,12 +10,10 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
 from ..checks import start_value
-from ..config import Config, Places, dump, move_effects, parse, put_value, validation_problems
+from ..config import Config, Places, compose, dump, move_effects, put_value
 from ..digests import digest_of
-from ..errors import ConfigError, Problem, listed, nearest
+from ..errors import ConfigError, Problem, in_order, listed, nearest
 from ..run import Prepared, prepare
 from ..system import Instance
 from ..workers import Retry
@@ -23,8 +21,9 @@ from ..workers.files import place_of
 from .axes import Axis, Level, axis_of
 from .derived import Derived, parse_derived, unknown_numbers
 from .design import Block, Blocks, paths_of, seeds
+from .draft import read_study
 from .execute import FILES, Order, Task
-from .models import RecordModel, StudyModel
+from .models import RecordModel
 from .product import effect_sources, product
 from .tables import RESERVED
 
@@ -58,7 +57,7 @@ class Study:
         Raises: ConfigError with all problems.
         """
         data = {key.rstrip("_"): value for key, value in {**(source or {}), **values}.items()}
-        self._make({"format": "sweep/1", **data}, Places("study"), Path.cwd(), "study")
+        self._make({"format": "sweep/1", **data}, Places("study"), Path.cwd(), "study", [])
 
     @staticmethod
     def load(path: Path | str) -> Study:
@@ -68,54 +67,59 @@ class Study:
             text = path.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError([Problem(str(path), f"cannot be read ({error})")]) from error
-        data, places = parse(text, path.name)
+        data, places, twice = compose(text, path.name)
         if not isinstance(data, dict):
             raise ConfigError([Problem(path.name, "not a study", "a mapping with format, system and design")])
         study = Study.__new__(Study)
-        study._make(data, places, path.parent, path.stem)
+        study._make(data, places, path.parent, path.stem, [problem for _, problem in twice])
         return study
 
-    def _make(self, data: Mapping[str, Any], places: Places, folder: Path, name: str) -> None:
+    def _make(
+        self, data: Mapping[str, Any], places: Places, folder: Path, name: str, problems: list[Problem]
+    ) -> None:
+        """See `__init__`; `problems`: that reading found."""
         self.name, self._places = name, places
-        problems: list[Problem] = []
-        model = None
-        try:
-            model = StudyModel.model_validate(data)
-        except ValidationError as error:
-            problems += validation_problems(error, places, (), StudyModel)
-        prepared = self._system(data, folder, problems)
-        if model is None or prepared is None:
-            raise ConfigError(problems)
-        self.model, self.prepared = model, prepared
-        derived = self._derive(problems)
-        self.axes = self._axes(problems)
+        unchecked: list[str] = []
+        self.model, unread, whole = read_study(data, places, problems)
+        prepared = None
+        if "system" not in unread:
+            prepared = self._system(data.get("system"), folder, problems, unchecked)
+        if prepared is None:
+            self._derive(None, problems)
+            unchecked.append("the design's values, and signals and numbers of quantities")
+            raise ConfigError(in_order(dict.fromkeys(problems)), unchecked)
+        self.prepared = prepared
+        derived = self._derive([str(port) for port in prepared.system.recorded], problems)
+        self.axes = self._axes(problems, "design" not in unread)
         blocks = Blocks(self.axes, problems, self._place)
-        self._block: Block = blocks.make(model.design, ("design",))
         repeats = self._repeats(problems)
         self._repeat: Sequence[dict[str, Level]] = repeats
-        problems += self._unknown_numbers(derived, blocks)
+        if "design" in unread:
+            raise ConfigError(in_order(dict.fromkeys(problems)), ["the design's values"])
+        self._block: Block = blocks.make(self.model.design, ("design",))
+        if whole:
+            problems += self._unknown_numbers(derived, blocks)
         if not problems and not len(self._block):
             problems.append(Problem(self._place(("design",)), "the design has no points"))
         if not problems:
             problems += self._tried(blocks)
         if problems:
-            raise ConfigError(dict.fromkeys(problems))
+            raise ConfigError(in_order(dict.fromkeys(problems)))
 
     def _place(self, path: tuple[str | int, ...]) -> str:
         return self._places.text(path)
 
-    def _system(self, data: Mapping[str, Any], folder: Path, problems: list[Problem]) -> Prepared | None:
-        system, changes = data.get("system"), data.get("set")
-        if not isinstance(system, str | Mapping | Path):
-            return None
+    def _system(
+        self, system: Any, folder: Path, problems: list[Problem], unchecked: list[str]
+    ) -> Prepared | None:
         if isinstance(system, str) and (folder / system).is_file():
             system = folder / system
-        changes = changes if isinstance(changes, Mapping) else {}
-        texts = [f"{path}={_text(value)}" for path, value in changes.items()]
+        texts = [f"{path}={_text(value)}" for path, value in self.model.set_.items()]
         try:
             made = prepare(system, texts)
         except ConfigError as error:
             problems += error.problems
+            unchecked += error.unchecked
             return None
         model = made.config.model
         # What comes from outside, or takes the clock's time, is not the same run twice.
@@ -130,19 +134,21 @@ class Study:
                 )
         return made
 
-    def _derive(self, problems: list[Problem]) -> tuple[Derived, ...]:
+    def _derive(self, recorded: list[str] | None, problems: list[Problem]) -> tuple[Derived, ...]:
+        """The derived quantities; `recorded`: signals, None if they are not known."""
         for name in self.model.derived:
             if name.casefold() in RESERVED:
                 what = f"{name!r} cannot name a quantity"
                 problems.append(Problem(self._place(("derived", name)), what, "the store has a column of it"))
         self._distinct(self.model.derived, "derived", problems)
-        recorded = [str(port) for port in self.prepared.system.recorded]
         derived: tuple[Derived, ...] = ()
         try:
             derived = parse_derived(self.model.derived, recorded, lambda name: self._place(("derived", name)))
         except ConfigError as error:
             problems += error.problems
         record = self.model.record
+        if recorded is None:
+            return derived
         for signal in (record.signals or []) if isinstance(record, RecordModel) else []:
             if signal not in recorded:
                 allowed = f"recorded are: {listed(recorded)}"
@@ -188,11 +194,11 @@ class Study:
                 Problem(self._place(place), what, "the store's columns do not tell them apart", remedy)
             )
 
-    def _axes(self, problems: list[Problem]) -> dict[str, Axis]:
+    def _axes(self, problems: list[Problem], designed: bool) -> dict[str, Axis]:
         axes: dict[str, Axis] = {}
         targets: dict[tuple[str | int, ...], str] = {}
         into = self.model.repeats.into if self.model.repeats else []
-        for path in (*paths_of(self.model.design), *into):
+        for path in (*(paths_of(self.model.design) if designed else ()), *into):
             where = ("repeats", "into") if path in into else ("design",)
             made = axis_of(path, self.prepared.system, self.prepared.config, self._place(where))
             if isinstance(made, Problem):

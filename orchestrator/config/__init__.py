@@ -1,24 +1,21 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
 from .external import ExternalModel, RealtimeModel
-from .load import (
-    Config,
-    json_schema,
-    load_config,
-    move_effects,
-    override_path,
-    put_value,
-    unknown_path,
-)
+from .gaps import Absent, Gaps
+from .load import Config, Draft, json_schema, load_config, move_effects, read_config
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
-from .problems import validation_problems
-from .text import Place, Places, dump, parse, path_text
+from .overrides import override_path, put_value, unknown_path
+from .problems import path_within, validation_problems
+from .text import Place, Places, compose, dump, parse, path_text
 
 __all__ = [
+    "Absent",
     "BondModel",
     "Config",
     "ConnectionModel",
+    "Draft",
     "ExternalModel",
+    "Gaps",
     "InstanceModel",
     "Place",
     "Places",
@@ -27,6 +24,7 @@ __all__ = [
     "Scalar",
     "SourceModel",
     "SystemModel",
+    "compose",
     "dump",
     "json_schema",
     "load_config",
@@ -34,7 +32,9 @@ __all__ = [
     "override_path",
     "parse",
     "path_text",
+    "path_within",
     "put_value",
+    "read_config",
     "unknown_path",
     "validation_problems",
 ]

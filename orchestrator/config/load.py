@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import pathlib
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
-from pydantic import ValidationError
-
 from .. import bundled
 from ..effects import effect_file, effect_schema
 from ..errors import ConfigError, Problem, listed, nearest
-from .models import RunModel, SystemModel
-from .problems import validation_problems
-from .text import Path, Place, Places, dump, parse
+from .draft import read_model
+from .gaps import FURTHER, Gaps
+from .models import SystemModel
+from .overrides import override
+from .text import Path, Place, Places, compose, dump
 
-__all__ = [
-    "Config",
-    "json_schema",
-    "load_config",
-    "move_effects",
-    "override_path",
-    "put_value",
-    "unknown_path",
-]
+__all__ = ["Config", "Draft", "json_schema", "load_config", "move_effects", "read_config"]
 
 # Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It
 # gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
@@ -58,6 +49,24 @@ class Config:
         return dump(self.model.to_data())
 
 
+@dataclass(frozen=True)
+class Draft:
+    """A config as it is read, with all that is wrong with it.
+
+    Attributes:
+        config: what can be read of it; None if a part of it that may say anything is missing. See
+            `read_model` for what its model is where there are gaps.
+        problems: what is wrong.
+        gaps: what is not known of it therefore.
+        unchecked: see `ConfigError`.
+    """
+
+    config: Config | None
+    problems: tuple[Problem, ...] = ()
+    gaps: Gaps = field(default_factory=Gaps)
+    unchecked: tuple[str, ...] = ()
+
+
 def load_config(
     source: str | pathlib.Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()
 ) -> Config:
@@ -69,9 +78,23 @@ def load_config(
         overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
     Raises: ConfigError with all problems.
     """
+    draft = read_config(source, overrides)
+    if draft.problems or draft.config is None:
+        raise ConfigError(draft.problems, draft.unchecked)
+    return draft.config
+
+
+def read_config(
+    source: str | pathlib.Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()
+) -> Draft:
+    """Read a config as far as it can be read; see `load_config`.
+
+    Raises: ConfigError if nothing of it can.
+    """
     notes: tuple[str, ...] = ()
     unpacked: pathlib.Path | None = None
     remedies: Mapping[str, str] = {}
+    found = _Found()
     if isinstance(source, Config):
         data, places = source.model.to_data(), source.places
         folder, name, notes, unpacked = source.folder, source.name, source.notes, source.unpacked
@@ -88,20 +111,30 @@ def load_config(
             data, places = _copied(foreign.data), Places(path.name)
             notes, unpacked, remedies = tuple(foreign.notes), foreign.unpacked, foreign.remedies
         else:
-            data, places = _read(path, ())
-    problems: list[Problem] = []
+            data, places = _read(path, (), found)
     places = Places(places.source, dict(places.known))
     for text in overrides:
-        problems += _override(data, places, text)
-    if problems:
-        raise ConfigError(problems)
-    try:
-        model = SystemModel.model_validate(data)
-    except ValidationError as error:
-        found = validation_problems(error, places, (), SystemModel)
-        told = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in found]
-        raise ConfigError(told) from None
-    return Config(model, places, folder, name, notes, unpacked)
+        problems, meant = override(data, places, text)
+        found.problems += problems
+        found.gaps += meant
+    model, wrong, gaps = read_model(data, places, Gaps(frozenset(found.gaps)))
+    told = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in wrong]
+    config = None if found.wanting else Config(model, places, folder, name, notes, unpacked)
+    unchecked = tuple(f"instances, connections and measures, for want of {one!r}" for one in found.wanting)
+    return Draft(config, (*found.problems, *told), gaps, unchecked)
+
+
+@dataclass
+class _Found:
+    """What reading files finds wrong.
+
+    Attributes:
+        wanting: configs that are extended and cannot be read.
+    """
+
+    problems: list[Problem] = field(default_factory=list)
+    gaps: list[Path] = field(default_factory=list)
+    wanting: list[str] = field(default_factory=list)
 
 
 def json_schema() -> dict[str, Any]:
@@ -140,12 +173,19 @@ def _find(source: str | pathlib.Path) -> pathlib.Path:
     )
 
 
-def _read(path: pathlib.Path, above: tuple[pathlib.Path, ...]) -> tuple[dict[str, Any], Places]:
+def _read(
+    path: pathlib.Path, above: tuple[pathlib.Path, ...], wrong: _Found
+) -> tuple[dict[str, Any], Places]:
+    """Raises: ConfigError if the file holds nothing that can be read."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError([Problem(str(path), f"cannot be read ({error})")]) from error
-    data, places = parse(text, path.name)
+    data, places, problems = compose(text, path.name)
+    for where, problem in problems:
+        wrong.problems.append(problem)
+        # Of a section, the entries that are taken stand all the same.
+        wrong.gaps.append((*where, FURTHER) if len(where) == 1 and where != ("run",) else where)
     if not isinstance(data, dict):
         raise ConfigError(
             [Problem(path.name, "not a config", "a config is a mapping with run and instances")]
@@ -153,30 +193,33 @@ def _read(path: pathlib.Path, above: tuple[pathlib.Path, ...]) -> tuple[dict[str
     if "extends" not in data:
         return data, places
     base = data.pop("extends")
-    place = places.text(("extends",))
+    try:
+        found = _base(path, base, places.text(("extends",)), above)
+        base_data, base_places = _read(found, (*above, path), wrong)
+    except ConfigError as error:
+        wrong.problems += error.problems
+        wrong.wanting.append(str(base))
+        wrong.gaps.append(())  # it may give anything
+        return data, places
+    _rebase(base_data, found.parent, path.parent)
+    known = dict(base_places.known)
+    merged = _merge(base_data, data, (), known, places)
+    return merged, Places(path.name, known)
+
+
+def _base(path: pathlib.Path, base: Any, place: str, above: tuple[pathlib.Path, ...]) -> pathlib.Path:
+    """The config that one extends. Raises: ConfigError."""
     if not isinstance(base, str):
         raise ConfigError([Problem(place, f"{base!r} is no name", "a bundled system or a path")])
     base_path = path.parent / base
     found = base_path if base_path.is_file() else bundled.find_system(base)
     if found is None:
         names = bundled.system_names()
-        raise ConfigError(
-            [
-                Problem(
-                    place,
-                    f"no config {base!r}",
-                    f"no file {base_path}; bundled: {listed(names)}",
-                    nearest(base, names),
-                )
-            ]
-        )
+        allowed = f"no file {base_path}; bundled: {listed(names)}"
+        raise ConfigError([Problem(place, f"no config {base!r}", allowed, nearest(base, names))])
     if found.resolve() in (earlier.resolve() for earlier in (*above, path)):
         raise ConfigError([Problem(place, f"{base!r} extends itself")])
-    base_data, base_places = _read(found, (*above, path))
-    _rebase(base_data, found.parent, path.parent)
-    known = dict(base_places.known)
-    merged = _merge(base_data, data, (), known, places)
-    return merged, Places(path.name, known)
+    return found
 
 
 def _rebase(data: dict[str, Any], old: pathlib.Path, new: pathlib.Path) -> None:
@@ -224,124 +267,3 @@ def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _copied(item) for key, item in value.items()}
     return [_copied(item) for item in value] if isinstance(value, list | tuple) else value
-
-
-def _override(data: dict[str, Any], places: Places, text: str) -> list[Problem]:
-    """Apply one override; problems found."""
-    place = f"--set {text}"
-    name, equals, value_text = (part.strip() for part in text.partition("="))
-    if not equals or not name:
-        return [Problem(place, "not an override", 'written as path=value, for example robot.tau_m="6 ms"')]
-    try:
-        value, _ = parse(value_text, place)
-    except ConfigError as error:
-        return list(error.problems)
-    path = override_path(data, name)
-    if path is None:
-        return [unknown_path(data, name, place)]
-    put_value(data, path, value)
-    places.known[path] = Place(place)
-    return []
-
-
-def unknown_path(data: dict[str, Any], name: str, place: str) -> Problem:
-    """The problem of a path that `override_path` does not know."""
-    instances, measures = _section(data, "instances"), _section(data, "measures")
-    known = [f"run.{key}" for key in RunModel.model_fields]
-    known += [f"{one}.{key}" for one, its in instances.items() for key in _section(its, "start")]
-    connections = data.get("connections")
-    for n, one in enumerate(connections if isinstance(connections, list) else ()):
-        through = one.get("through") if isinstance(one, dict) else None
-        for m, its in enumerate(through if isinstance(through, list) else ()):
-            known += [f"connections[{n}].through[{m}].{key}" for key in its or ()]
-    known += [f"measures.{one}.{key}" for one, its in measures.items() for key in its or ()]
-    sections = "run, external, connections[...].through, bonds, measures, title"
-    allowed = f"instances: {listed(instances)}; sections: {sections}"
-    return Problem(place, f"no {name!r} to set", allowed, nearest(name, known))
-
-
-_HANDLING = ("interface", "tolerance", "event_mode", "any_step", "isolate", "time_limit", "step_size")
-
-
-def override_path(data: dict[str, Any], name: str) -> Path | None:
-    """Where an override goes: robot.tau_m is short for instances.robot.start.tau_m."""
-    if name.startswith("connections["):
-        return _connection_path(data, name)
-    head, _, rest = name.partition(".")
-    instances = _section(data, "instances")
-    if head == "instances":
-        head, _, rest = rest.partition(".")
-        key, _, variable = rest.partition(".")
-        if key in _HANDLING and not variable and head in instances:
-            return ("instances", head, key)
-        if key in ("start", "feedthrough") and variable and head in instances:
-            return ("instances", head, key, variable)
-    if head in instances and rest:
-        return ("instances", head, rest) if rest in ("fmu", "form") else ("instances", head, "start", rest)
-    if head == "run" and rest in RunModel.model_fields:
-        return ("run", rest)
-    if head == "run" and rest.startswith("realtime.") and "." not in rest[9:]:
-        return ("run", "realtime", rest[9:])
-    if head == "external":
-        one, _, key = rest.partition(".")
-        return ("external", one, *key.split(".")) if one in _section(data, head) and key else None
-    if head == "run" and rest.startswith("master.") and "." not in rest[7:]:
-        return ("run", "master", rest[7:])
-    if head == "measures":
-        measure, _, option = rest.partition(".")
-        return (
-            ("measures", measure, *option.split(".")) if measure in _section(data, head) and option else None
-        )
-    return (name,) if name in ("title", "bonds") else None
-
-
-_CONNECTION = re.compile(r"connections\[([^]]+)\]\.(through)(?:\[(\d+)\]\.([\w-]+(?:\.[\w-]+)*))?")
-
-
-def _connection_path(data: dict[str, Any], name: str) -> Path | None:
-    """Where connections[3].through, or connections[3].through[0].delay, goes.
-
-    In place of the number stands the target of the connection as well: connections[sensor.force].
-    """
-    match = _CONNECTION.fullmatch(name)
-    connections = data.get("connections")
-    if match is None or not isinstance(connections, list):
-        return None
-    targets = [
-        str(one.get("to", "") if isinstance(one, dict) else str(one).rpartition("->")[2]).strip()
-        for one in connections
-    ]
-    number = int(match[1]) if match[1].isdecimal() else targets.index(match[1]) if match[1] in targets else -1
-    if not 0 <= number < len(connections):
-        return None
-    if match[3] is None:
-        return ("connections", number, "through")
-    through = connections[number].get("through") if isinstance(connections[number], dict) else None
-    if not isinstance(through, list) or int(match[3]) >= len(through):
-        return None
-    return ("connections", number, "through", int(match[3]), *match[4].split("."))
-
-
-def _section(data: Any, key: str) -> dict[str, Any]:
-    found = data.get(key) if isinstance(data, dict) else None
-    return found if isinstance(found, dict) else {}
-
-
-def put_value(data: dict[str, Any], path: Path, value: Any) -> None:
-    """Set a value of a config's plain values, at a path that `override_path` gave."""
-    if path[0] == "connections":
-        # An effect is put on a connection that is written as an arrow, too.
-        one = data["connections"][path[1]]
-        if isinstance(one, str):
-            source, _, target = one.partition("->")
-            data["connections"][path[1]] = {"from": source.strip(), "to": target.strip()}
-    for part in path[:-1]:
-        if isinstance(data, list):
-            data = data[part]
-            continue
-        if not isinstance(data.get(part), dict | list):
-            # A master without options is written as its name alone.
-            bare = path[:2] == ("run", "master") and isinstance(data.get(part), str)
-            data[part] = {"name": data[part]} if bare else {}
-        data = data[part]
-    data[path[-1]] = value

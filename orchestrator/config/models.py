@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable
 from fractions import Fraction
 from typing import Annotated, Any, Literal
 
@@ -18,6 +19,7 @@ __all__ = [
     "Scalar",
     "SourceModel",
     "SystemModel",
+    "named_twice",
 ]
 
 Scalar = bool | int | float | str
@@ -187,7 +189,7 @@ class BondModel(Model):
     """A power bond: connections on which an effort and the motion that it works on go round."""
 
     name: str = Field("", description="Of the bond; by default giver-taker.")
-    effort: Arrow | list[Arrow] = Field(
+    effort: Arrow | Annotated[list[Arrow], Field(min_length=1)] = Field(
         description="The connection of the effort, or the connections that lead it from giver to taker."
     )
     flow: str | list[Arrow] = Field(
@@ -243,11 +245,16 @@ class SystemModel(Model):
 
     @model_validator(mode="after")
     def _is_named_once(self) -> SystemModel:
-        both = [name for name in self.external if name in self.instances]
-        if both:
-            raise ValueError(f"{both[0]} names an instance and an external one; each needs a name of its own")
+        named_twice(self.instances, self.external)
         return self
 
     def to_data(self) -> dict[str, Any]:
         """Plain values, as they stand in a file: what was not given is not filled in."""
         return self.model_dump(mode="python", by_alias=True, exclude_unset=True)
+
+
+def named_twice(instances: Container[str], external: Iterable[str]) -> None:
+    """Raises: ValueError if an instance and an external one have the same name."""
+    both = [name for name in external if name in instances]
+    if both:
+        raise ValueError(f"{both[0]} names an instance and an external one; each needs a name of its own")

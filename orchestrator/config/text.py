@@ -15,7 +15,7 @@ import yaml
 
 from ..errors import ConfigError, Problem
 
-__all__ = ["Path", "Place", "Places", "dump", "parse", "path_text"]
+__all__ = ["Path", "Place", "Places", "compose", "dump", "parse", "path_text"]
 
 Path = tuple[str | int, ...]
 
@@ -87,8 +87,20 @@ def parse(text: str, source: str) -> tuple[Any, Places]:
     Returns: plain values, and where each was written.
     Raises: ConfigError if the text is no YAML or a key is given twice.
     """
+    value, places, problems = compose(text, source)
+    if problems:
+        raise ConfigError(problem for _, problem in problems)
+    return value, places
+
+
+def compose(text: str, source: str) -> tuple[Any, Places, list[tuple[Path, Problem]]]:
+    """As `parse`; keys that cannot be taken, of several that are the same all but the first, are left out.
+
+    Returns: plain values, where each was written, and the problems, each with the path that it concerns.
+    Raises: ConfigError if the text is no YAML.
+    """
     places = Places(source, {(): Place(source)})
-    problems: list[Problem] = []
+    problems: list[tuple[Path, Problem]] = []
     try:
         node = yaml.compose(text, Loader=_BaseLoader)
         value = None if node is None else _construct(node, (), places, problems, ())
@@ -97,17 +109,17 @@ def parse(text: str, source: str) -> tuple[Any, Places]:
         place = Place(source, mark.line + 1 if mark is not None else 0)
         what = " ".join(str(getattr(error, "problem", None) or error).split())
         raise ConfigError([Problem(str(place), f"not YAML: {what}")]) from error
-    if problems:
-        raise ConfigError(problems)
-    return value, places
+    return value, places, problems
 
 
-def _construct(node: Any, path: Path, places: Places, problems: list[Problem], above: tuple[int, ...]) -> Any:
+def _construct(
+    node: Any, path: Path, places: Places, problems: list[tuple[Path, Problem]], above: tuple[int, ...]
+) -> Any:
     line = node.start_mark.line + 1
     if path:
         places.known[path] = Place(places.source, line)
     if id(node) in above:
-        problems.append(Problem(places.text(path), "an alias that contains itself"))
+        problems.append((path, Problem(places.text(path), "an alias that contains itself")))
         return None
     if isinstance(node, yaml.ScalarNode):
         return _scalar(node)
@@ -119,13 +131,14 @@ def _construct(node: Any, path: Path, places: Places, problems: list[Problem], a
     mapping: dict[str, Any] = {}
     for key_node, value_node in node.value:
         if not isinstance(key_node, yaml.ScalarNode):
-            problems.append(Problem(places.text(path), "a key that is not a name"))
+            problems.append((path, Problem(places.text(path), "a key that is not a name")))
             continue
         key = key_node.value
         if key in mapping:
             place = f"{places.source}:{key_node.start_mark.line + 1}: {path_text((*path, key))}"
             first = places.of((*path, key)).line
-            problems.append(Problem(place, "given twice", f"first in line {first}", "Remove one of them."))
+            twice = Problem(place, "given twice", f"first in line {first}", "Remove one of them.")
+            problems.append(((*path, key), twice))
             continue
         mapping[key] = _construct(value_node, (*path, key), places, problems, above)
         places.known[(*path, key)] = Place(places.source, key_node.start_mark.line + 1)

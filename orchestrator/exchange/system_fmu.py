@@ -16,6 +16,7 @@ from typing import Any, cast
 
 from ..config import Config, load_config
 from ..errors import BuildError, ConfigError, Problem
+from ..run import prepare
 from ..translate.build import content_token
 from ..translate.coupled import binary
 from ..translate.package import FmiVersion, binary_member, join_macs, write_fmu
@@ -79,7 +80,11 @@ def export_system_fmu(
         raise BuildError(f"FMI version {fmi_version!r} is not supported; choose 2.0 or 3.0")
     if not output.parent.is_dir():
         raise BuildError(f"{output}: the folder {output.parent} does not exist; create it first")
-    loaded = native_config(load_config(config, overrides))
+    try:
+        loaded = native_config(load_config(config, overrides))
+    except ConfigError:
+        prepare(config, overrides)  # raises, with what else is wrong
+        raise
     inside = look_inside(loaded, ports, inputs)
     name = loaded.name
     version = cast(FmiVersion, fmi_version)

@@ -9,12 +9,12 @@ from typing import Any, ClassVar, Protocol
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from ..checks import loop_problem
 from ..config import Places, validation_problems
 from ..errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Point, StepStatus
 from ..instances import Instances
 from ..ledger import Step
+from ..loops import loop_problem
 from ..signals import Signals
 from ..system import System
 

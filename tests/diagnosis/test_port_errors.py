@@ -47,7 +47,7 @@ def told(made, tmp_path):
 
 def placed(said):
     """Paths of problems, each with the text of its line in the study."""
-    heads = [line for line in said.splitlines() if not line.startswith("  ")]
+    heads = [line for line in said.splitlines() if not line.startswith(("  ", "Not checked "))]
     assert all(line.startswith("wrong.yaml:") for line in heads), said
     return [line.split(": ")[1] for line in heads]
 
@@ -191,23 +191,21 @@ def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):
     found = told(change)
     heads = [line for line in found.splitlines() if not line.startswith("  ")]
     assert [line.split(": ")[1] for line in heads if line.startswith("wrong")] == [
-        "settel",
-        "set[2]",
-        "set[1]",
-        "columns.drive.position.nois",
-        "columns.drive.speed",
         "calibrated.drive.mass.tol",
         "calibrated.drive.viscous_friction.tolerance",
-        "candidates.onli",
-        "motion.port",
-        "experiments[0]",
-        "experiments[0].nam",
-        "experiments[1].set[0]",
-        "runs[0]",
+        "columns.drive.position.nois",
+        "columns.drive.speed",
         "runs[0].rol",
         "runs[0].to",
         "runs[1].file",
         "runs[2]",
+        "set[1]",
+        "set[2]",
+        "settel",
+        "candidates.onli",
+        "motion.port",
+        "experiments[0].nam",
+        "experiments[1].set[0]",
     ]
     # The step is not known, but columns are; time is mapped.
     assert [line for line in heads if not line.startswith("wrong")] == [
@@ -221,13 +219,30 @@ def test_without_a_system_files_and_times_are_looked_at(told):
         data["settle"] = "2"
         data["runs"][0]["file"] = "run-9.csv"
         data["runs"][1]["from"] = "-2 s"
+        data["calibrated"]["drive.mass"]["tol"] = "1 kg"
+        data["experiments"] = [{"nam": "a"}]
 
-    assert placed(told(change)) == ["system", "settle", "runs[0].file", "runs[1].from"]
+    found = told(change)
+    wrong = ["system", "calibrated.drive.mass.tol", "runs[0].file", "runs[1].from"]
+    assert sorted(placed(found)) == sorted([*wrong, "settle", "experiments[0].nam"])
+    last = "Not checked because of these problems: ports, parameters and experiments of the study."
+    assert found.splitlines()[-1] == last
+
+
+def test_keys_of_a_study_that_stand_twice_hide_nothing_else(made, tmp_path):
+    text = (made / "study.yaml").read_text()
+    (tmp_path / "twice.yaml").write_text(f"{text}\nsystem: emps\nbogus: 1\n")
+    with pytest.raises(ConfigError) as caught:
+        load_port_study(tmp_path / "twice.yaml")
+    said = [one.what for one in caught.value.problems]
+    assert said[-2:] == ["given twice", "unknown key 'bogus'"]
 
 
 @pytest.mark.parametrize("key", ["format", "system", "columns", "runs"])
 def test_what_is_missing_is_told_alone(told, key):
-    assert told(lambda data: data.pop(key)) == f"wrong.yaml: {key} is missing\n  it has no default"
+    found = told(lambda data: data.pop(key)).partition("\nNot checked")
+    assert found[0] == f"wrong.yaml: {key} is missing\n  it has no default"
+    assert bool(found[1]) is (key == "system")
 
 
 @pytest.mark.parametrize("text", ["- a\n- b\n", "format: [\n", "\xff"])

@@ -271,8 +271,8 @@ def test_all_that_is_wrong_with_a_study_is_told_at_once(plain, capsys):
     with pytest.raises(ConfigError) as caught:
         load_port_study(plain / "wrong.yaml")
     places = [one.place.partition(": ")[2] for one in caught.value.problems]
-    assert places == ["columns.drive.positon", "columns.drive.voltage", "calibrated.drive.mass.tolerance",
-                      "calibrated.drive.masss.tolerance", "settle"]  # fmt: skip
+    assert places == ["calibrated.drive.mass.tolerance", "calibrated.drive.masss.tolerance",
+                      "columns.drive.positon", "columns.drive.voltage", "settle"]  # fmt: skip
     told = str(caught.value)
     assert "Did you mean drive.position" in told and "drive.voltage: an input is fed what was logged" in told
     assert main(["diagnose", str(plain / "wrong.yaml")]) == 2

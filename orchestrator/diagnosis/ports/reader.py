@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import in_range
-from ...errors import ConfigError, Problem, listed, nearest
+from ...errors import ConfigError, Problem, in_order, listed, nearest
 from ...fmi import Causality, Kind
 from ...quantities import Measure
 from ...run import Prepared, prepare
@@ -52,10 +52,23 @@ def load_port_study(path: Path, practising: bool = False) -> PortStudy:
         study = None
         sheet.seconds(model.settle, "settle")
         sheet.seconds(model.window, "window")
+        _read_apart(sheet, model)
+        sheet.unchecked.append("ports, parameters and experiments of the study")
         read_runs(sheet, model.runs, Columns(_named(model), {}, {}, None), 0)
     if study is None or sheet.problems:
-        raise ConfigError(sheet.problems)
+        raise ConfigError(in_order(sheet.problems), sheet.unchecked)
     return study
+
+
+def _read_apart(sheet: Sheet, model: StudyModel) -> None:
+    """Tell what is wrong with parts of a study, whatever its system is."""
+    sheet.part(CandidatesModel, model.candidates or {}, "candidates")
+    if model.motion is not None:
+        sheet.part(MotionModel, model.motion, "motion")
+    for name, entry in (model.calibrated or {}).items():
+        sheet.part(CalibratedModel, entry, "calibrated", name)
+    for number, entry in enumerate(model.experiments or ()):
+        sheet.part(ExperimentModel, entry, "experiments", number)
 
 
 def _named(model: StudyModel) -> tuple[str, ...]:

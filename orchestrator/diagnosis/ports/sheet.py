@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ...config import parse, validation_problems
+from ...config import compose, validation_problems
 from ...errors import ConfigError, Problem
 from ...quantities import Measure, quantity
 from ...units import parse_unit
@@ -27,18 +27,20 @@ class Sheet:
 
     Attributes:
         problems: what is wrong so far; reading goes on, so that all of it can be told at once.
+        unchecked: see `ConfigError`.
 
     Raises: ConfigError if the file is no text, no YAML, or holds no keys.
     """
 
     def __init__(self, file: Path) -> None:
-        self.file, self.problems = file, list[Problem]()
+        self.file, self.problems, self.unchecked = file, list[Problem](), list[str]()
         try:
             text = file.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             told = error.strerror if isinstance(error, OSError) else "it is no text"
             raise ConfigError([Problem(str(file), f"cannot be read: {told}")]) from None
-        self.data, self.places = parse(text, str(file))
+        self.data, self.places, twice = compose(text, str(file))
+        self.problems += [problem for _, problem in twice]
         if not isinstance(self.data, dict):
             raise ConfigError(
                 [Problem(str(file), "is no study", "keys and their values, `format` among them")]
@@ -114,6 +116,8 @@ class Sheet:
         Returns: numbers of the overrides that are blamed.
         """
         blamed = set()
+        if otherwise is not None:
+            self.unchecked += error.unchecked
         for one in error.problems:
             marked = (key for key, text in overrides.items() if f"{one.place}:".startswith(f"--set {text}:"))
             number = next(marked, None)

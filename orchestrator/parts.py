@@ -1,0 +1,168 @@
+"""Instances of a config -> parts: FMUs found and read, and each one's own step size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+from . import bundled
+from .config import Absent, Config, Draft, InstanceModel, Scalar
+from .config.base import exact_time
+from .errors import FmuError, Problem, listed, nearest
+from .external import ExternalFmu
+from .fmi import Fmu, Handling, Interface, load_fmu
+
+__all__ = ["Part", "Parts", "parts_of"]
+
+
+@dataclass(frozen=True)
+class Part:
+    """An instance as it is asked for, before it is checked.
+
+    Attributes:
+        name: of the instance.
+        fmu: what it is made from.
+        start: start values with units, as in a config.
+        feedthrough: dependencies that replace the FMU's own, per output.
+        ratio: its own step size over the communication step size, n or 1/n.
+    """
+
+    name: str
+    fmu: Fmu
+    start: Mapping[str, Scalar] = field(default_factory=dict)
+    feedthrough: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    ratio: Fraction = Fraction(1)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of a config.
+
+    Attributes:
+        parts: in the config's order.
+        absent: those of which there are none.
+        unsettled: names of parts whose own step size is not known.
+    """
+
+    parts: list[Part]
+    absent: Absent
+    unsettled: frozenset[str]
+
+
+def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
+    """The parts of a config, as far as they are known.
+
+    Args:
+        problems: what is wrong is added.
+    """
+    config, gaps = draft.config, draft.gaps
+    assert config is not None
+    model = config.model
+    parts: list[Part] = []
+    unsettled: set[str] = set()
+    known: dict[tuple[str, str | None, Handling], Fmu | None] = {}
+    for name, instance in model.instances.items():
+        if not gaps.knows("instances", name):
+            continue
+        ratio = _ratio(name, draft, problems)
+        if ratio is None:
+            unsettled.add(name)
+        choice = instance.fmu, instance.form, _handling(instance)
+        if choice not in known:
+            known[choice] = _find_fmu(*choice, config, ("instances", name), problems)
+        fmu = known[choice]
+        if fmu is not None:
+            parts.append(Part(name, fmu, instance.start, instance.feedthrough, ratio or Fraction(1)))
+    for name, one in model.external.items():
+        if gaps.knows("external", name):
+            parts.append(Part(name, ExternalFmu(name, one)))
+    there = {part.name for part in parts}
+    names = {*model.instances, *gaps.beneath("instances"), *gaps.beneath("external")} - there
+    # A name with a dot, which none may have: a port of it is read as one of what stands before the dot.
+    absent = Absent(frozenset({*names, *(name.partition(".")[0] for name in names)} - there))
+    if gaps.further("instances") or gaps.further("external"):
+        absent = absent.but(there)
+    return Parts(parts, absent, frozenset(unsettled))
+
+
+def _ratio(name: str, draft: Draft, problems: list[Problem]) -> Fraction | None:
+    """An instance's own step size over the communication step size; None if it is not known."""
+    assert draft.config is not None
+    instance, run = draft.config.model.instances[name], draft.config.model.run
+    if not draft.gaps.knows("instances", name, "step_size"):
+        return None
+    own = instance.own_step()
+    if own is None:
+        return Fraction(1)
+    if not draft.gaps.knows("run", "step_size"):
+        return None
+    step = exact_time(run.step_size)
+    if step <= 0:
+        return None
+    ratio = own / step
+    place = draft.config.places.text(("instances", name, "step_size"))
+    what = f"cannot step {name} by {instance.step_size}"
+    if ratio <= 0 or 1 not in (ratio.numerator, ratio.denominator):
+        what = f"{what}: it is {float(ratio):.6g} communication steps of {run.step_size}"
+        allowed = "a whole multiple, or a whole part of one, is needed"
+        problems.append(Problem(place, what, allowed))
+        return None
+    if ratio > 1 and all(draft.gaps.knows("run", key) for key in ("start_time", "stop_time")):
+        begin, end, _ = run.times()
+        if ((end - begin) / own).denominator != 1:
+            of = f"a run of {float(end - begin)!r} s is {float((end - begin) / own):.6g} steps of it"
+            problems.append(Problem(place, f"{what}: {of}", "a whole number is needed"))
+            return None
+    return ratio
+
+
+def _handling(instance: InstanceModel) -> Handling:
+    return Handling(
+        any_step=instance.any_step,
+        interface=None if instance.interface is None else Interface(instance.interface),
+        tolerance=instance.tolerance,
+        event_mode=instance.event_mode,
+        isolated=instance.isolate is not None,
+        time_limit=instance.seconds(),
+    )
+
+
+def _find_fmu(
+    text: str,
+    form: str | None,
+    handling: Handling,
+    config: Config,
+    path: tuple[str, ...],
+    problems: list[Problem],
+) -> Fmu | None:
+    """The FMU of an instance; None if there is a problem, which is told."""
+    place = config.places.text((*path, "fmu"))
+    file = config.folder / text
+    found = file if file.is_file() else bundled.find_fmu(text)
+    if found is None:
+        names = bundled.fmu_names()
+        is_path = "/" in text or "\\" in text or text.endswith(".fmu")
+        what = f"no file {file}" if is_path else f"no FMU {text!r}"
+        allowed = "" if is_path else f"no file {file}; "
+        allowed += f"bundled FMUs: {listed(names)}"
+        problems.append(Problem(place, what, allowed, nearest(Path(text).stem, names)))
+        return None
+    if form is not None:
+        forms = {} if file.is_file() else bundled.fmu_forms(text)
+        if form not in forms:
+            what = f"{text!r} comes in one form only, there is no form to choose"
+            names = [name for name in bundled.fmu_names() if bundled.fmu_forms(name)]
+            allowed = f"bundled FMUs in the forms python and native: {listed(names)}"
+            problems.append(Problem(config.places.text((*path, "form")), what, allowed, "Leave form out."))
+            return None
+        found = forms[form]
+    try:
+        fmu = load_fmu(found, handling)
+        fmu.check()
+        return fmu
+    except FmuError as error:
+        first, _, rest = str(error).partition("\n")
+        problems.append(Problem(place, first, "\n".join(line.strip() for line in rest.splitlines())))
+        return None
