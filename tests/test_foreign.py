@@ -186,7 +186,7 @@ def test_fmi1_co_simulation(slave):
     assert description.capabilities.variable_step_size and description.capabilities.once_per_process
     assert description.feedthrough["v"] == ()
     assert description.feedthrough["h"] == ("u",) and "h" in description.assumed
-    instance, u, y, outputs = started(slave, ["u"], restitution=0.25)
+    instance, u, y, outputs = started(slave, ["u"], Handling(), restitution=0.25)
     u[0] = 4.0
     row = dict(zip(outputs, steps(instance, y, 1, 0.5)[0], strict=True))
     assert row == {"h": 1.5, "v": 2.0, "count": 1.0, "fall": -2.0, "rises": 1.0}
@@ -205,7 +205,7 @@ def test_fmi1_status_of_initialisation_is_heeded(slave):
 
 
 def test_fmi1_start_value_of_a_negated_alias(slave):
-    instance, *_ = started(slave)
+    instance, *_ = started(slave, (), Handling())
     instance.set_values({"fall": 3.0})
     assert instance.get_values(["v", "fall"]) == {"v": -3.0, "fall": 3.0}
     instance.free()
@@ -222,7 +222,7 @@ def test_fmi1_negated_alias_of_a_boolean_is_its_opposite(slave, tmp_path):
         return name, data
 
     repack(slave, path, with_alias)
-    instance, u, y, outputs = started(path, ["u"])
+    instance, u, y, outputs = started(path, ["u"], Handling())
     for speed, rises in ((4.0, True), (-9.0, False)):
         u[0] = speed
         row = dict(zip(outputs, steps(instance, y, 1, 0.25, first=int(not rises))[0], strict=True))
@@ -297,6 +297,13 @@ def test_two_events_in_one_step_need_event_mode(tmp_path):
     assert counts == [1.0, 2.0]
 
 
+def test_an_attribute_that_the_schema_does_not_know_is_told_and_ignored(tmp_path):
+    path = foreign.wild(tmp_path / "Wild.fmu", 'canHandelEvents="true"')
+    assert load_fmu(path).description.deviations == (
+        "line 3: The attribute 'canHandelEvents' is not allowed, which is ignored",
+    )
+
+
 def test_event_mode_where_there_is_none(tmp_path):
     path = foreign.wild(tmp_path / "Wild.fmu")
     with pytest.raises(FmuError) as caught:
@@ -305,6 +312,23 @@ def test_event_mode_where_there_is_none(tmp_path):
         f"{path}: event_mode is asked for, which needs an FMI 3.0 co-simulation FMU that declares "
         "hasEventMode\n"
         "  It is run as co-simulation of FMI 2.0; take event_mode away."
+    )
+
+
+@pytest.mark.parametrize("tolerance", [None, 2e-8])
+def test_a_tolerance_reaches_a_co_simulation_fmu(tolerance, tmp_path):
+    path = foreign.arrays(tmp_path / "Arrays.fmu")
+    instance, _, y, outputs = started(path, [], Handling(tolerance=tolerance))
+    assert y[outputs.index("count")] == (0 if tolerance is None else 20)
+    instance.free()
+
+
+def test_co_simulation_of_fmi_1_cannot_be_told_a_tolerance(slave):
+    with pytest.raises(FmuError) as caught:
+        load_fmu(slave, Handling(tolerance=1e-6))
+    assert str(caught.value) == (
+        f"{slave}: a tolerance is given, which cannot be handed to a co-simulation FMU of FMI 1.0\n"
+        "  Take tolerance away, or set a parameter of the FMU that does the same."
     )
 
 
