@@ -101,6 +101,33 @@ def test_inputs_are_held_over_a_step_and_change_at_its_beginning(ball):
     instance.free()
 
 
+@pytest.mark.parametrize("isolated", [False, True])
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_continuous_inputs_follow_a_curve_within_the_integration(version, isolated, tmp_path):
+    path = foreign.bounce(tmp_path / "Bounce.fmu", version, smooth=True)
+    instance, u, y, _ = started(path, ["u"], Handling(tolerance=TOLERANCE, isolated=isolated), v=0.0)
+    assert instance.description.followed == {"u"}
+    h, v, size = 1.0, 0.0, 0.25
+    # The acceleration is begin + slope t + bend t^2 / 2; the third step is held, and the last one jumps.
+    curves = [(2.0, -3.0, 4.0), (1.0, 5.0, 0.0), (1.0, 0.0, 0.0), (-2.0, 8.0, 6.0)]
+    for n, (begin, slope, bend) in enumerate(curves):
+        u[0] = begin
+        instance.write_inputs()
+        for order, rate in enumerate((slope, bend), 1):
+            if slope:
+                instance.write_input_derivatives(order, np.array([rate]))
+        instance.do_step(Point(n, n * size, size))
+        instance.read_outputs()
+        h += v * size + begin * size**2 / 2 + slope * size**3 / 6 + bend * size**4 / 24
+        v += begin * size + slope * size**2 / 2 + bend * size**3 / 6
+        assert np.allclose(y[:2], (h, v), rtol=0.0, atol=1e-6)
+    instance.free()
+
+
+def test_a_discrete_input_follows_no_curve(tmp_path):
+    assert load_fmu(foreign.bounce(tmp_path / "Bounce.fmu", 2)).description.followed == frozenset()
+
+
 def test_start_values_reach_a_model_exchange_fmu(ball):
     instance, _, y, _ = started(ball, restitution=0.25, h=0.5)
     impact = sqrt(1.0 / GRAVITY)

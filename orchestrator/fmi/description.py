@@ -13,7 +13,7 @@ from ..errors import FmuError, listed
 from .declared import elements, number, read_units, read_variable
 from .handling import Interface
 from .markup import read_markup
-from .variable import Causality, Initial, Kind, Variable
+from .variable import Causality, Initial, Kind, Variability, Variable
 
 # How fmpy tells what breaks the XML schema.
 _OF_SCHEMA = re.compile(r"(FATAL|ERROR|WARNING) \(line")
@@ -105,7 +105,10 @@ class ModelDescription:
     @cached_property
     def followed(self) -> frozenset[str]:
         """Inputs whose course over a step the FMU follows, where it is given one: FMI 2's interpolation of
-        inputs, FMI 3's intermediate update."""
+        inputs, FMI 3's intermediate update. In model exchange it is the integration here that follows it."""
+        if self.interface is Interface.MODEL_EXCHANGE:
+            smooth = (v for v in self.inputs if v.variability is Variability.CONTINUOUS)
+            return frozenset(v.name for v in smooth if v.kind is Kind.REAL)
         if self.capabilities.interpolate_inputs:
             return frozenset(v.name for v in self.inputs)
         if not self.capabilities.intermediate_update:
