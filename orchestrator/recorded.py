@@ -61,8 +61,8 @@ class Results:
     """What a run recorded.
 
     Attributes:
-        signals: by name, instance.variable, each of shape (n,): float64, int64 or bool. Those of a long run
-            stay on disk: each is read when it is asked for, and forgotten when nobody holds it.
+        signals: by name, instance.variable, each of shape (n,): float64, int64, uint64 or bool. Those of a
+            long run stay on disk: each is read when it is asked for, and forgotten when nobody holds it.
         units: unit of each signal, empty where the FMU declares none.
         parameters: values of all parameters and start values in the FMUs' units.
         provenance: what ran: config, versions, FMU checksums, timing.

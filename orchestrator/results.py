@@ -13,10 +13,10 @@ import numpy as np
 
 from . import formats
 from .errors import OrchestratorError
-from .fmi import Array, Kind, Point, Value
+from .fmi import Array, Kind, Point, Value, Variable
 from .recorded import Results
 from .signals import Layout, Signals
-from .stream import StreamedColumns, StreamWriter
+from .stream import StreamedColumns, StreamWriter, typed
 from .system import System
 
 __all__ = ["Recorder", "Results", "load", "read_results"]
@@ -25,9 +25,13 @@ _SECONDS_PER_FLUSH = 1.0
 # Rows that are gathered before they go on; half as many of wide systems. StreamWriter likes such numbers.
 _ROWS, _WIDE = 1024, 128
 _TYPES = {Kind.REAL: np.dtype(np.float64), Kind.BOOLEAN: np.dtype(np.bool_)}
-_WHOLE = np.dtype(np.int64)
+_WHOLE, _UNSIGNED = np.dtype(np.int64), np.dtype(np.uint64)
 # From this size on numpy asks the kernel for huge pages [B].
 _HUGE = 1 << 22
+
+
+def _column_type(variable: Variable) -> np.dtype[Any]:
+    return _UNSIGNED if variable.type == "UInt64" else _TYPES.get(variable.kind, _WHOLE)
 
 
 def _untouched(width: int, points: int) -> Array:
@@ -93,7 +97,7 @@ class Recorder:
         """
         layout = Layout.of(system)
         self.names = [str(port) for port in system.recorded]
-        self._types = [_TYPES.get(system.variable(port).kind, _WHOLE) for port in system.recorded]
+        self._types = [_column_type(system.variable(port)) for port in system.recorded]
         self.units = {str(port): system.variable(port).unit_name for port in system.recorded}
         self._chosen = layout.recorded
         self._whole = bool(np.array_equal(self._chosen, np.arange(layout.size)))
@@ -174,7 +178,7 @@ class Recorder:
             return Results.streamed(StreamedColumns(self._path), **self._about)
         time, *columns = self._memory.columns()
         signals = {
-            name: column if kind.kind == "f" else column != 0.0 if kind.kind == "b" else column.astype(kind)
+            name: column if kind.kind == "f" else typed(column, kind)
             for name, column, kind in zip(self.names, columns, self._types, strict=True)
         }
         return Results(time, signals, self.units, **self._about)

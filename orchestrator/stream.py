@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["StreamWriter", "StreamedColumns"]
+__all__ = ["StreamWriter", "StreamedColumns", "typed"]
 
 Array = NDArray[Any]
 _END = b"\xff\xff\xff\xff\0\0\0\0"  # how an Arrow stream ends
@@ -79,15 +79,15 @@ class StreamWriter:
         if not count:
             return
         if count % _EVEN or not self._framed(count):
-            typed = [_typed(one, kind) for one, kind in zip(columns, self._types, strict=True)]
-            self._put(self._batch(typed))
+            made = [typed(one, kind) for one, kind in zip(columns, self._types, strict=True)]
+            self._put(self._batch(made))
         else:
             # A tenth of what pyarrow takes to put the same bytes together.
             for column, kind, slot in zip(columns, self._types, self._slots, strict=True):
                 if kind == np.bool_:
                     slot[:] = np.packbits(column != 0.0, bitorder="little")
                 else:
-                    slot.view(kind)[:] = column
+                    slot.view(kind)[:] = typed(column, kind)
             self._put(memoryview(self._frame))
         self.rows += count
 
@@ -128,8 +128,22 @@ class StreamWriter:
                 self.file.close()
 
 
-def _typed(column: Array, kind: np.dtype[Any]) -> Array:
-    return column != 0.0 if kind == np.bool_ else np.ascontiguousarray(column, kind)
+def typed(column: Array, kind: np.dtype[Any]) -> Array:
+    """A column of floats as one of flags, or of whole numbers within the range of their type.
+
+    The largest whole number of 64 bits is, as a float, one more than the type holds: it is brought back.
+    """
+    if kind == np.bool_:
+        return column != 0.0
+    if kind.kind not in "iu" or column.dtype.kind != "f":
+        return np.ascontiguousarray(column, kind)
+    largest = np.iinfo(kind).max
+    beyond = column >= float(largest)
+    if not beyond.any():
+        return np.ascontiguousarray(column, kind)
+    whole = np.where(beyond, 0.0, column).astype(kind)
+    whole[beyond] = largest
+    return whole
 
 
 class StreamedColumns(Mapping[str, Array]):

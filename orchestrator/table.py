@@ -21,7 +21,12 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     for key, value in summary.items():
         if key not in OWN:
             lines += _section(key, value, numerics.get(key))
-    if not any(key not in OWN for key in summary) and "signals" in numerics:
+    measured = any(key not in OWN for key in summary)
+    if not measured and numerics.get("signals") == {}:
+        lines.append(
+            "No signal was recorded: no FMU has an output, or run.record is empty. It takes any variable."
+        )
+    elif not measured and "signals" in numerics:
         rows = [
             {"signal": name, "largest change": one["max_change"], "over its range": one["relative"]}
             for name, one in numerics["signals"].items()

@@ -49,9 +49,14 @@ _SLAVE1 = """<Implementation><CoSimulation_StandAlone>
   </CoSimulation_StandAlone></Implementation>"""
 
 
-def bounce(path: Path, version: int, *, slave: bool = False) -> Path:
-    """The ball of bounce.c, for model exchange; with `slave` for FMI 1.0 co-simulation."""
+def bounce(path: Path, version: int, *, slave: bool = False, smooth: bool = False) -> Path:
+    """The ball of bounce.c, for model exchange; with `slave` for FMI 1.0 co-simulation.
+
+    `smooth`: its input is continuous.
+    """
     xml = document(f"bounce{version}").replace("IMPLEMENTATION", _SLAVE1 if slave else "")
+    if smooth:
+        xml = xml.replace('valueReference="3"', 'valueReference="9"').replace(' variability="discrete"', "")
     return pack(path, "bounce.c", version, "Bounce", xml)
 
 

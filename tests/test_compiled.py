@@ -261,6 +261,11 @@ def test_description_against_the_schema(tmp_path):
     )
 
 
+def test_an_unknown_attribute_excuses_nothing_else(tmp_path):
+    message = refusal(described(tmp_path, '<fmiModelDescription fmiVersion="2.0" guid="1" colour="red"/>'))
+    assert "'modelName' is required but missing" in message
+
+
 def test_an_interface_that_is_not_run(c_fmu, tmp_path):
     def only_scheduled_execution(name, data):
         xml = data.replace(b"<CoSimulation", b"<ScheduledExecution")

@@ -101,6 +101,33 @@ def test_inputs_are_held_over_a_step_and_change_at_its_beginning(ball):
     instance.free()
 
 
+@pytest.mark.parametrize("isolated", [False, True])
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_continuous_inputs_follow_a_curve_within_the_integration(version, isolated, tmp_path):
+    path = foreign.bounce(tmp_path / "Bounce.fmu", version, smooth=True)
+    instance, u, y, _ = started(path, ["u"], Handling(tolerance=TOLERANCE, isolated=isolated), v=0.0)
+    assert instance.description.followed == {"u"}
+    h, v, size = 1.0, 0.0, 0.25
+    # The acceleration is begin + slope t + bend t^2 / 2; the third step is held, and the last one jumps.
+    curves = [(2.0, -3.0, 4.0), (1.0, 5.0, 0.0), (1.0, 0.0, 0.0), (-2.0, 8.0, 6.0)]
+    for n, (begin, slope, bend) in enumerate(curves):
+        u[0] = begin
+        instance.write_inputs()
+        for order, rate in enumerate((slope, bend), 1):
+            if slope:
+                instance.write_input_derivatives(order, np.array([rate]))
+        instance.do_step(Point(n, n * size, size))
+        instance.read_outputs()
+        h += v * size + begin * size**2 / 2 + slope * size**3 / 6 + bend * size**4 / 24
+        v += begin * size + slope * size**2 / 2 + bend * size**3 / 6
+        assert np.allclose(y[:2], (h, v), rtol=0.0, atol=1e-6)
+    instance.free()
+
+
+def test_a_discrete_input_follows_no_curve(tmp_path):
+    assert load_fmu(foreign.bounce(tmp_path / "Bounce.fmu", 2)).description.followed == frozenset()
+
+
 def test_start_values_reach_a_model_exchange_fmu(ball):
     instance, _, y, _ = started(ball, restitution=0.25, h=0.5)
     impact = sqrt(1.0 / GRAVITY)
@@ -186,7 +213,7 @@ def test_fmi1_co_simulation(slave):
     assert description.capabilities.variable_step_size and description.capabilities.once_per_process
     assert description.feedthrough["v"] == ()
     assert description.feedthrough["h"] == ("u",) and "h" in description.assumed
-    instance, u, y, outputs = started(slave, ["u"], restitution=0.25)
+    instance, u, y, outputs = started(slave, ["u"], Handling(), restitution=0.25)
     u[0] = 4.0
     row = dict(zip(outputs, steps(instance, y, 1, 0.5)[0], strict=True))
     assert row == {"h": 1.5, "v": 2.0, "count": 1.0, "fall": -2.0, "rises": 1.0}
@@ -205,7 +232,7 @@ def test_fmi1_status_of_initialisation_is_heeded(slave):
 
 
 def test_fmi1_start_value_of_a_negated_alias(slave):
-    instance, *_ = started(slave)
+    instance, *_ = started(slave, (), Handling())
     instance.set_values({"fall": 3.0})
     assert instance.get_values(["v", "fall"]) == {"v": -3.0, "fall": 3.0}
     instance.free()
@@ -222,7 +249,7 @@ def test_fmi1_negated_alias_of_a_boolean_is_its_opposite(slave, tmp_path):
         return name, data
 
     repack(slave, path, with_alias)
-    instance, u, y, outputs = started(path, ["u"])
+    instance, u, y, outputs = started(path, ["u"], Handling())
     for speed, rises in ((4.0, True), (-9.0, False)):
         u[0] = speed
         row = dict(zip(outputs, steps(instance, y, 1, 0.25, first=int(not rises))[0], strict=True))
@@ -297,6 +324,13 @@ def test_two_events_in_one_step_need_event_mode(tmp_path):
     assert counts == [1.0, 2.0]
 
 
+def test_an_attribute_that_the_schema_does_not_know_is_told_and_ignored(tmp_path):
+    path = foreign.wild(tmp_path / "Wild.fmu", 'canHandelEvents="true"')
+    assert load_fmu(path).description.deviations == (
+        "line 3: The attribute 'canHandelEvents' is not allowed, which is ignored",
+    )
+
+
 def test_event_mode_where_there_is_none(tmp_path):
     path = foreign.wild(tmp_path / "Wild.fmu")
     with pytest.raises(FmuError) as caught:
@@ -305,6 +339,23 @@ def test_event_mode_where_there_is_none(tmp_path):
         f"{path}: event_mode is asked for, which needs an FMI 3.0 co-simulation FMU that declares "
         "hasEventMode\n"
         "  It is run as co-simulation of FMI 2.0; take event_mode away."
+    )
+
+
+@pytest.mark.parametrize("tolerance", [None, 2e-8])
+def test_a_tolerance_reaches_a_co_simulation_fmu(tolerance, tmp_path):
+    path = foreign.arrays(tmp_path / "Arrays.fmu")
+    instance, _, y, outputs = started(path, [], Handling(tolerance=tolerance))
+    assert y[outputs.index("count")] == (0 if tolerance is None else 20)
+    instance.free()
+
+
+def test_co_simulation_of_fmi_1_cannot_be_told_a_tolerance(slave):
+    with pytest.raises(FmuError) as caught:
+        load_fmu(slave, Handling(tolerance=1e-6))
+    assert str(caught.value) == (
+        f"{slave}: a tolerance is given, which cannot be handed to a co-simulation FMU of FMI 1.0\n"
+        "  Take tolerance away, or set a parameter of the FMU that does the same."
     )
 
 

@@ -142,6 +142,13 @@ def test_a_summary_as_text():
     assert "+-" not in summary_text(alone)
 
 
+def test_a_run_of_which_nothing_is_recorded():
+    empty = {key: SUMMARY[key] for key in ("title", "run", "numerics")}
+    assert summary_text(empty).splitlines()[-1] == (
+        "No signal was recorded: no FMU has an output, or run.record is empty. It takes any variable."
+    )
+
+
 def test_a_failed_second_run_is_told():
     summary = {**SUMMARY, "numerics": {"step_size": 0.05, "error": {"message": "one: x is nan\n  more"}}}
     assert summary_text(summary).splitlines()[-1] == (

@@ -50,6 +50,12 @@ def test_the_guid_is_handed_over_as_it_is_written(habit, quirky):
     seen(quirky(habit))
 
 
+@pytest.mark.parametrize("isolation", [{}, {"isolate": "process"}])
+def test_a_tolerance_is_told_where_one_is_given(isolation, quirky):
+    assert seen(quirky("tolerance"), tolerance=3e-8, **isolation)[0] == 30
+    assert seen(quirky("tolerance"), **isolation)[0] == -1
+
+
 def test_a_stop_time_is_told_as_defined(quirky):
     assert seen(quirky("stop"))[0] == 1
 

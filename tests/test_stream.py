@@ -53,6 +53,20 @@ def written(path: Path, *ends: int, close: bool = True) -> Path:
     return path
 
 
+@pytest.mark.parametrize("rows", [3, 512])
+@pytest.mark.filterwarnings("error")
+def test_whole_numbers_as_large_as_their_type_are_written_as_such(rows, tmp_path):
+    path = tmp_path / "x.arrow"
+    writer = StreamWriter(path, {"time": "f8", "signed": "i8", "unsigned": "u8"}, {}, {})
+    signed, unsigned = np.full(rows, -(2.0**63)), np.zeros(rows)
+    signed[1:], unsigned[1:] = 2.0**63, 2.0**64  # the nearest float to the largest number is beyond it
+    writer.write(np.arange(rows, dtype=float), np.array([signed, unsigned]))
+    writer.close()
+    found = StreamedColumns(path)
+    assert found["signed"][:3].tolist() == [-(2**63), 2**63 - 1, 2**63 - 1]
+    assert found["unsigned"][:3].tolist() == [0, 2**64 - 1, 2**64 - 1]
+
+
 @pytest.mark.parametrize("ends", [(), (1,), (512,), (512, 1024, 1031, 1543), (4096, 5000, 5000, 9096)])
 def test_blocks_of_any_size_read_back(ends, tmp_path):
     """Blocks of a multiple of 512 rows are put together by ourselves, others by pyarrow."""

@@ -89,6 +89,20 @@ def test_co_simulation_gives_what_fmpy_gives(name, fmus):
         assert results[f"one.{output}"] == pytest.approx(theirs, rel=1e-9, abs=1e-12), output
 
 
+@pytest.mark.parametrize("kept", ["in memory", "on disk"])
+@pytest.mark.filterwarnings("error:invalid value:RuntimeWarning")
+def test_the_largest_unsigned_number_is_recorded(kept, fmus, tmp_path):
+    path = usable(fmus["reference/fmi3/Feedthrough.fmu"])
+    start = {v.name: v.start for v in load_fmu(path).description.inputs if v.settable and v.start is not None}
+    config = {
+        "run": {"master": "jacobi", "step_size": "0.1 s", "stop_time": "0.2 s"},
+        "instances": {"one": {"fmu": str(path), "start": {**start, "UInt64_input": 2**64 - 1}}},
+    }
+    out = tmp_path if kept == "on disk" else None
+    results = run(config, halving=False, out=out).results
+    assert results["one.UInt64_output"].tolist() == [2**64 - 1] * 3
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_dahlquist_by_euler_and_by_cvode(version, fmus):
     path = usable(fmus[f"reference/fmi{version}/Dahlquist.fmu"])

@@ -193,6 +193,9 @@ def _unfit(one: Instance, places: Places) -> list[Problem]:
     if handling.event_mode:
         remedy = f"Leave instances.{one.name}.event_mode out."
         return [Problem(place, what, "it runs with event_mode, of which the inner master has none", remedy)]
+    if handling.tolerance is not None:
+        remedy = f"Leave instances.{one.name}.tolerance out."
+        return [Problem(place, what, "it is told a tolerance, which the inner master does not do", remedy)]
     return []
 
 

@@ -46,6 +46,13 @@ class CompiledFmu:
                 f"{self.description.fmi_version}; take event_mode away."
             )
 
+        exchange = found.interface is Interface.MODEL_EXCHANGE
+        if handling.tolerance is not None and found.fmi_version == "1.0" and not exchange:
+            raise FmuError(
+                f"{path}: a tolerance is given, which cannot be handed to a co-simulation FMU of FMI 1.0\n"
+                "  Take tolerance away, or set a parameter of the FMU that does the same."
+            )
+
     @cached_property
     def _unpacked(self) -> Unpacked:
         return Unpacked(self.path, self.description.fmi_version, self.description.model_identifier)
@@ -108,8 +115,9 @@ def _load(path: Path, modified: int, size: int, handling: Handling) -> CompiledF
     return CompiledFmu(path, handling)
 
 
-def load_fmu(path: Path, handling: Handling = Handling()) -> CompiledFmu:  # noqa: B008 (it is frozen)
+def load_fmu(path: Path | str, handling: Handling = Handling()) -> CompiledFmu:  # noqa: B008 (it is frozen)
     """The FMU of a file, read once as long as the file stays the same. Raises: FmuError."""
+    path = Path(path)
     if not path.is_file():
         raise FmuError(f"{path}: no such file")
     found = path.stat()

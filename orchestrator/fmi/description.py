@@ -13,7 +13,14 @@ from ..errors import FmuError, listed
 from .declared import elements, number, read_units, read_variable
 from .handling import Interface
 from .markup import read_markup
-from .variable import Causality, Initial, Kind, Variable
+from .variable import Causality, Initial, Kind, Variability, Variable
+
+# How fmpy tells what breaks the XML schema.
+_OF_SCHEMA = re.compile(r"(FATAL|ERROR|WARNING) \(line")
+_UNKNOWN_ATTRIBUTE = re.compile(
+    r"ERROR \(line (\d+), column \d+\): Element '[^']*', attribute '[^']*': "
+    r"(The attribute '[^']*' is not allowed)\.$"
+)
 
 __all__ = ["Capabilities", "ModelDescription", "read_description"]
 
@@ -98,7 +105,10 @@ class ModelDescription:
     @cached_property
     def followed(self) -> frozenset[str]:
         """Inputs whose course over a step the FMU follows, where it is given one: FMI 2's interpolation of
-        inputs, FMI 3's intermediate update."""
+        inputs, FMI 3's intermediate update. In model exchange it is the integration here that follows it."""
+        if self.interface is Interface.MODEL_EXCHANGE:
+            smooth = (v for v in self.inputs if v.variability is Variability.CONTINUOUS)
+            return frozenset(v.name for v in smooth if v.kind is Kind.REAL)
         if self.capabilities.interpolate_inputs:
             return frozenset(v.name for v in self.inputs)
         if not self.capabilities.intermediate_update:
@@ -177,9 +187,10 @@ def _directional(root: Any, interface: Interface) -> bool:
 
 
 def _parsed(path: Path, version: str) -> tuple[Any, tuple[str, ...]]:
-    """fmpy's description, and where it breaks a rule of FMI that is not part of the XML schema.
+    """fmpy's description, and where it breaks a rule of FMI without harm.
 
-    Such deviations are common in the field and harmless here; what breaks the schema is refused.
+    These are the rules that are not part of the XML schema, and attributes that the schema does not know, as
+    misspelt ones; both are common in the field. What else breaks the schema is refused.
     """
     # fmpy costs 0.1 s to import, which a config with a mistake in it should not have to wait for.
     from fmpy.model_description import ValidationError, read_model_description
@@ -189,9 +200,11 @@ def _parsed(path: Path, version: str) -> tuple[Any, tuple[str, ...]]:
         try:
             return read_model_description(str(path), validate=True), ()
         except ValidationError as error:
-            if any(re.match(r"(FATAL|ERROR|WARNING) \(line", problem) for problem in error.problems):
+            broken = [problem for problem in error.problems if _OF_SCHEMA.match(problem)]
+            if not all(_UNKNOWN_ATTRIBUTE.match(problem) for problem in broken):
                 raise
-            return read_model_description(str(path), validate=False), tuple(error.problems)
+            found = (_UNKNOWN_ATTRIBUTE.sub(r"line \1: \2, which is ignored", one) for one in error.problems)
+            return read_model_description(str(path), validate=False), tuple(found)
     except Exception as error:
         raise FmuError(
             f"{path}: its modelDescription.xml is not valid FMI {version}\n{_indented(error)}"

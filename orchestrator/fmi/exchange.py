@@ -1,6 +1,7 @@
 """Instances of model-exchange FMUs, which look like co-simulation ones: CVODE integrates over each step.
 
-Inputs are held over a step, so every change of theirs is an event at its beginning. Events at the end of a
+Inputs are held over a step, so every change of theirs is an event at its beginning; where the master gives a
+curve, continuous ones follow it wherever the integration looks. Events at the end of a
 step belong to it: a communication point that is an event shows the values after it. Integration begins anew
 at every communication point, so that a step depends on nothing but the FMU's state and its inputs.
 """
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FmuError, StepError
+from .course import Course
 from .instance import Array, Point, StepStatus
 from .running import CompiledInstance, NativeCalls
 from .solver import Integrator, Model
@@ -35,6 +37,10 @@ class Exchange(CompiledInstance):
     _next_event: float | None = None
     _running = False
     _sent: Array | None = None
+
+    def __init__(self, *arguments: Any) -> None:
+        self._course = Course(self)
+        super().__init__(*arguments)
 
     # What differs between the versions.
 
@@ -73,6 +79,12 @@ class Exchange(CompiledInstance):
         super().bind(inputs, u, outputs, y)
         self._u = u
         self._sent = None
+        self._course.bind_inputs(inputs, self._blocks)
+
+    def _complete_arrays(self) -> None:
+        super()._complete_arrays()
+        for block in self._course.blocks:
+            self._refill(block)
 
     def _begin(self, start_time: float) -> None:
         """After initialisation: settle the discrete states and set the integrator up."""
@@ -88,7 +100,7 @@ class Exchange(CompiledInstance):
         states, indicators = self._sizes()
         if states or indicators:
             model = Model(
-                set_time=lambda time: self._call(self._SET_TIME, time),
+                set_time=self._set_time,
                 get_states=lambda x, n: self._call(self._GET_STATES, x, n),
                 set_states=lambda x, n: self._call(self._SET_STATES, x, n),
                 get_derivatives=lambda x, n: self._call(self._DERIVATIVES, x, n),
@@ -96,6 +108,11 @@ class Exchange(CompiledInstance):
                 get_nominals=self._get_nominals,
             )
             self._integrator = Integrator(model, states, indicators, start_time, tolerance)
+
+    def _set_time(self, time: float) -> None:
+        """The instant at which the model is evaluated, with the inputs that belong to it."""
+        self._call(self._SET_TIME, time)
+        self._course.set(time)
 
     def _get_nominals(self, values: Any, count: int) -> None:
         if self._NOMINALS in self._slave._functions:
@@ -115,6 +132,7 @@ class Exchange(CompiledInstance):
         """See CompiledInstance.reset."""
         self._drop_integrator()
         self._running, self._sent = False, None
+        self._course.hold()
         super().reset()
 
     def free(self) -> None:
@@ -140,6 +158,9 @@ class Exchange(CompiledInstance):
 
     def write_inputs(self) -> None:
         """See FmuInstance.write_inputs; inputs that stay as they are cause no event."""
+        if self._course.given:
+            self._sent = None  # the FMU holds the values at the end of the last curve
+        self._course.hold()
         if self._sent is not None and np.array_equal(self._u, self._sent):
             return
         if self._u.size:
@@ -147,6 +168,10 @@ class Exchange(CompiledInstance):
             super().write_inputs()
             self._settle()
         self._sent = self._u.copy()
+
+    def write_input_derivatives(self, order: int, values: Array) -> None:
+        """See FmuInstance.write_input_derivatives."""
+        self._course.follow(order, self._u, values)
 
     # Steps.
 
@@ -157,6 +182,7 @@ class Exchange(CompiledInstance):
     def do_step(self, point: Point) -> StepStatus:
         """See FmuInstance.do_step."""
         self._time = time = point.time
+        self._course.begin(time)
         end = point.time + point.step_size
         close = max(_CLOSE * point.step_size, 8.0 * ulp(end))
         if self._integrator is not None:
@@ -189,7 +215,7 @@ class Exchange(CompiledInstance):
 
     def _integrate(self, goal: float) -> tuple[float, bool]:
         if self._integrator is None:
-            self._call(self._SET_TIME, goal)
+            self._set_time(goal)
             return goal, False
         try:
             return self._integrator.advance(goal)
@@ -205,7 +231,7 @@ class Exchange(CompiledInstance):
             ) from error
 
     def _handle_event(self, time: float) -> bool:
-        self._call(self._SET_TIME, time)
+        self._set_time(time)
         self._enter_event_mode()
         stop = self._settle()
         if self._integrator is not None and not stop:

@@ -24,7 +24,9 @@ class Fmi1Exchange(Exchange, Fmi1Base):
     def _initialise(self, start_time: float, stop_time: float | None) -> None:
         self._call(self._SET_TIME, start_time)
         self._info = fmi1EventInfo()
-        self._call("fmi1Initialize", b"\x00", c_double(0.0), byref(self._info))
+        defined, tolerance = self._told_tolerance()
+        controlled = b"\x01" if defined else b"\x00"
+        self._call("fmi1Initialize", controlled, c_double(tolerance), byref(self._info))
         self._note_event()
 
     def _note_event(self) -> bool:

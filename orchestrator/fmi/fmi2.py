@@ -50,7 +50,9 @@ class Fmi2Instance(CompiledInstance):
         return ctype, self._function(f"fmi2{verb}{name}")
 
     def _enter(self, start_time: float, stop_time: float | None) -> None:
-        self._call("fmi2SetupExperiment", 0, 0.0, start_time, int(stop_time is not None), stop_time or 0.0)
+        defined, tolerance = self._told_tolerance()
+        stop_defined = int(stop_time is not None)
+        self._call("fmi2SetupExperiment", int(defined), tolerance, start_time, stop_defined, stop_time or 0.0)
         self._call("fmi2EnterInitializationMode")
 
     def do_step(self, point: Point) -> StepStatus:

@@ -133,9 +133,8 @@ class Fmi3Instance(CompiledInstance):
         return ctype, self._function(f"fmi3{verb}{name}")
 
     def _enter(self, start_time: float, stop_time: float | None) -> None:
-        self._call(
-            "fmi3EnterInitializationMode", False, 0.0, start_time, stop_time is not None, stop_time or 0.0
-        )
+        told = (*self._told_tolerance(), start_time, stop_time is not None, stop_time or 0.0)
+        self._call("fmi3EnterInitializationMode", *told)
 
     def exit_initialisation(self) -> None:
         """See FmuInstance.exit_initialisation."""

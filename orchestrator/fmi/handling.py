@@ -22,8 +22,9 @@ class Handling:
     Attributes:
         any_step: whether it takes any constant step size, although it does not declare so.
         interface: None: co-simulation where the FMU offers it, else model exchange.
-        tolerance: relative tolerance of the integration of a model-exchange FMU; None: the FMU's own. The
-            absolute tolerance of a state is this times its nominal value.
+        tolerance: relative tolerance of the integration; None: the FMU's own. In model exchange the absolute
+            tolerance of a state is this times its nominal value. A co-simulation FMU is told it, and does
+            with it what it will; FMI 1.0 has no call for that.
         event_mode: whether an FMI 3.0 co-simulation FMU returns at its events to have them handled, instead
             of handling them within its steps.
         isolated: whether it runs in a process of its own.

@@ -106,6 +106,14 @@ class CompiledInstance(Values):
     def do_step(self, point: Point) -> StepStatus:
         """Step from `point` by its step size."""
 
+    def _told_tolerance(self) -> tuple[bool, float]:
+        """What initialisation hands over: whether a tolerance is defined, and which.
+
+        Only one that the config gives: an FMU knows the one that it proposes itself.
+        """
+        tolerance = self.handling.tolerance
+        return tolerance is not None, tolerance or 0.0
+
     # For loops outside the interpreter.
 
     def native_calls(self) -> NativeCalls | None:

@@ -32,10 +32,9 @@ def sweep(
 ) -> Measured:
     """Measure the response of an FMU's output to one of its inputs around an operating point.
 
-    An FMU that interpolates inputs gets value and two derivatives of the multisine; any other holds, as the
-    masters'
-    extrapolation has it, the value of the step's end where the input acts on the output at once, else of its
-    middle.
+    An FMU that follows the course of the input over a step gets value and two derivatives of the multisine;
+    any other holds, as the masters' extrapolation has it, the value of the step's end where the input acts on
+    the output at once, else of its middle.
     At frequency f the hold then leaves a relative error of (2 pi f step_size)^2/24, without phase.
 
     Args:
@@ -57,7 +56,7 @@ def sweep(
     omega, phases, steps = tones.omega, tones.phases, tones.steps
     time = np.arange(steps) * step_size
     direct = source in description.variables and _acts_at_once(loaded, source, target)
-    interpolating = description.capabilities.interpolate_inputs
+    interpolating = source in description.followed
     late = 0.0 if interpolating else step_size if direct else 0.5 * step_size
     curves = [_multisine(time + late, omega, phases, order) for order in range(3)]
     factor = amplitude / np.max(np.abs(curves[0]))
@@ -145,7 +144,7 @@ def _run(
     steps = len(value)
     answer = np.zeros(periods * steps)
     rates = np.zeros(len(names))
-    interpolating = fmu.description.capabilities.interpolate_inputs
+    interpolating = source in fmu.description.followed
     instance = fmu.instantiate("swept")
     try:
         instance.bind(names, u, (target,), y)

@@ -67,8 +67,9 @@ def state_space(
         fmu: a bundled name, a path or what `load_fmu` gave.
         inputs, outputs: names; all real ones by default.
         start: start values, FMU's units.
-    Raises: ConfigError if it offers no directional derivatives, or if an input acts neither on a state nor on
-        an output at once, as behind a delay: then only measuring tells its effect.
+    Raises: ConfigError if it offers no directional derivatives, if an input acts neither on a state nor on
+        an output at once, as behind a delay, or if states are not named that an output needs: then only
+        measuring tells the effect.
     """
     loaded = load(fmu)
     description = loaded.description
@@ -90,7 +91,7 @@ def state_space(
         found = _matrices(loaded, instance, chosen, seen)
     finally:
         instance.free()
-    problems = _hidden(description.name, found)
+    problems = _hidden(description.name, found, found.outputs)
     if problems:
         raise ConfigError(problems)
     return found
@@ -131,12 +132,15 @@ def system_state_space(
         raise ConfigError(problems)
     parts: list[StateSpace] = []
     fed = {str(connection.target) for connection in system.connections} | set(inputs)
+    seen = {str(leg) for connection in system.connections for leg, _ in _legs(connection)} | set(outputs)
     with instantiate(system) as instances:
         instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
         for one, running in zip(system.instances, instances.running, strict=True):
             own = tuple(name for name in _real(one.fmu, Causality.INPUT) if f"{one.name}.{name}" in fed)
             part = _matrices(one.fmu, running, own, _real(one.fmu, Causality.OUTPUT))
-            problems += _hidden(one.name, part)
+            problems += _hidden(
+                one.name, part, [name for name in part.outputs if f"{one.name}.{name}" in seen]
+            )
             parts.append(_named(part, one.name))
     if problems:
         raise ConfigError(problems)
@@ -160,12 +164,10 @@ def _joined(
     )
     k = np.zeros((len(every_input), len(every_output)))
     for connection, gain in gains.items():
-        legs = [(str(connection.source), 1.0)]
-        if connection.wire is not None:
-            legs = [(str(leg.port), leg.gain) for leg in connection.wire.legs]
-        for source, share in legs:
-            if source in every_output:
-                k[every_input.index(str(connection.target)), every_output.index(source)] += gain * share
+        for source, share in _legs(connection):
+            if str(source) in every_output:
+                place_of = every_input.index(str(connection.target)), every_output.index(str(source))
+                k[place_of] += gain * share
     e = np.array([[float(one == name) for name in inputs] for one in every_input])
     e = e.reshape(len(every_input), len(inputs))
     loop = np.eye(len(every_input)) - k @ d
@@ -221,8 +223,14 @@ def _matrices(
     return StateSpace(whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:], states, inputs, outputs)
 
 
-def _hidden(name: str, part: StateSpace) -> list[Problem]:
-    """Inputs without effect at once: behind a delay, or sampled."""
+def _hidden(name: str, part: StateSpace, outputs: Iterable[str]) -> list[Problem]:
+    """Inputs without effect at once: behind a delay, or sampled. And of an FMU that names no states those of
+    `outputs` that no input acts on: a co-simulation FMU need not name the states behind them."""
+    unmoved = [
+        one
+        for one in outputs
+        if not part.states and part.inputs and not part.d[part.outputs.index(one)].any()
+    ]
     idle = [
         one
         for index, one in enumerate(part.inputs)
@@ -236,6 +244,14 @@ def _hidden(name: str, part: StateSpace) -> list[Problem]:
             "Measure the response with sweep or sweep_system.",
         )
         for one in idle
+    ] + [
+        Problem(
+            name,
+            f"no input acts on output {one} at once, and the FMU names no states",
+            "the states behind it are not known",
+            "Measure the response with sweep or sweep_system, or leave the output out.",
+        )
+        for one in unmoved
     ]
 
 
@@ -244,6 +260,13 @@ def _named(part: StateSpace, name: str) -> StateSpace:
         tuple(str(Port(name, one)) for one in names) for names in (part.states, part.inputs, part.outputs)
     )
     return StateSpace(part.a, part.b, part.c, part.d, states, inputs, outputs)
+
+
+def _legs(connection: Connection) -> list[tuple[Port, float]]:
+    """The outputs that a connection adds up, each with what it is multiplied by."""
+    if connection.wire is None:
+        return [(connection.source, 1.0)]
+    return [(leg.port, leg.gain) for leg in connection.wire.legs]
 
 
 def _gain(connection: Connection) -> float | None:

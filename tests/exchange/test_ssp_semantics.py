@@ -57,6 +57,20 @@ def pair(connections, robot="", contact="", before=""):
     return system("rig", elements, connections, before)
 
 
+def test_a_description_in_another_folder_by_a_relative_path(tmp_path, monkeypatch):
+    resources = tmp_path / "rig" / "resources"
+    resources.mkdir(parents=True)
+    for name, content in FMUS.items():
+        (resources / name).write_bytes(content)
+    (resources.parent / "Rig.ssd").write_text(ssd(pair(wire("robot.position", "contact.position"))))
+    monkeypatch.chdir(tmp_path)
+    prepared = prepare("rig/Rig.ssd", (*RUN, "contact.velocity=0 m/s", "robot.command=1 mm"))
+    assert [one.fmu.path for one in prepared.system.instances] == [
+        resources / "robot.fmu",
+        resources / "contact.fmu",
+    ]
+
+
 def arm(unit="m", inside="", more="", name="arm"):
     """A system around a robot: its input and output in a unit, its delay a parameter."""
     links = (

@@ -425,6 +425,13 @@ def _written(folder, content):
             "Take its native form: orchestrator build MODEL.py --form native.",
         ),
         (
+            ["instances.contact.tolerance=1e-6"],
+            {},
+            "contact (DockingHIL.DockingContact) cannot become part of an FMU\n"
+            "  it is told a tolerance, which the inner master does not do. "
+            "Leave instances.contact.tolerance out.",
+        ),
+        (
             [],
             {"ports": ["contact.forc"]},
             "--ports: contact has no variable 'forc' to record",

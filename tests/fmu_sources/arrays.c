@@ -1,6 +1,6 @@
 /* An FMI 3.0 co-simulation FMU with arrays: y = gain * u, row by row, gain of shape (2, 3), u of length 3.
- * `count` counts events, which come every 0.3 s. With event mode it returns early at each and counts when its
- * discrete states are updated; without, it counts within the step. */
+ * `count` counts events, which come every 0.3 s, on from the tolerance that it is told, in 1e-9. With event mode it
+ * returns early at each and counts when its discrete states are updated; without, it counts within the step. */
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -39,6 +39,7 @@ static void output(Model *m) {
 }
 API int fmi3EnterInitializationMode(Model *m, bool t, double tol, double start, bool s, double stop) {
     m->ready = true;
+    if (t) m->count = (int32_t)(tol * 1e9 + 0.5);
     return OK;
 }
 API int fmi3ExitInitializationMode(Model *m) { m->in_event = m->event_mode; return OK; }

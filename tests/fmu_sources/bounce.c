@@ -29,7 +29,7 @@ static Ball *make(void) {
     return b;
 }
 static double *real(Ball *b, uint32_t r) {
-    return r == 1 ? &b->h : r == 2 ? &b->v : r == 3 ? &b->u : r == 5 ? &b->restitution : NULL;
+    return r == 1 ? &b->h : r == 2 ? &b->v : r == 3 || r == 9 ? &b->u : r == 5 ? &b->restitution : NULL;
 }
 static void handle_events(Ball *b) {
     if (b->h <= 0.0 && b->v < 0.0) {
@@ -60,7 +60,7 @@ static int get_reals(Ball *b, const uint32_t *r, size_t n, double *v) {
 static int set_reals(Ball *b, const uint32_t *r, size_t n, const double *v) {
     for (size_t i = 0; i < n; i++) {
         double *p = real(b, r[i]);
-        if (!p || (p == &b->u && b->mode == 2)) return ERROR; /* u is discrete: in event mode only */
+        if (!p || (r[i] == 3 && b->mode == 2)) return ERROR; /* u is discrete: in event mode only; 9 is not */
         *p = v[i];
     }
     return OK;

@@ -85,6 +85,7 @@ API void fmi2FreeInstance(Quirk *q) { q->calls->release(q); }
 API int fmi2SetupExperiment(Quirk *q, int t, double tol, double start, int defined, double stop) {
     q->stop = stop; /* whether or not it is defined */
     q->seen += is(q, "stop") && defined;
+    if (is(q, "tolerance")) q->seen = t ? (int)(tol * 1e9 + 0.5) : -1;
     return is(q, "warns") ? WARNING : OK;
 }
 API int fmi2EnterInitializationMode(Quirk *q) { return is(q, "warns") ? WARNING : OK; }

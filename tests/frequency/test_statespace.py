@@ -1,5 +1,6 @@
 """State spaces by directional derivatives against transfer functions."""
 
+import foreign
 import numpy as np
 import pytest
 
@@ -65,3 +66,27 @@ def test_what_a_state_space_cannot_hold_is_refused(tmp_path):
     path.write_text(ADMITTANCE.replace("{gain:", "{delay: 1 ms}, {gain:"), encoding="utf-8")
     with pytest.raises(ConfigError, match="its effects are not a mere gain"):
         system_state_space(path, ["robot.command"], ["contact.force"])
+
+
+def test_states_that_an_fmu_does_not_name_are_not_taken_for_none(tmp_path):
+    """y is the integral of u, z is 2 u."""
+    path = foreign.flawed(tmp_path / "Flawed.fmu")
+    with pytest.raises(ConfigError) as caught:
+        state_space(path)
+    told = (
+        "no input acts on output y at once, and the FMU names no states\n"
+        "  the states behind it are not known. "
+        "Measure the response with sweep or sweep_system, or leave the output out."
+    )
+    assert str(caught.value) == f"Flawed: {told}"
+    assert state_space(path, outputs=["z"]).d.tolist() == [[2.0]]
+    config = {
+        "run": {"master": "jacobi", "step_size": "10 ms", "stop_time": "1 s"},
+        "instances": {"first": {"fmu": str(path), "start": {"u": "0 m/s"}}, "second": {"fmu": str(path)}},
+        "connections": ["first.z -> second.u"],
+    }
+    found = system_state_space(config, ["first.u"], ["second.z"])
+    assert found.d.tolist() == [[4.0]]
+    with pytest.raises(ConfigError) as caught:
+        system_state_space(config, ["first.u"], ["second.y"])
+    assert str(caught.value) == f"second: {told}"

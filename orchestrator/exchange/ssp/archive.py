@@ -107,7 +107,8 @@ def open_package(path: Path, root: Path) -> Package:
     Raises: ConfigError if it is no zip archive, or has entries that would harm.
     """
     if path.suffix.lower() == ".ssd":
-        return Package(path.name, None, path.parent)
+        # Whoever reads the config takes relative paths in it from the folder of the file.
+        return Package(path.name, None, path.parent.absolute())
     try:
         size = path.stat().st_size
     except OSError as error:
