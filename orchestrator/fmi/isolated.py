@@ -126,7 +126,7 @@ class IsolatedInstance:
         code = self._process.returncode
         if self._expired:
             limit = self.handling.time_limit
-            what = f"{self._calling} did not return within {limit!r} s; its process was ended"
+            what = f"{self._calling} did not return within {limit:g} s; its process was ended"
             status = "time limit"
             remedy = f"If the FMU is only slow, raise instances.{self.name}.time_limit."
         else:
