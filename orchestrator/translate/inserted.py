@@ -5,9 +5,14 @@ It mends faults of pythonfmu 0.7.0's loader, and does what that leaves undone.
 
 from __future__ import annotations
 
+import re
+import zipfile
 from collections.abc import Sequence
+from pathlib import Path
 
-__all__ = ["appended", "requirements_check"]
+from orchestrator.errors import BuildError
+
+__all__ = ["appended", "own_source", "requirements_check"]
 
 # Put before the model's own imports, where it has requirements: what is missing is told by name and remedy,
 # on the error stream as well, since pythonfmu passes on what is raised only where logging is asked for.
@@ -234,3 +239,19 @@ def appended(name: str) -> str:
         name: of its class.
     """
     return _ORDER.replace("{name}", name) + _GUARD.format(name=name, methods=_GUARDED)
+
+
+def own_source(fmu: Path) -> str:
+    """The model's own source in a Python FMU, as it was before its FMU was built.
+
+    Raises: BuildError if it holds none, or not in one file.
+    """
+    try:
+        with zipfile.ZipFile(fmu) as archive:
+            module = archive.read("resources/slavemodule.txt").decode().split()[0]
+            source = archive.read(f"resources/{module}.py").decode()
+    except (OSError, KeyError, IndexError, UnicodeDecodeError, zipfile.BadZipFile) as error:
+        raise BuildError(f"{fmu.name}: holds no source of a Python model: {error}") from error
+    source = source.partition("\n\n# --- appended when the FMU was built")[0]
+    begin = re.escape(_CHECK.lstrip("\n").splitlines()[0])
+    return re.sub(rf"\n*{begin}.*?\n_check_requirements\('.*?\n", "\n", source, count=1, flags=re.DOTALL)

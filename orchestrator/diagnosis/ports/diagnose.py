@@ -24,6 +24,7 @@ from .closure import how_far
 from .energy import energy, unclear
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
+from .native import in_native_form
 from .numerics import doubts, numerics
 from .practice import Practise, parts_of, practise
 from .reader import load_port_study
@@ -65,6 +66,7 @@ def diagnose_ports(
     progress("read")
     study = load_port_study(path, practising=practice is not None)
     progress("check")
+    study = in_native_form(study)
     refused, warned = check_logs(study)
     if study.only or study.without:
         try:

@@ -36,7 +36,11 @@ _KEPT = 20_000_000
 def player_of(study: PortStudy, fed: Sequence[Port], compared: Sequence[Port]) -> Player:
     """What runs the system of a study."""
     prepared, interval = study.prepared, study.prepared.grid.step_size * study.parts
-    return Player(prepared.system, prepared.master, interval, fed, compared, study.parts, study.held)
+    instances = tuple(
+        replace(one, fmu=study.natives.get(one.name, one.fmu)) for one in prepared.system.instances
+    )
+    system = replace(prepared.system, instances=instances)
+    return Player(system, prepared.master, interval, fed, compared, study.parts, study.held)
 
 
 class PortReplay:

@@ -9,6 +9,7 @@ from pathlib import Path
 import yaml
 
 from ...config import Places
+from ...fmi import CompiledFmu
 from ...run import Prepared
 from ...system import Connection, Port
 from ..study import Array, Nominal
@@ -79,6 +80,8 @@ class PortStudy:
         practice: file with what practice on simulated cases of this study taught; None without.
         parts: communication steps from one sample of the logs to the next.
         places: where in its file things stand; None of one that was not read.
+        natives: FMUs that replays take in place of those of instances, by the instances' names; see
+            `native.in_native_form`.
     """
 
     name: str
@@ -100,6 +103,7 @@ class PortStudy:
     practice: Path | None = None
     parts: int = 1
     places: Places | None = field(default=None, compare=False, repr=False)
+    natives: Mapping[str, CompiledFmu] = field(default_factory=dict, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
         """The runs of some roles."""

@@ -1,0 +1,110 @@
+"""Python components of a system replayed in their native form: the same numbers, much sooner."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import tempfile
+import weakref
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import OrchestratorError
+from ...fmi import CompiledFmu, load_fmu
+from ...translate.inserted import own_source
+from ...workers import Work, pool_of
+from .replay import PortReplay
+from .study import PortStudy
+
+__all__ = ["in_native_form"]
+
+_PYTHON = "PythonFMU"
+# Samples of all train runs from which on a replay takes longer than is soon made good by a build, and the
+# longest that one may take [s]: code is explored on all of its paths, which may be many.
+_MANY, _LONGEST = 1000, 60.0
+# By how much signals may differ, of their largest value: functions of numpy round in an order of their own.
+_SAME = 1e-9
+
+
+def in_native_form(study: PortStudy) -> PortStudy:
+    """The study, with FMUs of Python replayed in their native form, as far as they have one.
+
+    Thousands of replays are made, and Python takes nearly all of their time, one replay at a time. What a
+    component's code cannot be traced for, or what does not give what the Python code gives, stays as it is.
+    """
+    run = study.runs[0]
+    if sum(map(len, study.runs)) * study.parts < _MANY:
+        return study
+    fmus = {str(one.fmu.path): one.fmu for one in study.prepared.system.instances if _in_python(one.fmu)}
+    if not fmus:
+        return study
+    folder = Path(tempfile.mkdtemp(prefix="native-forms-"))
+    made: dict[str, CompiledFmu] = {}
+    tasks = [(path, str(folder / f"{number}.fmu")) for number, path in enumerate(fmus)]
+    try:
+        for outcome in pool_of(None, None).outcomes(Work(_build, time_limit=_LONGEST), tasks):
+            path, built = outcome.task
+            if outcome.failure is None and _alike(fmus[path], native := load_fmu(Path(built))):
+                made[path] = native
+    except OrchestratorError:
+        made = {}
+    natives = {
+        one.name: made[str(one.fmu.path)]
+        for one in study.prepared.system.instances
+        if isinstance(one.fmu, CompiledFmu) and str(one.fmu.path) in made
+    }
+    found = replace(study, natives=natives)
+    if not natives or not _same(study, found, run.name):
+        shutil.rmtree(folder, ignore_errors=True)
+        return study
+    for one in made.values():
+        # The file is unpacked anew by each player.
+        weakref.finalize(one, shutil.rmtree, folder, True)
+    return found
+
+
+def _in_python(fmu: object) -> bool:
+    return (
+        isinstance(fmu, CompiledFmu)
+        and str(fmu.description.tool).startswith(_PYTHON)
+        and not fmu.handling.isolated
+    )
+
+
+def _build(context: None, task: tuple[str, str]) -> None:
+    """Build the native form of an FMU for this machine, in a process of its own. Raises: BuildError."""
+    from ...translate.native_form import build_native_fmu
+
+    fmu, built = map(Path, task)
+    script = built.with_suffix(".py")
+    script.write_text(own_source(fmu), encoding="utf-8")
+    machine, system = platform.machine().lower(), platform.system().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    build_native_fmu(script, built, platforms=[f"{machine}-{system}"])
+
+
+def _alike(one: CompiledFmu, other: CompiledFmu) -> bool:
+    """Whether an FMU can take the other's place: its variables are called and counted alike."""
+    mine, others = (
+        {
+            name: (variable.reference, variable.causality, variable.kind, variable.unit_name)
+            for name, variable in fmu.description.variables.items()
+            if name != "time"
+        }
+        for fmu in (one, other)
+    )
+    return mine == others
+
+
+def _same(study: PortStudy, other: PortStudy, name: str) -> bool:
+    """Whether both replay a run alike."""
+    (run,) = (one for one in study.runs if one.name == name)
+    given, found = (PortReplay(one, [run]).signals(run, {}, (), np.zeros(0)) for one in (study, other))
+    with np.errstate(invalid="ignore", over="ignore"):
+        return all(
+            bool(np.all((np.abs(given[port] - found[port]) <= _SAME * np.nanmax(np.abs(given[port])))
+                        | (np.isnan(given[port]) & np.isnan(found[port]))))
+            for port in given
+        )  # fmt: skip
