@@ -87,6 +87,19 @@ def test_a_python_component_is_replayed_without_python_and_gives_the_same(tmp_pa
     assert native.prepared is study.prepared
 
 
-def test_a_component_that_remembers_in_secret_stays_in_python(tmp_path):
-    study = made(tmp_path, "self.turns = 0", "self.turns += 1; self.level += 1e-3 * math.sin(self.turns)")
+def test_numbers_that_a_component_does_not_register_are_remembered(tmp_path):
+    study = made(
+        tmp_path, "self.turned = 0.0", "self.turned += 0.1; self.level += 1e-3 * math.sin(self.turned)"
+    )
+    native = in_native_form(study)
+    assert list(native.natives) == ["tank"]
+    one, other = (
+        PortReplay(each, each.runs).signals(study.runs[0], {}, (), np.zeros(0)) for each in (study, native)
+    )
+    assert one[Port("tank", "level")] == pytest.approx(other[Port("tank", "level")], rel=1e-12)
+
+
+def test_a_component_that_remembers_what_is_no_number_stays_in_python(tmp_path):
+    memory = "self.turns.append(0.1); self.level += 1e-3 * math.sin(len(self.turns))"
+    study = made(tmp_path, "self.turns = []", memory)
     assert in_native_form(study) is study

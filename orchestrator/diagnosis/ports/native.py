@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import OrchestratorError
 from ...fmi import CompiledFmu, load_fmu
-from ...translate.inserted import own_source
+from ...translate.inserted import memory_told, own_source
 from ...workers import Work, pool_of
 from .replay import PortReplay
 from .study import PortStudy
@@ -79,14 +79,14 @@ def _build(context: None, task: tuple[str, str]) -> None:
 
     fmu, built = map(Path, task)
     script = built.with_suffix(".py")
-    script.write_text(own_source(fmu), encoding="utf-8")
+    script.write_text(memory_told(own_source(fmu)), encoding="utf-8")
     machine, system = platform.machine().lower(), platform.system().lower()
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
     build_native_fmu(script, built, platforms=[f"{machine}-{system}"])
 
 
 def _alike(one: CompiledFmu, other: CompiledFmu) -> bool:
-    """Whether an FMU can take the other's place: its variables are called and counted alike."""
+    """Whether an FMU can take the other's place: what that has is called and counted alike."""
     mine, others = (
         {
             name: (variable.reference, variable.causality, variable.kind, variable.unit_name)
@@ -95,7 +95,7 @@ def _alike(one: CompiledFmu, other: CompiledFmu) -> bool:
         }
         for fmu in (one, other)
     )
-    return mine == others
+    return mine.items() <= others.items()
 
 
 def _same(study: PortStudy, other: PortStudy, name: str) -> bool:
