@@ -18,6 +18,7 @@ from ...system import Port
 from ..content import Told, content, named_files, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
+from ..tally import Tally, telling
 from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable, Warned
 from .augmented import augmented_config, parameter_values
 from .closure import how_far
@@ -57,7 +58,7 @@ def diagnose_ports(
 
     Args:
         path: the study's file or folder.
-        progress: is told each stage as it begins.
+        progress: is told each stage as it begins, and how far weighing is: see `Tally`.
         report: whether to make the page.
         practice: cases to practise on first, if any.
     Raises: ConfigError with all problems of study and logs; OrchestratorError if an analysis fails.
@@ -80,7 +81,8 @@ def diagnose_ports(
     progress("weigh")
     taught, tempering = _taught(path, study, practice)
     configured = study
-    stepped = weighed_without_step(study, tempering)
+    with telling(Tally(len(candidates_of(study)), progress)):
+        stepped = weighed_without_step(study, tempering)
     study, weighed = stepped.study, stepped.weighed
     if study.parts > configured.parts:
         own = numerics(study, {"nominal": NOMINAL})

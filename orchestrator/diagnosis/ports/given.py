@@ -14,6 +14,7 @@ from ..channels import clipped, frozen
 from ..mistakes import Mistake, told_once, wrong_factors, wrong_scales
 from ..study import Array
 from ..verdict import Warned
+from .clocks import wrong_clocks
 from .repeats import unlike
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
@@ -37,15 +38,20 @@ _DRIVEN = 0.3
 def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     """Check the logs of a study.
 
-    Returns: a column with a wrong sign or unit, or two that were exchanged, if that explains nearly all that
-        the model misses, and runs in which the model runs away: they forbid a diagnosis; and what a reader
-        should be warned of.
+    Returns: a column with a wrong sign or unit, two that were exchanged, or some whose clock is off, if that
+        explains nearly all that the model misses, and runs in which the model runs away: they forbid a
+        diagnosis; and what a reader should be warned of.
     """
     given = {run.name: _signals(PortReplay(study, [run]), run) for run in study.runs}
     found = [_mistake(study, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    return told_once(mistakes, "the same in {} more runs") + _runaways(study, given), [
+    refused = told_once(mistakes, "the same in {} more runs") + _runaways(study, given)
+    # Beside a mistake of another kind nothing tells of clocks.
+    late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
+    return [*refused, *late], [
         *_stuck(study, given),
+        *doubtful,
+        *_unasked(study),
         *_unlike(study),
         *_driven_by_noise(study, given),
     ]
@@ -128,6 +134,13 @@ def _driven_by_noise(study: PortStudy, signals: Mapping[str, Signals]) -> list[W
             )
             found.append(Warned(place=str(port), what=what, remedy=remedy))
     return found
+
+
+def _unasked(study: PortStudy) -> list[Warned]:
+    """Outputs that are fed because they have no noise, which may have been forgotten."""
+    what = "is fed, not compared, since it has no `noise`"
+    remedy = "Give `noise` to compare it, `feed: true` if it is meant so."
+    return [Warned(place=str(port), what=what, remedy=remedy) for port in study.unasked]
 
 
 def _stuck(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:

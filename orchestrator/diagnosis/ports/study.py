@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 
 from ...config import Places
-from ...fmi import CompiledFmu
+from ...fmi import Causality, CompiledFmu
 from ...run import Prepared
 from ...system import Connection, Port
 from ..study import Array, Nominal
@@ -123,6 +123,24 @@ class PortStudy:
     def given(self) -> tuple[Port, ...]:
         """Fed ports that stay so where loops are closed: neither what is compared nor who reads that."""
         return tuple(one for one in self.fed if one not in self.compared and self.reading(one) is None)
+
+    @property
+    def unasked(self) -> tuple[Port, ...]:
+        """Outputs that are fed for want of a noise, though their components are driven: of a source, such as
+        a path, nothing could be compared."""
+        driven = {one.target.instance for one in self.prepared.system.connections}
+        driven |= {port.instance for port in self.fed if self._is_input(port)}
+        return tuple(
+            port
+            for port in self.fed
+            if not self._is_input(port)
+            and self.columns[port].feed is None
+            and self.columns[port].noise is None
+            and port.instance in driven
+        )
+
+    def _is_input(self, port: Port) -> bool:
+        return self.prepared.system.variable(port).causality is Causality.INPUT
 
     def reading(self, port: Port) -> Connection | None:
         """The connection by which a fed input reads an output that is compared; None if it does not."""
