@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 from ports_bench import change_log, study
@@ -22,14 +23,14 @@ def plain(tmp_path_factory):
 
 
 def late(study, ports, rows):
-    """The study, with the stamps of some columns late by so many rows."""
+    """The study, with the stamps of some columns late by so many rows; all is at rest at the begin."""
+
+    def moved(log):
+        return np.concatenate([np.full(rows, log[0]), log[:-rows]]) if rows > 0 else log[-rows:]
 
     def of(run):
-        by, n = abs(rows), len(run)
-        logs = {
-            port: log[by - rows : n - by - rows] if port in ports else log[by : n - by]
-            for port, log in run.logs.items()
-        }
+        n = len(run) + min(rows, 0)
+        logs = {port: moved(log) if port in ports else log[:n] for port, log in run.logs.items()}
         return replace(run, logs=logs)
 
     return replace(study, runs=tuple(of(run) for run in study.runs))

@@ -74,7 +74,8 @@ def made(folder, hidden="", memory=""):
 
 def test_a_python_component_is_replayed_without_python_and_gives_the_same(tmp_path):
     study = made(tmp_path)
-    native = in_native_form(study)
+    native, told = in_native_form(study)
+    assert not told
     assert list(native.natives) == ["tank"]
     given, found = (PortReplay(one, one.runs) for one in (study, native))
     assert found.player.parallel and not given.player.parallel
@@ -91,7 +92,8 @@ def test_numbers_that_a_component_does_not_register_are_remembered(tmp_path):
     study = made(
         tmp_path, "self.turned = 0.0", "self.turned += 0.1; self.level += 1e-3 * math.sin(self.turned)"
     )
-    native = in_native_form(study)
+    native, told = in_native_form(study)
+    assert not told
     assert list(native.natives) == ["tank"]
     one, other = (
         PortReplay(each, each.runs).signals(study.runs[0], {}, (), np.zeros(0)) for each in (study, native)
@@ -102,4 +104,6 @@ def test_numbers_that_a_component_does_not_register_are_remembered(tmp_path):
 def test_a_component_that_remembers_what_is_no_number_stays_in_python(tmp_path):
     memory = "self.turns.append(0.1); self.level += 1e-3 * math.sin(len(self.turns))"
     study = made(tmp_path, "self.turns = []", memory)
-    assert in_native_form(study) is study
+    same, (told,) = in_native_form(study)
+    assert same is study and told.place == "tank"
+    assert told.what.startswith("is replayed in Python") and "native form: level differs" in told.what

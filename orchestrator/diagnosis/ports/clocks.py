@@ -28,8 +28,8 @@ _MISSED, _MENDED, _NEAR = 4.0, 0.1, 0.3
 # Part of the shortest run by which a clock may be off; and how many of the best groups are looked at.
 _LONGEST, _KEPT = 0.25, 3
 # An effect does not explain what a clock does if it leaves so many times more, and this share of the excess;
-# or the smaller share, if it misses a port by so many times more squares. Where the clock leaves so many times
-# more, it is the effect. Of the most promising effects so many are fitted.
+# or the smaller share, if at some port it misses so many times more squares. Where the clock leaves so many
+# times more, it is the effect. Of the most promising effects so many are fitted.
 _TIMES, _UNEXPLAINED, _LITTLE, _CLEAR, _FITTED = 3.0, 0.2, 0.01, 10.0, 3
 
 

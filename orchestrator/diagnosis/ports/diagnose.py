@@ -67,7 +67,7 @@ def diagnose_ports(
     progress("read")
     study = load_port_study(path, practising=practice is not None)
     progress("check")
-    study = in_native_form(study)
+    study, slow = in_native_form(study)
     refused, warned = check_logs(study)
     if study.only or study.without:
         try:
@@ -102,7 +102,7 @@ def diagnose_ports(
         fmus=instance_fmus(study.prepared.system),
     )
     exportable, kept = augmented_config(study, finding, fmus=True)
-    known = [*warned, *weighed.warned, *of_step, *forgetful, *_as_effects(kept, missing)]
+    known = [*warned, *slow, *weighed.warned, *of_step, *forgetful, *_as_effects(kept, missing)]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
     if exportable != config:

@@ -187,7 +187,7 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
 
 def _prepared(payload: tuple[Path, int], folder: Path) -> tuple[PortStudy, Sequence[Effect], int]:
     path, seed = payload
-    study = in_native_form(load_port_study(path, practising=True))
+    study, _ = in_native_form(load_port_study(path, practising=True))
     return study, candidates_of(study), seed
 
 
