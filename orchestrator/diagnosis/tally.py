@@ -49,11 +49,11 @@ class Tally:
         self._next = clock() + _FIRST
 
     def stage(self, name: str) -> None:
-        """A stage of the plan begins; those before it are over. One that is over goes on as the last one."""
+        """A stage of the plan begins, perhaps anew; those before it are over."""
         with self._lock:
-            if name in self._stages:
-                self._stages = self._stages[self._stages.index(name) :]
-                self._own = [0, 0]
+            stages = list(PLAN)
+            self._stages = stages[stages.index(name) :]
+            self._own = [0, 0]
 
     def left(self) -> tuple[int, int]:
         """Looks and fits that the plan still holds."""

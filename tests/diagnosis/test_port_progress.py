@@ -31,8 +31,12 @@ def test_looks_and_fits_are_counted_and_the_time_left_is_what_the_rest_takes():
         each(tallied(lambda _: clock.work(2.0), True, 1), range(3), 1)
         # 2 x 10 looks and 10 fits, 3 of which, at 2 s each, are done.
         assert told[-1] == "weigh 23/53 candidates and fits, about 40 s left"
-        stage("pairs")
-        assert told[-1].startswith("weigh 23/53")  # a stage that is over does not come back
+        stage("step")
+        each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
+        assert told[-1] == "weigh 33/40 candidates and fits, about 14 s left"
+        stage("candidates")  # weighed anew, all is to be done once more
+        each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
+        assert told[-1].startswith("weigh 43/194 candidates and fits")
     assert told == sorted(told, key=lambda one: int(one.split()[1].split("/")[0]))
     before = len(told)
     each(tallied(lambda _: clock.work(9.0), False, 1), range(3), 1)

@@ -16,6 +16,7 @@ from ...errors import OrchestratorError
 from ...fmi import CompiledFmu, load_fmu
 from ...translate.inserted import memory_told, own_source
 from ...workers import Work, pool_of
+from ..study import Array
 from ..verdict import Warned
 from .replay import PortReplay
 from .study import PortStudy
@@ -126,9 +127,11 @@ def _same(study: PortStudy, other: PortStudy) -> bool:
     """Whether both replay the first run alike."""
     run = study.runs[0]
     given, found = (PortReplay(one, [run]).signals(run, {}, (), np.zeros(0)) for one in (study, other))
-    with np.errstate(invalid="ignore", over="ignore"):
-        return all(
-            bool(np.all((np.abs(given[port] - found[port]) <= _SAME * np.nanmax(np.abs(given[port])))
-                        | (np.isnan(given[port]) & np.isnan(found[port]))))
-            for port in given
-        )  # fmt: skip
+    return all(
+        np.allclose(given[port], found[port], rtol=0.0, atol=_SAME * _largest(given[port]), equal_nan=True)
+        for port in given
+    )
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(np.nan_to_num(values)).max(initial=0.0))

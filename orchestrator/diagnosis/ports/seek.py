@@ -65,6 +65,7 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     Returns: by what they were fitted, its replay weighted by what each channel's residuals carry; and what
         was found.
     """
+    stage("candidates")
     plain = WaryFitter(replay).fit(())
     # What a channel carries is told by what the best model at hand leaves of it: what an effect would
     # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
