@@ -27,10 +27,10 @@ __all__ = ["wrong_clocks"]
 _MISSED, _MENDED, _NEAR = 4.0, 0.1, 0.3
 # Part of the shortest run by which a clock may be off; and how many of the best groups are looked at.
 _LONGEST, _KEPT = 0.25, 3
-# An effect does not explain what a clock does if it leaves so many times more, and this share of the excess;
-# or the smaller share, if at some port it misses so many times more squares. Where the clock leaves so many
-# times more, it is the effect. Of the most promising effects so many are fitted.
-_TIMES, _UNEXPLAINED, _LITTLE, _CLEAR, _FITTED = 3.0, 0.2, 0.01, 10.0, 3
+# An effect does not explain what a clock does if it leaves so many times more, and that share of the excess or
+# squares that many times larger at some port. Where the clock leaves so many times more, and than a little, it
+# is the effect. Of the most promising effects so many are fitted.
+_TIMES, _UNEXPLAINED, _CLEAR, _LITTLE, _FITTED = 3.0, 0.2, 100.0, 0.01, 3
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def wrong_clocks(
     worst = max(before, key=lambda port: before[port])
     place, told = _told(study, clock)
     what = f"the model misses {worst} by {before[worst] ** 0.5:.3g} times its noise"
-    least = _LITTLE if missed > max(_MISSED, _CLEAR * clock.missed) else _UNEXPLAINED
-    if by > max(least, _TIMES * clock.left):
+    clear = by > _UNEXPLAINED or missed > _CLEAR * max(clock.missed, 1.0)
+    if clear and by > _TIMES * clock.left:
         return [Problem(place, what, remedy=f"All fits if {told}.")], []
     if clock.left > _TIMES * max(by, _LITTLE):
         return [], []
