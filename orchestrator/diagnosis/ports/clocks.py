@@ -27,9 +27,9 @@ __all__ = ["wrong_clocks"]
 _MISSED, _MENDED, _NEAR = 4.0, 0.1, 0.3
 # Part of the shortest run by which a clock may be off; and how many of the best groups are looked at.
 _LONGEST, _KEPT = 0.25, 3
-# An effect does not explain what a clock does if it leaves so many times more, and that share of the excess or
-# squares that many times larger at some port. Where the clock leaves so many times more, and than a little, it
-# is the effect. Of the most promising effects so many are fitted.
+# An effect does not explain what a clock does if it leaves so many times more, and that share of the excess
+# or squares that many times larger at some port. Where the clock leaves so many times more, and than a
+# little, it is the effect. So many of the most promising effects are fitted.
 _TIMES, _UNEXPLAINED, _CLEAR, _LITTLE, _FITTED = 3.0, 0.2, 100.0, 0.01, 3
 
 
