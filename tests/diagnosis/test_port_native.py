@@ -76,7 +76,7 @@ def test_a_python_component_is_replayed_without_python_and_gives_the_same(tmp_pa
     study = made(tmp_path)
     native, told = in_native_form(study)
     assert not told
-    assert list(native.natives) == ["tank"]
+    assert [one.name for one in native.natives] == ["tank.fmu"]
     given, found = (PortReplay(one, one.runs) for one in (study, native))
     assert found.player.parallel and not given.player.parallel
     level = Port("tank", "level")
@@ -94,7 +94,7 @@ def test_numbers_that_a_component_does_not_register_are_remembered(tmp_path):
     )
     native, told = in_native_form(study)
     assert not told
-    assert list(native.natives) == ["tank"]
+    assert [one.name for one in native.natives] == ["tank.fmu"]
     one, other = (
         PortReplay(each, each.runs).signals(study.runs[0], {}, (), np.zeros(0)) for each in (study, native)
     )

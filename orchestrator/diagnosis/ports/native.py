@@ -45,16 +45,11 @@ def in_native_form(study: PortStudy) -> tuple[PortStudy, list[Warned]]:
         return study, []
     folder = Path(tempfile.mkdtemp(prefix="native-forms-"))
     made, reasons = _built(fmus, folder)
-    natives = {
-        one.name: made[str(one.fmu.path)]
-        for one in study.prepared.system.instances
-        if isinstance(one.fmu, CompiledFmu) and str(one.fmu.path) in made
-    }
-    found = replace(study, natives=natives)
-    if natives and not _same(study, found):
+    found = replace(study, natives={Path(path): one for path, one in made.items()})
+    if made and not _same(study, found):
         reasons |= dict.fromkeys(made, _OTHERWISE)
-        found = study
-    if found is study or not natives:
+        made = {}
+    if not made:
         shutil.rmtree(folder, ignore_errors=True)
         found = study
     for one in found.natives.values():

@@ -80,7 +80,7 @@ class PortStudy:
         practice: file with what practice on simulated cases of this study taught; None without.
         parts: communication steps from one sample of the logs to the next.
         places: where in its file things stand; None of one that was not read.
-        natives: FMUs that replays take in place of those of instances, by the instances' names; see
+        natives: FMUs that replays take in place of others, by the files of these; see
             `native.in_native_form`.
     """
 
@@ -103,7 +103,7 @@ class PortStudy:
     practice: Path | None = None
     parts: int = 1
     places: Places | None = field(default=None, compare=False, repr=False)
-    natives: Mapping[str, CompiledFmu] = field(default_factory=dict, compare=False, repr=False)
+    natives: Mapping[Path, CompiledFmu] = field(default_factory=dict, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
         """The runs of some roles."""
