@@ -26,7 +26,7 @@ __all__ = ["in_native_form"]
 _PYTHON = "PythonFMU"
 # Samples of all train runs from which on a replay takes longer than is soon made good by a build, and the
 # longest that one may take [s]: code is explored on all of its paths, which may be many.
-_MANY, _LONGEST = 1000, 180.0
+_MANY, _LONGEST = 1000, 300.0
 # By how much signals may differ, of their largest value: functions of numpy round in an order of their own.
 _SAME = 1e-9
 _OTHERWISE = "its native form gives something else"
