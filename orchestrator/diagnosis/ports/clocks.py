@@ -240,16 +240,19 @@ def _rival(study: PortStudy, clock: _Clock) -> tuple[str, float, float]:
 
     made = sorted(each(promised, effects, workers), key=lambda one: one[0])[:_FITTED]
     fits = each(lambda one: _fitted(fitter, base, one), made, workers)
-    best = min(fits, key=lambda fit: fit.cost, default=None)
+    best = min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
     if best is None or not np.isfinite(best.cost):
         return "none", 1.0, np.inf
     left = _squares(replay, np.concatenate(best.residuals))
     return best.effects[0].id, _ratio(left, _squares(replay, _less(base))), max(left.values())
 
 
-def _fitted(fitter: WaryFitter, base: Base, one: tuple[float, Effect, Array]) -> Fit:
+def _fitted(fitter: WaryFitter, base: Base, one: tuple[float, Effect, Array]) -> Fit | None:
     cost, effect, start = one
-    return fitter.fit((effect,), base.z, start, aim=cost + HOPELESS)
+    try:
+        return fitter.fit((effect,), base.z, start, aim=cost + HOPELESS)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _told(study: PortStudy, clock: _Clock) -> tuple[str, str]:
