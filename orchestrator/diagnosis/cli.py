@@ -136,12 +136,12 @@ def _name(case: Path) -> str:
 
 
 class _Bar:
-    """A progress bar over the stages of all cases, on a terminal; elsewhere how far practice is, in lines."""
+    """A progress bar over the stages of all cases, on a terminal; elsewhere lines of long ones."""
 
     def __init__(self, total: int, shown: bool) -> None:
         self._bar: Any = None
         self._stages = 0
-        self._told, self._shown = 0, shown
+        self._told, self._shown = ("practice", 0), shown
         if shown and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -153,22 +153,23 @@ class _Bar:
             self._bar.set_description(case)
 
     def stage(self, name: str) -> None:
-        """A stage begins; the one before it is over. How far practice is, is no stage."""
-        if name.startswith("practice"):
+        """A stage begins; the one before it is over. How far practice or weighing is, is no stage."""
+        stage, _, share = name.partition(" ")
+        if share and stage in ("practice", "weigh"):
             if self._bar is not None:
                 self._bar.set_postfix_str(name)
             else:
-                self._practised(name)
+                self._tenths(stage, name)
             return
         if self._bar is not None:
             self._bar.update(1 if self._stages else 0)
             self._bar.set_postfix_str(name)
         self._stages += 1
 
-    def _practised(self, name: str) -> None:
+    def _tenths(self, stage: str, name: str) -> None:
         """A line for each tenth."""
-        done, _, count = name.removeprefix("practice ").partition("/")
-        tenth = 10 * int(done) // int(count)
+        done, _, count = name.split()[1].partition("/")
+        tenth = stage, 10 * int(done) // max(int(count), 1)
         if self._shown and tenth != self._told:
             self._told = tenth
             print(f"orchestrator: {name}", file=sys.stderr, flush=True)

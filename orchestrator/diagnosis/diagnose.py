@@ -67,7 +67,8 @@ def diagnose(
         out: folder to write to; nothing is written without it.
         parts: the analyses of a docking rig; all of this package by default.
         report: whether to write the page, too.
-        progress: is told each of `STAGES` as it begins, and how far practice is, as in "practice 3/60".
+        progress: is told each of `STAGES` as it begins, how far practice is, as in "practice 3/60", and, of
+            studies of ports, how far weighing is: see `tally.Tally`.
         practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them;
             jobs: processes that weigh them. Those weighed are kept in the folder as long as they are not all.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.

@@ -5,9 +5,14 @@ It mends faults of pythonfmu 0.7.0's loader, and does what that leaves undone.
 
 from __future__ import annotations
 
+import re
+import zipfile
 from collections.abc import Sequence
+from pathlib import Path
 
-__all__ = ["appended", "requirements_check"]
+from orchestrator.errors import BuildError
+
+__all__ = ["appended", "memory_told", "own_source", "requirements_check"]
 
 # Put before the model's own imports, where it has requirements: what is missing is told by name and remedy,
 # on the error stream as well, since pythonfmu passes on what is raised only where logging is asked for.
@@ -234,3 +239,58 @@ def appended(name: str) -> str:
         name: of its class.
     """
     return _ORDER.replace("{name}", name) + _GUARD.format(name=name, methods=_GUARDED)
+
+
+def own_source(fmu: Path) -> str:
+    """The model's own source in a Python FMU, as it was before its FMU was built.
+
+    Raises: BuildError if it holds none, or not in one file.
+    """
+    try:
+        with zipfile.ZipFile(fmu) as archive:
+            module = archive.read("resources/slavemodule.txt").decode().split()[0]
+            source = archive.read(f"resources/{module}.py").decode()
+    except (OSError, KeyError, IndexError, UnicodeDecodeError, zipfile.BadZipFile) as error:
+        raise BuildError(f"{fmu.name}: holds no source of a Python model: {error}") from error
+    source = source.partition("\n\n# --- appended when the FMU was built")[0]
+    begin = re.escape(_CHECK.lstrip("\n").splitlines()[0])
+    return re.sub(rf"\n*{begin}.*?\n_check_requirements\('.*?\n", "\n", source, count=1, flags=re.DOTALL)
+
+
+# What a model keeps beside what it registers is memory that its functions have to be told of.
+_MEMORY = """
+
+# --- appended for a native form: registers what the model remembers besides
+
+
+def _telling_memory(initialise):
+    import functools
+
+    from pythonfmu import Fmi2Causality, Real
+
+    @functools.wraps(initialise)
+    def initialise_and_tell(self, **kwargs):
+        initialise(self, **kwargs)
+        known = {variable.name for variable in self.vars.values()}
+        more = [name for name, value in vars(self).items() if type(value) is float and name not in known]
+        for name in more:
+            self.register_variable(Real(name, causality=Fmi2Causality.local, description="memory"))
+        units = getattr(self, "type_attributes", {})
+        self.type_attributes = {**units, **dict.fromkeys(more, {"unit": "1"})}
+
+    return initialise_and_tell
+
+
+{name}.__init__ = _telling_memory({name}.__init__)
+"""
+
+
+def memory_told(source: str) -> str:
+    """A model's source with all numbers that it keeps registered: a native form has no other memory.
+
+    Raises: BuildError if it has not one class of pythonfmu's.
+    """
+    names = re.findall(r"^class (\w+)\(\s*Fmi2Slave\s*\)\s*:", source, re.MULTILINE)
+    if len(names) != 1:
+        raise BuildError(f"classes derived from Fmi2Slave: {', '.join(names) or 'none'}; one is needed")
+    return source + _MEMORY.replace("{name}", names[0])

@@ -3,6 +3,8 @@ acts on a sum stands in the augmented system."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import yaml
@@ -13,6 +15,8 @@ from orchestrator.diagnosis.ports import player
 from orchestrator.diagnosis.ports.apart import closed
 from orchestrator.diagnosis.ports.augmented import augmented_config
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
+from orchestrator.diagnosis.ports.given import check_logs
+from orchestrator.diagnosis.ports.page import _assumed
 from orchestrator.diagnosis.ports.player import Inserted
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, candidates_of, measure
@@ -307,3 +311,24 @@ def test_a_log_may_be_given_to_one_reader_alone(tmp_path, plain):
     assert most(found) < 1e-6
     # Where loops are closed, the controller reads what the drive gives.
     assert most(closed(found)) > 1e3 if plain else most(closed(found)) < 1e-6
+
+
+def test_an_output_that_is_fed_for_want_of_a_noise_is_told(tmp_path):
+    """Not a source, of which nothing could be compared, nor what is meant to be fed."""
+    file = study(tmp_path) / "study.yaml"
+    data = yaml.safe_load(file.read_text())
+
+    def told(voltage):
+        data["columns"]["controller.voltage"] = {"column": "controller.voltage", **voltage}
+        file.write_text(yaml.safe_dump(data))
+        found = load_port_study(file)
+        about = SimpleNamespace(left_out={}, numerics=None)
+        assumed = _assumed(found, about, SimpleNamespace(effects=()), {})
+        return [one.place for one in check_logs(found)[1] if "`noise`" in one.what], assumed[0]
+
+    places, assumed = told({})
+    assert places == ["controller.voltage"]
+    assert assumed.endswith(" Fed, not compared, for want of a `noise`: controller.voltage.")
+    for meant in ({"feed": True}, {"noise": "5 mV", "feed": False}):
+        places, assumed = told(meant)
+        assert places == [] and "want of" not in assumed

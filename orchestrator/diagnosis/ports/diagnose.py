@@ -18,12 +18,14 @@ from ...system import Port
 from ..content import Told, content, named_files, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
+from ..tally import Tally, telling
 from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable, Warned
 from .augmented import augmented_config, parameter_values
 from .closure import how_far
 from .energy import energy, unclear
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
+from .native import in_native_form
 from .numerics import doubts, numerics
 from .practice import Practise, parts_of, practise
 from .reader import load_port_study
@@ -56,7 +58,7 @@ def diagnose_ports(
 
     Args:
         path: the study's file or folder.
-        progress: is told each stage as it begins.
+        progress: is told each stage as it begins, and how far weighing is: see `Tally`.
         report: whether to make the page.
         practice: cases to practise on first, if any.
     Raises: ConfigError with all problems of study and logs; OrchestratorError if an analysis fails.
@@ -65,6 +67,7 @@ def diagnose_ports(
     progress("read")
     study = load_port_study(path, practising=practice is not None)
     progress("check")
+    study, slow = in_native_form(study)
     refused, warned = check_logs(study)
     if study.only or study.without:
         try:
@@ -78,7 +81,8 @@ def diagnose_ports(
     progress("weigh")
     taught, tempering = _taught(path, study, practice)
     configured = study
-    stepped = weighed_without_step(study, tempering)
+    with telling(Tally(len(candidates_of(study)), progress)):
+        stepped = weighed_without_step(study, tempering)
     study, weighed = stepped.study, stepped.weighed
     if study.parts > configured.parts:
         own = numerics(study, {"nominal": NOMINAL})
@@ -98,7 +102,7 @@ def diagnose_ports(
         fmus=instance_fmus(study.prepared.system),
     )
     exportable, kept = augmented_config(study, finding, fmus=True)
-    known = [*warned, *weighed.warned, *of_step, *forgetful, *_as_effects(kept, missing)]
+    known = [*warned, *slow, *weighed.warned, *of_step, *forgetful, *_as_effects(kept, missing)]
     diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
     files = {AUGMENTED: config}
     if exportable != config:

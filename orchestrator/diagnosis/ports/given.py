@@ -14,11 +14,14 @@ from ..channels import clipped, frozen
 from ..mistakes import Mistake, told_once, wrong_factors, wrong_scales
 from ..study import Array
 from ..verdict import Warned
+from .clocks import wrong_clocks
 from .repeats import unlike
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
 
 __all__ = ["check_logs"]
+
+Signals = Mapping[Port, Array]
 
 # Misfit of a port, over the variance of its log, from which on a mistake is sought; what it may be once that
 # is mended, and as what share of the misfit before.
@@ -35,27 +38,41 @@ _DRIVEN = 0.3
 def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     """Check the logs of a study.
 
-    Returns: a column with a wrong sign or unit, or two that were exchanged, if that explains nearly all that
-        the model misses, and runs in which the model runs away: they forbid a diagnosis; and what a reader
-        should be warned of.
+    Returns: a column with a wrong sign or unit, two that were exchanged, or some whose clock is off, if that
+        explains nearly all that the model misses, and runs in which the model runs away: they forbid a
+        diagnosis; and what a reader should be warned of.
     """
-    found = [_mistake(study, run) for run in study.runs]
+    given = {run.name: _signals(PortReplay(study, [run]), run) for run in study.runs}
+    found = [_mistake(study, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    return told_once(mistakes, "the same in {} more runs") + _runaways(study), [
-        *_stuck(study),
+    refused = told_once(mistakes, "the same in {} more runs") + _runaways(study, given)
+    # Beside a mistake of another kind nothing tells of clocks.
+    late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
+    return [*refused, *late], [
+        *_stuck(study, given),
+        *doubtful,
+        *_unasked(study),
         *_unlike(study),
-        *_driven_by_noise(study),
+        *_driven_by_noise(study, given),
     ]
 
 
-def _runaways(study: PortStudy) -> list[Problem]:
+def _signals(replay: PortReplay, run: PortRun) -> Signals:
+    """What the model as configured gives of a run."""
+    return replay.signals(run, {}, (), np.zeros(0))
+
+
+def _compared(study: PortStudy, run: PortRun) -> list[Port]:
+    return [port for port in study.compared if port in run.logs]
+
+
+def _runaways(study: PortStudy, signals: Mapping[str, Signals]) -> list[Problem]:
     """Runs in which the model as configured runs away: nothing tells then what it lacks."""
     found: list[tuple[str, str]] = []
     for run in study.runs:
-        replay = PortReplay(study, [run])
-        given = replay.signals(run, {}, (), np.zeros(0))
+        given = signals[run.name]
         begun: dict[Port, int] = {}
-        for port in replay.compared(run):
+        for port in _compared(study, run):
             most = max(float(np.abs(run.logs[port]).max()), float(study.columns[port].noise or 0.0))
             away = np.flatnonzero(~(np.abs(given[port]) <= _AWAY * most))  # what is no number, too
             if away.size:
@@ -88,23 +105,21 @@ def _unlike(study: PortStudy) -> list[Warned]:
     return found
 
 
-def _driven_by_noise(study: PortStudy) -> list[Warned]:
+def _driven_by_noise(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:
     """Fed logs whose noise drives the model so that it shows: effects may imitate what it makes."""
     found: list[Warned] = []
     run = study.of(Role.TRAIN)[0]
-    replay = PortReplay(study, [run])
-    given: dict[Port, Array] = {}
+    replay, given = PortReplay(study, [run]), signals[run.name]
     for number, port in enumerate(study.fed):
         noise = study.columns[port].noise
         if not noise or port not in run.logs:
             continue
-        given = given or replay.signals(run, {}, (), np.zeros(0))
         more = noise * np.random.default_rng(number).standard_normal(len(run))
-        noisier = replay.signals(_with(run, {port: run.logs[port] + more}), {}, (), np.zeros(0))
+        noisier = _signals(replay, _with(run, {port: run.logs[port] + more}))
         moved = {
             one: float(np.std((noisier[one] - given[one])[study.settled :]))
             / float(study.columns[one].noise or 1)
-            for one in replay.compared(run)
+            for one in _compared(study, run)
             if one != port
         }
         moved = {one: by for one, by in moved.items() if np.isfinite(by)}
@@ -121,11 +136,18 @@ def _driven_by_noise(study: PortStudy) -> list[Warned]:
     return found
 
 
-def _stuck(study: PortStudy) -> list[Warned]:
+def _unasked(study: PortStudy) -> list[Warned]:
+    """Outputs that are fed because they have no noise, which may have been forgotten."""
+    what = "is fed, not compared, since it has no `noise`"
+    remedy = "Give `noise` to compare it, `feed: true` if it is meant so."
+    return [Warned(place=str(port), what=what, remedy=remedy) for port in study.unasked]
+
+
+def _stuck(study: PortStudy, signals: Mapping[str, Signals]) -> list[Warned]:
     """Channels that are constant, clipped, or frozen for a while in which the model moves on."""
     found = []
     for run in study.runs:
-        given: dict[Port, Array] = {}
+        given = signals[run.name]
         for port, values in run.logs.items():
             place = f"{run.name}: {port}"
             if np.ptp(values) == 0.0:
@@ -133,7 +155,6 @@ def _stuck(study: PortStudy) -> list[Warned]:
                 found.append(Warned(place=place, what=what, remedy="Check the column."))
                 continue
             for one in [*clipped(values), *frozen(values)] if port in study.compared else []:
-                given = given or PortReplay(study, [run]).signals(run, {}, (), np.zeros(0))
                 # An axis at rest stands still, too, as its encoder tells it.
                 moved = float(np.ptp(given[port][one.first : one.end]))
                 if not moved <= _REST * float(study.columns[port].noise or 0.0):
@@ -141,16 +162,19 @@ def _stuck(study: PortStudy) -> list[Warned]:
     return found
 
 
-def _mistake(study: PortStudy, run: PortRun) -> Mistake | None:
-    """The single mistake without which the model misses hardly anything, if there is one."""
-    replay = PortReplay(study, [run])
-    before = _misfits(study, replay, run)
+def _mistake(study: PortStudy, run: PortRun, given: Signals) -> Mistake | None:
+    """The single mistake without which the model misses hardly anything, if there is one.
+
+    Args:
+        given: what the model as configured gives.
+    """
+    before = _misfits(study, run, given)
     wrong = [port for port, misfit in before.items() if misfit > _WRONG]
     if not wrong:
         return None
-    found = []
+    replay, found = PortReplay(study, [run]), []
     for port, told, mended in (*_factors(study, run), *_exchanged(run)):
-        after = _misfits(study, replay, mended)
+        after = _misfits(study, mended, _signals(replay, mended) if _drives(study, run, mended) else given)
         share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
         if share < _MENDED and max(after.values(), default=np.inf) < _FITS:
             found.append((share, port, told))
@@ -162,11 +186,18 @@ def _mistake(study: PortStudy, run: PortRun) -> Mistake | None:
     return Mistake(f"{run.name}: {port}", what, remedy=told)
 
 
-def _misfits(study: PortStudy, replay: PortReplay, run: PortRun) -> dict[Port, float]:
-    """Mean square of what the nominal model misses at each compared port, over the variance of its log."""
-    given = replay.signals(run, {}, (), np.zeros(0))
+def _drives(study: PortStudy, run: PortRun, other: PortRun) -> bool:
+    """Whether two runs may be replayed differently: other logs are fed, or begun from."""
+    return any(
+        other.logs[port] is not log and (port in study.fed or study.columns[port].start)
+        for port, log in run.logs.items()
+    )
+
+
+def _misfits(study: PortStudy, run: PortRun, given: Signals) -> dict[Port, float]:
+    """Mean square of what a model misses at each compared port, over the variance of its log."""
     found = {}
-    for port in replay.compared(run):
+    for port in _compared(study, run):
         log = run.logs[port][study.settled :]
         if np.ptp(log) == 0.0:
             continue

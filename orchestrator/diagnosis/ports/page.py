@@ -96,9 +96,12 @@ def _assumed(
     study: PortStudy, diagnosis: Diagnosis, weighed: Weighed, taught: Mapping[str, Any]
 ) -> list[str]:
     names = {role: ", ".join(run.name for run in study.of(role)) for role in Role}
-    fed, compared = (", ".join(map(str, ports)) for ports in (study.fed, study.compared))
+    fed, compared, unasked = (
+        ", ".join(map(str, ports)) for ports in (study.fed, study.compared, study.unasked)
+    )
     told = [
-        f"Logs stand in for {fed}; the system is compared at {compared}.",
+        f"Logs stand in for {fed}; the system is compared at {compared}."
+        + (f" Fed, not compared, for want of a `noise`: {unasked}." if unasked else ""),
         f"Fits saw {names[Role.TRAIN]} only"
         + (f"; answers were chosen with {names[Role.VALIDATION]}, too" if names[Role.VALIDATION] else "")
         + (f"; the gap is measured on {names[Role.HELDOUT]}." if names[Role.HELDOUT] else "."),

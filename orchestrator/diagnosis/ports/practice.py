@@ -23,6 +23,7 @@ from ..challenge.verdict import names
 from ..content import named_files
 from ..effect import Effect
 from ..study import Array
+from .native import in_native_form
 from .reader import load_port_study
 from .replay import candidates_of
 from .simulated import simulated
@@ -186,7 +187,7 @@ def _weighed(path: Path, study: PortStudy, order: Practise, ids: Sequence[str]) 
 
 def _prepared(payload: tuple[Path, int], folder: Path) -> tuple[PortStudy, Sequence[Effect], int]:
     path, seed = payload
-    study = load_port_study(path, practising=True)
+    study, _ = in_native_form(load_port_study(path, practising=True))
     return study, candidates_of(study), seed
 
 

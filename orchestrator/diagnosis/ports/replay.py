@@ -7,6 +7,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,13 @@ _KEPT = 20_000_000
 def player_of(study: PortStudy, fed: Sequence[Port], compared: Sequence[Port]) -> Player:
     """What runs the system of a study."""
     prepared, interval = study.prepared, study.prepared.grid.step_size * study.parts
-    return Player(prepared.system, prepared.master, interval, fed, compared, study.parts, study.held)
+    # Experiments may set other FMUs.
+    instances = tuple(
+        replace(one, fmu=study.natives.get(getattr(one.fmu, "path", Path()), one.fmu))
+        for one in prepared.system.instances
+    )
+    system = replace(prepared.system, instances=instances)
+    return Player(system, prepared.master, interval, fed, compared, study.parts, study.held)
 
 
 class PortReplay:

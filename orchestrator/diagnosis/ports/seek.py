@@ -14,6 +14,7 @@ from ..effect import Effect
 from ..fit import Fit, Fitter
 from ..search import Search, each, exchanged, search
 from ..study import Array
+from ..tally import stage, tallied
 from .comb import Comb
 from .effect import PortEffect
 from .replay import PortReplay, Weighted
@@ -65,13 +66,18 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     Returns: by what they were fitted, its replay weighted by what each channel's residuals carry; and what
         was found.
     """
+    stage("candidates")
     plain = WaryFitter(replay).fit(())
     # What a channel carries is told by what the best model at hand leaves of it: what an effect would
     # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
     # first sought as if residuals were white, only to see what remains.
     white = WaryFitter(Weighted(replay, _weights(replay, plain.residuals, _square)))
     about = white.base((), white.fit(()).z)
-    promised = min(each(lambda effect: white.screen(effect, [about])[0], effects, workers), default=math.inf)
+
+    def promise(effect: Effect) -> float:
+        return white.screen(effect, [about])[0]
+
+    promised = min(each(tallied(promise, False, workers), effects, workers), default=math.inf)
     # Where others promise to explain much, what hardly explains anything is looked for beside them.
     cost = cost_of(about.r, about.z)
     share = _SHARE * max(1.0 - promised / cost, 0.0) if cost > 0.0 else 0.0
@@ -80,6 +86,7 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     def is_noise(fit: Fit) -> bool:
         return max(map(carries, replay.of(fit))) <= _NOISE
 
+    stage("white")
     explored = search(white, effects, workers=workers, enough=is_noise)
     if is_noise(explored.best):
         # Few effects were tried beside others.
@@ -119,7 +126,7 @@ def _combed(
 
         return comb.best(cost, [(end, end * step) for end in parts], share)[:_STARTS]
 
-    return tuple(each(combed, effects, workers))
+    return tuple(each(tallied(combed, False, workers), effects, workers))
 
 
 def _telling(replay: PortReplay) -> list[PortRun]:
@@ -158,6 +165,7 @@ def _found(replay: PortReplay, effects: Sequence[Effect], best: Fit, workers: in
     """
     weights = _carried(replay, best)
     for _ in range(_ROUNDS):
+        stage("single")
         fitter = WaryFitter(Weighted(replay, weights))
         first = search(fitter, effects, longest=_LONGEST, workers=workers)
         found = _reconsidered(fitter, effects, first, workers)

@@ -18,6 +18,7 @@ from ..finding import NOMINAL, Augmented
 from ..headline import nats
 from ..search import search
 from ..study import Array
+from ..tally import stage
 from ..verdict import Warned
 from .effect import PortEffect
 from .replay import PortReplay, Weighted
@@ -87,6 +88,7 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     controllers do, explain less with another.
     """
     weighed = weigh_ports(study, tempering)
+    stage("step")
     limit = _limit(study, weighed.weights)
     if limit is None:
         return Stepped(study, weighed)

@@ -9,6 +9,7 @@ from pathlib import Path
 import yaml
 
 from ...config import Places
+from ...fmi import Causality, CompiledFmu
 from ...run import Prepared
 from ...system import Connection, Port
 from ..study import Array, Nominal
@@ -79,6 +80,8 @@ class PortStudy:
         practice: file with what practice on simulated cases of this study taught; None without.
         parts: communication steps from one sample of the logs to the next.
         places: where in its file things stand; None of one that was not read.
+        natives: FMUs that replays take in place of others, by the files of these; see
+            `native.in_native_form`.
     """
 
     name: str
@@ -100,6 +103,7 @@ class PortStudy:
     practice: Path | None = None
     parts: int = 1
     places: Places | None = field(default=None, compare=False, repr=False)
+    natives: Mapping[Path, CompiledFmu] = field(default_factory=dict, compare=False, repr=False)
 
     def of(self, *roles: Role) -> tuple[PortRun, ...]:
         """The runs of some roles."""
@@ -119,6 +123,24 @@ class PortStudy:
     def given(self) -> tuple[Port, ...]:
         """Fed ports that stay so where loops are closed: neither what is compared nor who reads that."""
         return tuple(one for one in self.fed if one not in self.compared and self.reading(one) is None)
+
+    @property
+    def unasked(self) -> tuple[Port, ...]:
+        """Outputs that are fed for want of a noise, though their components are driven: of a source, such as
+        a path, nothing could be compared."""
+        driven = {one.target.instance for one in self.prepared.system.connections}
+        driven |= {port.instance for port in self.fed if self._is_input(port)}
+        return tuple(
+            port
+            for port in self.fed
+            if not self._is_input(port)
+            and self.columns[port].feed is None
+            and self.columns[port].noise is None
+            and port.instance in driven
+        )
+
+    def _is_input(self, port: Port) -> bool:
+        return self.prepared.system.variable(port).causality is Causality.INPUT
 
     def reading(self, port: Port) -> Connection | None:
         """The connection by which a fed input reads an output that is compared; None if it does not."""

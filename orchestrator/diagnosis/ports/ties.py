@@ -12,6 +12,7 @@ from ..effect import Effect
 from ..fit import Fit, Fitter
 from ..search import HOPELESS, each, separation
 from ..study import Array
+from ..tally import stage, tallied
 
 __all__ = ["Alike", "alike"]
 
@@ -47,6 +48,7 @@ def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect], workers: in
     top = answer.fit
     if top is None:
         return []
+    stage("ties")
     fits = [
         fit for place in range(len(top.effects)) for fit in _replaced(fitter, top, place, effects, workers)
     ]
@@ -79,9 +81,9 @@ def _replaced(fitter: Fitter, top: Fit, place: int, effects: Sequence[Effect], w
         return fitter.fit((*others, effect), z[:count], begin, aim=top.cost + HOPELESS)
 
     new = [effect for effect in effects if all(effect.id != one.id for one in top.effects)]
-    promising = [one for one in each(nearest, new, workers) if one is not None]
+    promising = [one for one in each(tallied(nearest, False, workers), new, workers) if one is not None]
     promising.sort(key=lambda one: one[0])
-    return each(fitted, promising[:_FITTED], workers)
+    return each(tallied(fitted, True, workers), promising[:_FITTED], workers)
 
 
 def _acts(fitter: Fitter, fit: Fit) -> bool:

@@ -1,0 +1,99 @@
+"""Columns whose clock is off are told as such, and are not confused with what delays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from ports_bench import change_log, study
+
+from orchestrator.diagnosis.ports.given import check_logs
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.ports.study import Role
+from orchestrator.system import Port
+
+PATH, POSITION, VOLTAGE = Port("path", "position"), Port("drive", "position"), Port("controller", "voltage")
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    return load_port_study(study(tmp_path_factory.mktemp("clocks")))
+
+
+def late(study, ports, rows):
+    """The study, with the stamps of some columns late by so many rows; all is at rest at the begin."""
+
+    def moved(log):
+        return np.concatenate([np.full(rows, log[0]), log[:-rows]]) if rows > 0 else log[-rows:]
+
+    def of(run):
+        n = len(run) + min(rows, 0)
+        logs = {port: moved(log) if port in ports else log[:n] for port, log in run.logs.items()}
+        return replace(run, logs=logs)
+
+    return replace(study, runs=tuple(of(run) for run in study.runs))
+
+
+def told(study):
+    refused, warned = check_logs(study)
+    return refused, [one for one in warned if "clock" in one.remedy]
+
+
+def test_clocks_that_are_right_are_not_doubted(plain):
+    assert told(plain) == ([], [])
+
+
+@pytest.mark.parametrize("rows", [-5, 50])
+def test_a_column_that_is_late_or_early_within_a_loop_is_told(plain, rows):
+    """The controller would have been given another position, had that been delayed itself."""
+    (refused,), _ = told(late(plain, {POSITION}, rows))
+    assert refused.place == "drive.position" and "times its noise" in refused.what
+    way = "late by 0.1 s" if rows > 0 else "early by 0.01 s"
+    assert refused.remedy == (
+        f"All fits if the clock of column drive.position is {way}: give it `clock: {0.002 * rows:g} s`."
+    )
+
+
+def test_a_fed_column_that_is_late_is_told_and_mended_by_the_clock_that_is_told(tmp_path):
+    folder = study(tmp_path)
+    for run in range(3):
+        with change_log(folder / f"run-{run}.csv") as columns:
+            columns["path.position"][5:] = columns["path.position"][:-5]
+    (refused,), _ = told(load_port_study(folder))
+    assert refused.remedy.endswith("if that of path.position is late by as much, `clock: 0.01 s` there.")
+    assert "columns controller.voltage, drive.position is early" in refused.remedy
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    data["columns"]["path.position"] = {"column": "path.position", "clock": "0.01 s"}
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    assert told(load_port_study(folder)) == ([], [])
+
+
+def test_columns_of_one_device_are_late_together(tmp_path):
+    logged = {"drive.velocity": ("m/s", 1e-4)}
+    both = {POSITION, Port("drive", "velocity")}
+    (refused,), _ = told(late(load_port_study(study(tmp_path, logged=logged)), both, 50))
+    assert refused.place == "drive.position, drive.velocity"
+    assert (
+        "columns drive.position, drive.velocity is late by 0.1 s: give each `clock: 0.1 s`" in refused.remedy
+    )
+
+
+def test_what_a_delay_makes_as_well_is_mentioned_only(plain):
+    """All that is compared late: so it is, too, if the command comes late to the machine."""
+    refused, (warned,) = told(late(plain, {POSITION, VOLTAGE}, 5))
+    assert not refused and warned.place == "controller.voltage, drive.position"
+    assert "as well as controller.reference.delay" in warned.what
+    assert warned.remedy.startswith(
+        "Rule out that the clock of columns controller.voltage, drive.position is"
+    )
+
+
+@pytest.mark.parametrize("port", ["drive.voltage", "controller.position"])
+def test_a_delay_within_the_loop_is_no_mistake_of_the_logs(tmp_path, port):
+    source = {"drive.voltage": "controller.voltage", "controller.position": "drive.position"}[port]
+    hidden = [{"from": source, "to": port, "through": [{"delay": "2 ms"}]}]
+    delayed = load_port_study(study(tmp_path, hidden))
+    given = replace(delayed, runs=delayed.of(Role.TRAIN))
+    assert told(given)[0] == []
