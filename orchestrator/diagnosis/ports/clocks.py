@@ -11,8 +11,9 @@ from threadpoolctl import threadpool_limits
 
 from ...errors import Problem
 from ...system import Port
+from ..descent import cost_of
 from ..effect import Effect
-from ..fit import Base, Fit, cost_of
+from ..fit import Base, Fit
 from ..search import HOPELESS, each
 from ..study import Array
 from ..verdict import Warned
