@@ -26,7 +26,8 @@ def span(loop: Transfer) -> Array:
     apart = tuple(
         Term(term.numerator, term.factors, np.asarray(1.0 + index)) for index, term in enumerate(loop.terms)
     )
-    high = float(characteristic(Transfer(apart)).reach(0.0)) * 1.01
+    # A loop that carries nothing has no such bound, and any frequency shows it.
+    high = float(characteristic(Transfer(apart)).reach(0.0)) * 1.01 or 1.0
     corners = _corners(loop)
     low = min([1e-6 * high, *(0.01 * np.abs(corners))])
     crossing = _crossing_below(loop, low)

@@ -100,6 +100,12 @@ def test_the_lowest_of_several_dips_is_the_modulus_margin():
         assert margins(loop).modulus_margin == pytest.approx(least, rel=1e-6)
 
 
+def test_a_loop_that_carries_nothing():
+    told = margins(Transfer())
+    assert told.stable and told.delay_margin == np.inf
+    assert told.gain_margin == (0.0, np.inf) and told.modulus_margin == 1.0
+
+
 def test_frequencies_of_an_ordinary_loop_are_six_decades():
     omega = span(Transfer.rational([8.0], np.poly([-1.0, -2.0, -3.0])))
     assert len(omega) == 9001
