@@ -12,10 +12,11 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ..plotting import COLORS
 from .charts import Chart
 from .gain import verdict
-from .margins import margins, span
+from .margins import margins
 from .points import source_points
 from .roots import Roots
 from .sampled import SampledLoop
+from .spans import span
 from .tones import Measured
 from .transfer import Array, Transfer
 

@@ -11,11 +11,13 @@ from scipy.optimize import brentq, minimize_scalar
 
 from .quasi import characteristic
 from .roots import count_right_of
-from .transfer import Array, Term, Transfer
+from .spans import at_rest, span
+from .transfer import Array, Transfer
 
-__all__ = ["CriticalDelay", "Crossover", "Margins", "critical_delays", "gain_crossovers", "margins", "span"]
+__all__ = ["CriticalDelay", "Crossover", "Margins", "critical_delays", "gain_crossovers", "margins"]
 
-_PER_DECADE = 1500
+# Deepest dips on the grid that are followed down: a sharp one may be deeper than the deepest there.
+_DIPS = 8
 
 Response = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 
@@ -45,7 +47,7 @@ class Margins:
         unstable: closed-loop roots with positive real part.
         crossovers: where |L| = 1, ascending.
         phase_crossovers: (omega [rad/s], factor by which the gain may grow there) where L is real and
-        negative.
+            negative, omega = 0 among them.
         modulus_margin: least distance of L from -1, and where [rad/s].
         sensitivity_peak, complementary_peak: largest |1/(1 + L)| and |L/(1 + L)|.
         complementary_peak_at: [rad/s].
@@ -91,16 +93,6 @@ class Margins:
         )
 
 
-def span(loop: Transfer) -> Array:
-    """Frequencies that show all of a loop: up to where |L| stays below one, 6 decades, shape (n,) [rad/s]."""
-    # Each term with a delay of its own, so that none cancels another: the bound is to hold for all phases.
-    apart = tuple(
-        Term(term.numerator, term.factors, np.asarray(1.0 + index)) for index, term in enumerate(loop.terms)
-    )
-    high = characteristic(Transfer(apart)).reach(0.0) * 1.01
-    return np.geomspace(1e-6 * high, high, 6 * _PER_DECADE + 1)
-
-
 def margins(loop: Transfer) -> Margins:
     """All margins of a loop with negative feedback: of 1 + L(s).
 
@@ -119,7 +111,9 @@ def margins(loop: Transfer) -> Margins:
         )
         for w, falling in gain_crossovers(loop, omega)
     )
-    real = []
+    still = at_rest(loop)
+    # Where L does not integrate, the locus begins on the real axis: its first crossing is at no frequency.
+    real = [(0.0, -1.0 / still)] if -np.inf < still < 0.0 else []
     wide = _beyond(omega, loop.longest_delay)
     value = loop(1j * wide)
     # Where L is real but for rounding, as with a double integrator at low frequency, a change of sign says
@@ -127,8 +121,11 @@ def margins(loop: Transfer) -> Margins:
     sign = np.where(np.abs(value.imag) > 1e-9 * np.abs(value), np.sign(value.imag), 0.0)
     for index in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
         if value.real[index] < 0.0 and value.real[index + 1] < 0.0:
-            w = brentq(lambda w: loop(1j * w).imag, wide[index], wide[index + 1], xtol=1e-14, rtol=1e-14)
-            real.append((w, float(-1.0 / loop(1j * w).real)))
+            w = brentq(lambda w: loop(1j * w).imag, wide[index], wide[index + 1], xtol=1e-300, rtol=1e-14)
+            factor = float(-1.0 / loop(1j * w).real)
+            # Far beyond the loop's bandwidth a long delay may turn L by more than a half between two points.
+            if factor > 0.0:
+                real.append((w, factor))
     least_at, least = _lowest(lambda w: np.abs(1.0 + loop(1j * w)), omega)
     peak_at, peak = _lowest(lambda w: -np.abs(loop(1j * w) / (1.0 + loop(1j * w))), omega)
     return Margins(count_right_of(equation), crossovers, tuple(real), least, least_at, -peak, peak_at)
@@ -146,13 +143,14 @@ def gain_crossovers(response: Response, omega: Array) -> list[tuple[float, bool]
 
     values = level(omega)
     inner = np.arange(1, len(omega) - 1)
-    turning = inner[(values[inner] - values[inner - 1]) * (values[inner + 1] - values[inner]) < 0.0]
+    # Not below only: halfway between two frequencies a peak has the same level at both.
+    turning = inner[(values[inner] - values[inner - 1]) * (values[inner + 1] - values[inner]) <= 0.0]
     extra = []
     for index in turning:
         sign = 1.0 if values[index] > 0.0 else -1.0
         if (
             sign * values[index]
-            > min(abs(values[index] - values[index - 1]), abs(values[index + 1] - values[index])) * 4
+            > max(abs(values[index] - values[index - 1]), abs(values[index + 1] - values[index])) * 4
         ):
             continue
         found = minimize_scalar(
@@ -223,17 +221,20 @@ def _beyond(omega: Array, delay: float) -> Array:
 
 
 def _lowest(function: Callable[[Array], Array], omega: Array) -> tuple[float, float]:
+    """Where a function of the frequency is least, and its value; the deepest dips are followed down."""
     values = function(omega)
-    index = int(np.argmin(values))
-    low, high = omega[max(index - 1, 0)], omega[min(index + 1, len(omega) - 1)]
-    found = minimize_scalar(
-        lambda w: float(function(np.asarray(w))),
-        bounds=(low, high),
-        method="bounded",
-        options={"xatol": 1e-12 * high},
-    )
-    return (
-        (float(found.x), float(found.fun))
-        if found.fun <= values[index]
-        else (float(omega[index]), float(values[index]))
-    )
+    padded = np.concatenate([[np.inf], values, [np.inf]])
+    dips = np.flatnonzero((values <= padded[:-2]) & (values <= padded[2:]))
+    best = int(np.argmin(values))
+    least = float(omega[best]), float(values[best])
+    for index in dips[np.argsort(values[dips], kind="stable")][:_DIPS]:
+        low, high = omega[max(index - 1, 0)], omega[min(index + 1, len(omega) - 1)]
+        found = minimize_scalar(
+            lambda w: float(function(np.asarray(w))),
+            bounds=(low, high),
+            method="bounded",
+            options={"xatol": 1e-12 * high},
+        )
+        if found.fun < least[1]:
+            least = float(found.x), float(found.fun)
+    return least
