@@ -21,7 +21,7 @@ PLAN = {
     "single": (1, 7),
     "pairs": (2, 4),
     "more": (2, 4),
-    "exchanged": (2, 6),
+    "exchanged": (2, 14),
     "ties": (1, 6),
     "step": (1, 7),
 }

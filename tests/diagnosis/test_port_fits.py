@@ -168,6 +168,40 @@ def test_a_width_is_found_over_dents(start):
     assert Fitter(replay).fit((effect,), None, np.array([start])).cost > 2.0 * truth
 
 
+class Pit:
+    """A replay whose misfit falls towards 0.1, and into a pit about 1 that no stride from there finds."""
+
+    tolerances = {"level": (1.0, 0.05)}  # noqa: RUF012
+
+    def residuals(self, calibrated, effects, theta):
+        at = theta[0] if effects else 0.0
+        missed = 100.0 * (at - 1.0) if abs(at - 1.0) < 0.2 else 20.0 + 50.0 * abs(at - 0.1)
+        return [np.array([missed, calibrated["level"] - 1.0])]
+
+
+def test_fits_are_taken_up_where_a_search_by_other_weights_left_them():
+    port = Port("a", "b")
+    effect, gone = (
+        PortEffect(
+            f"a.{name}",
+            "",
+            "",
+            (Parameter("level", "1", 1.0, 0.0, 3.0),),
+            port=port,
+            make=lambda p: Gain(factor=p[0]),
+        )
+        for name in ("coulomb", "dahl")
+    )
+    fitter = WaryFitter(Pit())
+    own = fitter.fit((effect,), None, fitter.starts(effect)[0])
+    assert own.cost > 399.0
+    before = [fitter.fit((one,), None, np.array([1.01])) for one in (gone, effect)]
+    explored = Search(fitter.fit(()), tuple(before))
+    (again,) = seek._resumed(fitter, [effect], explored, 1)
+    assert again.effects == (effect,) and again.cost < 2.0
+    assert Search(explored.none, (own,)).beside([again]).fits == (again,)
+
+
 def test_friction_acts_along_each_axis():
     """Elements of vectors by their index, as many scalars in their order, else each with each."""
     axes = [("velocity[1]", "m/s"), ("velocity[2]", "m/s"), ("turn[1]", "rad/s")]

@@ -25,8 +25,8 @@ def test_looks_and_fits_are_counted_and_the_time_left_is_what_the_rest_takes():
     clock, told = Clock(), []
     with telling(Tally(10, told.append, clock)):
         each(tallied(lambda _: clock.work(1.0), False, 1), range(20), 1)
-        # 20 looks of 1 s; 11 x 10 looks and 41 fits are planned yet, a fit being taken for 15 looks.
-        assert told[-1] == "weigh 20/161 candidates and fits, about 12 min left"
+        # 20 looks of 1 s; 11 x 10 looks and 49 fits are planned yet, a fit being taken for 15 looks.
+        assert told[-1] == "weigh 20/169 candidates and fits, about 14 min left"
         stage("ties")
         each(tallied(lambda _: clock.work(2.0), True, 1), range(3), 1)
         # 2 x 10 looks and 10 fits, 3 of which, at 2 s each, are done.
@@ -36,7 +36,7 @@ def test_looks_and_fits_are_counted_and_the_time_left_is_what_the_rest_takes():
         assert told[-1] == "weigh 33/40 candidates and fits, about 14 s left"
         stage("candidates")  # weighed anew, all is to be done once more
         each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
-        assert told[-1].startswith("weigh 43/194 candidates and fits")
+        assert told[-1].startswith("weigh 43/202 candidates and fits")
     assert told == sorted(told, key=lambda one: int(one.split()[1].split("/")[0]))
     before = len(told)
     each(tallied(lambda _: clock.work(9.0), False, 1), range(3), 1)

@@ -33,6 +33,8 @@ _STARTS = 2
 _SHARE = 0.1
 # Searches with better and better weights at most, and how much better they must be for another one.
 _ROUNDS, _BETTER = 2, 1.5
+# Fits of the search before that are taken up with better weights.
+_RESUMED = 8
 
 
 def carries(r: Array) -> float:
@@ -90,10 +92,10 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     explored = search(white, effects, workers=workers, enough=is_noise)
     if is_noise(explored.best):
         # Few effects were tried beside others.
-        return _found(replay, effects, explored.best, workers)
+        return _found(replay, effects, explored, explored.best, workers)
     best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
     some = _combed(replay, _promising(effects, explored), best, workers)
-    return _found(replay, some, best, workers)
+    return _found(replay, some, explored, best, workers)
 
 
 def _combed(
@@ -158,22 +160,48 @@ def _names(effect: Effect) -> set[str]:
     return {effect.id, family} if family else {effect.id}
 
 
-def _found(replay: PortReplay, effects: Sequence[Effect], best: Fit, workers: int) -> tuple[Fitter, Search]:
+def _found(
+    replay: PortReplay, effects: Sequence[Effect], explored: Search, best: Fit, workers: int
+) -> tuple[Fitter, Search]:
     """A search in which channels count by what the best model at hand leaves of them, and its fitter.
 
     Where it finds a much better one, channels carry more than that, and are searched again.
+
+    Args:
+        explored: a search by other weights.
     """
     weights = _carried(replay, best)
     for _ in range(_ROUNDS):
         stage("single")
         fitter = WaryFitter(Weighted(replay, weights))
         first = search(fitter, effects, longest=_LONGEST, workers=workers)
-        found = _reconsidered(fitter, effects, first, workers)
+        first = first.beside(_resumed(fitter, effects, explored, workers))
+        explored = found = _reconsidered(fitter, effects, first, workers)
         effects = _promising(effects, found)
         before, weights = weights, _carried(replay, found.best)
         if max(now / then for now, then in zip(weights, before, strict=True)) < _BETTER:
             break
     return fitter, found
+
+
+def _resumed(fitter: Fitter, effects: Sequence[Effect], explored: Search, workers: int) -> list[Fit]:
+    """Fits like the best of a search by other weights, begun where they ended.
+
+    What switches from one sample to the next, as dry friction, has many dents: from its own starts a fit
+    may end in another one than it did before, and a law that can do less is then taken for a worse one.
+    """
+    by_id, count = {one.id: one for one in effects}, len(fitter.nominal)
+    known = [fit for fit in explored.fits if all(one.id in by_id for one in fit.effects)]
+
+    def resumed(fit: Fit) -> Fit | None:
+        some = tuple(by_id[one.id] for one in fit.effects)
+        try:
+            return fitter.fit(some, fit.z[:count], fit.z[count:])
+        except np.linalg.LinAlgError:
+            return None
+
+    fits = each(tallied(resumed, True, workers), known[:_RESUMED], workers)
+    return [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
 
 
 def _carried(replay: PortReplay, fit: Fit) -> list[float]:
