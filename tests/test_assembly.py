@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from fractions import Fraction
@@ -217,6 +218,18 @@ def lone(name: str, value, **attributes) -> str | float:
         (-(2**63) - 1, {"kind": Kind.INTEGER, "type": "Int64"}, "one.p = -9223372036854775809 is out of "
             "range\n  allowed: at least -9223372036854775808 and at most 9223372036854775807; "
             "its type is Int64"),
+        (300, {"kind": Kind.INTEGER, "type": "Int8"}, "one.p = 300 is out of range\n"
+            "  allowed: at least -128 and at most 127; its type is Int8"),
+        (1e39, {"type": "Float32"}, "one.p = 1e+39 is out of range\n"
+            "  allowed: at least -3.4028235e+38 and at most 3.4028235e+38; its type is Float32"),
+        (3.4028235e38, {"type": "Float32"}, 3.4028235e38),
+        (1e39, {}, 1e39),
+        (10**400, {}, f"one.p (no unit): {10**400} is beyond double precision"),
+        (math.nan, {}, "one.p (no unit) must be a finite number, got nan"),
+        (-math.inf, {"unit_name": "1", "minimum": -math.inf},
+            "one.p [1] must be a finite number, got -inf"),
+        (".nan", {}, "one.p (no unit) must be a finite number, got .nan"),
+        ("-.inf", {"unit_name": "s"}, "one.p [s] must be a finite number, got -.inf"),
         (True, {"kind": Kind.INTEGER, "type": "Int32"}, "one.p must be a whole number, got True"),
         (False, {"kind": Kind.BOOLEAN, "type": "Boolean"}, False),
         ("off", {"kind": Kind.BOOLEAN, "type": "Boolean"}, "one.p must be true or false, got 'off'"),

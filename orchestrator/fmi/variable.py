@@ -13,6 +13,9 @@ __all__ = ["Causality", "Initial", "Kind", "Value", "Variability", "Variable"]
 
 Value = float | int | bool | str
 
+# As it is commonly written: rounded to single precision it is the largest number there.
+_LARGEST_SINGLE = 3.4028235e38
+
 
 class Causality(StrEnum):
     """FMI causality of a variable."""
@@ -113,8 +116,10 @@ class Variable:
         return not value if self.kind is Kind.BOOLEAN else -value
 
     @property
-    def whole_range(self) -> tuple[int, int] | None:
-        """The smallest and the largest number of its type of integers; None of other types."""
+    def held_range(self) -> tuple[float, float] | None:
+        """The smallest and the largest number that its type of integers, or Float32, holds; None of others."""
+        if self.type == "Float32":
+            return -_LARGEST_SINGLE, _LARGEST_SINGLE
         if self.kind is not Kind.INTEGER:
             return None
         signed, digits = not self.type.startswith("U"), self.type[self.type.index("Int") + 3 :]
