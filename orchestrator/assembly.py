@@ -213,7 +213,8 @@ def _assemble(
     recorded = _recorded(record is None, wanted, instances, absent, places, found)
     sure = [one for one in instances if one.name not in unsure | unread]
     passing = checked if gaps.knows("run", "step_size") else [one for one in checked if not _may_hold(one)]
-    solvable = algebraic_loops(sure, passing, places, loops, found, step_size)
+    rounds = algebraic_loops(sure, passing, places, loops, found, step_size)
+    notes += rounds.notes
     if unread or len(passing) < len(checked):
         judged.unchecked.append("algebraic loops by way of effects or instances that are not known")
     unknown = gaps.further("connections") or not all(one.known for one in stated)
@@ -223,7 +224,14 @@ def _assemble(
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
     longest = step_size if broken else None
     judged.system = System(
-        tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest, bonded
+        tuple(instances),
+        tuple(checked),
+        recorded,
+        notes=tuple(notes),
+        loops=tuple(rounds.solvable),
+        longest_step=longest,
+        bonds=bonded,
+        held=frozenset(rounds.held),
     )
 
 
@@ -375,7 +383,8 @@ def _settle(
     feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
     if len(problems) > told:
         unsure.add(part.name)
-    return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio)
+    assumed = description.assumed - part.feedthrough.keys()
+    return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio, assumed)
 
 
 def _recorded(

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+import yaml
 from doubles import FakeFmu, gain, mass, spring, variable
 
 from orchestrator.assembly import Part, assemble, load_system
 from orchestrator.config import Places, load_config
 from orchestrator.errors import ConfigError
 from orchestrator.fmi import Capabilities, Causality, Initial, Kind, Variability
+from orchestrator.master import create_master
 from orchestrator.system import Port
 from orchestrator.units import Unit, parse_unit
 
@@ -331,6 +334,44 @@ def test_an_algebraic_loop_is_told_hop_by_hop():
         "  If a.y does not depend on the inputs of the same instant, say so: "
         "instances.a.feedthrough: {y: []}",
     ]
+
+
+def test_a_loop_that_is_only_assumed_is_a_note():
+    parts = [Part("a", gain(feedthrough=None)), Part("b", gain(feedthrough=None))]
+    loop = ["a.y -> b.u", "b.y -> a.u"]
+    system = assemble(parts, loop, places=Places("docking.yaml"))
+    assert system.notes == (
+        "docking.yaml: connections: an algebraic loop that is only assumed: the FMUs do not say what a.y, "
+        "b.y depend on. Its inputs hold their values over a step, one step of delay (under gauss-seidel only "
+        "those from instances that step later); at the start, begun with start values, they are passed on "
+        "until they agree. If the outputs do not depend on inputs of the same instant, say so: "
+        "instances.a.feedthrough: {y: []}; instances.b.feedthrough: {y: []}. "
+        "If they do, take the master iterative.",
+    )
+    assert system.loops == () and create_master("jacobi").check(system) == []
+    # A master that solves loops solves this one.
+    solved = assemble(parts, loop, loops=True)
+    assert len(solved.loops) == 1 and not solved.notes and not solved.held
+    # What the config says is declared: of no dependency, and of all.
+    free = [parts[0], replace(parts[1], feedthrough={"y": []})]
+    assert assemble(free, loop).notes == ()
+    for stated in ([replace(one, feedthrough={"y": ["u"]}) for one in parts], [parts[0], Part("b", gain())]):
+        assert "connections: algebraic loop\n" in refusal(stated, loop)
+
+
+def test_what_a_loop_asks_to_be_said_can_be_pasted():
+    bus = FakeFmu(inputs={"u[1]": "", "u[2]": ""}, outputs={"y[1]": "", "y[2]": ""}, feedthrough=None)
+    parts = [Part("a", bus), Part("b", bus)]
+    (note,) = assemble(parts, ["a.y -> b.u", "b.y -> a.u"]).notes
+    pasted = re.search(r"instances\.a\.feedthrough: (\{.*?\})", note)[1]
+    assert yaml.safe_load(pasted) == {"y[1]": [], "y[2]": []}
+
+
+def test_a_declared_loop_among_assumed_ones_is_the_one_that_is_told():
+    hub = FakeFmu(name="Hub", inputs={"u": "", "v": ""}, outputs={"y": ""}, feedthrough=None)
+    parts = [Part("hub", hub), Part("a", gain(feedthrough=None)), Part("b", gain())]
+    text = refusal(parts, ["hub.y -> a.u", "a.y -> hub.u", "hub.y -> b.u", "b.y -> hub.v"])
+    assert "b.u is direct-feedthrough to b.y\n" in text and "a.u" not in text
 
 
 def test_an_algebraic_loop_tells_effects_and_delays_that_are_too_short():

@@ -117,7 +117,7 @@ class Variable:
 
     @property
     def held_range(self) -> tuple[float, float] | None:
-        """The smallest and the largest number that its type of integers, or Float32, holds; None of others."""
+        """The smallest and the largest number that its type holds: of integers, or Float32; else None."""
         if self.type == "Float32":
             return -_LARGEST_SINGLE, _LARGEST_SINGLE
         if self.kind is not Kind.INTEGER:
