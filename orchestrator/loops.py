@@ -123,10 +123,10 @@ def _note(members: Sequence[Port], targets: Mapping[Port, Connection], place: st
     stated = [_stated(name, ones) for name, ones in outputs.items()]
     return (
         f"{place}: an algebraic loop that is only assumed: the FMUs do not say what {listed(names, 6)} "
-        "depend on. Its inputs hold their values over a step, one step of delay (under gauss-seidel only those "
-        "from instances that step later); at the start, begun with start values, they are passed on until they "
-        f"agree. If the outputs do not depend on inputs of the same instant, say so: {'; '.join(stated)}. "
-        "If they do, take the master iterative."
+        "depend on. Its inputs hold their values over a step, one step of delay (under gauss-seidel only "
+        "those from instances that step later); at the start, begun with start values, they are passed on "
+        "until they agree. If the outputs do not depend on inputs of the same instant, say so: "
+        f"{'; '.join(stated)}. If they do, take the master iterative."
     )
 
 
