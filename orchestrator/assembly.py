@@ -14,6 +14,7 @@ from . import checks
 from .bonds import Bond, declared_bonds, find_bonds
 from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
 from .config.base import exact_time
+from .config.text import flow
 from .connecting import Ends, connect, elements, meant
 from .errors import ConfigError, Problem, close, listed
 from .fmi import Kind, ModelDescription, Value, Variable
@@ -359,6 +360,7 @@ def _settle(
         for variable in description.inputs
         if variable.name in part.start or f"{part.name}.{variable.name}" in fed
     }
+    unfed: list[Variable] = []
     for variable in description.inputs:
         if variable.elements > 1 and variable.reference not in used:
             if variable.element == 0:
@@ -376,15 +378,27 @@ def _settle(
             if variable.shape or not variable.settable:
                 notes.append(f"{place}: input {part.name}.{variable.name} ({variable.type}) is left alone")
                 continue
-            what = f"input {part.name}.{variable} is not connected and has no start value"
-            remedy = f"Connect it, or give it a constant value under instances.{part.name}.start."
-            problems.append(Problem(place, what, remedy=remedy))
+            unfed.append(variable)
+    if unfed:
+        problems.append(_unfed(part.name, unfed, places.text(path)))
     told = len(problems)
     feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
     if len(problems) > told:
         unsure.add(part.name)
     assumed = description.assumed - part.feedthrough.keys()
     return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio, assumed)
+
+
+def _unfed(name: str, inputs: Sequence[Variable], place: str) -> Problem:
+    """Inputs of an instance that get no value. An FMU's own start value is no sign that it is meant."""
+    one = len(inputs) == 1
+    labels = listed(f"{name}.{variable}" for variable in inputs)
+    what = f"input{'' if one else 's'} {labels} {'is' if one else 'are'} not connected and "
+    what += "has no start value" if one else "have no start values"
+    remedy = f"Connect {'it, or give it a constant value' if one else 'them, or give them constant values'}"
+    remedy += f" under instances.{name}.start"
+    own = {one.name: one.written(one.start) for one in inputs if one.start is not None}
+    return Problem(place, what, remedy=f"{remedy}, as the FMU's own: {flow(own)}" if own else f"{remedy}.")
 
 
 def _recorded(

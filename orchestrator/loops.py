@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from . import graph
 from .config import Places
+from .config.text import flow
 from .errors import Problem, listed
 from .fmi import Kind
 from .system import Connection, Instance, Port, port_graph
@@ -132,9 +133,7 @@ def _note(members: Sequence[Port], targets: Mapping[Port, Connection], place: st
 
 def _stated(instance: str, outputs: Sequence[str]) -> str:
     """How a config says that outputs depend on nothing at once."""
-    # In braces YAML takes brackets and commas within quotes alone.
-    keys = [f'"{one}"' if set(one) & set("[]{},:#'") else one for one in outputs]
-    return f"instances.{instance}.feedthrough: {{{', '.join(f'{key}: []' for key in keys)}}}"
+    return f"instances.{instance}.feedthrough: {flow({one: [] for one in outputs})}"
 
 
 def loop_problem(

@@ -134,7 +134,8 @@ def test_an_unconnected_mandatory_input():
     assert refusal([Part("satellite", SATELLITE, {"force": "0 N"})]) == (
         "docking.yaml: instances.satellite: "
         "input satellite.torque [N.m] is not connected and has no start value\n"
-        "  Connect it, or give it a constant value under instances.satellite.start."
+        "  Connect it, or give it a constant value under instances.satellite.start, as the FMU's own: "
+        "{torque: 0 N.m}"
     )
 
 
@@ -357,6 +358,24 @@ def test_a_loop_that_is_only_assumed_is_a_note():
     assert assemble(free, loop).notes == ()
     for stated in ([replace(one, feedthrough={"y": ["u"]}) for one in parts], [parts[0], Part("b", gain())]):
         assert "connections: algebraic loop\n" in refusal(stated, loop)
+
+
+def test_inputs_without_values_are_one_problem_with_the_values_of_the_fmu():
+    mode = variable("mode", Causality.INPUT, kind=Kind.ENUMERATION, type="Enumeration",
+        items={"off": 1, "on": 2}, start=2)  # fmt: skip
+    bare = variable("bare", Causality.INPUT, start=None)
+    fmu = FakeFmu(inputs={"x[1,2]": "mm"}, extra=[mode, bare])
+    message = refusal([Part("one", fmu)])
+    assert message == (
+        "docking.yaml: instances.one: inputs one.x[1,2] [mm], one.mode (Enumeration), one.bare (no unit) are "
+        "not connected and have no start values\n"
+        "  Connect them, or give them constant values under instances.one.start, as the FMU's own: "
+        "{'x[1,2]': 0 mm, mode: 'on'}"
+    )
+    pasted = yaml.safe_load(message.partition("own: ")[2])
+    assert assemble([Part("one", fmu, {**pasted, "bare": 1})]).instances[0].start == {
+        "x[1,2]": 0.0, "mode": 2, "bare": 1.0
+    }  # fmt: skip
 
 
 def test_what_a_loop_asks_to_be_said_can_be_pasted():
