@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from . import checks
+from .arrays import elementwise
 from .bonds import Bond, declared_bonds, find_bonds
-from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
+from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places, Scalar
 from .config.base import exact_time
 from .config.text import flow
 from .connecting import Ends, connect, elements, meant
@@ -177,6 +178,7 @@ def _assemble(
     """
     found, notes = judged.problems, list[str]()
     descriptions = {part.name: part.fmu.description for part in parts}
+    starts = {one.name: elementwise(one.name, one.fmu.description, one.start, places, found) for one in parts}
     stated, single, fed = _stated(connections, descriptions, judged, places, absent, gaps)
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
@@ -200,7 +202,7 @@ def _assemble(
         checked.append(made)
     fed |= {name for part in parts for name in _given_perhaps(part, gaps)}
     unsure: set[str] = set()  # instances whose direct feedthrough is not known
-    instances = [_settle(part, wired, fed, places, found, notes, unsure) for part in parts]
+    instances = [_settle(part, starts[part.name], wired, fed, places, found, notes, unsure) for part in parts]
     unread = {one.name for one in parts if not gaps.whole("instances", one.name, "feedthrough")}
     for part in parts:
         notes += _remarks(part, places)
@@ -248,10 +250,14 @@ def _given_perhaps(part: Part, gaps: Gaps) -> set[str]:
     path = ("instances", part.name, "start")
     if gaps.further(*path):
         return {f"{part.name}.{one}" for one in inputs}
-    unread = [one for one in inputs if not gaps.knows(*path, one)]
+    unread = [
+        one for one in inputs if not all(gaps.knows(*path, key) for key in (one, one.partition("[")[0]))
+    ]
     unknown = [one for one in part.start if one not in part.fmu.description.variables]
     like = [one for name in unknown for one in close(name, inputs)]
-    return {f"{part.name}.{one}" for one in (*unread, *like)}
+    # Of a list that does not fit its array.
+    whole = [one.name for name in unknown for one in part.fmu.description.elements(name)]
+    return {f"{part.name}.{one}" for one in (*unread, *like, *whole)}
 
 
 def _stated(
@@ -334,6 +340,7 @@ def _bonded(
 
 def _settle(
     part: Part,
+    given: Mapping[str, Scalar],
     wired: Mapping[Port, tuple[int, Port]],
     fed: set[str],
     places: Places,
@@ -349,7 +356,7 @@ def _settle(
     path = ("instances", part.name)
     description = part.fmu.description
     start: dict[str, Value] = {}
-    for name, value in part.start.items():
+    for name, value in given.items():
         result = checks.start_value(part.name, description, name, value, places.text((*path, "start", name)))
         if isinstance(result, Problem):
             problems.append(result)
@@ -358,7 +365,7 @@ def _settle(
     used = {
         variable.reference
         for variable in description.inputs
-        if variable.name in part.start or f"{part.name}.{variable.name}" in fed
+        if variable.name in given or f"{part.name}.{variable.name}" in fed
     }
     unfed: list[Variable] = []
     for variable in description.inputs:
@@ -368,13 +375,13 @@ def _settle(
                 notes.append(f"{places.text(path)}: input array {part.name}.{array} is left alone")
             continue
         feed = wired.get(Port(part.name, variable.name))
-        place = places.text((*path, "start", variable.name) if variable.name in part.start else path)
-        if feed is not None and variable.name in part.start:
+        place = places.text((*path, "start", variable.name) if variable.name in given else path)
+        if feed is not None and variable.name in given:
             what = f"{part.name}.{variable.name} has two sources, {feed[1]} and a start value"
             problems.append(
                 Problem(place, what, f"connections[{feed[0]}] feeds it", "Remove one of the two.")
             )
-        elif feed is None and variable.name not in part.start and f"{part.name}.{variable.name}" not in fed:
+        elif feed is None and variable.name not in given and f"{part.name}.{variable.name}" not in fed:
             if variable.shape or not variable.settable:
                 notes.append(f"{place}: input {part.name}.{variable.name} ({variable.type}) is left alone")
                 continue
@@ -422,10 +429,15 @@ def _recorded(
         name, _, variable = text.partition(".")
         if name in absent:
             continue
-        problem = checks.recordable(
-            name, variable, descriptions, places.text(path), absent.among(descriptions)
-        )
-        if problem is not None:
-            problems.append(problem)
-        ports[Port(name, variable)] = None
+        description = descriptions.get(name)
+        whole = description is not None and variable not in description.variables
+        members = [one.name for one in description.elements(variable)] if whole else []
+        for one in members or [variable]:
+            problem = checks.recordable(
+                name, one, descriptions, places.text(path), absent.among(descriptions)
+            )
+            if problem is not None:
+                problems.append(problem)
+                break
+            ports[Port(name, one)] = None
     return tuple(ports)

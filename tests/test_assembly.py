@@ -378,6 +378,32 @@ def test_inputs_without_values_are_one_problem_with_the_values_of_the_fmu():
     }  # fmt: skip
 
 
+def test_whole_arrays_start_and_are_recorded():
+    sizes = {"u[1]": "N", "u[2]": "N", "a[1,1]": "", "a[1,2]": "", "a[2,1]": "", "a[2,2]": ""}
+    fmu = FakeFmu(inputs=sizes, outputs={"y[1]": "", "y[2]": "", "z": ""})
+    start = {"u": ["1 kN", "2 N"], "a": [[1, 2], [3, 4]]}
+    system = assemble([Part("s", fmu, start)], record=["s.y"])
+    assert list(system.instances[0].start.values()) == [1000.0, 2.0, 1.0, 2.0, 3.0, 4.0]
+    assert list(system.instances[0].start) == list(sizes)
+    assert [str(port) for port in system.recorded] == ["s.y[1]", "s.y[2]"]
+
+    def told(record=(), **given):
+        return refusal([Part("s", fmu, start | given)], record=record)
+
+    row = "  Give a list of its values, row by row, or single elements by their names."
+    at = "docking.yaml: instances.s.start"
+    assert told(u=[1, 2, 3]).splitlines() == [f"{at}.u: s.u is an array of 2 values, got [1, 2, 3]", row]
+    assert told(u="1 N").splitlines()[0] == f"{at}.u: s.u is an array of 2 values, got '1 N'"
+    assert (
+        told(a=[1, 2, 3, 4]).splitlines()[0] == f"{at}.a: s.a is an array of 2 x 2 values, got [1, 2, 3, 4]"
+    )
+    assert told(a=[[1, 2], [3]]).splitlines()[0].endswith("2 x 2 values, got [[1, 2], [3]]")
+    assert told(u=["1 N", "2 m"]).startswith(f"{at}.u[2]: s.u[2] [N]: cannot take '2 m'")
+    assert told(**{"u[2]": "1 N"}).splitlines()[0] == f"{at}.u: s.u[2] is given twice, by itself and in u"
+    assert told(["s.u"]).splitlines()[0] == "docking.yaml: run.record[0]: s.u[1] cannot be recorded"
+    assert told(["s.x"]).splitlines()[0] == "docking.yaml: run.record[0]: s has no variable 'x' to record"
+
+
 def test_what_a_loop_asks_to_be_said_can_be_pasted():
     bus = FakeFmu(inputs={"u[1]": "", "u[2]": ""}, outputs={"y[1]": "", "y[2]": ""}, feedthrough=None)
     parts = [Part("a", bus), Part("b", bus)]
