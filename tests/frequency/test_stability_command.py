@@ -78,8 +78,8 @@ def test_a_system_that_is_no_docking_loop_is_sent_on(capsys):
     assert capsys.readouterr().err == (
         "orchestrator: emps: no SatelliteDynamics in it\n"
         "  exactly one is needed. This analyses docking loops alone. For any system orchestrator.frequency "
-        "has functions in Python: system_state_space gives A, B, C, D, sweep_system measures responses under the "
-        "master; see docs/frequency.md.\n"
+        "has functions in Python: system_state_space gives A, B, C, D, sweep_system measures responses under "
+        "the master; see docs/frequency.md.\n"
     )
     model = system_state_space("emps", [], [])  # as that page has it
     assert model.a.shape == (3, 3) and np.linalg.eigvals(model.a).real.max() <= 0.0
