@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from . import checks
+from .arrays import elementwise
 from .bonds import Bond, declared_bonds, find_bonds
-from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
+from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places, Scalar
 from .config.base import exact_time
+from .config.text import flow
 from .connecting import Ends, connect, elements, meant
 from .errors import ConfigError, Problem, close, listed
 from .fmi import Kind, ModelDescription, Value, Variable
@@ -176,6 +178,7 @@ def _assemble(
     """
     found, notes = judged.problems, list[str]()
     descriptions = {part.name: part.fmu.description for part in parts}
+    starts = {one.name: elementwise(one.name, one.fmu.description, one.start, places, found) for one in parts}
     stated, single, fed = _stated(connections, descriptions, judged, places, absent, gaps)
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
@@ -199,7 +202,7 @@ def _assemble(
         checked.append(made)
     fed |= {name for part in parts for name in _given_perhaps(part, gaps)}
     unsure: set[str] = set()  # instances whose direct feedthrough is not known
-    instances = [_settle(part, wired, fed, places, found, notes, unsure) for part in parts]
+    instances = [_settle(part, starts[part.name], wired, fed, places, found, notes, unsure) for part in parts]
     unread = {one.name for one in parts if not gaps.whole("instances", one.name, "feedthrough")}
     for part in parts:
         notes += _remarks(part, places)
@@ -213,7 +216,8 @@ def _assemble(
     recorded = _recorded(record is None, wanted, instances, absent, places, found)
     sure = [one for one in instances if one.name not in unsure | unread]
     passing = checked if gaps.knows("run", "step_size") else [one for one in checked if not _may_hold(one)]
-    solvable = algebraic_loops(sure, passing, places, loops, found, step_size)
+    rounds = algebraic_loops(sure, passing, places, loops, found, step_size)
+    notes += rounds.notes
     if unread or len(passing) < len(checked):
         judged.unchecked.append("algebraic loops by way of effects or instances that are not known")
     unknown = gaps.further("connections") or not all(one.known for one in stated)
@@ -223,7 +227,14 @@ def _assemble(
     broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
     longest = step_size if broken else None
     judged.system = System(
-        tuple(instances), tuple(checked), recorded, tuple(notes), solvable, longest, bonded
+        tuple(instances),
+        tuple(checked),
+        recorded,
+        notes=tuple(notes),
+        loops=tuple(rounds.solvable),
+        longest_step=longest,
+        bonds=bonded,
+        held=frozenset(rounds.held),
     )
 
 
@@ -239,10 +250,14 @@ def _given_perhaps(part: Part, gaps: Gaps) -> set[str]:
     path = ("instances", part.name, "start")
     if gaps.further(*path):
         return {f"{part.name}.{one}" for one in inputs}
-    unread = [one for one in inputs if not gaps.knows(*path, one)]
+    unread = [
+        one for one in inputs if not all(gaps.knows(*path, key) for key in (one, one.partition("[")[0]))
+    ]
     unknown = [one for one in part.start if one not in part.fmu.description.variables]
     like = [one for name in unknown for one in close(name, inputs)]
-    return {f"{part.name}.{one}" for one in (*unread, *like)}
+    # Of a list that does not fit its array.
+    whole = [one.name for name in unknown for one in part.fmu.description.elements(name)]
+    return {f"{part.name}.{one}" for one in (*unread, *like, *whole)}
 
 
 def _stated(
@@ -325,6 +340,7 @@ def _bonded(
 
 def _settle(
     part: Part,
+    given: Mapping[str, Scalar],
     wired: Mapping[Port, tuple[int, Port]],
     fed: set[str],
     places: Places,
@@ -340,7 +356,7 @@ def _settle(
     path = ("instances", part.name)
     description = part.fmu.description
     start: dict[str, Value] = {}
-    for name, value in part.start.items():
+    for name, value in given.items():
         result = checks.start_value(part.name, description, name, value, places.text((*path, "start", name)))
         if isinstance(result, Problem):
             problems.append(result)
@@ -349,8 +365,9 @@ def _settle(
     used = {
         variable.reference
         for variable in description.inputs
-        if variable.name in part.start or f"{part.name}.{variable.name}" in fed
+        if variable.name in given or f"{part.name}.{variable.name}" in fed
     }
+    unfed: list[Variable] = []
     for variable in description.inputs:
         if variable.elements > 1 and variable.reference not in used:
             if variable.element == 0:
@@ -358,24 +375,37 @@ def _settle(
                 notes.append(f"{places.text(path)}: input array {part.name}.{array} is left alone")
             continue
         feed = wired.get(Port(part.name, variable.name))
-        place = places.text((*path, "start", variable.name) if variable.name in part.start else path)
-        if feed is not None and variable.name in part.start:
+        place = places.text((*path, "start", variable.name) if variable.name in given else path)
+        if feed is not None and variable.name in given:
             what = f"{part.name}.{variable.name} has two sources, {feed[1]} and a start value"
             problems.append(
                 Problem(place, what, f"connections[{feed[0]}] feeds it", "Remove one of the two.")
             )
-        elif feed is None and variable.name not in part.start and f"{part.name}.{variable.name}" not in fed:
+        elif feed is None and variable.name not in given and f"{part.name}.{variable.name}" not in fed:
             if variable.shape or not variable.settable:
                 notes.append(f"{place}: input {part.name}.{variable.name} ({variable.type}) is left alone")
                 continue
-            what = f"input {part.name}.{variable} is not connected and has no start value"
-            remedy = f"Connect it, or give it a constant value under instances.{part.name}.start."
-            problems.append(Problem(place, what, remedy=remedy))
+            unfed.append(variable)
+    if unfed:
+        problems.append(_unfed(part.name, unfed, places.text(path)))
     told = len(problems)
     feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
     if len(problems) > told:
         unsure.add(part.name)
-    return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio)
+    assumed = description.assumed - part.feedthrough.keys()
+    return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio, assumed)
+
+
+def _unfed(name: str, inputs: Sequence[Variable], place: str) -> Problem:
+    """Inputs of an instance that get no value. An FMU's own start value is no sign that it is meant."""
+    one = len(inputs) == 1
+    labels = listed(f"{name}.{variable}" for variable in inputs)
+    what = f"input{'' if one else 's'} {labels} {'is' if one else 'are'} not connected and "
+    what += "has no start value" if one else "have no start values"
+    remedy = f"Connect {'it, or give it a constant value' if one else 'them, or give them constant values'}"
+    remedy += f" under instances.{name}.start"
+    own = {one.name: one.written(one.start) for one in inputs if one.start is not None}
+    return Problem(place, what, remedy=f"{remedy}, as the FMU's own: {flow(own)}" if own else f"{remedy}.")
 
 
 def _recorded(
@@ -399,10 +429,15 @@ def _recorded(
         name, _, variable = text.partition(".")
         if name in absent:
             continue
-        problem = checks.recordable(
-            name, variable, descriptions, places.text(path), absent.among(descriptions)
-        )
-        if problem is not None:
-            problems.append(problem)
-        ports[Port(name, variable)] = None
+        description = descriptions.get(name)
+        whole = description is not None and variable not in description.variables
+        members = [one.name for one in description.elements(variable)] if whole else []
+        for one in members or [variable]:
+            problem = checks.recordable(
+                name, one, descriptions, places.text(path), absent.among(descriptions)
+            )
+            if problem is not None:
+                problems.append(problem)
+                break
+            ports[Port(name, one)] = None
     return tuple(ports)

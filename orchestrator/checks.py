@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
@@ -142,6 +144,9 @@ def _local(variable: Variable) -> bool:
 def _converted(instance: str, variable: Variable, value: Scalar, place: str) -> Value | Problem:
     label = f"{instance}.{variable.name}"
     if variable.kind is Kind.REAL:
+        # As YAML 1.2 and Python write them.
+        if isinstance(value, str) and re.fullmatch(r"[-+]?\.?(inf|infinity|nan)", value, re.IGNORECASE):
+            return _not_finite(f"{instance}.{variable}", value, place)
         measure = Measure(variable.unit_name, variable.unit, variable.display_units)
         return quantity(f"{instance}.{variable}", measure, value, place)
     if variable.kind is Kind.ENUMERATION:
@@ -164,11 +169,17 @@ def _converted(instance: str, variable: Variable, value: Scalar, place: str) -> 
 
 
 def in_range(instance: str, variable: Variable, value: Value, given: Scalar, place: str) -> Problem | None:
-    """The problem of a value beyond the bounds of its variable, in whose unit it is; None within them."""
+    """The problem of a value beyond the bounds of its variable or of its type; None within them.
+
+    Args:
+        value: in the variable's unit; given: as it was written.
+    """
     if not isinstance(value, int | float) or variable.kind not in (Kind.REAL, Kind.INTEGER):
         return None
+    if isinstance(value, float) and not math.isfinite(value):
+        return _not_finite(f"{instance}.{variable}", given, place)
     low, high = variable.minimum, variable.maximum
-    held = variable.whole_range
+    held = variable.held_range
     if held is not None:
         low = held[0] if low is None else max(low, held[0])
         high = held[1] if high is None else min(high, held[1])
@@ -181,6 +192,10 @@ def in_range(instance: str, variable: Variable, value: Value, given: Scalar, pla
     if held is not None and not held[0] <= value <= held[1]:
         allowed += f"; its type is {variable.type}"
     return Problem(place, f"{instance}.{variable.name} = {given} is out of range", allowed)
+
+
+def _not_finite(label: str, given: Scalar, place: str) -> Problem:
+    return Problem(place, f"{label} must be a finite number, got {given}")
 
 
 def dependencies(

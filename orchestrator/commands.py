@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
+    from .prepared import Prepared
+
 __all__ = [
     "add_check_arguments",
     "add_config",
@@ -119,7 +121,14 @@ def run(args: argparse.Namespace) -> int:
     overrides = list(args.overrides)
     if args.realtime or args.speed is not None:
         overrides.append(f"run.realtime.speed={1.0 if args.speed is None else args.speed!r}")
-    for result in run_each(args.config, out=args.out, overrides=overrides, **options):
+
+    def begin(one: Prepared) -> None:
+        if not (args.quiet or args.json):
+            named = f"{one.config.name}: " if len(args.config) > 1 else ""
+            for note in one.notes:
+                print(f"{named}note: {note}", file=sys.stderr)
+
+    for result in run_each(args.config, out=args.out, overrides=overrides, begin=begin, **options):
         failed = (result.summary.get("numerics") or {}).get("error")
         folder = None if result.folder is None else str(result.folder)
         if tell(args, {"exit_code": 0, "folder": folder, "files": result.files, "summary": result.summary}):
@@ -151,7 +160,7 @@ def check(args: argparse.Namespace) -> int:
         "step_size": float(prepared.grid.step_size),
         "master": run.master_name,
         "bonds": [str(bond) for bond in system.bonds],
-        "notes": list(system.notes),
+        "notes": list(prepared.notes),
     }
     if tell(args, told):
         return 0
@@ -165,7 +174,7 @@ def check(args: argparse.Namespace) -> int:
     print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master_name}")
     for bond in system.bonds:
         print(f"power bond {bond}")
-    for note in (*prepared.config.notes, *system.notes):
+    for note in prepared.notes:
         print(f"note: {note}")
     return 0
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from .errors import ConfigError, Problem, listed
 from .folder_lock import locked
 from .measures import COMPARISONS
-from .run import RunResult, prepare, run
+from .run import Prepared, RunResult, prepare, run
 from .run_folder import folder_at
 
 __all__ = ["run_each"]
@@ -22,6 +22,7 @@ def run_each(
     out: Path | str | None = None,
     overrides: Iterable[str] = (),
     figures: bool = True,
+    begin: Callable[[Prepared], None] | None = None,
     **options: Any,
 ) -> Iterator[RunResult]:
     """Run systems one after the other; all are checked before the first runs.
@@ -30,10 +31,11 @@ def run_each(
         configs: bundled names or paths. With more than one, `out` gets a folder for each, named after
             the system, and the figures in which their common measures compare them.
         out, overrides, figures, options: see `orchestrator.run.run`; overrides hold for every system.
+        begin: called with each system before it runs.
     Yields: the result of each system as it ends.
     Raises: as `run`; ConfigError with the problems of all systems.
     """
-    overrides = tuple(overrides)
+    overrides, begin = tuple(overrides), begin or (lambda one: None)
     prepared, problems, unchecked = [], [], []
     for config in configs:
         try:
@@ -52,6 +54,7 @@ def run_each(
         raise ConfigError(problems, unchecked)
     if len(prepared) == 1 or out is None:
         for one in prepared:
+            begin(one)
             yield run(one, out=out, figures=figures, **options)
         return
     whole = folder_at(out)
@@ -61,6 +64,7 @@ def run_each(
             (whole / f"{name}.png").unlink(missing_ok=True)
         finished = {}
         for one in prepared:
+            begin(one)
             result = run(one, out=whole / one.config.name, figures=figures, **options)
             finished[one.config.name] = result
             yield result

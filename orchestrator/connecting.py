@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -82,13 +81,11 @@ def _family(text: str, descriptions: Mapping[str, ModelDescription], causality: 
     description = descriptions.get(name)
     if description is None or not variable or variable in description.variables:
         return {}
-    pattern = re.compile(re.escape(variable) + r"(\[\d+(?:, ?\d+)*\])")
-    found = {
-        match[1].replace(" ", ""): f"{name}.{one.name}"
-        for one in description.variables.values()
-        if one.causality is causality and (match := pattern.fullmatch(one.name))
+    return {
+        one.name[len(variable) :].replace(" ", ""): f"{name}.{one.name}"
+        for one in description.elements(variable)
+        if one.causality is causality
     }
-    return found
 
 
 def elements(

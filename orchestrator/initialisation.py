@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from .errors import StepError
+from .errors import StepError, listed
 from .fixed_point import Newton, Solution, solve
 from .fmi import Array, FmuInstance, Value
 from .system import Connection, Port, System
@@ -19,6 +19,9 @@ __all__ = ["not_converged", "settle"]
 # Of the relative residuals of loops: what rounding leaves of a loop gain of some thousands.
 _TOLERANCE = 1e-12
 _ITERATIONS = 50
+# Through loops that are only assumed. What passes on nothing at once agrees after as many as there are hops.
+_PASSES = 10
+_UNSOLVED = "not converged"
 
 
 Made = Callable[[Connection, Mapping[Port, Value], float], float]
@@ -30,7 +33,7 @@ def settle(
     time: float,
     check: Callable[[Port, float], None],
     made: Made,
-) -> None:
+) -> list[StepError]:
     """Set every connected input to what its source gives.
 
     Args:
@@ -38,13 +41,26 @@ def settle(
         time: start time [s].
         check: called with each real value before it is passed on; may raise.
         made: gives the signal of a connection with effects, of values of its sources at a time.
-    Raises: StepError if a loop cannot be solved.
+    Returns: what was not solved and need not be, see `System.held`.
+    Raises: StepError if another loop cannot be solved.
     """
     exchange = _Exchange(system, running, check, made, time)
+    unsolved = []
     for loops, connections in zip(system.initial_loops, system.initial_levels, strict=True):
         for loop in loops:
-            _solve(exchange, loop, time)
+            if not all(one.target in system.held for one in loop):
+                _solve(exchange, loop, time)
+                continue
+            begun = exchange.fetch(loop)
+            try:
+                _agree(exchange, loop, begun, time)
+            except StepError as error:
+                if error.status != _UNSOLVED:
+                    raise
+                unsolved.append(error)
+                exchange.pass_on(loop, begun)
         exchange.pass_on(connections, exchange.fetch(connections))
+    return unsolved
 
 
 class _Exchange:
@@ -89,6 +105,29 @@ class _Exchange:
             targets.setdefault(position, {})[connection.target.variable] = value
         for position, inputs in targets.items():
             self._running[position].set_values(inputs)
+
+
+def _agree(
+    exchange: _Exchange, loop: tuple[Connection, ...], begun: Mapping[Port, Value], time: float
+) -> None:
+    """Set the inputs of a loop that may be none: without feedthrough the second pass changes nothing."""
+    values = begun
+    for _ in range(_PASSES):
+        exchange.pass_on(loop, values)
+        before, values = values, exchange.fetch(loop)
+        if before == values:
+            return
+    if all(isinstance(value, float) for value in values.values()):
+        exchange.pass_on(loop, begun)
+        _solve(exchange, loop, time)
+        return
+    changing = [port for port, value in values.items() if value != before[port]]
+    raise StepError(
+        f"algebraic loop at initialisation: {listed(map(str, changing))} still change after {_PASSES} passes",
+        instance=changing[0].instance,
+        time=time,
+        status=_UNSOLVED,
+    )
 
 
 def _solve(exchange: _Exchange, loop: tuple[Connection, ...], time: float) -> None:
@@ -137,6 +176,6 @@ def not_converged(
         f"{what}: no convergence after {count}{why}; tolerance {tolerance:g}\n{listing}",
         instance=ports[worst[0]].instance,
         time=time,
-        status="not converged",
+        status=_UNSOLVED,
         remedy=remedy,
     )

@@ -79,7 +79,7 @@ class Instances:
         ]
         self.culprits = Culprits(system, layout, self.running, self._values, self._u)
         self.terminated = False
-        self._complaints: dict[str, str] = {}
+        self._complaints: dict[str, list[str]] = {}
         self._elapsed = [0] * len(system.instances)
         self._slopes: dict[int, list[Array]] = {}
         self._bent: dict[int, tuple[Array, Array, Array]] = {}
@@ -352,7 +352,10 @@ class Instances:
             if stop is not None and instance.ratio != 1:  # the ends of own steps are rounded once more
                 stop += 2.0 * ulp(stop)
             one.enter_initialisation(start_time, instance.start, stop)
-        settle(self.system, self.running, start_time, self.culprits.check_initial, self._made)
+        unsolved = settle(self.system, self.running, start_time, self.culprits.check_initial, self._made)
+        for error in unsolved:
+            what = f"[{error.status}] {error.what}; it begins with start values"
+            self._complaints.setdefault(error.instance, []).append(" ".join(what.split()))
         for one in self.running:
             one.exit_initialisation()
             self.started += 1
@@ -381,7 +384,7 @@ class Instances:
             try:
                 one.terminate()
             except StepError as error:
-                self._complaints[one.name] = f"[{error.status}] {error.what}"
+                self._complaints.setdefault(one.name, []).append(f"[{error.status}] {error.what}")
 
     def warnings(self) -> dict[str, list[str]]:
         """What each instance logged beyond mere information; instances that did not are left out."""
@@ -389,8 +392,8 @@ class Instances:
             one.name: [line for line in one.log_lines() if not line.startswith("[ok]")]
             for one in self.running
         }
-        for name, line in self._complaints.items():
-            told[name].append(line)
+        for name, lines in self._complaints.items():
+            told[name] += lines
         return {name: lines for name, lines in told.items() if lines}
 
     def elapsed(self) -> dict[str, float]:

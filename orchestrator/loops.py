@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 from . import graph
 from .config import Places
-from .errors import Problem
+from .config.text import flow
+from .errors import Problem, listed
 from .fmi import Kind
 from .system import Connection, Instance, Port, port_graph
 
-__all__ = ["algebraic_loops", "loop_problem"]
+__all__ = ["Loops", "algebraic_loops", "loop_problem"]
+
+
+@dataclass
+class Loops:
+    """Algebraic loops of a system that are no problems.
+
+    Attributes:
+        solvable: those at communication points that the master solves, inputs and outputs in turn.
+        held: ports of those that exist by assumed dependencies alone, and that the master does not solve.
+        notes: of the latter, how they are run.
+    """
+
+    solvable: list[tuple[Port, ...]] = field(default_factory=list)
+    held: set[Port] = field(default_factory=set)
+    notes: list[str] = field(default_factory=list)
 
 
 def algebraic_loops(
@@ -20,11 +38,12 @@ def algebraic_loops(
     accepted: bool,
     problems: list[Problem],
     step_size: float | None,
-) -> tuple[tuple[Port, ...], ...]:
+) -> Loops:
     """Algebraic loops at communication points that are accepted; the others become problems.
 
     Those at initialisation are always accepted, if they can be solved at all: FMI lets inputs be set and
-    outputs be read there as often as it takes.
+    outputs be read there as often as it takes. Where the master solves none, a loop that only assumed
+    dependencies close is accepted, too: most FMUs that declare none have no direct feedthrough.
 
     Args:
         instances: all that loops are to be looked for through; connections may lead to others, too.
@@ -32,15 +51,11 @@ def algebraic_loops(
         step_size: of the communication step [s]; None if it is not known.
     """
     told: dict[frozenset[Port], Problem] = {}
-    found: list[tuple[Port, ...]] = []
+    found = Loops()
+    place = places.text(("connections",))
     targets = {connection.target: connection for connection in connections}
     variables = {one.name: one.fmu.description.variables for one in instances}
-    assumed = {
-        Port(one.name, output)
-        for one in instances
-        for output in one.fmu.description.assumed
-        if one.feedthrough[output] == one.fmu.description.feedthrough[output]
-    }
+    assumed = {Port(one.name, output) for one in instances for output in one.assumed}
     for initial in (False, True):
         nodes, successors = port_graph(instances, connections, initial=initial)
         ports = list(nodes)
@@ -49,6 +64,19 @@ def algebraic_loops(
             if not cycle:
                 continue
             members = [ports[index] for index in component]
+            declared = _declared(component, successors, ports, targets, assumed)
+            if not accepted and not declared:
+                found.held.update(members)
+                found.notes += [] if initial else [_note(members, targets, place)]
+                continue
+            if declared and not any(hop in declared for hop in pairwise([*cycle, cycle[0]])):
+                # Told is a loop for which it is refused.
+                node, output = declared[0]
+                cycle = graph.shortest_cycle(
+                    [[output] if index == node else after for index, after in enumerate(successors)],
+                    node,
+                    component,
+                )
             kinds = {port: variables[port.instance][port.variable].kind for port in members}
             other = [port for port, kind in kinds.items() if kind is not Kind.REAL]
             loop = [ports[index] for index in cycle]
@@ -57,16 +85,55 @@ def algebraic_loops(
             key = frozenset(loop)
             if not other and (accepted or initial):
                 if not initial:
-                    found.append(tuple(loop))
+                    found.solvable.append(tuple(loop))
                 continue
             if key not in told:
                 reason = ""
                 if other:
                     reason = f"{other[0]} is of type {kinds[other[0]]}, and only real numbers can be iterated"
-                place = places.text(("connections",))
                 told[key] = loop_problem(loop, targets, assumed, place, initial, reason, step_size)
     problems += told.values()
-    return tuple(found)
+    return found
+
+
+def _declared(
+    component: Sequence[int],
+    successors: Sequence[Sequence[int]],
+    ports: Sequence[Port],
+    targets: Mapping[Port, Connection],
+    assumed: set[Port],
+) -> list[tuple[int, int]]:
+    """Inputs and outputs of a component, as nodes, where the output depends on the input by declaration."""
+    within = set(component)
+    return [
+        (node, after)
+        for node in component
+        if ports[node] in targets
+        for after in successors[node]
+        if after in within and ports[after] not in assumed
+    ]
+
+
+def _note(members: Sequence[Port], targets: Mapping[Port, Connection], place: str) -> str:
+    """How a loop of assumed dependencies is run, and what to do about it."""
+    outputs: dict[str, list[str]] = {}
+    for port in members:
+        if port not in targets:
+            outputs.setdefault(port.instance, []).append(port.variable)
+    names = [f"{name}.{one}" for name, ones in outputs.items() for one in ones]
+    stated = [_stated(name, ones) for name, ones in outputs.items()]
+    return (
+        f"{place}: an algebraic loop that is only assumed: the FMUs do not say what {listed(names, 6)} "
+        "depend on. Its inputs hold their values over a step, one step of delay (under gauss-seidel only "
+        "those from instances that step later); at the start, begun with start values, they are passed on "
+        "until they agree. If the outputs do not depend on inputs of the same instant, say so: "
+        f"{'; '.join(stated)}. If they do, take the master iterative."
+    )
+
+
+def _stated(instance: str, outputs: Sequence[str]) -> str:
+    """How a config says that outputs depend on nothing at once."""
+    return f"instances.{instance}.feedthrough: {flow({one: [] for one in outputs})}"
 
 
 def loop_problem(
@@ -113,6 +180,6 @@ def loop_problem(
         + " a connection out of the loop, or put an instance without direct feedthrough into it.\n"
         + ("A delay that is no shorter than the step breaks the loop.\n" if short else "")
         + f"If {shown} does not depend on the inputs of the same instant, say so: "
-        f"instances.{shown.instance}.feedthrough: {{{shown.variable}: []}}"
+        f"{_stated(shown.instance, [shown.variable])}"
     )
     return Problem(place, f"algebraic loop{' at initialisation' if initial else ''}", "\n".join(hops), remedy)

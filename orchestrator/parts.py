@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 from . import bundled
 from .config import Absent, Config, Draft, InstanceModel, Scalar
@@ -31,7 +32,7 @@ class Part:
 
     name: str
     fmu: Fmu
-    start: Mapping[str, Scalar] = field(default_factory=dict)
+    start: Mapping[str, Scalar | list[Any]] = field(default_factory=dict)
     feedthrough: Mapping[str, Sequence[str]] = field(default_factory=dict)
     ratio: Fraction = Fraction(1)
 

@@ -31,6 +31,11 @@ class Prepared:
     grid: Grid
     measures: tuple[ChosenMeasure, ...]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was accepted, and a user should know."""
+        return (*self.config.notes, *self.system.notes)
+
 
 def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Prepared:
     """Read a config and check it, its FMUs, connections, master, times and measures.

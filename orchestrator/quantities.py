@@ -41,7 +41,10 @@ def quantity(
         return Problem(place, f"{label} must be a number, got {str(value).lower()}")
     if isinstance(value, int | float):
         if not measure.name or measure.unit == ONE:
-            return float(value)
+            try:
+                return float(value)
+            except OverflowError:  # of a whole number
+                return Problem(place, f"{label}: {value} is beyond double precision")
         allowed = f"a unit must be given, for zero too; its unit is {measure.name}"
         return Problem(place, f"{label}: {value!r} has no unit", allowed, f"Write {value!r} {measure.name}.")
     if not isinstance(value, str):

@@ -106,7 +106,7 @@ def _run_in(
         "title": prepared.config.model.title,
         "config": prepared.config.model.to_data(),
     }
-    summary["run"] = statistics
+    summary["run"], summary["notes"] = statistics, list(prepared.notes)
     made = RunResult(results, summary, prepared, folder)
     if ledger:
         summary["coupling"] = ledger.summary()
@@ -312,6 +312,7 @@ def _finish_failed(
         "title": prepared.config.model.title,
         "config": prepared.config.model.to_data(),
         "run": stopped.statistics,
+        "notes": list(prepared.notes),
         "error": error_data(stopped.error),
         "parameters": dict(stopped.results.parameters),
         "provenance": dict(stopped.results.provenance),

@@ -43,6 +43,7 @@ class Instance:
 
     Attributes:
         ratio: its own step size over the communication step size: n or 1/n.
+        assumed: outputs whose dependencies neither the FMU nor the config declares.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Instance:
     feedthrough: Mapping[str, tuple[str, ...]]
     initial_feedthrough: Mapping[str, tuple[str, ...]]
     ratio: Fraction = Fraction(1)
+    assumed: frozenset[str] = frozenset()
 
     def variable(self, name: str) -> Variable:
         """A variable of the FMU."""
@@ -165,6 +167,8 @@ class System:
         longest_step: the largest communication step [s] for which delays keep what they connect apart, on
             which order and loops rely; None if none does.
         bonds: connections that carry energy.
+        held: ports on algebraic loops that only assumed dependencies close, and that are not solved but held
+            over a step; at initialisation, too, they need not agree.
     """
 
     instances: tuple[Instance, ...]
@@ -174,6 +178,7 @@ class System:
     loops: tuple[tuple[Port, ...], ...] = ()
     longest_step: float | None = None
     bonds: tuple[Bond, ...] = ()
+    held: frozenset[Port] = frozenset()
 
     @cached_property
     def position(self) -> Mapping[str, int]:

@@ -8,7 +8,7 @@ from typing import Any
 __all__ = ["OWN", "remarks", "summary_text"]
 
 # Keys of every summary; the others hold what measures found.
-OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error", "coupling")
+OWN = ("title", "config", "run", "numerics", "parameters", "provenance", "error", "coupling", "notes")
 _MOST_ROWS = 30
 # What a coupling may create of what it exchanges before it is spoken of.
 _CREATED = 0.01

@@ -119,7 +119,8 @@ def test_mistakes_of_every_stage_are_told_once_in_the_order_of_the_file(wrong):
         "wrong.yaml:13: instances.robot.fmu: no FMU 'RobotRespons'",
         "wrong.yaml:16: instances.sensor.fmuu: unknown key 'fmuu'",
         "wrong.yaml:19: instances.contact.step_size: unknown unit 'fortnights'",
-        "wrong.yaml:20: instances.contact.start.stiffness: [176] is no start value",
+        "wrong.yaml:20: instances.contact.start.stiffness: contact.stiffness [N/m] must be a number, "
+        "got [176]",
         "wrong.yaml:26: connections[1]: contact has no variable 'velocty'",
         "wrong.yaml:27: connections[2].comment: unknown key 'comment'",
         "wrong.yaml:27: connections[2].through[0].delya: no effect 'delya'",
@@ -184,8 +185,8 @@ def test_they_are_all_in_what_is_told_to_machines(wrong, capsys):
             ["instances.robot.start.comand: robot has no variable 'comand'"],
         ),
         (
-            [UNFED, ("tau_m: 2 ms}", "tau_m: 2 ms, command: [1]}")],
-            ["instances.robot.start.command: [1] is no start value"],
+            [UNFED, ("tau_m: 2 ms}", "tau_m: 2 ms, command: {a: 1}}")],
+            ["instances.robot.start.command: {'a': 1} is no start value"],
         ),
         # One end of a connection, or its effects, can be judged without the other.
         (
@@ -324,7 +325,7 @@ def test_keys_given_twice_hide_nothing_else(tmp_path):
 
 def test_a_config_whose_base_is_missing_is_read_by_itself(tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_text("extends: base.yaml\nrun: {step_size: 1}\ninstances: {robot: {start: {tau_m: [1]}}}\n")
+    path.write_text("extends: base.yaml\nrun: {step_size: 1}\ninstances: {robot: {start: {tau_m: {a: 1}}}}\n")
     with pytest.raises(ConfigError) as caught:
         prepare(path)
     assert [one.place for one in caught.value.problems] == [

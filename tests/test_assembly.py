@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import re
 import sys
 from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+import yaml
 from doubles import FakeFmu, gain, mass, spring, variable
 
 from orchestrator.assembly import Part, assemble, load_system
 from orchestrator.config import Places, load_config
 from orchestrator.errors import ConfigError
 from orchestrator.fmi import Capabilities, Causality, Initial, Kind, Variability
+from orchestrator.master import create_master
 from orchestrator.system import Port
 from orchestrator.units import Unit, parse_unit
 
@@ -130,7 +134,8 @@ def test_an_unconnected_mandatory_input():
     assert refusal([Part("satellite", SATELLITE, {"force": "0 N"})]) == (
         "docking.yaml: instances.satellite: "
         "input satellite.torque [N.m] is not connected and has no start value\n"
-        "  Connect it, or give it a constant value under instances.satellite.start."
+        "  Connect it, or give it a constant value under instances.satellite.start, as the FMU's own: "
+        "{torque: 0 N.m}"
     )
 
 
@@ -217,6 +222,18 @@ def lone(name: str, value, **attributes) -> str | float:
         (-(2**63) - 1, {"kind": Kind.INTEGER, "type": "Int64"}, "one.p = -9223372036854775809 is out of "
             "range\n  allowed: at least -9223372036854775808 and at most 9223372036854775807; "
             "its type is Int64"),
+        (300, {"kind": Kind.INTEGER, "type": "Int8"}, "one.p = 300 is out of range\n"
+            "  allowed: at least -128 and at most 127; its type is Int8"),
+        (1e39, {"type": "Float32"}, "one.p = 1e+39 is out of range\n"
+            "  allowed: at least -3.4028235e+38 and at most 3.4028235e+38; its type is Float32"),
+        (3.4028235e38, {"type": "Float32"}, 3.4028235e38),
+        (1e39, {}, 1e39),
+        (10**400, {}, f"one.p (no unit): {10**400} is beyond double precision"),
+        (math.nan, {}, "one.p (no unit) must be a finite number, got nan"),
+        (-math.inf, {"unit_name": "1", "minimum": -math.inf},
+            "one.p [1] must be a finite number, got -inf"),
+        (".nan", {}, "one.p (no unit) must be a finite number, got .nan"),
+        ("-.inf", {"unit_name": "s"}, "one.p [s] must be a finite number, got -.inf"),
         (True, {"kind": Kind.INTEGER, "type": "Int32"}, "one.p must be a whole number, got True"),
         (False, {"kind": Kind.BOOLEAN, "type": "Boolean"}, False),
         ("off", {"kind": Kind.BOOLEAN, "type": "Boolean"}, "one.p must be true or false, got 'off'"),
@@ -318,6 +335,88 @@ def test_an_algebraic_loop_is_told_hop_by_hop():
         "  If a.y does not depend on the inputs of the same instant, say so: "
         "instances.a.feedthrough: {y: []}",
     ]
+
+
+def test_a_loop_that_is_only_assumed_is_a_note():
+    parts = [Part("a", gain(feedthrough=None)), Part("b", gain(feedthrough=None))]
+    loop = ["a.y -> b.u", "b.y -> a.u"]
+    system = assemble(parts, loop, places=Places("docking.yaml"))
+    assert system.notes == (
+        "docking.yaml: connections: an algebraic loop that is only assumed: the FMUs do not say what a.y, "
+        "b.y depend on. Its inputs hold their values over a step, one step of delay (under gauss-seidel only "
+        "those from instances that step later); at the start, begun with start values, they are passed on "
+        "until they agree. If the outputs do not depend on inputs of the same instant, say so: "
+        "instances.a.feedthrough: {y: []}; instances.b.feedthrough: {y: []}. "
+        "If they do, take the master iterative.",
+    )
+    assert system.loops == () and create_master("jacobi").check(system) == []
+    # A master that solves loops solves this one.
+    solved = assemble(parts, loop, loops=True)
+    assert len(solved.loops) == 1 and not solved.notes and not solved.held
+    # What the config says is declared: of no dependency, and of all.
+    free = [parts[0], replace(parts[1], feedthrough={"y": []})]
+    assert assemble(free, loop).notes == ()
+    for stated in ([replace(one, feedthrough={"y": ["u"]}) for one in parts], [parts[0], Part("b", gain())]):
+        assert "connections: algebraic loop\n" in refusal(stated, loop)
+
+
+def test_inputs_without_values_are_one_problem_with_the_values_of_the_fmu():
+    mode = variable("mode", Causality.INPUT, kind=Kind.ENUMERATION, type="Enumeration",
+        items={"off": 1, "on": 2}, start=2)  # fmt: skip
+    bare = variable("bare", Causality.INPUT, start=None)
+    fmu = FakeFmu(inputs={"x[1,2]": "mm"}, extra=[mode, bare])
+    message = refusal([Part("one", fmu)])
+    assert message == (
+        "docking.yaml: instances.one: inputs one.x[1,2] [mm], one.mode (Enumeration), one.bare (no unit) are "
+        "not connected and have no start values\n"
+        "  Connect them, or give them constant values under instances.one.start, as the FMU's own: "
+        "{'x[1,2]': 0 mm, mode: 'on'}"
+    )
+    pasted = yaml.safe_load(message.partition("own: ")[2])
+    assert assemble([Part("one", fmu, {**pasted, "bare": 1})]).instances[0].start == {
+        "x[1,2]": 0.0, "mode": 2, "bare": 1.0
+    }  # fmt: skip
+
+
+def test_whole_arrays_start_and_are_recorded():
+    sizes = {"u[1]": "N", "u[2]": "N", "a[1,1]": "", "a[1,2]": "", "a[2,1]": "", "a[2,2]": ""}
+    fmu = FakeFmu(inputs=sizes, outputs={"y[1]": "", "y[2]": "", "z": ""})
+    start = {"u": ["1 kN", "2 N"], "a": [[1, 2], [3, 4]]}
+    system = assemble([Part("s", fmu, start)], record=["s.y"])
+    assert list(system.instances[0].start.values()) == [1000.0, 2.0, 1.0, 2.0, 3.0, 4.0]
+    assert list(system.instances[0].start) == list(sizes)
+    assert [str(port) for port in system.recorded] == ["s.y[1]", "s.y[2]"]
+
+    def told(record=(), **given):
+        return refusal([Part("s", fmu, start | given)], record=record)
+
+    row = "  Give a list of its values, row by row, or single elements by their names."
+    at = "docking.yaml: instances.s.start"
+    assert told(u=[1, 2, 3]).splitlines() == [f"{at}.u: s.u is an array of 2 values, got [1, 2, 3]", row]
+    assert told(u="1 N").splitlines()[0] == f"{at}.u: s.u is an array of 2 values, got '1 N'"
+    assert (
+        told(a=[1, 2, 3, 4]).splitlines()[0] == f"{at}.a: s.a is an array of 2 x 2 values, got [1, 2, 3, 4]"
+    )
+    assert told(a=[[1, 2], [3]]).splitlines()[0].endswith("2 x 2 values, got [[1, 2], [3]]")
+    assert told(u=["1 N", "2 m"]).startswith(f"{at}.u[2]: s.u[2] [N]: cannot take '2 m'")
+    assert told(**{"u[2]": "1 N"}).splitlines()[0] == f"{at}.u: s.u[2] is given twice, by itself and in u"
+    assert told(["s.u"]).splitlines()[0] == "docking.yaml: run.record[0]: s.u[1] cannot be recorded"
+    assert told(["s.x"]).splitlines()[0] == "docking.yaml: run.record[0]: s has no variable 'x' to record"
+
+
+def test_what_a_loop_asks_to_be_said_can_be_pasted():
+    bus = FakeFmu(inputs={"u[1]": "", "u[2]": ""}, outputs={"y[1]": "", "y[2]": ""}, feedthrough=None)
+    parts = [Part("a", bus), Part("b", bus)]
+    (note,) = assemble(parts, ["a.y -> b.u", "b.y -> a.u"]).notes
+    pasted = re.search(r"instances\.a\.feedthrough: (\{.*?\})", note)[1]
+    assert yaml.safe_load(pasted) == {"y[1]": [], "y[2]": []}
+
+
+def test_a_declared_loop_among_assumed_ones_is_the_one_that_is_told():
+    hub = FakeFmu(name="Hub", inputs={"u": "", "v": ""}, outputs={"y": ""}, feedthrough=None)
+    parts = [Part("hub", hub), Part("a", gain(feedthrough=None)), Part("b", gain())]
+    text = refusal(parts, ["hub.y -> a.u", "a.y -> hub.u", "hub.y -> b.u", "b.y -> hub.v"])
+    assert "b.u is direct-feedthrough to b.y\n" in text and "a.u" not in text
 
 
 def test_an_algebraic_loop_tells_effects_and_delays_that_are_too_short():

@@ -94,7 +94,7 @@ def test_all_problems_are_told_at_once():
         run__stop_time="4",
         run__stpe=1,
         run__record_every=0,
-        instances__one__start={"x": [1]},
+        instances__one__start={"x": {"a": 1}},
         instances__two__fmus="Two",
         connections=["a.y - b.u", {"from": "a.y", "too": "b.u"}, 3],
         meazures={},
@@ -111,8 +111,8 @@ def test_all_problems_are_told_at_once():
         "  allowed: master, step_size, stop_time, start_time, record, record_every, loop, "
         "realtime. "
         "Did you mean stop_time or master?",
-        "config: instances.one.start.x: [1] is no start value",
-        "  a number, a quantity such as 6 ms, true, false or text",
+        "config: instances.one.start.x: {'a': 1} is no start value",
+        "  a number, a quantity such as 6 ms, true, false or text, of an array a list of those",
         "config: instances.two.fmus: unknown key 'fmus'",
         "  allowed: fmu, form, start, step_size, feedthrough, interface, tolerance, event_mode, any_step, "
         "isolate, time_limit. Did you mean fmu?",

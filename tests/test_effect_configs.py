@@ -228,6 +228,17 @@ def test_problems_of_an_array_are_told_once():
     ]
 
 
+def test_a_gain_with_a_unit_needs_a_signal_with_one():
+    parts = [Part("one", FakeFmu(outputs={"y": ""})), Part("two", FakeFmu(inputs={"u": ""}))]
+    assert refusal([{"from": "one.y", "to": "two.u", "through": [{"gain": "2 N/m"}]}], parts) == [
+        "system: connections[0].through[0]: effect gain on a signal in no unit",
+        "  the signal's unit is not known, so that a factor with a unit makes no known one. Give a bare "
+        "number, the factor in the units of both ends: the unit is not checked then.",
+    ]
+    # As it says.
+    assemble(parts, [{"from": "one.y", "to": "two.u", "through": [{"gain": 2}]}])
+
+
 def test_effects_of_a_file_move_with_the_config(tmp_path):
     folder = tmp_path / "here"
     folder.mkdir()

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from archives import repack
 
+from orchestrator.config import load_config
 from orchestrator.errors import ConfigError, FmuError, StepError
+from orchestrator.exchange.ssp.write import write_ssp
 from orchestrator.fmi import Handling, Interface, Kind, Point, StepStatus, load_fmu
 from orchestrator.fmi.block import Block
 from orchestrator.run import prepare, run
@@ -284,6 +286,20 @@ def test_elements_of_arrays_are_ports(tmp_path):
         "u[1]": 2.0, "u[2]": 7.0, "u[3]": 3.0, "gain[2,1]": 4.0,
     }  # fmt: skip
     instance.free()
+
+
+def test_whole_arrays_start_are_recorded_and_survive_an_ssp(tmp_path):
+    path = foreign.arrays(tmp_path / "Arrays.fmu")
+    data = {
+        "run": {"master": "jacobi", "step_size": "0.5 s", "stop_time": "1 s", "record": ["s.y", "s.count"]},
+        "instances": {"s": {"fmu": str(path), "start": {"u": [1, 2, 3], "gain": [[1, 0, 0], [0, 1, 1]]}}},
+    }
+    results = run(data, halving=False).results
+    assert list(results.signals) == ["s.y[1]", "s.y[2]", "s.count"]
+    assert [results["s.y[1]"][0], results["s.y[2]"][0]] == [1.0, 5.0]
+    write_ssp(data, tmp_path / "X.ssp")
+    back = load_config(tmp_path / "X.ssp")
+    assert back.model.instances["s"].start == data["instances"]["s"]["start"] and back.notes == ()
 
 
 def test_elements_of_arrays_are_connected(tmp_path):

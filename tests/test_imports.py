@@ -15,7 +15,7 @@ PACKAGE = ROOT / "orchestrator"
 # From the bottom up: a module imports only from layers that stand before its own.
 LAYERS = [
     "errors", "digests", "whole_file", "bundled", "provenance", "units", "quantities", "effects",
-    "config", "fmi", "graph", "fixed_point", "system", "bonds", "checks", "loops", "connecting",
+    "config", "fmi", "graph", "fixed_point", "system", "bonds", "checks", "arrays", "loops", "connecting",
     "histogram", "external", "parts", "assembly", "signals", "wires", "initialisation", "culprits",
     "instance_pool", "instances", "ledger", "master", "native", "pacing", "simulate", "stream", "formats",
     "recorded", "results", "progress", "measures", "plotting", "page", "folder_lock", "workers",

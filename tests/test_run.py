@@ -67,7 +67,7 @@ def test_a_run_writes_everything_that_it_returns(config, tmp_path):
     }  # fmt: skip
     summary = loads_strictly(out / "summary.json")
     assert summary == json.loads(json.dumps(result.summary))
-    assert {"title", "config", "run", "numerics", "parameters", "provenance"} == set(summary)
+    assert {"title", "config", "run", "notes", "numerics", "parameters", "provenance"} == set(summary)
     assert summary["run"]["master"] == "jacobi"
     assert summary["run"]["steps"] == 50 and summary["run"]["step_size"] == 0.01
     assert summary["run"]["simulated_time"] == 0.5 and summary["run"]["wall_time"] > 0.0
@@ -264,6 +264,25 @@ def test_check_tells_order_conversions_and_notes(config, capsys):
     assert "order of direct feedthrough: one, two" in printed
     assert main(["check", str(config), "--set", "two.rate=1.0"]) == 2
     assert "two.rate has two sources, one.level and a start value" in capsys.readouterr().err
+
+
+def test_a_run_tells_its_notes_once(config, tmp_path, capsys):
+    """The FMUs, by pythonfmu, declare no dependencies: each passes its level to the other's rate."""
+    looped = tmp_path / "loop.yaml"
+    text = config.read_text().replace("start: {rate: 1.0}, feedthrough: {level: []}", "feedthrough: {}")
+    looped.write_text(text + "  - two.level -> one.rate\n")
+    out = tmp_path / "out"
+    assert main(["run", str(looped), "--out", str(out), "--no-figures"]) == 0
+    notes = loads_strictly(out / "summary.json")["notes"]
+    assert len(notes) == 1 and "an algebraic loop that is only assumed" in notes[0]
+    assert capsys.readouterr().err == f"note: {notes[0]}\n"
+    assert main(["check", str(looped), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["notes"] == notes
+    assert main(["run", str(looped), "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+    # A run that fails is told of, too, and several are told apart.
+    assert main(["run", str(looped), str(config), "--set", "two.way=nan", "--set", "two.at=0.1"]) == 1
+    assert capsys.readouterr().err.startswith(f"loop: note: {notes[0]}\norchestrator: two at time 0.11 s: ")
 
 
 def test_schema_and_list(capsys):

@@ -137,8 +137,6 @@ class Axis:
         made = start_value(str(self.target[1]), self._description, str(self.target[3]), value, place)
         if isinstance(made, Problem):
             return made
-        if isinstance(made, float) and not math.isfinite(made):
-            return Problem(place, f"{self.path}: {value!r} is not finite")
         assert self._variable is not None
         shown = made
         if self._variable.kind is Kind.ENUMERATION:

@@ -235,7 +235,7 @@ class Context:
 
 
 # Parts of a summary that are no numbers of the run, or are kept elsewhere.
-_APART = ("title", "config", "parameters", "provenance", "run", "error", "derived")
+_APART = ("title", "config", "parameters", "provenance", "run", "error", "derived", "notes")
 
 
 def begin(order: Order, folder: Path) -> Context:

@@ -23,6 +23,8 @@ __all__ = [
 ]
 
 Scalar = bool | int | float | str
+# Of an array; that of two dimensions row by row.
+StartValue = Scalar | list[Scalar | list[Scalar]]
 
 
 class RunModel(Model):
@@ -80,9 +82,10 @@ class InstanceModel(Model):
         description="Form of a bundled FMU that was written in Python: python runs its source, native is "
         "compiled from it and much faster; python unless said otherwise.",
     )
-    start: dict[str, Scalar] = Field(
+    start: dict[str, StartValue] = Field(
         default_factory=dict,
-        description="Start values, with units, of parameters, of inputs that stay constant and of states.",
+        description="Start values, with units, of parameters, of inputs that stay constant and of states; "
+        "of an array as a list.",
         examples=[{"omega_n": "75 Hz", "xi_n": 0.8, "tau_m": "2 ms"}],
     )
     step_size: Time | None = Field(

@@ -93,7 +93,8 @@ def validation_problems(
         elif (path[2:3] == ("start",) and len(path) == 4) or _is_scalar(item):
             named = "start value" if path[2:3] == ("start",) else "value"
             what = f"{item['input']!r} is no {named}"
-            problem = Problem(place, what, "a number, a quantity such as 6 ms, true, false or text")
+            further = ", of an array a list of those" if named == "start value" else ""
+            problem = Problem(place, what, "a number, a quantity such as 6 ms, true, false or text" + further)
         else:
             message = item["msg"].removeprefix("Value error, ")
             if kind != "value_error":

@@ -15,7 +15,7 @@ import yaml
 
 from ..errors import ConfigError, Problem
 
-__all__ = ["Path", "Place", "Places", "compose", "dump", "parse", "path_text"]
+__all__ = ["Path", "Place", "Places", "compose", "dump", "flow", "parse", "path_text"]
 
 Path = tuple[str | int, ...]
 
@@ -180,6 +180,14 @@ def _represent_number(dumper: yaml.SafeDumper, number: float) -> Any:
 
 _Dumper.add_representer(str, _represent_text)
 _Dumper.add_representer(float, _represent_number)
+
+
+def flow(value: Mapping[str, Any]) -> str:
+    """Plain values as YAML in braces, on one line, for messages."""
+    text = yaml.dump(
+        dict(value), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10**9, default_flow_style=True
+    )
+    return text.strip()
 
 
 def dump(value: Mapping[str, Any]) -> str:

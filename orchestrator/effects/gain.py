@@ -56,7 +56,10 @@ class Gain(Effect):
         if unit == ONE:
             return measure
         if measure.unit is None:
-            return "the signal's unit is not known, so that a factor with a unit makes no known one"
+            return (
+                "the signal's unit is not known, so that a factor with a unit makes no known one. Give a "
+                "bare number, the factor in the units of both ends: the unit is not checked then."
+            )
         if unit.offset or measure.unit.offset:
             return "a unit with an offset cannot be multiplied"
         return times_unit(measure, unit)

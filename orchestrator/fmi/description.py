@@ -120,6 +120,11 @@ class ModelDescription:
         """Variables of causality output."""
         return tuple(v for v in self.variables.values() if v.causality is Causality.OUTPUT)
 
+    def elements(self, array: str) -> tuple[Variable, ...]:
+        """Elements of an array by its name, row by row; none if that is a scalar's or nobody's."""
+        pattern = re.compile(re.escape(array) + r"\[\d+(?:, ?\d+)*\]")
+        return tuple(v for v in self.variables.values() if pattern.fullmatch(v.name))
+
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
         """Variables of causality parameter."""

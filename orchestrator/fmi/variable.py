@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from ..units import Unit
+from ..units import ONE, Unit
 
 __all__ = ["Causality", "Initial", "Kind", "Value", "Variability", "Variable"]
 
 Value = float | int | bool | str
+
+# As it is commonly written: rounded to single precision it is the largest number there.
+_LARGEST_SINGLE = 3.4028235e38
 
 
 class Causality(StrEnum):
@@ -112,9 +116,24 @@ class Variable:
             return value
         return not value if self.kind is Kind.BOOLEAN else -value
 
+    def written(self, value: Value) -> Value:
+        """A value as a config gives it: a real number with its unit, if it has one, an item by its name."""
+        if self.kind is Kind.ENUMERATION:
+            return next((name for name, item in self.items.items() if item == value), value)
+        if self.kind is not Kind.REAL or not isinstance(value, float):
+            return value
+        # Of the negative zero no whole number is left.
+        whole = (
+            value.is_integer() and abs(value) < 2**53 and (value != 0.0 or math.copysign(1.0, value) > 0.0)
+        )
+        plain = int(value) if whole else value
+        return plain if not self.unit_name or self.unit == ONE else f"{plain!r} {self.unit_name}"
+
     @property
-    def whole_range(self) -> tuple[int, int] | None:
-        """The smallest and the largest number of its type of integers; None of other types."""
+    def held_range(self) -> tuple[float, float] | None:
+        """The smallest and the largest number that its type holds: of integers, or Float32; else None."""
+        if self.type == "Float32":
+            return -_LARGEST_SINGLE, _LARGEST_SINGLE
         if self.kind is not Kind.INTEGER:
             return None
         signed, digits = not self.type.startswith("U"), self.type[self.type.index("Int") + 3 :]

@@ -21,6 +21,13 @@ from .transfer import Transfer
 __all__ = ["Loop", "Wire"]
 
 
+_ANY_SYSTEM = (
+    "This analyses docking loops alone. For any system orchestrator.frequency has functions in Python: "
+    "system_state_space gives A, B, C, D, sweep_system measures responses under the master; see "
+    "docs/frequency.md."
+)
+
+
 @dataclass(frozen=True)
 class Wire:
     """A connection: (instance, variable) to (instance, variable); several to one target add up.
@@ -131,8 +138,11 @@ class Loop:
                 [
                     Problem(
                         self.name,
-                        f"{len(found)} instances of {model}: {listed(found)}",
+                        f"{len(found)} instances of {model}: {listed(found)}"
+                        if found
+                        else f"no {model} in it",
                         "exactly one is needed",
+                        "" if found else _ANY_SYSTEM,
                     )
                 ]
             )

@@ -35,6 +35,10 @@ BUDGET = 8_000_000
 _COUPLING = 0.2
 
 
+def _remarks(summary: Mapping[str, Any]) -> list[str]:
+    return [*summary.get("notes", ()), *remarks(summary)] if summary else []
+
+
 def page(run: RunFolder, budget: int = BUDGET, notes: Sequence[str] = ()) -> str:
     """The page as HTML.
 
@@ -53,7 +57,7 @@ def page(run: RunFolder, budget: int = BUDGET, notes: Sequence[str] = ()) -> str
     parts = [
         f"<p class=headline>{escape(sentence(run))}</p>",
         _error(summary),
-        aside("To know", [*notes, *run.missing, *(remarks(summary) if summary else [])]),
+        aside("To know", [*notes, *run.missing, *_remarks(summary)]),
         "<div class=cards>",
         card("Key numbers", _numbers(run)),
         card("The run", _about(run)),

@@ -96,7 +96,8 @@ def test_components_connections_and_default_experiment(tmp_path):
         "robot.velocity -> contact.velocity",  # start and end do not say which feeds which
     ]
     assert got.data["instances"]["robot"]["start"] == {"command": "0 m"}
-    assert any("nothing feeds robot.command" in note for note in got.notes)
+    notes = [note for note in got.notes if "that nothing feeds" in note]
+    assert len(notes) == 1 and "their FMUs' own start values: robot.command = 0 m" in notes[0]
 
 
 def test_a_linear_transformation_works_after_the_conversion_of_units(tmp_path):

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import bundled
+from ...arrays import each_element
 from ...digests import file_digest
 from ...fmi import ModelDescription
 from ...units import UnitError, parse_quantity, parse_unit
@@ -180,10 +181,18 @@ def _start(
     name: str, plain: Mapping[str, Any], written: Mapping[str, Any], description: ModelDescription, other: Any
 ) -> dict[str, Any]:
     """Start values as written where they are those of the file."""
-    found = {}
+    found: dict[str, Any] = {}
+    whole: set[str] = set()
     for key, value in written.items():
         variable = description.variables.get(key)
-        if key not in plain or variable is None:
+        members = () if variable is not None else description.elements(key)
+        values = each_element(key, members, value) if members else None
+        if values is not None and all(
+            one.name in plain and same_start(one, values[one.name], plain[one.name]) for one in members
+        ):
+            found[key] = value
+            whole |= values.keys()
+        elif key not in plain or variable is None:
             other(f"{name}.{key}")
         elif same_start(variable, value, plain[key]):
             found[key] = value
@@ -193,7 +202,11 @@ def _start(
     for key, value in plain.items():
         variable = description.variables[key]
         # Of an array the file gives all elements, the config perhaps some.
-        if key not in written and not (variable.elements > 1 and value_of(variable, value)):
+        if (
+            key not in written
+            and key not in whole
+            and not (variable.elements > 1 and value_of(variable, value))
+        ):
             other(f"{name}.{key}")
             found[key] = value
     return found

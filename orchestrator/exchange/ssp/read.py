@@ -24,7 +24,7 @@ from .archive import open_package
 from .code import take_code
 from .model import Document
 from .network import Edge, Given, Key, Leaf, Network, Node, Path_, family
-from .values import Course, CourseError, scalars, written
+from .values import Course, CourseError, scalars
 
 __all__ = ["MAIN", "Read", "read_ssp"]
 
@@ -305,7 +305,7 @@ def _start(
 
 def _fill(data: dict[str, Any], descriptions: Mapping[str, Any], notes: list[str], label: str) -> None:
     """Inputs that nothing feeds stay at the FMU's own start value; configs say so."""
-    fed = set()
+    fed, filled = set(), dict[str, Any]()
     for one in data.get("connections", ()):
         text = one["to"] if isinstance(one, dict) else one.partition("->")[2]
         fed.add(text.strip())
@@ -324,9 +324,12 @@ def _fill(data: dict[str, Any], descriptions: Mapping[str, Any], notes: list[str
                 continue
             value: Any = variable.start
             if variable.kind is Kind.REAL:
-                value = written(float(value), variable)
+                value = variable.written(float(value))
             data["instances"][name].setdefault("start", {})[variable.name] = value
-            notes.append(f"{label}: nothing feeds {port}: it stays at {value}, the FMU's own start value")
+            filled[port] = value
+    if filled:
+        told = listed((f"{port} = {value}" for port, value in filled.items()), 12)
+        notes.append(f"{label}: inputs that nothing feeds stay at their FMUs' own start values: {told}")
 
 
 def _remedies(read: Read, document: Document) -> None:

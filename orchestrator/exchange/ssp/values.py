@@ -15,7 +15,7 @@ from ...units import ONE, Unit, UnitError, convert, parse_unit
 from .model import Transformation
 from .network import Given, Node
 
-__all__ = ["Course", "CourseError", "mapped", "number", "scalars", "written"]
+__all__ = ["Course", "CourseError", "mapped", "number", "scalars"]
 
 _TRUE, _FALSE = ("true", "1"), ("false", "0")
 
@@ -29,18 +29,6 @@ def number(text: str) -> int | float:
         if not math.isfinite(value):
             raise ValueError(f"{text!r} is not finite") from None
         return value
-
-
-def written(value: float, variable: Variable) -> Scalar:
-    """A real number as a config gives it to a variable: with the variable's unit, if it has one."""
-    plain = int(value) if value == int(value) and abs(value) < 2**53 and not _negative_zero(value) else value
-    if not variable.unit_name or variable.unit == ONE:
-        return plain
-    return f"{plain!r} {variable.unit_name}"
-
-
-def _negative_zero(value: float) -> bool:
-    return value == 0.0 and math.copysign(1.0, value) < 0.0
 
 
 def mapped(text: str, transformation: Transformation) -> str:
@@ -126,7 +114,7 @@ def _real(given: Given, variable: Variable, text: str, change: Transformation | 
         value = change.factor * value + change.offset
     if not math.isfinite(value):
         raise ValueError("it is not finite")
-    return written(value, variable)
+    return variable.written(float(value))
 
 
 def _means(name: str, unit: Unit, variable: Variable) -> bool:
