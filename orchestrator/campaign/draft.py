@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..config import Places, path_within, validation_problems
+from ..config import Places, copied, path_within, validation_problems
 from ..errors import Problem
 from .models import BlockModel, StudyModel
 
@@ -49,7 +49,7 @@ def read_study(
 
 def _without(design: Any, paths: Iterable[tuple[str | int, ...]]) -> Any:
     """A design without the values that are wrong; None if it is not known what is meant then."""
-    design = _copied(design)
+    design = copied(design)
     for path in paths:
         if path[:1] != ("design",) or len(path) < 2:
             continue
@@ -65,9 +65,3 @@ def _without(design: Any, paths: Iterable[tuple[str | int, ...]]) -> Any:
     except ValidationError:
         return None
     return design
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _copied(one) for key, one in value.items()}
-    return [_copied(one) for one in value] if isinstance(value, list) else value

@@ -6,7 +6,7 @@ from .load import Config, Draft, json_schema, load_config, move_effects, read_co
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .overrides import override_path, put_value, unknown_path
 from .problems import path_within, validation_problems
-from .text import Place, Places, compose, dump, parse, path_text
+from .text import Place, Places, compose, copied, dump, parse, path_text
 
 __all__ = [
     "Absent",
@@ -25,6 +25,7 @@ __all__ = [
     "SourceModel",
     "SystemModel",
     "compose",
+    "copied",
     "dump",
     "json_schema",
     "load_config",

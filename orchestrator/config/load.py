@@ -15,7 +15,7 @@ from .draft import read_model
 from .gaps import FURTHER, Gaps
 from .models import SystemModel
 from .overrides import override
-from .text import Path, Place, Places, compose, dump
+from .text import Path, Place, Places, compose, copied, dump
 
 __all__ = ["Config", "Draft", "json_schema", "load_config", "move_effects", "read_config"]
 
@@ -99,7 +99,7 @@ def read_config(
         data, places = source.model.to_data(), source.places
         folder, name, notes, unpacked = source.folder, source.name, source.notes, source.unpacked
     elif isinstance(source, Mapping):
-        data, places = _copied(source), Places("config")
+        data, places = copied(source), Places("config")
         folder, name = pathlib.Path.cwd(), "config"
     else:
         path = _find(source)
@@ -108,7 +108,7 @@ def read_config(
         if reader is not None:
             module, _, function = reader.partition(":")
             foreign = getattr(import_module(module, __package__), function)(path)
-            data, places = _copied(foreign.data), Places(path.name)
+            data, places = copied(foreign.data), Places(path.name)
             notes, unpacked, remedies = tuple(foreign.notes), foreign.unpacked, foreign.remedies
         else:
             data, places = _read(path, (), found)
@@ -261,9 +261,3 @@ def _merge(base: Any, change: Any, path: Path, known: dict[Path, Place], places:
         else:
             merged[key] = _merge(None, value, (*path, key), known, places)
     return merged
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _copied(item) for key, item in value.items()}
-    return [_copied(item) for item in value] if isinstance(value, list | tuple) else value

@@ -15,7 +15,7 @@ import yaml
 
 from ..errors import ConfigError, Problem
 
-__all__ = ["Path", "Place", "Places", "compose", "dump", "flow", "parse", "path_text"]
+__all__ = ["Path", "Place", "Places", "compose", "copied", "dump", "flow", "parse", "path_text"]
 
 Path = tuple[str | int, ...]
 
@@ -29,6 +29,13 @@ class Place:
 
     def __str__(self) -> str:
         return f"{self.source}:{self.line}" if self.line else self.source
+
+
+def copied(value: Any) -> Any:
+    """Plain values, with mappings and lists of their own all the way down."""
+    if isinstance(value, Mapping):
+        return {key: copied(item) for key, item in value.items()}
+    return [copied(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def path_text(path: Path) -> str:
