@@ -122,7 +122,7 @@ def _weigh(
     chance = arrivals(model, found.best, left[0::2], lost is None and PACKETS not in without)
     if chance.apart and chance.losses is not None:
         losses = chance.losses
-        told = Noise(PACKETS, (losses.chance,), losses.log_evidence, uneven=losses.regular)
+        told = Noise(PACKETS, (losses.chance,), losses.log_evidence, uneven=chance.regular)
         return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, told)
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)

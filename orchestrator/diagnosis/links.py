@@ -31,6 +31,9 @@ _LOSSES_CLEAR = 15.0
 # Log evidence of lost commands that stand apart, over that of random arrivals, at which they are what these
 # are; and of it the share that may be left when they are taken away.
 _LIKELIER, _REST = 2.0, 0.1
+# Beside the log evidence of commands out of order, of which few are found where they run into each other, as
+# how much of theirs that of losses counts, and that of random arrivals, which may come at any time.
+_UNSURE, _FREER = 1.2, 0.7
 
 
 class Arrivals(NamedTuple):
@@ -55,8 +58,14 @@ class Arrivals(NamedTuple):
 
     @property
     def regular(self) -> float:
-        """Log likelihood that losses keep a period, which chance does not [nats]."""
-        return self.losses.regular if self.losses is not None else 0.0
+        """Log likelihood that what is random is not, or not that: it keeps a period, or no order [nats].
+
+        Chance keeps no period, and neither loss nor delay brings an older command after a newer one.
+        """
+        if self.losses is None:
+            return 0.0
+        chance = max(_UNSURE * self.losses.log_evidence, _FREER * self.seen)
+        return max(self.losses.regular, self.losses.disorder - chance)
 
     @property
     def periodic(self) -> float:

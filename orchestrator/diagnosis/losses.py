@@ -1,4 +1,4 @@
-"""Commands that are lost one by one: each shows for itself in the encoder, however few they are."""
+"""Commands that are lost one by one, or out of order: each shows in the encoder, however few they are."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ _FEWEST = 8
 # in full; and how sharply losses may keep to them (von Mises' concentration).
 _FASTEST, _SLOWEST, _TURN, _LIKELIEST = 20.0, 1000.0, 0.1, 20
 _SHARP = 2.0 ** np.arange(7)
+# By how many ticks a command may come after newer ones.
+_LATE = range(2, 9)
 
 
 class Losses(NamedTuple):
@@ -41,6 +43,7 @@ class Losses(NamedTuple):
         moved: what they moved the robot at the ticks, by run, each of shape (n,) [m].
         shorter: by which commands fell short, as those of `Seen`, by run, each of shape (n,) [m].
         regular: log likelihood that they keep a period, which chance does not [nats].
+        disorder: log evidence over none that commands which come after newer ones are obeyed [nats].
     """
 
     log_evidence: float
@@ -48,6 +51,20 @@ class Losses(NamedTuple):
     moved: tuple[Array, ...]
     shorter: tuple[Array, ...]
     regular: float
+    disorder: float = 0.0
+
+
+class _Asked(NamedTuple):
+    """What a command that goes astray moves the robot in a run.
+
+    Attributes:
+        pulses: by how much each command falls short if it does, and one some ticks later, each of shape (n,)
+            [m]; and that many ticks.
+        answer: what the robot answers to a command of 1 m, over the encoder's noise, shape (k,).
+    """
+
+    pulses: tuple[tuple[Array, int], ...]
+    answer: Array
 
 
 def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
@@ -60,51 +77,82 @@ def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
         fit: the best one without losses; left: its residuals of the encoder, normalised, by run.
     """
     noise, tick = model.noise[0], model.study.tick
-    asked = []
+    sent, answers = [], []
     for index, r in enumerate(left):
         p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
-        # By which a loss makes a command shorter, and what a robot answers to a command.
-        shorter = -np.diff(model.commands[index][HISTORY - 2 : HISTORY - 1 + len(r)])
-        asked.append((shorter, _answer(p, tick) / noise))
+        sent.append(model.commands[index][: HISTORY - 1 + len(r)])
+        answers.append(_answer(p, tick) / noise)
+    asked = [_Asked(((_short(c, 1), 0),), answer) for c, answer in zip(sent, answers, strict=True)]
     # Losses look slow as well: both are weighed together, against what is slow alone.
     beside = [(slow, math.exp(-SLOW * tick)) for slow in STRAYS]
     alone = [_plainly(left, slow) for slow in beside]
     found = [_found(left, asked, slow) for slow in beside]
     told = [one.log_evidence + plain for (one, *_), plain in zip(found, alone, strict=True)]
-    best, at, shows = found[int(np.argmax(told))]
+    top = int(np.argmax(told))
+    best, at, shows = found[top]
+    disorder = 0.0
+    if max(told) - max(alone) > 0.0:
+        runs = list(zip(sent, answers, strict=True))
+        disorder = _disorder(left, runs, beside[top]) + alone[top] - max(alone)
     return best._replace(
         log_evidence=max(told) - max(alone),
         moved=tuple(noise * moved for moved in best.moved),
         regular=_regular(at, shows),
+        disorder=disorder,
     )
 
 
-def _found(
-    left: Sequence[Array], asked: Sequence[tuple[Array, Array]], slow: tuple[float, float]
-) -> tuple[Losses, list[Array], list[Array]]:
-    """Losses beside a slow error, see `_power`; what they move is normalised.
+def _disorder(left: Sequence[Array], runs: Sequence[tuple[Array, Array]], slow: tuple[float, float]) -> float:
+    """See `Losses.disorder`.
 
     Args:
-        asked: by how much a loss makes each command shorter [m], and what the robot answers to one of 1 m,
-            over the noise, by run.
-    Returns: them, but for `regular`, and what that is made of.
+        runs: commands sent, and what the robot answers to one, see `_Asked`, by run.
+    """
+    told = [
+        _found(left, [_late(*run, late, again) for run in runs], slow)[0].log_evidence
+        for late in _LATE
+        for again in (False, True)
+    ]
+    return max(told) - math.log(len(told))
+
+
+def _short(sent: Array, late: int) -> Array:
+    """By how much commands fall short where one so many ticks older holds instead, shape (n,) [m]."""
+    return sent[HISTORY - 2 - (late - 1) : len(sent) - late] - sent[HISTORY - 1 :]
+
+
+def _late(sent: Array, answer: Array, late: int, again: bool) -> _Asked:
+    """A command that holds so many ticks late instead of a newer one; again: after it was in time."""
+    after = np.append(_short(sent, late)[late:], np.zeros(late)), late
+    return _Asked((after,) if again else ((_short(sent, 1), 0), after), answer)
+
+
+def _found(
+    left: Sequence[Array], asked: Sequence[_Asked], slow: tuple[float, float]
+) -> tuple[Losses, list[Array], list[Array]]:
+    """Losses, or others that go astray, beside a slow error, see `_power`; what they move is normalised.
+
+    Args:
+        asked: by run.
+    Returns: them, but for `regular` and `disorder`, and what these are made of.
     """
     rest, missing = list(left), [np.zeros(len(r)) for r in left]
-    gains, expected = zip(*(_gain(r, *one, slow) for r, one in zip(rest, asked, strict=True)), strict=True)
-    apart = len(asked[0][1])
+    gains, expected = zip(*(_gain(r, one, slow) for r, one in zip(rest, asked, strict=True)), strict=True)
+    apart = len(asked[0].answer) + max(lag for _, lag in asked[0].pulses)
     by_chance = np.array([sum(_summed(one, chance, apart) for one in gains) for chance in _CHANCES])
     evidence = float(logsumexp(by_chance) - math.log(len(_CHANCES)))
     chance = float(np.exp(np.average(np.log(_CHANCES), weights=np.exp(by_chance - by_chance.max()))))
     first, counted = [], []
     for again in range(_ROUNDS):
         found = 0
-        for index, (shorter, answer) in enumerate(asked):
-            gain = _gain(rest[index], shorter, answer, slow)[0] if again else gains[index]
+        for index, one in enumerate(asked):
+            gain = _gain(rest[index], one, slow)[0] if again else gains[index]
             lost = np.zeros(len(gain))
             _likeliest(gain, chance, apart, lost)
             at = np.flatnonzero(lost)
-            rest[index] = rest[index] - np.convolve(lost * shorter, answer)[: len(gain)]
-            missing[index] += lost * shorter
+            short = _fallen(lost, one)
+            rest[index] = rest[index] - np.convolve(short, one.answer)[: len(gain)]
+            missing[index] += short
             found += len(at)
             if not again:
                 first.append(at)
@@ -120,17 +168,30 @@ def _found(
     return Losses(evidence, chance, moved, tuple(missing), 0.0), first, shows
 
 
-def _gain(r: Array, shorter: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:
+def _fallen(lost: Array, asked: _Asked) -> Array:
+    """By how much commands fall short in all [m], from which go astray, shape (n,)."""
+    short = np.zeros(len(lost))
+    for pulse, lag in asked.pulses:
+        short[lag:] += (lost * pulse)[: len(lost) - lag]
+    return short
+
+
+def _gain(r: Array, asked: _Asked, slow: tuple[float, float]) -> tuple[Array, Array]:
     """Log likelihood of a loss at each tick, over none, beside white noise and what is slow.
 
     Returns: it, and what is to be expected of it if there is one.
     """
     size = _size(len(r))
-    heard = np.fft.rfft(answer, size)
+    heard = np.fft.rfft(asked.answer, size)
     weighed = heard.conj() / _power(size, slow)
     along = np.fft.irfft(np.fft.rfft(r, size) * weighed, size)[: len(r)]
-    square = np.fft.irfft(heard * weighed, size)[0]
-    return shorter * along - 0.5 * shorter**2 * square, 0.5 * shorter**2 * square
+    shared = np.fft.irfft(heard * weighed, size)
+    told, square = np.zeros(len(r)), np.zeros(len(r))
+    for pulse, lag in asked.pulses:
+        told[: len(r) - lag] += pulse[: len(r) - lag] * along[lag:]
+        for other, before in asked.pulses:
+            square += pulse * other * shared[abs(lag - before)]
+    return told - 0.5 * square, 0.5 * square
 
 
 def _plainly(left: Sequence[Array], slow: tuple[float, float]) -> float:

@@ -15,6 +15,7 @@ from scipy.signal import lfilter
 from .challenge import draw, hidden
 from .challenge.hidden import between
 from .challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
+from .misfit import stretches
 from .study import Array, Nominal, Role, Run, Study
 
 __all__ = ["ODDITIES", "bare_study", "observed", "simulated_case", "simulated_study", "train_logs"]
@@ -109,6 +110,25 @@ def _rubbing(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
     return replace(log, force=log.force - size * between(rng, 1.0, 4.0) * push)
 
 
+def _bristles(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The frames carry bristles that push before the rod touches."""
+    push, reach = size * between(rng, 0.5, 2.5), between(rng, 5e-5, 6e-4)
+    force = log.force.copy()
+    for way, touched in ((1.0, log.force < -6.0), (-1.0, log.force > 6.0)):
+        if touched.any():
+            gap = np.min(way * log.position[touched]) - way * log.position
+            force -= way * push * np.exp(-np.maximum(gap, 0.0) / reach)
+    return replace(log, force=force)
+
+
+def _unsettled(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+    """The sensor's zero is another in each contact."""
+    zero, spread = np.zeros(len(log.force)), size * between(rng, 0.5, 2.5)
+    for contact in stretches(np.abs(log.force) > 6.0):
+        zero[contact] = spread * log.chance.standard_normal()
+    return replace(log, force=log.force + zero)
+
+
 _DEFORMED: dict[str, _Deform] = {
     "sensor.beat": _beat,
     "sensor.ringing": _ringing,
@@ -119,6 +139,8 @@ _DEFORMED: dict[str, _Deform] = {
     "contact.spot": _spot,
     "contact.chatter": _chatter,
     "contact.rubbing": _rubbing,
+    "contact.bristles": _bristles,
+    "sensor.unsettled": _unsettled,
 }
 
 

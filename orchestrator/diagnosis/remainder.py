@@ -37,9 +37,9 @@ def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, roughe
     left = fitter.marginal.left(fit.residuals)
     forces = whitened(left[1::2], colour)
     told = unexplained(forces), in_contact(forces, touching(weighing.model, fit))
-    law = any_law(weighing.model, fitter, fit, weighing.weights, colour)
+    moved, pushed = any_law(weighing.model, fitter, fit, weighing.weights, colour)
     # What an effect only imitates bends the calibration, too. Without any that is for tolerances to tell.
-    found = unexplained(left[0::2]) + max(*told, law) + (bent(fit) if fit.effects else 0.0)
+    found = max(unexplained(left[0::2]), moved) + max(*told, pushed) + (bent(fit) if fit.effects else 0.0)
     return found + (max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
 
 

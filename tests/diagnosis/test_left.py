@@ -22,7 +22,7 @@ from orchestrator.diagnosis.colour import WHITE, Colour
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.marginal import Marginal
-from orchestrator.diagnosis.misfit import in_contact, uneven, unexplained
+from orchestrator.diagnosis.misfit import in_contact, stretches, uneven, unexplained
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import bare_study, simulated_study
 from orchestrator.diagnosis.remainder import bent
@@ -162,10 +162,10 @@ def test_a_small_law_that_no_catalogue_holds_is_seen_along_its_shapes():
         weighing = Weighing.of(model, [], {})
         fitter, weights = weighing.fitter(), weighing.weights
         fit = fitter.fit(())
-        laws[name] = any_law(model, fitter, fit, weights, WHITE)
-        beside = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 100.0))
+        laws[name] = any_law(model, fitter, fit, weights, WHITE)[1]
+        beside = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 100.0))[1]
         # The noise is white: a colour that hardly explains more does not hide the law.
-        instead = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 1.0))
+        instead = any_law(model, fitter, fit, weights, Colour(0.4, 0.95, 1.0))[1]
         drowned = in_contact(fitter.marginal.left(fit.residuals)[1::2], touching(model, fit))
         assert beside <= laws[name]
         if name == "hysteresis":
@@ -188,9 +188,57 @@ def test_a_slow_law_is_seen_though_calibration_and_an_effect_take_up_most_of_it(
     fitter = weighing.fitter()
     fit = fitter.fit((catalogue()["sensor.drift"],))
     forces = fitter.marginal.left(fit.residuals)[1::2]
-    law = any_law(model, fitter, fit, weighing.weights, WHITE)
+    law = any_law(model, fitter, fit, weighing.weights, WHITE)[1]
     drowned = max(unexplained(forces), in_contact(forces, touching(model, fit)))
     assert law > 8.0 and law > 2.0 * drowned, drowned
+
+
+def _bristles(run, rng):
+    """A soft push before the front frame; the rod does not touch there."""
+    force, x = run["sensor_force"], run["encoder_position"]
+    gap = x[force < -2.0].min() - x
+    return {"sensor_force": force - 1.5 * np.exp(-np.maximum(gap, 0.0) / 3e-4) * (gap > 0.0)}
+
+
+def _unsettled(run, rng):
+    """Another zero in each contact."""
+    force = run["sensor_force"].copy()
+    for contact in stretches(np.abs(force) > 2.0):
+        force[contact] += 0.6 * rng.standard_normal()
+    return {"sensor_force": force}
+
+
+def _leaking(run, rng):
+    """The force leaks away in seconds."""
+    force = run["sensor_force"]
+    return {"sensor_force": force - 0.03 * 0.001 * np.cumsum(force)}
+
+
+def _dragging(run, rng):
+    """The servo is held back by the square of its speed."""
+    x = run["encoder_position"]
+    v = np.gradient(x, 0.001)
+    a, b = 2.0 * 0.7 * 50.0, 50.0**2
+    held = lfilter([1e-6], [1.0 + 0.001 * a + 1e-6 * b, -2.0 - 0.001 * a, 1.0], 25.0 * v * np.abs(v))
+    return {"encoder_position": x - held}
+
+
+@pytest.mark.parametrize("law", [None, _bristles, _unsettled, _leaking, _dragging])
+def test_laws_at_the_ends_of_contacts_in_their_wake_and_in_the_servo_are_seen(law):
+    own = study(ticks=3000)
+    rng = np.random.default_rng(7)
+    runs = []
+    for run in own.runs:
+        columns = {**run.columns, **(law(run, rng) if law else {})}
+        columns["sensor_force"] = columns["sensor_force"] + 0.5 * rng.standard_normal(3000)
+        columns["encoder_position"] = columns["encoder_position"] + 2e-6 * rng.standard_normal(3000)
+        runs.append(replace(run, columns=columns))
+    model = RigModel(replace(own, runs=tuple(runs)), runs)
+    weighing = Weighing.of(model, [], {})
+    fitter = weighing.fitter()
+    moved, pushed = any_law(model, fitter, fitter.fit(()), weighing.weights, WHITE)
+    assert (moved > 8.0) == (law is _dragging), moved
+    assert (pushed > 8.0) == (law not in (None, _dragging)), pushed
 
 
 def test_shapes_count_by_what_is_left_of_them_beside_roughness_and_what_a_fit_chose():

@@ -11,7 +11,7 @@ from orchestrator.diagnosis.benign import Weighing
 from orchestrator.diagnosis.calibration import calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.challenge.hidden import HIDDEN, Hidden
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
@@ -90,10 +90,14 @@ def test_what_halved_sub_steps_change_of_a_limited_servo_is_its_own_error():
 
 def losses_of(name, size):
     own, values = hiding(name, size)
+    return *losses_in(own), values
+
+
+def losses_in(own):
     model, fitter = fitter_of(own)
     fit = fitter.fit(())
     left = fitter.marginal.left(fit.residuals)[0::2]
-    return lost_commands(model, fit, left), random_arrival(model, fit, left)[0], values
+    return lost_commands(model, fit, left), random_arrival(model, fit, left)[0]
 
 
 def test_few_lost_commands_tell_for_themselves():
@@ -108,6 +112,24 @@ def test_few_lost_commands_tell_for_themselves():
 def test_what_else_moves_the_robot_is_no_loss(name, size):
     found, arrival, _ = losses_of(name, size)
     assert found.log_evidence < max(5.0, 1.5 * arrival)
+
+
+@pytest.mark.parametrize(("share", "ticks"), [(0.005, 4), (0.02, 2), (0.08, 6)])
+def test_commands_that_come_after_newer_ones_are_neither_lost_nor_late(share, ticks):
+    def drawn(rng, size):
+        return {"reorder": share, "reorder_ticks": float(ticks)}
+
+    plan = Plan("single", (Hidden("link.out-of-order", drawn, chance=True),), 1.0)
+    found, arrival = losses_in(simulated_study(6, 3, plan=plan)[0])
+    assert Arrivals(arrival, 0.0, 0.0, [], found).regular > 20.0
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("link.packet-loss", 0.06), ("link.packet-loss", 0.9), ("link.jitter", 0.6)]
+)
+def test_what_is_lost_or_late_at_random_is_in_order(name, size):
+    found, arrival, _ = losses_of(name, size)
+    assert Arrivals(arrival, 0.0, 0.0, [], found).regular < 3.0
 
 
 def test_a_rig_that_loses_few_commands_is_relieved_of_them():
