@@ -13,14 +13,14 @@ from typing import Any
 from . import checks
 from .arrays import elementwise
 from .bonds import Bond, declared_bonds, find_bonds
-from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places, Scalar
+from .config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
 from .config.base import exact_time
-from .config.text import flow
 from .connecting import Ends, connect, elements, meant
-from .errors import ConfigError, Problem, close, listed
-from .fmi import Kind, ModelDescription, Value, Variable
+from .errors import ConfigError, Problem, listed
+from .fmi import Kind, ModelDescription, Variable
 from .loops import algebraic_loops
 from .parts import Part, parts_of
+from .settling import given_perhaps, remarks, settle
 from .system import Connection, Instance, Port, System
 
 __all__ = ["Judged", "Part", "assemble", "judge_system", "load_system"]
@@ -200,12 +200,12 @@ def _assemble(
             continue
         wired[made.target] = (one.index, made.source)
         checked.append(made)
-    fed |= {name for part in parts for name in _given_perhaps(part, gaps)}
+    fed |= {name for part in parts for name in given_perhaps(part, gaps)}
     unsure: set[str] = set()  # instances whose direct feedthrough is not known
-    instances = [_settle(part, starts[part.name], wired, fed, places, found, notes, unsure) for part in parts]
+    instances = [settle(part, starts[part.name], wired, fed, places, found, notes, unsure) for part in parts]
     unread = {one.name for one in parts if not gaps.whole("instances", one.name, "feedthrough")}
     for part in parts:
-        notes += _remarks(part, places)
+        notes += remarks(part, places)
         if all(gaps.knows("instances", part.name, key) for key in ("tolerance", "interface")):
             found += checks.integration(part.name, part.fmu, places)
     together = [one for one in parts if gaps.knows("instances", one.name, "isolate")]
@@ -244,22 +244,6 @@ def _may_hold(connection: Connection) -> bool:
     return any(not link.effect.passes_at_once(1e-12) for link in links)
 
 
-def _given_perhaps(part: Part, gaps: Gaps) -> set[str]:
-    """Inputs of a part that have start values which cannot be read, or which another name is meant for."""
-    inputs = [variable.name for variable in part.fmu.description.inputs]
-    path = ("instances", part.name, "start")
-    if gaps.further(*path):
-        return {f"{part.name}.{one}" for one in inputs}
-    unread = [
-        one for one in inputs if not all(gaps.knows(*path, key) for key in (one, one.partition("[")[0]))
-    ]
-    unknown = [one for one in part.start if one not in part.fmu.description.variables]
-    like = [one for name in unknown for one in close(name, inputs)]
-    # Of a list that does not fit its array.
-    whole = [one.name for name in unknown for one in part.fmu.description.elements(name)]
-    return {f"{part.name}.{one}" for one in (*unread, *like, *whole)}
-
-
 def _stated(
     connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
     descriptions: Mapping[str, ModelDescription],
@@ -296,21 +280,6 @@ def _stated(
     return stated, single, fed | (every if unknown else set())
 
 
-def _remarks(part: Part, places: Places) -> list[str]:
-    """What the user should know of an FMU that is let pass."""
-    description, place = part.fmu.description, places.text(("instances", part.name))
-    notes = []
-    if description.deviations:
-        first, *more = description.deviations
-        further = f" and {len(more)} more" if more else ""
-        notes.append(f"{place}: breaks a rule of FMI: {first}{further}")
-    tool = description.tool or "which it does not name"
-    # pythonfmu declares a need that is met wherever this runs: Python.
-    if description.capabilities.execution_tool and not tool.startswith("PythonFMU"):
-        notes.append(f"{place}: runs only where the tool that made it is installed, {tool}")
-    return notes
-
-
 def _bonded(
     bonds: Sequence[BondModel | None] | None,
     instances: Sequence[Instance],
@@ -336,76 +305,6 @@ def _bonded(
     numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
     unjudged = [one.leading for one in stated]
     return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent, unknown)
-
-
-def _settle(
-    part: Part,
-    given: Mapping[str, Scalar],
-    wired: Mapping[Port, tuple[int, Port]],
-    fed: set[str],
-    places: Places,
-    problems: list[Problem],
-    notes: list[str],
-    unsure: set[str],
-) -> Instance:
-    """Start values and dependencies of a part, and its inputs that nothing feeds.
-
-    Inputs in `fed` that are not in `wired` have a connection, or a start value, with a problem of its own.
-    Parts whose stated dependencies are wrong are added to `unsure`.
-    """
-    path = ("instances", part.name)
-    description = part.fmu.description
-    start: dict[str, Value] = {}
-    for name, value in given.items():
-        result = checks.start_value(part.name, description, name, value, places.text((*path, "start", name)))
-        if isinstance(result, Problem):
-            problems.append(result)
-        else:
-            start[name] = result
-    used = {
-        variable.reference
-        for variable in description.inputs
-        if variable.name in given or f"{part.name}.{variable.name}" in fed
-    }
-    unfed: list[Variable] = []
-    for variable in description.inputs:
-        if variable.elements > 1 and variable.reference not in used:
-            if variable.element == 0:
-                array = variable.name.rpartition("[")[0]
-                notes.append(f"{places.text(path)}: input array {part.name}.{array} is left alone")
-            continue
-        feed = wired.get(Port(part.name, variable.name))
-        place = places.text((*path, "start", variable.name) if variable.name in given else path)
-        if feed is not None and variable.name in given:
-            what = f"{part.name}.{variable.name} has two sources, {feed[1]} and a start value"
-            problems.append(
-                Problem(place, what, f"connections[{feed[0]}] feeds it", "Remove one of the two.")
-            )
-        elif feed is None and variable.name not in given and f"{part.name}.{variable.name}" not in fed:
-            if variable.shape or not variable.settable:
-                notes.append(f"{place}: input {part.name}.{variable.name} ({variable.type}) is left alone")
-                continue
-            unfed.append(variable)
-    if unfed:
-        problems.append(_unfed(part.name, unfed, places.text(path)))
-    told = len(problems)
-    feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
-    if len(problems) > told:
-        unsure.add(part.name)
-    assumed = description.assumed - part.feedthrough.keys()
-    return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio, assumed)
-
-
-def _unfed(name: str, inputs: Sequence[Variable], place: str) -> Problem:
-    """Inputs of an instance that get no value. An FMU's own start value is no sign that it is meant."""
-    one = len(inputs) == 1
-    labels = listed(f"{name}.{variable}" for variable in inputs)
-    what = f"input{'' if one else 's'} {labels} {'is' if one else 'are'} not connected and "
-    what += "has no start value" if one else "have no start values"
-    remedy = f"Connect {'it, or give it a constant value' if one else 'them, or give them constant values'}"
-    remedy += f" under instances.{name}.start"
-    own = {one.name: one.written(one.start) for one in inputs if one.start is not None}
-    return Problem(place, what, remedy=f"{remedy}, as the FMU's own: {flow(own)}" if own else f"{remedy}.")
 
 
 def _recorded(

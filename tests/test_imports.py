@@ -16,11 +16,12 @@ PACKAGE = ROOT / "orchestrator"
 LAYERS = [
     "errors", "digests", "whole_file", "bundled", "provenance", "units", "quantities", "effects",
     "config", "fmi", "graph", "fixed_point", "system", "bonds", "checks", "arrays", "loops", "connecting",
-    "histogram", "external", "parts", "assembly", "signals", "wires", "initialisation", "culprits",
-    "instance_pool", "instances", "ledger", "master", "native", "pacing", "simulate", "stream", "formats",
-    "recorded", "results", "progress", "measures", "plotting", "page", "folder_lock", "workers",
-    "run_folder", "prepared", "run", "compare", "table", "commands", "fmu_tools", "translate", "exchange",
-    "frequency", "docking", "diagnosis", "campaign", "report", "__main__",
+    "histogram", "external", "parts", "settling", "assembly", "signals", "wires", "initialisation",
+    "culprits", "instance_pool", "instances", "ledger", "master", "native", "pacing", "simulate",
+    "stream", "formats", "recorded", "results", "progress", "measures", "plotting", "page",
+    "folder_lock", "workers", "run_folder", "prepared", "run", "compare", "table", "commands",
+    "fmu_tools", "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report",
+    "__main__",
 ]  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from ..run import prepare
 from ..system import System
 from ..units import ONE, Quantity, UnitError, parse_quantity, parse_unit
 
-__all__ = ["Axis", "Level", "axis_of"]
+__all__ = ["Axis", "Level", "as_text", "axis_of"]
 
 _SECOND = parse_unit("s")
 _TIMES = ("step_size", "stop_time", "start_time", "time_limit")
@@ -113,7 +113,7 @@ class Axis:
 
     def _takes(self, value: Scalar) -> bool:
         try:
-            prepare(self._config, [f"{self.path}={_yaml(value)}"])
+            prepare(self._config, [f"{self.path}={as_text(value)}"])
         except ConfigError:
             return False
         return True
@@ -156,7 +156,7 @@ class Axis:
         return Level(float(exact), str(exact), str(value))
 
     def _read_plain(self, value: Scalar, place: str) -> Level | Problem:
-        text = _yaml(value)
+        text = as_text(value)
         if not isinstance(value, str):
             return Level(value, value, text)
         try:
@@ -187,7 +187,8 @@ class Axis:
         return Level(str(value), "", "", path)
 
 
-def _yaml(value: Scalar) -> str:
+def as_text(value: Scalar) -> str:
+    """A value as an override has it."""
     return dump({"x": value}).partition(":")[2].strip()
 
 

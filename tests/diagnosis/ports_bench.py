@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,12 +11,22 @@ import numpy as np
 import yaml
 
 from orchestrator.config import load_config
+from orchestrator.diagnosis.effect import Effect
+from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
 from orchestrator.run import run
+from orchestrator.system import Port
 
 STEP = 2e-3
 NOISE = {"drive.position": 2e-6, "controller.voltage": 5e-3}
 UNITS = {"path.position": "m", "drive.position": "m", "controller.voltage": "V"}
 LAWS = "orchestrator.diagnosis.ports.laws"
+POSITION, VELOCITY = Port("drive", "position"), Port("drive", "velocity")
+VOLTAGE = Port("controller", "voltage")
+# Candidates of which the last two are equal. Each law is compiled when it is first used: few are quicker.
+TIED = {
+    "only": ["drive.coulomb", "drive.viscous", "drive.voltage.gain", "drive.force_per_voltage"],
+    "parameters": {"drive.force_per_voltage": "5 N/V"},
+}
 
 
 @contextmanager
@@ -50,6 +60,9 @@ def friction(law: str, **options: Any) -> dict[str, Any]:
         "to": "drive.load",
         "through": [{"effect": f"{LAWS}:{law}", **options, **read}],
     }
+
+
+COULOMB = friction("Coulomb", level="12 N", width="1 mm/s")
 
 
 def study(
@@ -113,3 +126,10 @@ def study(
     }
     (folder / "study.yaml").write_text(yaml.safe_dump(data))
     return folder
+
+
+def answer(effects: Mapping[str, Effect], name: str, *theta: float, ties: tuple[str, ...] = ()) -> Finding:
+    """A finding that names one effect."""
+    model = Augmented({}, (effects[name],), np.array(theta))
+    one = Candidate((name,), 1.0, {}, ties, 100.0, model)
+    return Finding((one,), (name,), (name.partition(".")[0],), "", (name,), NOMINAL)

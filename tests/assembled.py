@@ -1,0 +1,16 @@
+"""Parts and connections that no system is made of."""
+
+from __future__ import annotations
+
+import pytest
+
+from orchestrator.assembly import assemble
+from orchestrator.config import Places
+from orchestrator.errors import ConfigError
+
+
+def refusal(parts, connections=(), **options) -> str:
+    """What is told of them, as of a config docking.yaml."""
+    with pytest.raises(ConfigError) as caught:
+        assemble(parts, connections, places=Places("docking.yaml"), **options)
+    return str(caught.value)

@@ -1,0 +1,233 @@
+"""Studies and logs of any system that are not what they are said to be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from ports_bench import COULOMB, POSITION, change_log, study
+
+from orchestrator.__main__ import main
+from orchestrator.diagnosis.channels import clipped
+from orchestrator.diagnosis.finding import NOMINAL, Candidate, Finding
+from orchestrator.diagnosis.ports.candidates import candidates
+from orchestrator.diagnosis.ports.closure import how_far
+from orchestrator.diagnosis.ports.diagnose import diagnose_ports
+from orchestrator.diagnosis.ports.given import check_logs
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.ports.replay import measure
+from orchestrator.diagnosis.ports.simulated import simulated
+from orchestrator.errors import ConfigError
+
+
+def test_all_that_is_wrong_with_a_study_is_told_at_once(noiseless, capsys):
+    data = yaml.safe_load((noiseless / "study.yaml").read_text())
+    data["columns"]["drive.positon"] = data["columns"].pop("drive.position")
+    data["columns"]["drive.voltage"] = {"column": "controller.voltage", "unit": "V", "noise": "1 V"}
+    data["calibrated"] = {"drive.mass": {"tolerance": "2 N"}, "drive.masss": {"tolerance": "2 kg"}}
+    data["settle"] = "2 m"
+    (noiseless / "wrong.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError) as caught:
+        load_port_study(noiseless / "wrong.yaml")
+    places = [one.place.partition(": ")[2] for one in caught.value.problems]
+    assert places == ["calibrated.drive.mass.tolerance", "calibrated.drive.masss.tolerance",
+                      "columns.drive.positon", "columns.drive.voltage", "settle"]  # fmt: skip
+    told = str(caught.value)
+    assert "Did you mean drive.position" in told and "drive.voltage: an input is fed what was logged" in told
+    assert main(["diagnose", str(noiseless / "wrong.yaml")]) == 2
+    assert "drive.positon" in capsys.readouterr().err
+
+
+def test_refused_runs_and_patterns(noiseless):
+    data = yaml.safe_load((noiseless / "study.yaml").read_text())
+    data["set"] = ["run.step_size=1 ms"]
+    (noiseless / "step.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match=r"samples are 0\.002 s apart"):
+        load_port_study(noiseless / "step.yaml")
+    data["set"] = ["run.step_size=2 ms"]
+    data["runs"][0] |= {"from": "1 s", "to": "0.5 s"}
+    (noiseless / "empty.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(ConfigError, match="holds no samples"):
+        load_port_study(noiseless / "empty.yaml")
+    data["runs"][0] |= {"from": "0 s", "to": "1 s"}
+    data["candidates"] = {"without": ["drive.friction-*"]}
+    (noiseless / "pattern.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(noiseless / "pattern.yaml")
+    with pytest.raises(ConfigError, match=r"without\[0\]: drive.friction-\* fits no candidate"):
+        candidates(found, measure(found, found.runs[0]))
+    data["runs"][0]["rolle"] = "train"
+    (noiseless / "key.yaml").write_text(yaml.safe_dump(data))
+    with pytest.raises(
+        ConfigError, match=r"(?s)key\.yaml:\d+: runs\[0\]\.rolle: unknown key .*allowed: file, role"
+    ):
+        load_port_study(noiseless / "key.yaml")
+
+
+def test_logs_that_break_off_or_stand_twice_are_refused(noiseless):
+    data = yaml.safe_load((noiseless / "study.yaml").read_text())
+    lines = (noiseless / data["runs"][0]["file"]).read_text().splitlines(keepends=True)
+    (noiseless / "gap.csv").write_text("".join([*lines[:301], *lines[331:]]))
+    (noiseless / "copy.csv").write_text("".join(lines))
+    changed = [data["runs"][0] | {"file": "gap.csv"}, *data["runs"][1:]]
+    for name, runs, said in (
+        ("gap", changed, r"gap.csv: time: row 300 comes 0\.062 s after the one before; 1 such in all"),
+        ("copy", [*data["runs"], data["runs"][0] | {"file": "copy.csv"}], "hold the same log"),
+        ("repeat", [*data["runs"], data["runs"][1] | {"repeats": "r9", "name": "again", "to": "1 s"}],
+         "again repeats r9, which is no run"),
+        ("short", [data["runs"][0] | {"to": "0.1 s"}, *data["runs"][1:]], "has 50 samples"),
+    ):  # fmt: skip
+        (noiseless / f"{name}.yaml").write_text(yaml.safe_dump(data | {"runs": runs}))
+        with pytest.raises(ConfigError, match=said) as caught:
+            load_port_study(noiseless / f"{name}.yaml")
+        # A run of training that cannot be read is one all the same.
+        assert "no run has the role train" not in str(caught.value)
+
+
+def test_a_sign_or_unit_that_the_study_gives_is_to_be_corrected_there(tmp_path):
+    folder = study(tmp_path)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    data["columns"]["drive.position"] |= {"sign": -1}
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    (problem,) = check_logs(load_port_study(folder))[0]
+    assert problem.remedy.endswith("The study file says `sign: -1`: take that out.")
+    data["columns"]["drive.position"] |= {"sign": 1, "unit": "mm"}
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    (problem,) = check_logs(load_port_study(folder))[0]
+    assert problem.remedy.endswith("The study file says `unit: mm`: correct that.")
+
+
+def test_runs_that_were_driven_otherwise_repeat_nothing(tmp_path):
+    folder = study(tmp_path)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    first, second = (one["file"].partition(".")[0] for one in data["runs"][:2])
+    again = folder / "again.csv"
+    again.write_text((folder / f"{second}.csv").read_text())
+    with change_log(again) as columns:
+        columns["drive.position"] += 1e-6
+    data["runs"].append({"file": again.name, "role": "repeat", "repeats": first})
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    own = load_port_study(folder)
+    (found,) = [one for one in check_logs(own)[1] if one.place == "again"]
+    said = f"path.position differs from that of {first}, which it is said to repeat, by "
+    assert found.what.startswith(said)
+    assert found.what.endswith("; the noise is told without this run")
+    alike = [replace(run, repeats=second) if run.name == "again" else run for run in own.runs]
+    assert not [one for one in check_logs(replace(own, runs=tuple(alike)))[1] if one.place == "again"]
+
+
+@pytest.mark.parametrize("like", [True, False])
+def test_only_a_repeat_that_was_driven_alike_tells_the_noise(tmp_path, like):
+    """Another motion would hide any gap as noise."""
+    folder = study(tmp_path, [COULOMB])
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    heldout = data["runs"][2]["file"]
+    draw = np.random.default_rng(3)
+    (tmp_path / "again.csv").write_text((folder / (heldout if like else "run-1.csv")).read_text())
+    with change_log(tmp_path / "again.csv") as columns:
+        columns["drive.position"] += 3e-6 * draw.standard_normal(1001)
+    data["runs"].append({"file": "again.csv", "role": "repeat", "repeats": Path(heldout).stem})
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    found = load_port_study(folder)
+    of = Candidate((), 1.0, {}, (), 0.0, NOMINAL)
+    far = how_far(found, Finding((of,), (), (), "", (), NOMINAL))
+    assert far["noise_floor_from"] == ("repeats" if like else "specified")
+    assert far["noise_floor"] < 1e-2 < far["after"] and not far["within_floor"]
+    made, _, _ = simulated(found, [], np.random.default_rng(1))
+    rough = np.diff(made.runs[0].logs[POSITION], 3) / np.sqrt(20.0)
+    assert np.std(rough) == pytest.approx(3e-6 / np.sqrt(2.0) if like else 2e-6, rel=0.2)
+
+
+def test_noise_that_is_fed_is_warned_of(tmp_path):
+    """The voltage drives the drive by as much noise as the log has, where it is fed."""
+    folder = study(tmp_path)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+
+    def told(noise: str) -> list[str]:
+        data["columns"]["controller.voltage"] |= {"feed": True, "noise": noise}
+        (folder / "study.yaml").write_text(yaml.safe_dump(data))
+        return [one.what for one in check_logs(load_port_study(folder))[1] if "is fed" in one.what]
+
+    assert told("0.05 mV") == []
+    (what,) = told("5 mV")
+    assert "which moves drive.position by" in what
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        ("drive.position", -1.0, "(?s)drive.position: .*All fits if its sign is reversed"),
+        ("path.position", 1e3, "(?s)path.position: .*1000 times too large"),
+        ("controller.voltage", 1e-3, "(?s)controller.voltage: .*1000 times too small"),
+    ],
+)
+def test_a_wrong_sign_or_unit_is_named_although_something_is_hidden(tmp_path, column, factor, said):
+    path = study(tmp_path, [COULOMB])
+    assert check_logs(load_port_study(path)) == ([], [])
+    for log in tmp_path.glob("run-*.csv"):
+        with change_log(log) as columns:
+            columns[column] *= factor
+    with pytest.raises(ConfigError, match=said):
+        diagnose_ports(path, lambda stage: None, report=False)
+
+
+def test_exchanged_and_stuck_columns_are_named(tmp_path):
+    path = study(tmp_path, [COULOMB])
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["controller.voltage"][400:471] = columns["controller.voltage"][400]
+    refused, warned = check_logs(load_port_study(path))
+    assert refused == []
+    assert [(one.place, one.what.partition(": ")[2]) for one in warned] == [
+        ("run-0: controller.voltage", "frozen for 71 rows")
+    ]
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["controller.voltage"], columns["drive.position"] = (
+            columns["drive.position"],
+            columns["controller.voltage"],
+        )
+    refused, _ = check_logs(load_port_study(path))
+    assert [one.place for one in refused] == ["run-0: controller.voltage, drive.position"]
+    assert "exchanged" in refused[0].remedy
+
+
+@pytest.mark.parametrize("listed", [{}, {"only": ["drive.coulomb"]}])
+def test_logs_in_which_nothing_moves_are_refused(tmp_path, capsys, listed):
+    """Candidates are made from what moves, those that a study lists before its logs are looked at."""
+    path = study(tmp_path, candidates=listed)
+    data = yaml.safe_load((path / "study.yaml").read_text())
+    del data["columns"]["controller.voltage"]
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["drive.position"][20:] = 0.25
+    (path / "study.yaml").write_text(yaml.safe_dump(data))
+    assert main(["diagnose", str(path), "--quiet"]) == 2
+    assert capsys.readouterr().err.partition("study.yaml:")[2].partition(" ")[2] == (
+        "columns: the logs of all compared ports are constant in the runs of the role train "
+        "(drive.position: 0.25 m)\n  one that moves. Check the columns, or take runs in which something "
+        "moves; settle less.\n"
+    )
+
+
+def test_an_axis_at_rest_is_not_frozen(tmp_path):
+    """Its encoder tells one value for as long; of a channel that stopped, the model moves on."""
+    path = study(tmp_path, seed=None)
+    rest = 200
+    with change_log(tmp_path / "run-0.csv") as columns:
+        for name, values in columns.items():
+            if name != "time":
+                values[rest:] = values[:-rest].copy()
+                values[:rest] = 0.0
+        position = columns["drive.position"]
+        position[:] = np.round(position / 5e-6) * 5e-6
+        (one,) = clipped(position)
+    assert one.first == 0 and rest <= one.end < rest + 50 and "the lowest" in one.what
+    assert check_logs(load_port_study(path)) == ([], [])
+    # A sensor at the end of its range is told.
+    with change_log(tmp_path / "run-1.csv") as columns:
+        columns["drive.position"][:] = np.minimum(columns["drive.position"], 0.1)
+    assert ["clipped" in one.what for one in check_logs(load_port_study(path))[1]] == [True]
+    with change_log(tmp_path / "run-0.csv") as columns:
+        columns["drive.position"][500:700] = columns["drive.position"][500]
+    refused, warned = check_logs(load_port_study(path))
+    assert refused == [] and any(one.what.endswith("frozen for 200 rows") for one in warned)
