@@ -117,9 +117,8 @@ KNOBS = {
     "pickup_phase": "rad",
     "ripple": "1",
     "ripple_omega": "rad/s",
-    "ring": "1",
-    "ring_omega": "rad/s",
-    "ring_xi": "1",
+    "bushing": "N",
+    "bushing_rate": "m/s",
     # contact
     "hertz": "1",
     "cubic": "1",
@@ -177,7 +176,8 @@ KNOBS = {
     "forget": "1/s",
     "stale": "1",
     "ramp": "s",
-    "gate": "N",
+    "gate": "1",
+    "gate_step": "N",
     # roughness alone
     "encoder_wave": "m",
     "encoder_pitch": "m",

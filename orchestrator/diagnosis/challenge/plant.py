@@ -14,9 +14,8 @@ from numba import njit
 __all__ = ["MEMORY", "STATES", "contact_force", "integrate", "output", "remember"]
 
 # Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
-# that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w';
-# what rings in the sensor q, q'.
-STATES = 17
+# that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'.
+STATES = 15
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
 # how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
@@ -166,18 +165,8 @@ def _derivative(p, t, s, memory, command, ds):
         w = p.sway_omega
         ds[11] = s[12]
         ds[12] = p.sway * (force - p.sway_arm * total) - w * w * s[11] - 2.0 * p.sway_xi * w * s[12]
-    if p.ring != 0.0:
-        w = p.ring_omega
-        ds[15] = s[16]
-        ds[16] = w * w * (_filtered(p, s) - s[15]) - 2.0 * p.ring_xi * w * s[16]
     if p.plate > 0.0:
         ds[13], ds[14] = s[14], _plate(p, s, -force if side > 0.0 else 0.0)
-
-
-@njit(cache=True, error_model="numpy")
-def _filtered(p, s):
-    """Force [N] behind the sensor's filters."""
-    return s[6] if p.filter_time > 0.0 else s[5]
 
 
 @njit(cache=True, error_model="numpy")
@@ -244,7 +233,7 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     step = (end - begin) / steps
     k1, k2, k3, k4, mid = work[0], work[1], work[2], work[3], work[4]
     size = times.shape[0]
-    rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0 or p.ring != 0.0
+    rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0
     states = STATES if rare else _USUAL
     for i in range(steps):
         t = begin + i * step
@@ -262,8 +251,7 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
             s[j] += step / 6.0 * (k1[j] + 2.0 * (k2[j] + k3[j]) + k4[j])
         remember(p, t + step, s, memory, step)
         times[count % size] = t + step
-        force = _filtered(p, s)
-        sensed[count % size] = force if p.ring == 0.0 else force + p.ring * (s[15] - force)
+        sensed[count % size] = s[6] if p.filter_time > 0.0 else s[5]
         count += 1
     return count
 

@@ -164,14 +164,14 @@ def _ticks(
     reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
     for n in range(ticks):
         now = n * TICK
-        flange, _ = output(p, s, memory)
+        flange, rate = output(p, s, memory)
         position = flange
         position += p.encoder_wave * math.sin(2.0 * math.pi * position / p.encoder_pitch) + encoder[n]
         if not driven:
             position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
         if not held[n] or n == 0:
             strained = past(times, sensed, count, now - p.tau_s) * (1.0 + supply[n])
-            reading = _read(p, now, strained, memory, amplifier) + _pickup(p, flange)
+            reading = _read(p, now, strained, memory, amplifier) + _beside(p, flange, rate)
             reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
         seen_force, seen_position, acting = reading, position, 0.0
@@ -230,10 +230,14 @@ def _cogging(p, position):
 
 
 @njit(cache=True, error_model="numpy")
-def _pickup(p, position):
-    if p.pickup == 0.0:
-        return 0.0
-    return p.pickup * math.sin(2.0 * math.pi * position / p.pickup_pitch + p.pickup_phase)
+def _beside(p, position, rate):
+    """What the sensor reads [N] of the rod's guide and of the motor, at some position [m] and rate [m/s]."""
+    extra = 0.0
+    if p.bushing > 0.0:
+        extra -= p.bushing * math.tanh(rate / p.bushing_rate)
+    if p.pickup != 0.0:
+        extra += p.pickup * math.sin(2.0 * math.pi * position / p.pickup_pitch + p.pickup_phase)
+    return extra
 
 
 @njit(cache=True, error_model="numpy")

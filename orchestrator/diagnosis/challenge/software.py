@@ -67,7 +67,7 @@ def first_controller(k, c, position, speed):
     """What the controller remembers at the start, shape (14,).
 
     By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
-    since contact; whether the last force was refused.
+    since contact; whether the last force was doubted.
     """
     return np.array(
         [0.0, 0.0, position, speed, 0.0, 0.0, k, c, (0.15 * k) ** 2, 0.0, 60.0**2, 0.0, 0.0, 0.0],
@@ -84,11 +84,11 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         s: see `first_controller`; advanced, the output [N] last.
     """
     if p.gate > 0.0:
-        # A reading that jumps counts as an error of the bus, but two in a row do not.
-        refused = s[13] < 0.5 and abs(force - s[0]) > p.gate
-        s[13] = 1.0 if refused else 0.0
-        if refused:
-            force = s[0]
+        # A reading that jumps counts little, as an error of the bus might cause it; but not two in a row.
+        doubted = s[13] < 0.5 and abs(force - s[0]) > p.gate_step
+        s[13] = 1.0 if doubted else 0.0
+        if doubted:
+            force += p.gate * (s[0] - force)
     slope = (force - s[0]) / tick
     speed = (position - s[2]) / tick
     s[1] = 0.65 * s[1] + 0.35 * slope
