@@ -28,7 +28,7 @@ def _ripple(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 def _bushing(rng: np.random.Generator, size: float) -> dict[str, float]:
     # It guides the rod before the sensor, which so feels its friction in free flight, too.
-    return {"bushing": size * between(rng, 0.5, 2.0), "bushing_rate": between(rng, 1e-3, 6e-3)}
+    return {"bushing": size * between(rng, 0.4, 1.5), "bushing_rate": between(rng, 1e-3, 6e-3)}
 
 
 def _gain_switching(rng: np.random.Generator, size: float) -> dict[str, float]:
@@ -44,7 +44,7 @@ def _warming(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 
 def _joint(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"joint": size * between(rng, 4e-7, 1.4e-6), "joint_force": between(rng, 8.0, 30.0)}
+    return {"joint": size * between(rng, 6e-7, 2e-6), "joint_force": between(rng, 8.0, 30.0)}
 
 
 def _floor(rng: np.random.Generator, size: float) -> dict[str, float]:
