@@ -132,7 +132,8 @@ def test_a_case_tells_nothing_of_its_truth(made):
 
 def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
     """Only making and scoring import the opener; nothing outside of `challenge` imports either of the two."""
-    users = {"seal": set(), "outside": set(), "outside_fresh": set()}
+    parts = ("outside_hardware", "outside_software")
+    users = {name: set() for name in ("seal", "outside", "outside_fresh", *parts)}
     for path in DIAGNOSIS.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             named = set()
@@ -146,6 +147,7 @@ def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
     own = {f"challenge/{name}.py" for name in ("cli", "make", "score")}
     assert users["seal"] == own
     assert users["outside"] == users["outside_fresh"] == {"challenge/make.py"}
+    assert all(users[name] == {"challenge/outside.py"} for name in parts)
     for path in DIAGNOSIS.rglob("*.py"):
         if path.parent.name != "challenge":
             text = path.read_text(encoding="utf-8")

@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="all",
         metavar="KINDS",
-        help="hide effects outside the catalogue in a quarter of them: `known`, those that were known when "
-        "the diagnosis was made; `fresh`, those that were not; or `all` (what --outside alone means)",
+        help="hide effects outside the catalogue in a quarter of them: `known`, those that the makers of the "
+        "diagnosis have seen; `fresh`, those that they have not; or `all` (what --outside alone means)",
     )
     make.add_argument(
         "--tight",

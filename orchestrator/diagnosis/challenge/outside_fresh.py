@@ -13,100 +13,98 @@ from .hidden import Hidden, between, signed
 __all__ = ["FRESH"]
 
 
-def _leak(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # A piezoelectric sensor holds a static force for some seconds alone.
-    return {"leak": size * between(rng, 0.03, 0.12)}
-
-
-def _tare(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"tare": size * between(rng, 0.5, 1.0), "tare_force": between(rng, 3.0, 8.0)}
-
-
-def _presliding(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"dahl": size * between(rng, 2.0, 6.0), "dahl_length": between(rng, 3e-5, 3e-4)}
-
-
-def _integral(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"integral": size * between(rng, 1.5, 6.0)}
-
-
-def _one_sided(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _pickup(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # The motor's magnets pass an unshielded cable.
     return {
-        "one_sided": size * signed(rng) * between(rng, 0.1, 0.3),
-        "one_sided_rate": between(rng, 5e-4, 3e-3),
+        "pickup": size * between(rng, 0.7, 2.5),
+        "pickup_pitch": between(rng, 1.5e-3, 6e-3),
+        "pickup_phase": 2.0 * np.pi * rng.random(),
     }
 
 
-def _slip(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"slip": size * between(rng, 1.5e-6, 6e-6), "slip_force": between(rng, 8.0, 25.0)}
+def _ripple(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ripple": size * between(rng, 0.025, 0.1), "ripple_omega": 2.0 * np.pi * between(rng, 5.0, 25.0)}
 
 
-def _sway(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _bushing(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # It guides the rod before the sensor, which so feels its friction in free flight, too.
+    return {"bushing": size * between(rng, 0.4, 1.5), "bushing_rate": between(rng, 1e-3, 6e-3)}
+
+
+def _gain_switching(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "sway": size / between(rng, 800.0, 2500.0),
-        "sway_arm": between(rng, 30.0, 100.0),
-        "sway_omega": 2.0 * np.pi * between(rng, 5.0, 14.0),
-        "sway_xi": between(rng, 0.02, 0.08),
+        "soft_gain": min(size, 1.2) * between(rng, 0.2, 0.6),
+        "soft_gain_rate": between(rng, 3e-3, 1.2e-2),
     }
 
 
-def _plate(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {
-        "plate": max(size, 0.02) * between(rng, 0.8, 3.0),
-        "plate_gap": float(np.sqrt(size)) * between(rng, 1e-4, 5e-4),
-        "plate_omega": 2.0 * np.pi * between(rng, 4.0, 12.0),
-    }
+def _warming(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # Grease is stiff in a cold gear.
+    return {"cold": size * between(rng, 0.1, 0.4), "cold_time": between(rng, 0.25, 1.2)}
 
 
-def _film(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"film": size * between(rng, 50.0, 180.0), "film_gap": between(rng, 5e-5, 2.5e-4)}
+def _joint(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"joint": size * between(rng, 6e-7, 2e-6), "joint_force": between(rng, 8.0, 30.0)}
 
 
-def _reordering(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"reorder": size * between(rng, 0.03, 0.12), "reorder_ticks": float(rng.integers(2, 7))}
+def _floor(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # As of a compressor: its speed, not a whole fraction of the mains'.
+    return {"floor": size * between(rng, 1e-5, 4e-5), "floor_omega": 2.0 * np.pi * between(rng, 9.0, 30.0)}
 
 
-def _clock_resets(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"reset": size * between(rng, 1e-3, 4e-3), "reset_period": between(rng, 0.15, 0.6)}
+def _valve(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"valve": size * between(rng, 1e4, 4e4)}
 
 
-def _fixed_point(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"count": size * between(rng, 1.5e-5, 6e-5)}
+def _seat(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"seat": size * between(rng, 2e-5, 7e-5), "seat_force": between(rng, 15.0, 40.0)}
 
 
-def _forget(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"forget": size * between(rng, 0.1, 0.4)}
+def _corruption(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"corrupt": size * between(rng, 4e-5, 1.6e-4), "corrupt_rate": between(rng, 6.0, 30.0)}
 
 
-def _stale(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"stale": size * between(rng, 0.3, 1.0)}
+def _route(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"route": size * signed(rng) * between(rng, 2e-4, 8e-4)}
 
 
-def _fuel(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"fuel": size * between(rng, 0.01, 0.05)}
+def _ignored(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ignored": size * between(rng, 1.5, 5.0)}
 
 
-def _dead_band(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"thrust": size * between(rng, 0.3, 1.5), "thrust_speed": between(rng, 7e-3, 1.3e-2)}
+def _plume(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"plume": size * between(rng, 3.0, 12.0), "plume_reach": between(rng, 8e-4, 4e-3)}
+
+
+def _timer(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"timer": size * between(rng, 1.2e-4, 4.5e-4)}
+
+
+def _ramp(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ramp": size * between(rng, 3e-3, 1e-2)}
+
+
+def _gate(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"gate": min(0.8 * size, 1.0), "gate_step": between(rng, 1.2, 2.5)}
 
 
 _ALL = (
-    Hidden("sensor.charge-leak", _leak),
-    Hidden("sensor.tare", _tare),
-    Hidden("robot.presliding", _presliding),
-    Hidden("robot.integral-action", _integral),
-    Hidden("robot.one-sided-damping", _one_sided),
-    Hidden("structure.slip", _slip),
-    Hidden("structure.base-sway", _sway),
-    Hidden("contact.loose-plate", _plate),
-    Hidden("contact.squeeze-film", _film),
-    Hidden("link.reordering", _reordering, chance=True),
-    Hidden("link.clock-resets", _clock_resets),
-    Hidden("controller.fixed-point", _fixed_point),
-    Hidden("controller.forgetting", _forget),
-    Hidden("controller.stale-position", _stale),
-    Hidden("dynamics.fuel", _fuel),
-    Hidden("dynamics.dead-band-thrusters", _dead_band),
+    Hidden("sensor.motor-pickup", _pickup),
+    Hidden("sensor.excitation-ripple", _ripple),
+    Hidden("sensor.bushing", _bushing),
+    Hidden("robot.gain-switching", _gain_switching),
+    Hidden("robot.warming-up", _warming),
+    Hidden("structure.bolted-joint", _joint),
+    Hidden("structure.floor-vibration", _floor),
+    Hidden("contact.one-way-damper", _valve),
+    Hidden("contact.seating", _seat),
+    Hidden("link.corruption", _corruption, chance=True),
+    Hidden("link.changed-route", _route),
+    Hidden("dynamics.ignored-force", _ignored),
+    Hidden("dynamics.plume", _plume),
+    Hidden("dynamics.coarse-timer", _timer),
+    Hidden("controller.ramp-in", _ramp),
+    Hidden("controller.outlier-gate", _gate),
 )
 
 FRESH = {one.id: one for one in _ALL}

@@ -18,8 +18,10 @@ __all__ = ["MEMORY", "STATES", "contact_force", "integrate", "output", "remember
 STATES = 15
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
-# how far the mount slipped.
-MEMORY = 6
+# how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
+# into its seat, and whether it does; what the bolted joint carries [N]; phase of the floor at the start.
+MEMORY = 11
+_SWITCHING, _SEATING = 4e-3, 1.5e-3  # how long a servo's gain takes to change, a tip to slide [s]
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
 # Of a loose plate: stiffness of the frame behind it over that of the whole, and its dampers' ratios.
@@ -43,26 +45,33 @@ def output(p, s, memory):
 
 
 @njit(cache=True, error_model="numpy")
-def _contact_point(p, s, memory):
+def _contact_point(p, t, s, memory):
     position, rate = output(p, s, memory)
     stretch = 1.0 + p.scale + p.bend * position
     point = stretch * position - p.offset + memory[5] + s[11]
-    return point, (stretch + p.bend * position) * rate + s[12]
+    rate = (stretch + p.bend * position) * rate + s[12]
+    if p.joint > 0.0:
+        point += p.joint * memory[9]
+    if p.floor > 0.0:
+        turned = p.floor_omega * t + memory[10]
+        point += p.floor * math.sin(turned)
+        rate += p.floor * p.floor_omega * math.cos(turned)
+    return point, rate
 
 
 @njit(cache=True, error_model="numpy")
-def _depth(p, s, memory):
+def _depth(p, t, s, memory):
     """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
-    point, rate = _contact_point(p, s, memory)
+    point, rate = _contact_point(p, t, s, memory)
     if 2.0 * point > p.front + p.rear:
-        return 1.0, point - p.front - memory[2] - s[7] - s[13], rate - s[8] - s[14]
-    return -1.0, p.rear - memory[2] - point, -rate
+        return 1.0, point - p.front - memory[2] - s[7] - s[13] - memory[7], rate - s[8] - s[14]
+    return -1.0, p.rear - memory[2] - point - memory[7], -rate
 
 
 @njit(cache=True, error_model="numpy")
 def contact_force(p, t, s, memory):
     """Force on the rod [N], negative at the front frame; side, effective penetration [m] and its rate."""
-    side, depth, rate = _depth(p, s, memory)
+    side, depth, rate = _depth(p, t, s, memory)
     touch, pull = 1.0, 0.0
     if p.adhesion > 0.0 and rate < 0.0:
         pull = p.adhesion * math.exp(-((depth / p.adhesion_range) ** 2))
@@ -95,6 +104,8 @@ def contact_force(p, t, s, memory):
     if p.maxwell != 0.0:
         spring += p.maxwell * k * s[4]
     damper = (p.c + p.crossley * depth) * rate
+    if p.valve > 0.0 and rate > 0.0:
+        damper += p.valve * rate * rate  # oil through an orifice, which comes back through a valve
     if p.compliance > 0.0:
         # The mount's spring in series with spring and damper of the frame, to first order in the rate.
         soft = 1.0 + k * p.compliance
@@ -112,6 +123,10 @@ def _derivative(p, t, s, memory, command, ds):
     x, v = s[0], s[1]
     force, side, depth, rate = contact_force(p, t, s, memory)
     a = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v + p.load * force
+    if p.soft_gain != 0.0:
+        a -= p.omega * p.omega * p.soft_gain * memory[6] * (command - x - memory[3])
+    if p.cold != 0.0:
+        a -= 2.0 * p.xi * p.omega * p.cold * math.exp(-t / p.cold_time) * v
     if p.integral != 0.0:
         a += p.omega * p.omega * s[9]
         ds[9] = p.integral * (command - x)
@@ -166,13 +181,13 @@ def _plate(p, s, push):
 
 @njit(cache=True, error_model="numpy")
 def remember(p, t, s, memory, step):
-    """What outlasts a step: play, deepest penetration, creep of the servo, the sensor's heat, a slip."""
+    """What outlasts a step: play, depth, creep and gain of the servo, heat, what has slipped or slid."""
     if p.backlash > 0.0:
         memory[0], _ = output(p, s, memory)
     if p.rate_limit > 0.0:
         s[1] = min(max(s[1], -p.rate_limit), p.rate_limit)
     if p.plasticity > 0.0 or p.maxwell != 0.0:
-        _, depth, _ = _depth(p, s, memory)
+        _, depth, _ = _depth(p, t, s, memory)
         memory[1] = max(memory[1], depth) if depth > 0.0 else 0.0
         if depth <= 0.0:
             s[4] = 0.0
@@ -183,6 +198,26 @@ def remember(p, t, s, memory, step):
     if p.slip > 0.0:
         force, _, _, _ = contact_force(p, t, s, memory)
         memory[5] += step * p.slip * (force - min(max(force, -p.slip_force), p.slip_force))
+    if p.soft_gain != 0.0:
+        memory[6] += step / _SWITCHING * ((1.0 if abs(s[1]) < p.soft_gain_rate else 0.0) - memory[6])
+    if p.seat > 0.0:
+        _sit(p, t, s, memory, step)
+    if p.joint > 0.0:
+        # Friction between its plates takes up a part of the force before they move.
+        force, _, _, _ = contact_force(p, t, s, memory)
+        memory[9] = min(max(memory[9], force - p.joint_force), force + p.joint_force)
+
+
+@njit(cache=True, error_model="numpy")
+def _sit(p, t, s, memory, step):
+    """A tip that stands askew slides into its seat once pushed hard enough, and is askew again when free."""
+    force, _, _, _ = contact_force(p, t, s, memory)
+    _, depth, _ = _depth(p, t, s, memory)
+    if abs(force) > p.seat_force:
+        memory[8] = 1.0
+    elif depth + memory[7] < 0.0:
+        memory[8] = 0.0
+    memory[7] += step / _SEATING * (p.seat * memory[8] - memory[7])
 
 
 @njit(cache=True, error_model="numpy")

@@ -114,6 +114,9 @@ def _run(
         series.body,
         series.wall,
         series.payload,
+        series.stray,
+        series.supply,
+        series.floor,
         logged,
         TICK / substeps,
         out,
@@ -123,7 +126,23 @@ def _run(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _ticks(
-    p, believed, mass, arrival, encoder, force, held, missed, body, wall, payload, logged, longest, out
+    p,
+    believed,
+    mass,
+    arrival,
+    encoder,
+    force,
+    held,
+    missed,
+    body,
+    wall,
+    payload,
+    stray,
+    supply,
+    floor,
+    logged,
+    longest,
+    out,
 ):
     """Fill `out`; returns how many ticks were run."""
     k, c, lead, start, speed = believed
@@ -140,17 +159,19 @@ def _ticks(
     while active > 0 and arrival[active] > 0.0:
         active -= 1
     count, contact, touching = 0, 0, False
-    memory[2] = wall[0]
+    memory[2], memory[10] = wall[0], floor
     s[13] = -p.plate_gap
     reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
     for n in range(ticks):
         now = n * TICK
-        position, _ = output(p, s, memory)
+        flange, rate = output(p, s, memory)
+        position = flange
         position += p.encoder_wave * math.sin(2.0 * math.pi * position / p.encoder_pitch) + encoder[n]
         if not driven:
             position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
         if not held[n] or n == 0:
-            reading = _read(p, now, past(times, sensed, count, now - p.tau_s), memory, amplifier)
+            strained = past(times, sensed, count, now - p.tau_s) * (1.0 + supply[n])
+            reading = _read(p, now, strained, memory, amplifier) + _beside(p, flange, rate)
             reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
         seen_force, seen_position, acting = reading, position, 0.0
@@ -171,7 +192,7 @@ def _ticks(
                 sent = logged[0, n + 1]
         if not driven and (abs(satellite[0]) > LIMIT or abs(position) > LIMIT):
             return n + 1
-        commands[HISTORY + n] = _rounded(p, sent)
+        commands[HISTORY + n] = _rounded(p, sent) + stray[n]
         end = (n + 1) * TICK
         while now < end - 1e-12:
             for i in range(HISTORY + n, active, -1):
@@ -206,6 +227,17 @@ def _rounded(p, command):
 @njit(cache=True, error_model="numpy")
 def _cogging(p, position):
     return p.cogging * math.sin(2.0 * math.pi * position / p.cogging_pitch) if p.cogging != 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _beside(p, position, rate):
+    """What the sensor reads [N] of the rod's guide and of the motor, at some position [m] and rate [m/s]."""
+    extra = 0.0
+    if p.bushing > 0.0:
+        extra -= p.bushing * math.tanh(rate / p.bushing_rate)
+    if p.pickup != 0.0:
+        extra += p.pickup * math.sin(2.0 * math.pi * position / p.pickup_pitch + p.pickup_phase)
+    return extra
 
 
 @njit(cache=True, error_model="numpy")

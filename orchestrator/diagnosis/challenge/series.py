@@ -29,6 +29,9 @@ class Series:
         held, missed: ticks at which sensor or controller do nothing, shape (n,).
         wall: where the frames stand in each contact, shape (400,) [m].
         payload: which tick's command is the one that then holds, shape (64 + n,).
+        stray: by how much each command is falsified on its way [m], shape (n,).
+        supply: by which share the sensor's supply is off, shape (n,).
+        floor: phase in which the floor vibrates at the start [rad].
     """
 
     arrival: Array
@@ -39,6 +42,9 @@ class Series:
     body: Array
     wall: Array
     payload: NDArray[np.int64]
+    stray: Array
+    supply: Array
+    floor: float
 
 
 def draw_series(
@@ -53,7 +59,7 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(12)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(15)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
@@ -76,9 +82,14 @@ def draw_series(
         sign = np.where(np.floor((t + period) / period) % 2.0 < 1.0, 1.0, -1.0)
         body = body + get("burst", 0.0) * sign * (at < length)
     wall = get("wall_scatter", 0.0) * streams[8].standard_normal(_CONTACTS)
-    arrival = _arrivals(values, ticks, streams[7], streams[10])
+    arrival = _arrivals(values, ticks, streams[7], streams[10]) + _detour(values, ticks, streams[12])
     payload = _payload(values, ticks, streams[11])
-    return Series(arrival, encoder, force, held, missed, body, wall, payload)
+    falsified = streams[13].random(ticks) < get("corrupt_rate", 0.0) * TICK
+    stray = get("corrupt", 0.0) * falsified * np.where(streams[13].random(ticks) < 0.5, -1.0, 1.0)
+    phase = 2.0 * np.pi * streams[14].random(2)
+    supply = get("ripple", 0.0) * np.sin(get("ripple_omega", 0.0) * t + phase[0])
+    floor = float(phase[1])
+    return Series(arrival, encoder, force, held, missed, body, wall, payload, stray, supply, floor)
 
 
 def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.int64]:
@@ -93,6 +104,14 @@ def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generato
     payload[delayed] = delayed - 1
     payload[delayed + late] = delayed
     return payload
+
+
+def _detour(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:
+    """How much later commands come that take the longer one of two routes, until or from some instant on."""
+    route = values.get("route", 0.0)
+    sent = TICK * np.arange(-HISTORY, ticks)
+    changed = sent > TICK * ticks * stream.uniform(0.2, 0.8)
+    return abs(route) * (changed if route > 0.0 else ~changed)
 
 
 def _arrivals(

@@ -9,6 +9,8 @@ from numba import njit
 
 __all__ = ["compensate", "first_controller", "first_satellite", "move_satellite"]
 
+_DOCK = 0.005  # where the satellite's software believes the port to be [m]
+
 
 @njit(cache=True, error_model="numpy")
 def first_satellite(speed):
@@ -25,6 +27,11 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         s: see `first_satellite`; advanced.
     """
     dt = 0.25 * tick
+    if p.timer > 0.0:
+        # The time that has passed is read from a clock of coarse steps.
+        dt = 0.25 * p.timer * (math.floor((now + tick) / p.timer) - math.floor(now / p.timer))
+    if p.ignored > 0.0:
+        force = math.copysign(max(abs(force) - p.ignored, 0.0), force)
     total = mass * (1.0 + p.mass)
     if p.fuel != 0.0:
         total *= max(1.0 - p.fuel * now, 0.1)
@@ -43,6 +50,9 @@ def move_satellite(p, mass, now, tick, force, extra, s):
             push -= p.cable * s[0]
         if p.drag != 0.0:
             push -= p.drag * s[1]
+        if p.plume > 0.0:
+            # What its thrusters blow at the port comes back.
+            push -= p.plume * math.exp(-max(_DOCK - s[0], 0.0) / p.plume_reach)
         if hung > 0.0:
             pull = hung * (w * w * (s[2] - s[0]) + 2.0 * p.appendage_xi * w * (s[3] - s[1]))
             s[3] -= dt * pull / hung
@@ -54,12 +64,13 @@ def move_satellite(p, mass, now, tick, force, extra, s):
 
 @njit(cache=True, error_model="numpy")
 def first_controller(k, c, position, speed):
-    """What the controller remembers at the start, shape (12,).
+    """What the controller remembers at the start, shape (14,).
 
-    By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output.
+    By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
+    since contact; whether the last force was doubted.
     """
     return np.array(
-        [0.0, 0.0, position, speed, 0.0, 0.0, k, c, (0.15 * k) ** 2, 0.0, 60.0**2, 0.0],
+        [0.0, 0.0, position, speed, 0.0, 0.0, k, c, (0.15 * k) ** 2, 0.0, 60.0**2, 0.0, 0.0, 0.0],
     )
 
 
@@ -72,6 +83,12 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         force, position: measured; desired, rate: of the satellite software.
         s: see `first_controller`; advanced, the output [N] last.
     """
+    if p.gate > 0.0:
+        # A reading that jumps counts little, as an error of the bus might cause it; but not two in a row.
+        doubted = s[13] < 0.5 and abs(force - s[0]) > p.gate_step
+        s[13] = 1.0 if doubted else 0.0
+        if doubted:
+            force += p.gate * (s[0] - force)
     slope = (force - s[0]) / tick
     speed = (position - s[2]) / tick
     s[1] = 0.65 * s[1] + 0.35 * slope
@@ -87,8 +104,12 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         if p.count > 0.0:
             stretch = p.count * math.floor(stretch / p.count)  # as integers cut off
         out = ahead - (1.0 + p.stiffness_gain) * s[6] * stretch - s[7] * (rate - s[3])
+        if p.ramp > 0.0:
+            # What compensates is faded in.
+            s[12] += 1.0
+            out = force + (1.0 - math.exp(-s[12] * tick / p.ramp)) * (out - force)
     else:
-        s[4] = 0.0
+        s[4], s[12] = 0.0, 0.0
         if p.forget > 0.0:
             s[6] = max(s[6] * (1.0 - p.forget * tick), 0.4 * k)
         out = force

@@ -1,0 +1,129 @@
+"""Kinds of effects outside the catalogue of robot, structure, sensor and contact; see `outside`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .hidden import Hidden, between, signed
+
+__all__ = ["HARDWARE_KINDS"]
+
+
+def _clip(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"clip": between(rng, 50.0, 90.0) / max(size, 0.05) ** 0.5}
+
+
+def _hum(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"hum": size * between(rng, 2.0, 6.0), "hum_omega": 2.0 * np.pi * rng.uniform(48.0, 61.0)}
+
+
+def _heat(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"heat": size * signed(rng) * between(rng, 0.08, 0.25), "heat_time": between(rng, 0.5, 2.0)}
+
+
+def _hysteresis(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"hysteresis": size * between(rng, 0.1, 0.3), "hysteresis_width": between(rng, 8.0, 25.0)}
+
+
+def _spikes(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"spikes": size * between(rng, 8.0, 30.0), "spike_rate": between(rng, 8.0, 40.0)}
+
+
+def _cogging(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"cogging": size * between(rng, 1.5e-5, 6e-5), "cogging_pitch": between(rng, 6e-4, 3e-3)}
+
+
+def _creep(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"creep": size * signed(rng) * between(rng, 0.02, 0.08), "creep_time": between(rng, 0.05, 0.3)}
+
+
+def _bend(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"bend": size * signed(rng) * between(rng, 4.0, 15.0)}
+
+
+def _slack(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"slack": size * between(rng, 4e-5, 2e-4), "slack_force": between(rng, 5.0, 20.0)}
+
+
+def _wall_mode(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "wall_mass": between(rng, 15.0, 50.0) / max(size, 0.02),
+        "wall_omega": 2.0 * np.pi * between(rng, 15.0, 45.0),
+    }
+
+
+def _wall_scatter(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"wall_scatter": size * between(rng, 6e-5, 2.5e-4)}
+
+
+def _leak(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # A piezoelectric sensor holds a static force for some seconds alone.
+    return {"leak": size * between(rng, 0.03, 0.12)}
+
+
+def _tare(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"tare": size * between(rng, 0.5, 1.0), "tare_force": between(rng, 3.0, 8.0)}
+
+
+def _presliding(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"dahl": size * between(rng, 2.0, 6.0), "dahl_length": between(rng, 3e-5, 3e-4)}
+
+
+def _integral(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"integral": size * between(rng, 1.5, 6.0)}
+
+
+def _one_sided(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "one_sided": size * signed(rng) * between(rng, 0.1, 0.3),
+        "one_sided_rate": between(rng, 5e-4, 3e-3),
+    }
+
+
+def _slip(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"slip": size * between(rng, 1.5e-6, 6e-6), "slip_force": between(rng, 8.0, 25.0)}
+
+
+def _sway(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "sway": size / between(rng, 800.0, 2500.0),
+        "sway_arm": between(rng, 30.0, 100.0),
+        "sway_omega": 2.0 * np.pi * between(rng, 5.0, 14.0),
+        "sway_xi": between(rng, 0.02, 0.08),
+    }
+
+
+def _plate(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "plate": max(size, 0.02) * between(rng, 0.8, 3.0),
+        "plate_gap": float(np.sqrt(size)) * between(rng, 1e-4, 5e-4),
+        "plate_omega": 2.0 * np.pi * between(rng, 4.0, 12.0),
+    }
+
+
+def _film(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"film": size * between(rng, 50.0, 180.0), "film_gap": between(rng, 5e-5, 2.5e-4)}
+
+
+HARDWARE_KINDS = (
+    Hidden("sensor.clipping", _clip),
+    Hidden("sensor.hum", _hum),
+    Hidden("sensor.heat", _heat),
+    Hidden("sensor.hysteresis", _hysteresis),
+    Hidden("sensor.spikes", _spikes, chance=True),
+    Hidden("robot.cogging", _cogging),
+    Hidden("robot.creep", _creep),
+    Hidden("structure.bend", _bend),
+    Hidden("structure.slack", _slack),
+    Hidden("contact.wall-mode", _wall_mode),
+    Hidden("contact.wall-scatter", _wall_scatter, chance=True),
+    Hidden("sensor.charge-leak", _leak),
+    Hidden("sensor.tare", _tare),
+    Hidden("robot.presliding", _presliding),
+    Hidden("robot.integral-action", _integral),
+    Hidden("robot.one-sided-damping", _one_sided),
+    Hidden("structure.slip", _slip),
+    Hidden("structure.base-sway", _sway),
+    Hidden("contact.loose-plate", _plate),
+    Hidden("contact.squeeze-film", _film),
+)

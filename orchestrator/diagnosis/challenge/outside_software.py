@@ -1,0 +1,77 @@
+"""Kinds of effects outside the catalogue of the link and of both programs; see `outside`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .hidden import Hidden, between
+
+__all__ = ["SOFTWARE_KINDS"]
+
+
+def _burst(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "burst": size * between(rng, 3.0, 10.0),
+        "burst_period": rng.uniform(0.3, 0.7),
+        "burst_length": rng.uniform(0.03, 0.1),
+    }
+
+
+def _wheel(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"wheel": size * between(rng, 2.0, 8.0), "wheel_omega": 2.0 * np.pi * rng.uniform(3.0, 20.0)}
+
+
+def _missed(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"missed": size * between(rng, 0.03, 0.15)}
+
+
+def _output_limit(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"output_limit": between(rng, 45.0, 90.0) / max(size, 0.05) ** 0.5}
+
+
+def _stall(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"stall": max(size, 0.1) * between(rng, 6e-3, 2e-2), "stall_period": between(rng, 0.1, 0.4)}
+
+
+def _reordering(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"reorder": size * between(rng, 0.03, 0.12), "reorder_ticks": float(rng.integers(2, 7))}
+
+
+def _clock_resets(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"reset": size * between(rng, 1e-3, 4e-3), "reset_period": between(rng, 0.15, 0.6)}
+
+
+def _fixed_point(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"count": size * between(rng, 1.5e-5, 6e-5)}
+
+
+def _forget(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"forget": size * between(rng, 0.1, 0.4)}
+
+
+def _stale(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"stale": size * between(rng, 0.3, 1.0)}
+
+
+def _fuel(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"fuel": size * between(rng, 0.01, 0.05)}
+
+
+def _dead_band(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"thrust": size * between(rng, 0.3, 1.5), "thrust_speed": between(rng, 7e-3, 1.3e-2)}
+
+
+SOFTWARE_KINDS = (
+    Hidden("dynamics.thruster-bursts", _burst),
+    Hidden("dynamics.wheel", _wheel),
+    Hidden("controller.missed-ticks", _missed, chance=True),
+    Hidden("controller.output-limit", _output_limit),
+    Hidden("link.stall", _stall),
+    Hidden("link.reordering", _reordering, chance=True),
+    Hidden("link.clock-resets", _clock_resets),
+    Hidden("controller.fixed-point", _fixed_point),
+    Hidden("controller.forgetting", _forget),
+    Hidden("controller.stale-position", _stale),
+    Hidden("dynamics.fuel", _fuel),
+    Hidden("dynamics.dead-band-thrusters", _dead_band),
+)
