@@ -49,7 +49,7 @@ def any_law(
         rows = np.concatenate([np.arange(ends[one], ends[one + 1]) for one in own])
         weight = np.concatenate([weights[one] for one in own])
         columns, families = _columns([shapes(model, run, fit) for run in range(len(own))], weight)
-        return _Along(*fitter.marginal.products(fit.residuals, columns, rows, chosen), families)
+        return _Along(*fitter.marginal.products(fit.residuals, columns, rows, chosen, z), families)
 
     # What the encoder strays slowly on every rig makes shapes tell less.
     slow = inflation(fitter.marginal.left(fit.residuals)[0::2])

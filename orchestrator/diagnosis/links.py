@@ -33,7 +33,7 @@ _LOSSES_CLEAR = 15.0
 _LIKELIER, _REST = 2.0, 0.1
 # Beside the log evidence of commands out of order, of which few are found where they run into each other, as
 # how much of theirs that of losses counts, and that of random arrivals, which may come at any time.
-_UNSURE, _FREER = 1.2, 0.7
+_UNSURE, _FREER = 1.4, 0.7
 
 
 class Arrivals(NamedTuple):

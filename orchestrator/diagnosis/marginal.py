@@ -100,7 +100,7 @@ class Marginal:
         return np.split(r, np.cumsum([len(one) for one in residuals])[:-1])
 
     def products(
-        self, residuals: Iterable[Array], columns: Array, rows: Array, chosen: Array
+        self, residuals: Iterable[Array], columns: Array, rows: Array, chosen: Array, z: Array
     ) -> tuple[Array, Array]:
         """Products of columns with each other and with residuals, over noise, roughness, and what was fitted.
 
@@ -109,6 +109,7 @@ class Marginal:
             columns: of stacked residuals, those of `rows`, shape (rows, m); elsewhere they are zero.
             chosen: derivatives of the stacked residuals by what the fit chose, in deviations of its prior,
                 shape (residuals, p): it may take up something of a column that would be there.
+            z: what it chose, shape (p,); where it ended a little beside the best, that is made up for.
         Returns: of shapes (m, m) and (m,).
         """
         r = self._row(residuals)
@@ -120,7 +121,8 @@ class Marginal:
             product += along.T @ (kept * (directions.T @ r))
         shared = self._over(chosen)[rows].T @ columns
         taken = np.linalg.solve(chosen.T @ chosen + np.eye(chosen.shape[1]), shared)
-        return square - shared.T @ taken, product
+        slope = chosen.T @ self._over(r) + z
+        return square - shared.T @ taken, product - taken.T @ slope
 
     def strayed(self, residuals: Iterable[Array]) -> float:
         """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].

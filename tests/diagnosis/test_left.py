@@ -251,13 +251,20 @@ def test_shapes_count_by_what_is_left_of_them_beside_roughness_and_what_a_fit_ch
     full = np.zeros((60, 4))
     full[rows] = columns
     noise = np.eye(60) + rough @ rough.T / 2.0
-    square, product = marginal.products(residuals, columns, rows, chosen)
     spread = raw / np.sqrt(2.0)
     beside = np.linalg.inv(noise + spread @ spread.T)
-    assert square == pytest.approx(full.T @ beside @ full, rel=1e-9)
-    # Where the fit ended, residuals are what it left of them already.
-    ended = np.linalg.solve(noise, np.concatenate(residuals) / np.sqrt(2.0))
-    assert product == pytest.approx(full.T @ ended, rel=1e-9)
+    before = np.concatenate(residuals) / np.sqrt(2.0)
+    best = np.linalg.solve(
+        spread.T @ np.linalg.solve(noise, spread) + np.eye(2), spread.T @ np.linalg.solve(noise, before)
+    )
+    # Wherever a fit ends, residuals are what is left at the best.
+    for z in (-best, np.zeros(2), np.ones(2)):
+        ended = np.split(np.sqrt(2.0) * (before + spread @ z), 2)
+        square, product = marginal.products(ended, columns, rows, chosen, z)
+        assert square == pytest.approx(full.T @ beside @ full, rel=1e-9)
+        assert product == pytest.approx(full.T @ beside @ before, rel=1e-9)
+    left = np.linalg.solve(noise, before - spread @ best)
+    assert product == pytest.approx(full.T @ left, rel=1e-9)
 
 
 def test_what_only_imitates_bends_the_calibration():
