@@ -97,8 +97,7 @@ def margins(loop: Transfer) -> Margins:
     """All margins of a loop with negative feedback: of 1 + L(s).
 
     Raises: ConfigError if the loop is improper, algebraic or neutral; OrchestratorError if it stands exactly
-    on
-        the border.
+        on the border.
     """
     equation = characteristic(loop)
     omega = span(loop)

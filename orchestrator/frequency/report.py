@@ -127,6 +127,13 @@ def _step(prepared: Prepared, loop: Loop) -> dict[str, Any] | None:
         return {**told, "growth_per_contact": None, "error": str(error)}
 
 
+def _factors(fall: float | None, rise: float | None) -> str:
+    """Factors by which the gain of a loop may fall and rise, in words."""
+    down = f"down to {fall:.4g} times" if fall else "down to nothing"
+    up = "up without limit" if rise is None else f"up to {rise:.4g} times ({20.0 * np.log10(rise):.3g} dB)"
+    return f"the gain may go {down} and {up}"
+
+
 def text(report: Mapping[str, Any]) -> str:
     """The report as it is printed."""
     m, lines = report["margins"], [report["title"] or ""]
@@ -138,6 +145,8 @@ def text(report: Mapping[str, Any]) -> str:
             f"crossover at {one['omega'] / (2 * np.pi):.4g} Hz: phase margin {one['phase_margin']:.4g} deg"
             + (f", delay margin {one['delay_margin'] * 1e3:.4g} ms" if m["stable"] else "")
         )
+    if m["stable"]:
+        lines.append(f"gain margin: {_factors(*m['gain_margin'])}")
     lines.append(f"modulus margin {m['modulus_margin']:.4g}, sensitivity peak {m['sensitivity_peak']:.4g}")
     critical = report["critical_delays"]
     for one in critical["delays"]:

@@ -26,6 +26,10 @@ def test_report_and_figures(tmp_path, capsys):
     assert "growth of the velocity per contact: 0.94691 by the rightmost roots" in printed
     report = json.loads((tmp_path / "stability.json").read_text(encoding="utf-8"))
     assert report["margins"]["stable"] and report["residual"] < 1e-12
+    fall, rise = report["margins"]["gain_margin"]
+    least = f"down to {fall:.4g} times" if fall else "down to nothing"
+    most = f"up to {rise:.4g} times ({20.0 * np.log10(rise):.3g} dB)"
+    assert f"gain margin: the gain may go {least} and {most}" in printed
     assert report["verdict"] == printed.splitlines()[1] == "stable"
     assert report["step"]["master"] == "gauss-seidel"
     for name in ("bode", "nyquist", "nichols", "roots", "chart"):
