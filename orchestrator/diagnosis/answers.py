@@ -90,7 +90,9 @@ def weigh_software(study: Study, place: str) -> Group:
     size = sum(map(len, none.residuals))
     square = none.chi2 / size
     nothing = Answer((), 0.0, 0.0, none)
-    if square < _EXACT:
+    # No effect makes a satellite move at another speed than its own.
+    astray = replay.strayed() if isinstance(replay, DynamicsReplay) else 0.0
+    if max(square, astray) < _EXACT:
         return Group((nothing,), 0.0, place, none, {place: square})
     found = search(fitter, own, longest=3, thorough=True)
     answers = []
@@ -100,7 +102,7 @@ def weigh_software(study: Study, place: str) -> Group:
         answers.append(Answer(names, found.gain(fit), left, fit, size=strongest(fit)))
     answers = tied(fitter, answers)
     best = answers[0] if answers else nothing
-    square = (best.fit or none).chi2 / size
+    square = max((best.fit or none).chi2 / size, astray)
     # A few last digits of rounding are no effect; what is left beyond them is not in the catalogue.
     over = 0.5 * size * max(0.0, square / _EXACT - 1.0)
     return Group((nothing, *answers), over, place, none, {place: square})

@@ -104,16 +104,19 @@ def _columns(shapes: Sequence[Mapping[str, Array]], weight: Array) -> tuple[Arra
 def _evidence(square: Array, product: Array, families: Mapping[str, Array]) -> float:
     """Log evidence of shapes over none, by their products: of one of them, or of all of a family of one size.
 
-    Many small ones may make up a law, but beside thirty that are none a single one hardly shows.
+    Many small ones may make up a law, but beside dozens that are none a single one hardly shows. Runs in
+    which nothing moves nor touches show none.
     """
     told = []
     for of in families.values():
         spread, turn = np.linalg.eigh(square[np.ix_(of, of)])
         told.append(logsumexp(_told(np.maximum(spread, 0.0), turn.T @ product[of]).sum(axis=0)))
-    one = np.concatenate([of for name, of in families.items() if name not in ONE_BY_ONE])
-    single = _told(np.maximum(np.diagonal(square)[one], 0.0), product[one])
-    told.append(logsumexp(single) - math.log(len(one)))
-    return float(logsumexp(told)) - math.log(len(told) * len(_SIZES))
+    common = [of for name, of in families.items() if name not in ONE_BY_ONE]
+    if common:
+        one = np.concatenate(common)
+        single = _told(np.maximum(np.diagonal(square)[one], 0.0), product[one])
+        told.append(logsumexp(single) - math.log(len(one)))
+    return float(logsumexp(told)) - math.log(len(told) * len(_SIZES)) if told else 0.0
 
 
 def _told(spread: Array, along: Array) -> Array:

@@ -16,15 +16,15 @@ import numpy as np
 from ..errors import Problem
 from .mistakes import Mistake, wrong_factors
 from .rig import IN_CONTACT
-from .software import ControllerReplay, resolution
+from .software import MEAN_SPEED, ControllerReplay, resolution
 from .study import Array, Run, Study
 
 __all__ = ["check_columns"]
 
 Columns = Mapping[str, Array]
 _SHIFTS = 50
-# In the satellite's sub-steps, velocity first, a tick's way follows its speed at 10/16 of the tick.
-_MEAN = 0.625
+# Ticks over which ways are compared, and by how much ways and speeds may differ and be of one satellite.
+_TOGETHER, _OFF = 50, 0.1
 # Effects that come to mind change the satellite's mass by less than these.
 _MASS = (0.4, 2.5)
 # Of the contact's stiffness, as force over way tells it; sensors and frames may be far from nominal.
@@ -34,11 +34,17 @@ _ESTIMATE = (0.3, 2.5)
 
 @dataclass(frozen=True)
 class _Broken:
-    """A relation that does not hold: which columns it ties, where it first fails, and how."""
+    """A relation that does not hold: which columns it ties, where it first fails, and how.
+
+    Attributes:
+        gross: whether by so much that the columns cannot be what they are said to be. A single mistake in
+            them may show in less; but so may software that does not do what it is believed to.
+    """
 
     columns: tuple[str, ...]
     row: int
     what: str
+    gross: bool = True
 
 
 def check_columns(study: Study, run: Run) -> list[Problem]:
@@ -64,6 +70,7 @@ def check_columns(study: Study, run: Run) -> list[Problem]:
             remedy="Look at signs, units, order and clocks of these columns; no single mistake explains it.",
         )
         for one in broken
+        if one.gross
     ]
 
 
@@ -133,7 +140,7 @@ def _shifted(run: Run, name: str, shift: int) -> Run:
 
 def _way_of_velocity(study: Study, run: Run) -> _Broken | None:
     position, velocity = run["desired_position"], run["desired_velocity"]
-    expected = study.tick * (velocity[:-1] + _MEAN * np.diff(velocity))
+    expected = study.tick * (velocity[:-1] + MEAN_SPEED * np.diff(velocity))
     left = np.abs(np.diff(position) - expected)
     size = float(np.sqrt(np.mean(np.square(expected))))
     # Rounding explains no more than a small part of the way.
@@ -141,11 +148,15 @@ def _way_of_velocity(study: Study, run: Run) -> _Broken | None:
     if np.sqrt(np.mean(np.square(left))) <= 2e-3 * size + floor:
         return None
     row = int(np.argmax(left > 2e-3 * size + 3.0 * floor))
+    # Over some ticks, since single ones may be measured as the software counts its time.
+    moved, meant = (np.convolve(one, np.ones(_TOGETHER), "valid") for one in (np.diff(position), expected))
+    slope, alike = _line(meant, moved)
     return _Broken(
         ("desired_position", "desired_velocity"),
         row,
         f"desired_position moves by {position[row + 1] - position[row]:.6g} m in a tick, "
         f"desired_velocity by {expected[row]:.6g} m",
+        gross=abs(slope - 1.0) > _OFF or alike < 1.0 - _OFF,
     )
 
 
