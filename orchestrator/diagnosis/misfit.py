@@ -175,17 +175,21 @@ def _line(parts: Sequence[Array], slowest: float) -> tuple[float, float]:
     return 0.5 * size * math.log(energy / rest) - price, best / length
 
 
-def wave(channels: Sequence[Array], positions: Sequence[Array]) -> tuple[float, float, float]:
+def wave(
+    channels: Sequence[Array], positions: Sequence[Array], longest: float = math.inf
+) -> tuple[float, float, float]:
     """Find a wave along the position that residuals of several runs have in common, as of an encoder's scale.
 
     Args:
         channels: residuals over their noise, by run; positions: of the same samples [m].
+        longest: pitch that is tried [m].
     Returns: its log likelihood over none, number of tried pitches accounted for [nats], its pitch [m], and
         its amplitude in standard deviations of the noise.
     """
     r, x = np.concatenate(channels), np.concatenate(positions)
     best = (0.0, float(_PITCHES[0]), 0.0)
-    for pitch in _PITCHES:
+    pitches = _PITCHES[longest >= _PITCHES]
+    for pitch in pitches:
         turned = (2.0 * math.pi / pitch) * x
         basis = np.stack([np.cos(turned), np.sin(turned)])
         along = basis @ r
@@ -193,4 +197,4 @@ def wave(channels: Sequence[Array], positions: Sequence[Array]) -> tuple[float, 
         gain = 0.5 * float(along @ amplitudes)
         if gain > best[0]:
             best = gain, float(pitch), float(np.hypot(*amplitudes))
-    return max(best[0] - math.log(len(_PITCHES)), 0.0), best[1], best[2]
+    return max(best[0] - math.log(max(len(pitches), 1)), 0.0), best[1], best[2]

@@ -11,7 +11,7 @@ import numpy as np
 from .benign import settled
 from .colour import COLOUR, WHITE, Colour, coloured, small_colour
 from .dropout import held_longer, lost_in_contact, lost_in_flight, piled
-from .misfit import hum, stretches, uneven
+from .misfit import hum, stretches, uneven, wave
 from .model import RigModel
 from .study import Array
 
@@ -63,9 +63,10 @@ class Force:
 
     Attributes:
         noises: stochastic effects found.
-        line: log evidence of a narrow-band line [nats]; held: of samples that repeat in contact more often
-            than out of it, or pile up at an end of a run's range, as where the sensor saturates; spiky: of
-            single samples that stand out, as no normal noise has. None is an effect of the catalogue.
+        line: log evidence of a narrow-band line, in time or along the robot's way [nats]; held: of samples
+            that repeat in contact more often than out of it, or pile up at an end of a run's range, as where
+            the sensor saturates; spiky: of single samples that stand out, as no normal noise has. None is an
+            effect of the catalogue.
         repeats: which samples repeat the one before, by run.
         colour: small coloured noise that is no effect.
     """
@@ -127,7 +128,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     evidence, deviation, keep = coloured(parts, noise)
     # What is lost tells of no line, but keeps its place in time.
     kept = [np.where(again, 0.0, r) if lost > 0.02 else r for r, again in zip(left, repeats, strict=True)]
-    line, _ = hum(kept, windows)
+    line = max(hum(kept, windows)[0], _along_way(model, kept, windows))
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held, repeats)
     small = small_colour([part / noise for part in parts])
@@ -140,6 +141,28 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
         return Force(tuple(found), 0.0, held, repeats)
     return Force(tuple(found), 0.0, held, repeats, small, uneven(parts, (1,)))
+
+
+def _along_way(model: RigModel, left: Sequence[Array], windows: Sequence[Sequence[slice]]) -> float:
+    """Log evidence of a wave along the robot's way in flights, as of what motors or magnets induce [nats].
+
+    Args:
+        left: residuals over their noise, by run, zero where they tell nothing; windows: flights of each.
+    """
+    parts, ways = [], []
+    for run, r, some in zip(model.runs, left, windows, strict=True):
+        for window in some:
+            telling = r[window] != 0.0
+            if np.count_nonzero(telling) >= _FLIGHT:
+                part = r[window][telling]
+                parts.append(part - part.mean())
+                ways.append(run["encoder_position"][window][telling])
+    if not parts:
+        return 0.0
+    # What is longer than half a flight may be anything slow.
+    longest = 0.5 * float(np.median([np.ptp(way) for way in ways]))
+    gain, _, _ = wave(parts, ways, longest)
+    return max(gain - math.log(sum(map(len, parts))), 0.0)
 
 
 def _lattice(samples: Array, resolution: float) -> float:

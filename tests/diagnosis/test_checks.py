@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from logged import logged_study, with_column
 
+from orchestrator.diagnosis.answers import weigh_software
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.consistency import _force_of_velocity
@@ -67,6 +68,20 @@ def test_what_else_pushes_the_satellite_slowly_is_no_mistake_of_columns(good, si
     body = run.mass * np.diff(pushed) / good.tick
     assert np.corrcoef(body, run["compensated_force"][:-1])[0, 1] < 0.8
     assert (_force_of_velocity(good, moved) is None) is fits
+
+
+def test_a_satellite_that_counts_its_time_coarsely_is_a_gap_of_its_software(good):
+    """No column is wrong where ways follow speeds, but not to the last digit."""
+    rng = np.random.default_rng(2)
+    runs = []
+    for run in good.runs:
+        way = np.diff(run["desired_position"]) * (1.0 + 0.3 * (rng.random(len(run) - 1) - 0.5))
+        position = run["desired_position"][0] + np.concatenate([[0.0], np.cumsum(way)])
+        runs.append(replace(run, columns={**run.columns, "desired_position": np.round(position, 9)}))
+    coarse = replace(good, runs=tuple(runs))
+    assert told(coarse) == ([], [])
+    group, right = weigh_software(coarse, "dynamics"), weigh_software(good, "dynamics")
+    assert group.outside > 1e3 and group.place == "dynamics" and right.outside == 0.0
 
 
 @pytest.mark.parametrize(

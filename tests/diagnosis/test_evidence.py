@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from orchestrator.diagnosis import benign
 from orchestrator.diagnosis.answers import Answer, Group, complete
@@ -165,7 +166,8 @@ def test_lost_samples_show_where_the_force_moves():
 
 
 def test_a_force_that_stays_put_in_contact_only_has_lost_nothing(monkeypatch):
-    model = RigModel(study(), study().of(Role.TRAIN))
+    own = study(ticks=3000)
+    model = RigModel(own, own.of(Role.TRAIN))
     found = {}
     for name, lost, clip in (("lost", 0.05, 1e9), ("clipped", 0.0, 60.0)):
         forces, touching = contacts(lost, clip, len(model.runs))
@@ -198,6 +200,26 @@ def test_samples_that_stand_out_of_the_force_are_no_noise(monkeypatch):
         monkeypatch.setattr(model, "runs", runs)
         found.append(sensor_noise(model, left, free).spiky)
     assert found[0] == 0.0 and found[1] > 20.0
+
+
+def test_a_force_that_waves_along_the_way_is_no_noise(monkeypatch):
+    model = RigModel(study(), study().of(Role.TRAIN))
+    rng = np.random.default_rng(8)
+    # What wanders is no wave, whatever it takes up of one.
+    wanders = [0.2 * lfilter([0.3], [1.0, -0.95], rng.standard_normal(len(run))) for run in model.runs]
+    found = []
+    for size in (0.0, 0.25):
+        left = []
+        for run, slow in zip(model.runs, wanders, strict=True):
+            turns = np.sin(2.0 * np.pi * run["encoder_position"] / 1.3e-3 + 0.4)
+            left.append(rng.standard_normal(len(run)) + slow + size * turns)
+        runs = [
+            replace(run, columns={**run.columns, "sensor_force": model.noise[1] * r})
+            for run, r in zip(model.runs, left, strict=True)
+        ]
+        monkeypatch.setattr(model, "runs", runs)
+        found.append(sensor_noise(model, left, [np.zeros(len(run), bool) for run in runs]).line)
+    assert found[0] < 3.0 and found[1] > 20.0
 
 
 def test_roughness_that_takes_up_too_much_is_told():
