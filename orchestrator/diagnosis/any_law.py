@@ -43,12 +43,17 @@ def any_law(
     z = fit.z
     chosen = fitter.jacobian(fit.effects, z, fitter.marginal.stacked(fit.residuals), range(len(z)))
 
-    def along(channel: int, shapes: Callable[[RigModel, int, Fit], dict[str, Array]]) -> _Along:
+    model_of = fit.calibrated, fit.effects, fit.theta
+    played = [
+        (model.parameters(run, *model_of), model.replay(run, *model_of)) for run in range(len(model.runs))
+    ]
+
+    def along(channel: int, shapes: Callable[[Array, Array, float], dict[str, Array]]) -> _Along:
         ends = np.cumsum([0, *map(len, fit.residuals)])
         own = range(channel, len(fit.residuals), 2)
         rows = np.concatenate([np.arange(ends[one], ends[one + 1]) for one in own])
         weight = np.concatenate([weights[one] for one in own])
-        columns, families = _columns([shapes(model, run, fit) for run in range(len(own))], weight)
+        columns, families = _columns([shapes(*one, model.study.tick) for one in played], weight)
         return _Along(*fitter.marginal.products(fit.residuals, columns, rows, chosen, z), families)
 
     # What the encoder strays slowly on every rig makes shapes tell less.

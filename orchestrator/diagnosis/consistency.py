@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import Problem
 from .mistakes import Mistake, wrong_factors
 from .rig import IN_CONTACT
-from .software import MEAN_SPEED, ControllerReplay, resolution
+from .software import ControllerReplay, resolution, ways
 from .study import Array, Run, Study
 
 __all__ = ["check_columns"]
@@ -140,7 +140,7 @@ def _shifted(run: Run, name: str, shift: int) -> Run:
 
 def _way_of_velocity(study: Study, run: Run) -> _Broken | None:
     position, velocity = run["desired_position"], run["desired_velocity"]
-    expected = study.tick * (velocity[:-1] + MEAN_SPEED * np.diff(velocity))
+    expected = ways(velocity, study.tick)
     left = np.abs(np.diff(position) - expected)
     size = float(np.sqrt(np.mean(np.square(expected))))
     # Rounding explains no more than a small part of the way.

@@ -8,9 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from .fit import Fit
 from .misfit import answering, stretches
-from .model import RigModel
 from .rig import Calibrated
 from .study import Array
 
@@ -28,18 +26,17 @@ _GAPS = (1e-4, 4e-4)
 _TOUCHES, _FLIGHT = 0.03, 40
 
 
-def force_shapes(model: RigModel, index: int, fit: Fit) -> dict[str, Array]:
+def force_shapes(p: Array, replay: Array, tick: float) -> dict[str, Array]:
     """Shapes over a run, by tick, by family, each of shape (shapes, n).
 
     Laws of depth, rate, side, time and memory; edges, what is there as a contact begins and ends; drifts,
     what contacts leave behind. And of each contact the force and an offset, of each flight an offset.
 
     Args:
-        index: of the run.
+        p: parameters of the rig; replay: its channels in the run, see `RigModel.replay`.
+        tick: of the software [s].
     """
-    p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
-    at = model.replay(index, fit.calibrated, fit.effects, fit.theta)[7]
-    tick = model.study.tick
+    at = replay[7]
     gaps = p[Calibrated.FRONT_WALL] - at, at - p[Calibrated.REAR_WALL]
     rate = np.gradient(at, tick)
     deepest = max(float(max((-one).max() for one in gaps)), 1e-12)
@@ -71,18 +68,17 @@ def force_shapes(model: RigModel, index: int, fit: Fit) -> dict[str, Array]:
     }
 
 
-def motion_shapes(model: RigModel, index: int, fit: Fit) -> dict[str, Array]:
+def motion_shapes(p: Array, replay: Array, tick: float) -> dict[str, Array]:
     """Shapes of the encoder's position over a run, by tick, by family, each of shape (shapes, n).
 
     What the servo makes of accelerations by laws of speed, position, force and time, and of what is there as
     contacts begin and end; and what shows without the servo, by position, force and side.
 
     Args:
-        index: of the run.
+        p: parameters of the rig; replay: its channels in the run, see `RigModel.replay`.
+        tick: of the software [s].
     """
-    p = model.parameters(index, fit.calibrated, fit.effects, fit.theta)
-    replay = model.replay(index, fit.calibrated, fit.effects, fit.theta)
-    tick, x, force = model.study.tick, replay[2], replay[3]
+    x, force = replay[2], replay[3]
     v = np.gradient(x, tick)
     x, v, force = (one / max(float(np.abs(one).max()), 1e-12) for one in (x, v, force))
     touches, time = np.abs(force) > _TOUCHES, np.arange(len(x)) / len(x)

@@ -12,7 +12,7 @@ from .model import Laws, apply_changes, begin_state, nominal_parameters
 from .rig import State, control, move_body
 from .study import Array, Run, Study
 
-__all__ = ["MEAN_SPEED", "ControllerReplay", "DynamicsReplay", "resolution"]
+__all__ = ["ControllerReplay", "DynamicsReplay", "resolution", "ways"]
 
 
 def resolution(values: Array) -> float:
@@ -25,7 +25,14 @@ def resolution(values: Array) -> float:
 
 
 # In the satellite's sub-steps, velocity first, a tick's way follows its speed at 10/16 of the tick.
-MEAN_SPEED = 0.625
+_MEAN_SPEED = 0.625
+
+
+def ways(velocity: Array, tick: float) -> Array:
+    """Way of the satellite over each tick by its logged velocity, shape (n - 1,) [m]."""
+    return tick * (velocity[:-1] + _MEAN_SPEED * np.diff(velocity))
+
+
 # As machine code takes them.
 _AT, _SPEED, _NUMBER, _OF_MASS = map(int, (Context.POSITION, Context.VELOCITY, Context.TICK, Context.MASS))
 _KNOWN = len(Context)
@@ -111,9 +118,8 @@ class DynamicsReplay:
         found = []
         for run in self.runs:
             position, velocity = run["desired_position"], run["desired_velocity"]
-            way = self.study.tick * (velocity[:-1] + MEAN_SPEED * np.diff(velocity))
             noise = np.hypot(resolution(position), self.study.tick * resolution(velocity)) / np.sqrt(6.0)
-            found.append((np.diff(position) - way) / noise)
+            found.append((np.diff(position) - ways(velocity, self.study.tick)) / noise)
         return float(np.mean(np.concatenate(found) ** 2))
 
 
