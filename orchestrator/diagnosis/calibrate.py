@@ -48,11 +48,12 @@ __all__ = [
 ]
 
 # How far the logarithm of each learned number may stray from where it begins: cases are few, and simulated.
-_STRAY = 0.7
+# Slopes begin without a reason, and may be next to nothing.
+_STRAY, _STEEPER, _FLATTEST = 0.7, 1.0, -4.0
 _NUMBERS = tuple(
     name
     for name in Calibration.__dataclass_fields__
-    if name not in ("sure", "surely", "unseen", "leaves", "roughness")
+    if name not in ("slopes", "sure", "surely", "unseen", "leaves", "roughness")
 )
 # Where the learning of `Calibration.form` begins.
 _FORM = 1.0
@@ -111,6 +112,7 @@ def practise(
             random=float(one.random),
             numerics=float(one.numerics),
             size=float(one.size),
+            parts=tuple(map(float, one.parts)),
             fit=None,
             noises=(),
         )
@@ -147,7 +149,8 @@ class _Lesson:
             columns = [
                 one.tolist()
                 for one in (
-                    of.gain, of.formed, of.left, of.odd, of.astray, of.usual, of.seen, of.unseen, of.strength
+                    of.gain, of.formed, of.left, of.whole, of.odd, of.astray, of.usual, of.seen, of.unseen,
+                    of.strength, *of.lacks.T,
                 )
             ]  # fmt: skip
             spread = np.exp(-of.rarity).tolist()
@@ -161,7 +164,9 @@ class _Lesson:
             alike.append(own)
         shape = len(cases), max(map(len, alike))
         # What there is no answer for is not probable, and not to be divided by.
-        columns = [np.full(shape, value) for value in (-1e290, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0)]
+        lacking = (0.0,) * len(learned.slopes)
+        absent = (-1e290, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, *lacking)
+        columns = [np.full(shape, value) for value in absent]
         common, right = np.ones(shape), np.zeros((shape[0], shape[1] + 1))
         count, rights = np.zeros_like(right), np.zeros_like(right)
         for place, own in enumerate(alike):
@@ -175,7 +180,8 @@ class _Lesson:
             right[place, :size], rights[place, :size] = right_weights / weights, right_counts
             count[place, -1] = 1.0
             right[place, -1] = rights[place, -1] = cases[place].truth == ("outside",)
-        table = Table(*columns, -np.log(common))
+        known = len(columns) - len(lacking)
+        table = Table(*columns[:known], -np.log(common), np.stack(columns[known:], axis=-1))
         beside = np.array([one.beside for one in cases])
         return _Lesson(table, beside, count, right, rights, _weights(cases))
 
@@ -266,19 +272,19 @@ def _likeliest(cases: Sequence[Practice], start: Calibration) -> Calibration:
     start = replace(start, unseen=learn_unseen(cases, start))
     lesson = _Lesson.of_cases(cases, start)
 
+    size = len(_NUMBERS)
+    deviation = np.array([_STRAY] * size + [_STEEPER] * len(start.slopes))
+    bounds = [(-2.5, 2.5)] * size + [(_FLATTEST, 2.5)] * len(start.slopes)
+
     def learned(x: Array) -> Calibration:
-        return replace(
-            start, **{name: getattr(start, name) * math.exp(v) for name, v in zip(_NUMBERS, x, strict=True)}
-        )
+        numbers = {name: getattr(start, name) * math.exp(v) for name, v in zip(_NUMBERS, x, strict=False)}
+        return replace(start, **numbers, slopes=tuple(np.multiply(start.slopes, np.exp(x[size:])).tolist()))
 
     def cost(x: Array) -> float:
-        now = learned(x)
-        return lesson.loss(now) + 0.5 * float(np.sum((x / _STRAY) ** 2))
+        return lesson.loss(learned(x)) + 0.5 * float(np.sum((x / deviation) ** 2))
 
-    size = len(_NUMBERS)
-    found = minimize(
-        cost, np.zeros(size), method="L-BFGS-B", bounds=[(-2.5, 2.5)] * size, options={"maxiter": 40}
-    )
+    none = np.zeros(len(deviation))
+    found = minimize(cost, none, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40})
     return _of_all(learned(found.x))
 
 
@@ -388,7 +394,7 @@ def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[
 def _written(one: Practice) -> list[Any]:
     """Without answers of two unseen effects, which `_read` adds again."""
     answers = [
-        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random, a.numerics, a.size]
+        [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random, a.numerics, a.size, a.parts]
         for a in one.answers
         if len(a.unseen) < 2
     ]
@@ -408,8 +414,9 @@ def _read(data: list[Any]) -> Practice:
             random=random,
             numerics=numerics,
             size=size,
+            parts=tuple(parts),
         )
-        for effects, gain, left, ties, unseen, odd, random, numerics, size in answers
+        for effects, gain, left, ties, unseen, odd, random, numerics, size, parts in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
     return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)

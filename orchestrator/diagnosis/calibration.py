@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.special import logsumexp
 
+from .remainder import Remains
 from .study import Array
 
 __all__ = [
@@ -39,6 +40,8 @@ SET = 0.95
 _ASTRAY = 4.0
 # Size at which many an effect shows and many do not, see `strength`.
 _ORDINARY = 0.2
+# Where the learning of `Calibration.slopes` begins.
+_SLOPE = 0.7
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
 
@@ -54,6 +57,7 @@ class Weighable(Protocol):
     random: float
     numerics: float
     size: float
+    parts: tuple[float, ...]
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -67,16 +71,19 @@ class Table:
 
     Attributes:
         gain, left, odd: see `answers.Answer`; formed: the gain but for what is random.
+        whole: what is left that has no parts [nats].
         seen, unseen: how many effects the logs speak for, and how many not.
         astray: what of that which is left the replay's own error may make [nats].
         usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
         strength: see `strength`.
             Each of shape (answers,), or (groups, answers).
+        lacks: ln(1 + u) of each part of what is left, shape (answers, parts), or (groups, answers, parts).
     """
 
     gain: Array
     formed: Array
     left: Array
+    whole: Array
     odd: Array
     astray: Array
     usual: Array
@@ -84,6 +91,7 @@ class Table:
     unseen: Array
     strength: Array
     rarity: Array
+    lacks: Array
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,8 @@ class Calibration:
     `hidden`, beside another one `beside` and `fainter` times its `strength`, since the effects of one rig are
     about as strong, as a third `further`, and more the seldomer it stays unseen.
     Something outside the catalogue scores what the best answer of its group has, less `outside`, plus what
-    answers lack: `slope` times ln(1 + u), u the unexplained log likelihood over what is usual (see `usual`),
+    answers lack: `slopes` times ln(1 + u), u a part of the unexplained log likelihood over what is usual (see
+    `usual`), `slope` times that of what has no parts and of what no answer could explain,
     plus the log likelihood that what an answer holds to be random is not, plus `several` for a second effect
     that it sees, and `many` for each beyond it: combinations rarely are what they imitate. Of the odds of
     outside over answers that lack so much the harmonic mean counts, weighted by their probabilities: one
@@ -113,6 +122,7 @@ class Calibration:
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
+        slopes: of the parts of what answers leave, see `remainder.Remains`.
         leaves: share of its log evidence that an effect usually leaves unexplained, by id, since its form on
             rigs is not quite the catalogue's.
         roughness: of rigs that hide nothing, standard deviations as shares of an effect's prior, by id, one
@@ -136,6 +146,7 @@ class Calibration:
     sure: float = 0.95
     surely: float = 0.95
     floor: float = 0.002
+    slopes: tuple[float, ...] = (_SLOPE,) * len(Remains._fields)
     unseen: Mapping[str, float] = field(default_factory=dict)
     leaves: Mapping[str, float] = field(default_factory=dict)
     roughness: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -185,18 +196,27 @@ class Calibration:
     def table(self, answers: Sequence[Weighable]) -> Table:
         """What scores are made of."""
         unseen = np.array([len(one.unseen) for one in answers])
+        left = np.array([one.left for one in answers])
+        # By no more than an effect explains: an imitation that swings up explains nothing.
+        astray = _ASTRAY * np.array([min(one.numerics, max(one.gain, 0.0)) for one in answers])
+        usual = self.usual(answers)
+        none = (0.0,) * len(self.slopes)
+        parts = np.array([one.parts or none for one in answers])
+        # The replay's own error is in all parts.
+        share = np.divide(astray, left, out=np.zeros(len(left)), where=left > 0.0)
         return Table(
             np.array([one.gain for one in answers]),
             np.array([one.gain - one.random for one in answers]),
-            np.array([one.left for one in answers]),
+            left,
+            np.array([0.0 if one.parts else one.left for one in answers]),
             np.array([one.odd for one in answers]),
-            # By no more than an effect explains: an imitation that swings up explains nothing.
-            _ASTRAY * np.array([min(one.numerics, max(one.gain, 0.0)) for one in answers]),
-            self.usual(answers),
+            astray,
+            usual,
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
             np.array([strength(one.size) for one in answers]),
             np.array([self.rarity(one.unseen) for one in answers]),
+            np.log1p(parts * (np.maximum(1.0 - share, 0.0) / usual)[:, None]),
         )
 
     def scores(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> tuple[Array, Array]:
@@ -223,8 +243,8 @@ class Calibration:
         top = priced.max(-1, keepdims=True)
         more = of.seen - 1.0
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
-        u = np.maximum(of.left + np.expand_dims(beside, -1) - of.astray, 0.0) / of.usual
-        lacks = self.slope * np.log1p(u) + of.odd
+        u = np.maximum(of.whole - of.astray, 0.0) + np.expand_dims(beside, -1)
+        lacks = of.lacks @ np.asarray(self.slopes) + self.slope * np.log1p(u / of.usual) + of.odd
         lacks = lacks + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
         outside = logsumexp(priced, -1, keepdims=True) - logsumexp(priced - lacks, -1, keepdims=True)
         outside = outside + top - self.outside
@@ -252,7 +272,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/13", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/14", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

@@ -21,7 +21,7 @@ from .links import Arrivals, arrivals, other_link, random_links, search_behind
 from .marginal import inflation
 from .misfit import unexplained
 from .model import RigModel
-from .remainder import KINDS, own_error, remains
+from .remainder import KINDS, Remains, own_error, remains
 from .search import Search, search
 from .stochastic import Force, Noise, sensor_noise
 from .study import Array, Role, Study
@@ -146,7 +146,9 @@ def _weigh(
     doubtful = doubt > max([_DOUBTED, *(one.gain - each * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
     rest = remains(weighing, fitter, found.none, colour, rougher=not doubtful)
-    nothing = Answer((), doubt if doubtful else 0.0, rest, found.none, doubtful=doubtful)
+    nothing = Answer(
+        (), doubt if doubtful else 0.0, rest.total, found.none, doubtful=doubtful, parts=tuple(rest)
+    )
     every = [one.id for one in catalogue().values() if one.place not in SOFTWARE and one.id not in without]
     misfit = {
         "robot": float(np.mean(np.concatenate(left[0::2]) ** 2)),
@@ -270,7 +272,7 @@ def _linked(
         level = min(level, gains[own] + arrivals(weighing.model, fit, rest, False).log_evidence)
     raised, unforeseen = level - beside[0].gain, unexplained(chance.unforeseen)
     beside = [
-        replace(one, gain=one.gain + raised, left=one.left + unforeseen, odd=one.odd + chance.regular)
+        _behind(replace(one, gain=one.gain + raised, odd=one.odd + chance.regular), unforeseen)
         for one in beside
     ]
     answers = sorted([*answers, *beside, *other_link(beside, links)], key=lambda one: -one.gain)
@@ -278,6 +280,13 @@ def _linked(
     # Lost commands that keep a period are told apart from chance, or beside it, or within what is random.
     by = behind if {PACKETS, JITTER} & set(answers[0].effects) else fitter
     return _Told(answers, left, 0.0, chance.regular, by)
+
+
+def _behind(answer: Answer, unforeseen: float) -> Answer:
+    """An answer that leaves of the encoder what randomness of the link does not foresee [nats], too."""
+    rest = Remains(*answer.parts)
+    rest = rest._replace(encoder=rest.encoder + unforeseen)
+    return replace(answer, left=answer.left + unforeseen, parts=tuple(rest))
 
 
 def _ids(fit: Fit) -> tuple[str, ...]:
@@ -355,14 +364,14 @@ def _answers(
     for fit in (found.none, *found.fits[:_KEPT]):
         names = [one.id for one in fit.effects if one.id not in hidden]
         over, rest = fitter.log_evidence(fit, by) - least, remains(weighing, fitter, fit, colour)
-        own = own_error(weighing, fitter, fit, rest)
+        own, left = own_error(weighing, fitter, fit, rest.total), tuple(rest)
         for some in _subsets(noises, always):
             random = sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
                 odd, size = sum(one.uneven for one in some), strongest(fit, some)
-                told = {"odd": odd, "random": random, "numerics": own, "size": size}
-                answers.append(Answer(every, over + random, rest, fit, (), some, **told))
+                told = {"odd": odd, "random": random, "numerics": own, "size": size, "parts": left}
+                answers.append(Answer(every, over + random, rest.total, fit, (), some, **told))
     return simplest(answers)
 
 

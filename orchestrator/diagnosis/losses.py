@@ -33,6 +33,8 @@ _FASTEST, _SLOWEST, _TURN, _LIKELIEST = 20.0, 1000.0, 0.1, 20
 _SHARP = 2.0 ** np.arange(7)
 # By how many ticks a command may come after newer ones.
 _LATE = range(2, 9)
+# How wrong a command may be, standard deviations, all about as likely beforehand [m].
+_WRONG = 5e-6 * 2.0 ** np.arange(7)
 
 
 class Losses(NamedTuple):
@@ -43,7 +45,8 @@ class Losses(NamedTuple):
         moved: what they moved the robot at the ticks, by run, each of shape (n,) [m].
         shorter: by which commands fell short, as those of `Seen`, by run, each of shape (n,) [m].
         regular: log likelihood that they keep a period, which chance does not [nats].
-        disorder: log evidence over none that commands which come after newer ones are obeyed [nats].
+        disorder: log evidence over none that commands which come after newer ones are obeyed, or wrong ones
+            that nobody sent [nats].
     """
 
     log_evidence: float
@@ -113,7 +116,25 @@ def _disorder(left: Sequence[Array], runs: Sequence[tuple[Array, Array]], slow: 
         for late in _LATE
         for again in (False, True)
     ]
+    told.append(_falsified(left, [answer for _, answer in runs], slow))
     return max(told) - math.log(len(told))
+
+
+def _falsified(left: Sequence[Array], answers: Sequence[Array], slow: tuple[float, float]) -> float:
+    """Log evidence over none of single commands that are wrong by any size, see `_found` [nats].
+
+    Args:
+        answers: what the robot answers to a command, see `_Asked`, by run.
+    """
+    heard = [_heard(r, answer, slow) for r, answer in zip(left, answers, strict=True)]
+    told = []
+    for wrong in _WRONG:
+        gains = [
+            0.5 * (along**2 / (square + wrong**-2) - math.log1p(wrong**2 * square))
+            for along, (square, *_) in heard
+        ]
+        told.append(_by_chance(gains, len(answers[0])))
+    return float(logsumexp(told)) - math.log(np.size(told))
 
 
 def _short(sent: Array, late: int) -> Array:
@@ -139,7 +160,7 @@ def _found(
     rest, missing = list(left), [np.zeros(len(r)) for r in left]
     gains, expected = zip(*(_gain(r, one, slow) for r, one in zip(rest, asked, strict=True)), strict=True)
     apart = len(asked[0].answer) + max(lag for _, lag in asked[0].pulses)
-    by_chance = np.array([sum(_summed(one, chance, apart) for one in gains) for chance in _CHANCES])
+    by_chance = _by_chance(gains, apart)
     evidence = float(logsumexp(by_chance) - math.log(len(_CHANCES)))
     chance = float(np.exp(np.average(np.log(_CHANCES), weights=np.exp(by_chance - by_chance.max()))))
     first, counted = [], []
@@ -181,17 +202,27 @@ def _gain(r: Array, asked: _Asked, slow: tuple[float, float]) -> tuple[Array, Ar
 
     Returns: it, and what is to be expected of it if there is one.
     """
-    size = _size(len(r))
-    heard = np.fft.rfft(asked.answer, size)
-    weighed = heard.conj() / _power(size, slow)
-    along = np.fft.irfft(np.fft.rfft(r, size) * weighed, size)[: len(r)]
-    shared = np.fft.irfft(heard * weighed, size)
+    along, shared = _heard(r, asked.answer, slow)
     told, square = np.zeros(len(r)), np.zeros(len(r))
     for pulse, lag in asked.pulses:
         told[: len(r) - lag] += pulse[: len(r) - lag] * along[lag:]
         for other, before in asked.pulses:
             square += pulse * other * shared[abs(lag - before)]
     return told - 0.5 * square, 0.5 * square
+
+
+def _heard(r: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:
+    """Products of residuals with an answer to each tick's command, and of answers with each other, by lag."""
+    size = _size(len(r))
+    heard = np.fft.rfft(answer, size)
+    weighed = heard.conj() / _power(size, slow)
+    along = np.fft.irfft(np.fft.rfft(r, size) * weighed, size)[: len(r)]
+    return along, np.fft.irfft(heard * weighed, size)
+
+
+def _by_chance(gains: Sequence[Array], apart: int) -> Array:
+    """Log likelihood of all runs over no loss, by probability of one, see `_summed`, shape (chances,)."""
+    return np.array([sum(_summed(one, chance, apart) for one in gains) for chance in _CHANCES])
 
 
 def _plainly(left: Sequence[Array], slow: tuple[float, float]) -> float:

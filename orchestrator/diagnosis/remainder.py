@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,9 +11,10 @@ from .any_law import any_law
 from .benign import Weighing, Weighted, touching
 from .colour import Colour, whitened
 from .fit import Fit, Fitter
+from .local import loudest, repeated
 from .misfit import in_contact, louder, unexplained
 
-__all__ = ["KINDS", "bent", "own_error", "remains"]
+__all__ = ["KINDS", "Remains", "bent", "own_error", "remains"]
 
 # Calibrated numbers of one kind stray together.
 KINDS = (
@@ -26,8 +28,38 @@ KINDS = (
 _ROUGHER = 20.0
 
 
-def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, rougher: bool = True) -> float:
-    """What a fit leaves unexplained [nats].
+class Remains(NamedTuple):
+    """What a fit leaves unexplained, part by part [nats].
+
+    Attributes:
+        encoder, force: slow or local structure, see `misfit.unexplained`; contact: see `misfit.in_contact`.
+        moved, pushed: laws of the encoder and of the force, see `any_law`.
+        bent: how far calibrated numbers stray; without any effect that is for tolerances to tell.
+        rough: what roughness takes up beyond what it does of rigs.
+        shaken, struck: what is loudest of the encoder and of the force, see `local.loudest`.
+        repeated: what contacts leave again and again, see `local.repeated`.
+    """
+
+    encoder: float
+    moved: float
+    force: float
+    contact: float
+    pushed: float
+    bent: float
+    rough: float
+    shaken: float
+    struck: float
+    repeated: float
+
+    @property
+    def total(self) -> float:
+        """Of parts that may tell of the same the largest counts; the last three only tell more of it."""
+        moved, pushed = max(self.encoder, self.moved), max(self.force, self.contact, self.pushed)
+        return moved + pushed + self.bent + self.rough
+
+
+def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, rougher: bool = True) -> Remains:
+    """What a fit leaves unexplained.
 
     Args:
         fitter: of the weighing.
@@ -35,12 +67,20 @@ def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, roughe
         rougher: whether what roughness takes up beyond what it does of rigs counts, too: it is not left.
     """
     left = fitter.marginal.left(fit.residuals)
-    forces = whitened(left[1::2], colour)
-    told = unexplained(forces), in_contact(forces, touching(weighing.model, fit))
+    moves, forces, touched = left[0::2], whitened(left[1::2], colour), touching(weighing.model, fit)
     moved, pushed = any_law(weighing.model, fitter, fit, weighing.weights, colour)
-    # What an effect only imitates bends the calibration, too. Without any that is for tolerances to tell.
-    found = max(unexplained(left[0::2]), moved) + max(*told, pushed) + (bent(fit) if fit.effects else 0.0)
-    return found + (max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0)
+    return Remains(
+        encoder=unexplained(moves),
+        moved=moved,
+        force=unexplained(forces),
+        contact=in_contact(forces, touched),
+        pushed=pushed,
+        bent=bent(fit) if fit.effects else 0.0,
+        rough=max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0,
+        shaken=loudest(moves),
+        struck=loudest(forces),
+        repeated=repeated(forces, touched),
+    )
 
 
 def own_error(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> float:
@@ -50,7 +90,7 @@ def own_error(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> floa
     any other, make such a replay follow the rig to the end.
 
     Args:
-        fitter: of the weighing; left: see `remains`. No more is told.
+        fitter: of the weighing; left: see `Remains.total`. No more is told.
     """
     if left < _ROUGHER:
         return 0.0
