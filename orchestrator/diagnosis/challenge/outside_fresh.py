@@ -35,11 +35,11 @@ def _pole(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 
 def _lost(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"lost": size * between(rng, 1e-5, 4e-5), "lost_rate": between(rng, 2.5, 8.0)}
+    return {"lost": size * between(rng, 6e-6, 2.5e-5), "lost_rate": between(rng, 2.5, 8.0)}
 
 
 def _gear(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"gear": size * between(rng, 0.02, 0.08), "gear_rate": between(rng, 1e-3, 4e-3)}
+    return {"gear": size * between(rng, 0.012, 0.045), "gear_rate": between(rng, 1e-3, 4e-3)}
 
 
 def _taut(rng: np.random.Generator, size: float) -> dict[str, float]:
@@ -63,19 +63,19 @@ def _latch(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 
 def _scrape(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"scrape": size * between(rng, 0.03, 0.1), "scrape_time": between(rng, 1e-3, 6e-3)}
+    return {"scrape": size * between(rng, 0.016, 0.06), "scrape_time": between(rng, 1e-3, 6e-3)}
 
 
 def _queue(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "queue": size * between(rng, 1.5e-3, 5e-3),
+        "queue": size * between(rng, 6e-4, 2.5e-3),
         "queue_rate": between(rng, 2.0, 8.0),
         "queue_drain": between(rng, 0.02, 0.15),
     }
 
 
 def _busy(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"busy": size * between(rng, 5e-4, 2e-3), "busy_force": between(rng, 5.0, 25.0)}
+    return {"busy": size * between(rng, 3e-4, 1.2e-3), "busy_force": between(rng, 5.0, 25.0)}
 
 
 def _loose(rng: np.random.Generator, size: float) -> dict[str, float]:
