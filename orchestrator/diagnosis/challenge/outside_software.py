@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .hidden import Hidden, between
+from .hidden import Hidden, between, signed
 
 __all__ = ["SOFTWARE_KINDS"]
 
@@ -61,6 +61,34 @@ def _dead_band(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"thrust": size * between(rng, 0.3, 1.5), "thrust_speed": between(rng, 7e-3, 1.3e-2)}
 
 
+def _corruption(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"corrupt": size * between(rng, 4e-5, 1.6e-4), "corrupt_rate": between(rng, 6.0, 30.0)}
+
+
+def _route(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"route": size * signed(rng) * between(rng, 2e-4, 8e-4)}
+
+
+def _ignored(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ignored": size * between(rng, 1.5, 5.0)}
+
+
+def _plume(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"plume": size * between(rng, 3.0, 12.0), "plume_reach": between(rng, 8e-4, 4e-3)}
+
+
+def _timer(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"timer": size * between(rng, 1.2e-4, 4.5e-4)}
+
+
+def _ramp(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ramp": size * between(rng, 3e-3, 1e-2)}
+
+
+def _gate(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"gate": min(0.8 * size, 1.0), "gate_step": between(rng, 1.2, 2.5)}
+
+
 SOFTWARE_KINDS = (
     Hidden("dynamics.thruster-bursts", _burst),
     Hidden("dynamics.wheel", _wheel),
@@ -74,4 +102,11 @@ SOFTWARE_KINDS = (
     Hidden("controller.stale-position", _stale),
     Hidden("dynamics.fuel", _fuel),
     Hidden("dynamics.dead-band-thrusters", _dead_band),
+    Hidden("link.corruption", _corruption, chance=True),
+    Hidden("link.changed-route", _route),
+    Hidden("dynamics.ignored-force", _ignored),
+    Hidden("dynamics.plume", _plume),
+    Hidden("dynamics.coarse-timer", _timer),
+    Hidden("controller.ramp-in", _ramp),
+    Hidden("controller.outlier-gate", _gate),
 )

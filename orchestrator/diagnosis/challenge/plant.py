@@ -19,14 +19,17 @@ STATES = 15
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
 # how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
-# into its seat, and whether it does; what the bolted joint carries [N]; phase of the floor at the start.
-MEMORY = 11
+# into its seat, and whether it does; what the bolted joint carries [N]; phase of the floor at the start; what
+# the encoder has lost; by which share the force of a contact is off.
+MEMORY = 13
 _SWITCHING, _SEATING = 4e-3, 1.5e-3  # how long a servo's gain takes to change, a tip to slide [s]
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
 # Of a loose plate: stiffness of the frame behind it over that of the whole, and its dampers' ratios.
 _BEHIND, _HUNG_XI, _BEHIND_XI = 11.0, 0.1, 0.2
 _FILM_REACH = 15.0  # gaps of a film beyond which it is none
+_MAGNET_REACH = 12.0  # the same of a magnet's
+_LATCH_WIDTH = 1.0 / 3.0  # of a latch's depth: from where it is hardest to its crest
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,11 +50,18 @@ def output(p, s, memory):
 @njit(cache=True, error_model="numpy")
 def _contact_point(p, t, s, memory):
     position, rate = output(p, s, memory)
+    if p.lost > 0.0:
+        position += memory[11]
     stretch = 1.0 + p.scale + p.bend * position
     point = stretch * position - p.offset + memory[5] + s[11]
     rate = (stretch + p.bend * position) * rate + s[12]
     if p.joint > 0.0:
         point += p.joint * memory[9]
+    if p.thread > 0.0:
+        # A spindle behind the encoder, its pitch uneven.
+        turned = 2.0 * math.pi * position / p.thread_pitch + p.thread_phase
+        point += p.thread * math.sin(turned)
+        rate *= 1.0 + 2.0 * math.pi * p.thread / p.thread_pitch * math.cos(turned)
     if p.floor > 0.0:
         turned = p.floor_omega * t + memory[10]
         point += p.floor * math.sin(turned)
@@ -78,6 +88,8 @@ def contact_force(p, t, s, memory):
     if p.film > 0.0 and depth > -_FILM_REACH * p.film_gap:
         # What is squeezed out of a gap h resists as 1/h^3; the frame's roughness keeps it open.
         pull -= p.film * rate / (1.0 + max(-depth, 0.0) / p.film_gap) ** 3
+    if p.magnet > 0.0 and side > 0.0 and depth > -_MAGNET_REACH * p.magnet_gap:
+        pull += p.magnet / (1.0 + max(-depth, 0.0) / p.magnet_gap) ** 2
     if p.onset > 0.0:
         if depth < -50.0 * p.onset:
             return side * pull, side, 0.0, 0.0
@@ -115,6 +127,12 @@ def contact_force(p, t, s, memory):
         push -= k * p.slack * (1.0 - math.exp(-push / p.slack_force))
     if p.friction != 0.0:
         push *= 1.0 + p.friction * math.tanh(rate / p.friction_rate)
+    if p.latch > 0.0 and side > 0.0:
+        # A sprung pawl: pushed aside up to its crest, then it pulls in.
+        u = (p.latch_depth - depth) / (_LATCH_WIDTH * p.latch_depth)
+        push += p.latch * u * math.exp(0.5 * (1.0 - u * u))
+    if p.scrape > 0.0:
+        push *= 1.0 + memory[12]
     return side * (pull - max(push, 0.0)), side, depth, rate
 
 
@@ -136,6 +154,12 @@ def _derivative(p, t, s, memory, command, ds):
         # A bristle that bends until it slides.
         a -= p.dahl * s[10]
         ds[10] = (v - abs(v) * s[10]) / p.dahl_length
+    if p.pole > 0.0:
+        # A worn spot of the motor, where it pulls less.
+        spot = math.exp(-(((x - p.pole_at) / p.pole_width) ** 2))
+        a -= p.omega * p.omega * p.pole * spot * (command - x - memory[3])
+    if p.gear > 0.0:
+        a -= p.gear * abs(force) * math.tanh(v / p.gear_rate)  # teeth rub the more, the more they carry
     if p.coulomb > 0.0:
         excess = p.stribeck * math.exp(-abs(v) / p.stribeck_rate) if p.stribeck > 0.0 else 0.0
         a -= p.coulomb * (1.0 + excess) * v / math.sqrt(v * v + 2.25e-8)  # rounded over 0.15 mm/s
@@ -155,6 +179,8 @@ def _derivative(p, t, s, memory, command, ds):
     if p.maxwell != 0.0:
         ds[4] = (rate if depth > 0.0 else 0.0) - s[4] / p.maxwell_time
     ds[5] = p.cutoff * (force - p.tool * total - s[5])
+    if p.taut != 0.0:
+        ds[5] += p.cutoff * _cable(p, s, memory)
     if p.filter_time > 0.0:
         ds[6] = (s[5] - s[6]) / p.filter_time
     if p.wall_mass > 0.0:
@@ -167,6 +193,14 @@ def _derivative(p, t, s, memory, command, ds):
         ds[12] = p.sway * (force - p.sway_arm * total) - w * w * s[11] - 2.0 * p.sway_xi * w * s[12]
     if p.plate > 0.0:
         ds[13], ds[14] = s[14], _plate(p, s, -force if side > 0.0 else 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _cable(p, s, memory):
+    """Force on the rod [N] of a cable that hangs loose up to some way to one side."""
+    position, _ = output(p, s, memory)
+    side = math.copysign(1.0, p.taut)
+    return -p.taut * max(side * position - p.taut_from, 0.0)
 
 
 @njit(cache=True, error_model="numpy")

@@ -117,6 +117,10 @@ def _run(
         series.stray,
         series.supply,
         series.floor,
+        series.zero,
+        series.lost,
+        series.scrape,
+        series.cycle,
         logged,
         TICK / substeps,
         out,
@@ -140,6 +144,10 @@ def _ticks(
     stray,
     supply,
     floor,
+    zero,
+    lost,
+    scrape,
+    cycle,
     logged,
     longest,
     out,
@@ -161,17 +169,26 @@ def _ticks(
     count, contact, touching = 0, 0, False
     memory[2], memory[10] = wall[0], floor
     s[13] = -p.plate_gap
+    if p.busy > 0.0:
+        arrival = arrival.copy()
     reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
     for n in range(ticks):
         now = n * TICK
+        if lost[n] != 0.0:
+            # The servo follows its encoder: the rod stays where it is, until it is moved by as much.
+            s[0] -= lost[n]
+            memory[0] -= lost[n]
+            memory[11] += lost[n]
+        memory[12] = scrape[n]
         flange, rate = output(p, s, memory)
         position = flange
         position += p.encoder_wave * math.sin(2.0 * math.pi * position / p.encoder_pitch) + encoder[n]
         if not driven:
             position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
-        if not held[n] or n == 0:
-            strained = past(times, sensed, count, now - p.tau_s) * (1.0 + supply[n])
-            reading = _read(p, now, strained, memory, amplifier) + _beside(p, flange, rate)
+        age, new = _age(p, now, cycle)
+        if (new and not held[n]) or n == 0:
+            strained = past(times, sensed, count, now - p.tau_s - age) * (1.0 + supply[n])
+            reading = _read(p, now, strained, memory, amplifier) + _beside(p, flange, rate) + zero[contact]
             reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
         seen_force, seen_position, acting = reading, position, 0.0
@@ -193,6 +210,8 @@ def _ticks(
         if not driven and (abs(satellite[0]) > LIMIT or abs(position) > LIMIT):
             return n + 1
         commands[HISTORY + n] = _rounded(p, sent) + stray[n]
+        if p.busy > 0.0 and abs(seen_force) > p.busy_force:
+            arrival[HISTORY + n] += p.busy  # a sensor that has news goes first
         end = (n + 1) * TICK
         while now < end - 1e-12:
             for i in range(HISTORY + n, active, -1):
@@ -227,6 +246,15 @@ def _rounded(p, command):
 @njit(cache=True, error_model="numpy")
 def _cogging(p, position):
     return p.cogging * math.sin(2.0 * math.pi * position / p.cogging_pitch) if p.cogging != 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _age(p, now, phase):
+    """How old the newest sample of a sensor with its own cycle is [s]; whether it is new at this tick."""
+    if p.cycle <= 0.0:
+        return 0.0, True
+    turns = now / p.cycle + phase
+    return p.cycle * (turns - math.floor(turns)), math.floor(turns) > math.floor(turns - TICK / p.cycle)
 
 
 @njit(cache=True, error_model="numpy")
@@ -269,6 +297,10 @@ def _amplified(p, since, value, amplifier):
         elif abs(value) > p.tare_force and amplifier[5] == 0.0:
             amplifier[4], amplifier[5] = p.tare * value, 1.0
         value -= amplifier[4]
+    if p.fringe > 0.0:
+        value += p.fringe * math.sin(
+            2.0 * math.pi * value / p.fringe_span
+        )  # between two fringes of its light
     return value
 
 

@@ -32,6 +32,10 @@ class Series:
         stray: by how much each command is falsified on its way [m], shape (n,).
         supply: by which share the sensor's supply is off, shape (n,).
         floor: phase in which the floor vibrates at the start [rad].
+        zero: where the sensor's zero is from each contact on, shape (400,) [N].
+        lost: what the encoder loses at each tick [m]; scrape: share by which the force of a contact
+            fluctuates, shape (n,).
+        cycle: how far the sensor is in its own cycle at the start, from 0 to 1.
     """
 
     arrival: Array
@@ -45,6 +49,10 @@ class Series:
     stray: Array
     supply: Array
     floor: float
+    zero: Array
+    lost: Array
+    scrape: Array
+    cycle: float
 
 
 def draw_series(
@@ -59,15 +67,13 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(15)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(21)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
     force = scale * noise[1] * streams[1].standard_normal(ticks)
     for name, stream in (("coloured", streams[2]), ("colour", streams[9])):
-        keep = get(f"{name}_keep", 0.0)
-        process = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], stream.standard_normal(ticks))
-        force += get(name, 0.0) * process
+        force += get(name, 0.0) * _process(get(f"{name}_keep", 0.0), ticks, stream)
     phase = 2.0 * np.pi * streams[3].random(2)
     force += get("hum", 0.0) * np.sin(get("hum_omega", 0.0) * t + phase[0])
     spikes = streams[3].random(ticks) < get("spike_rate", 0.0) * TICK
@@ -81,15 +87,63 @@ def draw_series(
         at = np.mod(t + period * streams[6].random(), period)
         sign = np.where(np.floor((t + period) / period) % 2.0 < 1.0, 1.0, -1.0)
         body = body + get("burst", 0.0) * sign * (at < length)
+    if get("crew", 0.0):
+        body = body + get("crew", 0.0) * _process(_kept(get("crew_time", 0.0)), ticks, streams[15])
     wall = get("wall_scatter", 0.0) * streams[8].standard_normal(_CONTACTS)
     arrival = _arrivals(values, ticks, streams[7], streams[10]) + _detour(values, ticks, streams[12])
+    arrival += _queue(values, ticks, streams[16])
     payload = _payload(values, ticks, streams[11])
     falsified = streams[13].random(ticks) < get("corrupt_rate", 0.0) * TICK
     stray = get("corrupt", 0.0) * falsified * np.where(streams[13].random(ticks) < 0.5, -1.0, 1.0)
     phase = 2.0 * np.pi * streams[14].random(2)
     supply = get("ripple", 0.0) * np.sin(get("ripple_omega", 0.0) * t + phase[0])
     floor = float(phase[1])
-    return Series(arrival, encoder, force, held, missed, body, wall, payload, stray, supply, floor)
+    zero = get("zero", 0.0) * streams[17].standard_normal(_CONTACTS)
+    zero[0] = 0.0  # taken before the run
+    slipped = streams[18].random(ticks) < get("lost_rate", 0.0) * TICK
+    lost = get("lost", 0.0) * slipped * np.where(streams[18].random(ticks) < 0.5, -1.0, 1.0)
+    scrape = get("scrape", 0.0) * _process(_kept(get("scrape_time", 0.0)), ticks, streams[19])
+    cycle = float(streams[20].random())
+    return Series(
+        arrival=arrival,
+        encoder=encoder,
+        force=force,
+        held=held,
+        missed=missed,
+        body=body,
+        wall=wall,
+        payload=payload,
+        stray=stray,
+        supply=supply,
+        floor=floor,
+        zero=zero,
+        lost=lost,
+        scrape=scrape,
+        cycle=cycle,
+    )
+
+
+def _process(keep: float, ticks: int, stream: np.random.Generator) -> Array:
+    """First-order noise of a deviation of one, of which a tick keeps a share."""
+    return lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], stream.standard_normal(ticks))
+
+
+def _kept(time: float) -> float:
+    """What a tick keeps of noise that is forgotten in some time [s]."""
+    return float(np.exp(-TICK / time)) if time > 0.0 else 0.0
+
+
+def _queue(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:
+    """How long commands wait behind what others have sent in bursts, which drains by and by."""
+    length = HISTORY + ticks
+    burst, drain = values.get("queue", 0.0), values.get("queue_drain", 0.0) * TICK
+    came = burst * (stream.random(length) < values.get("queue_rate", 0.0) * TICK)
+    waits, wait = np.zeros(length), 0.0
+    if burst > 0.0:
+        for i in range(length):
+            wait = max(wait - drain, 0.0) + came[i]
+            waits[i] = wait
+    return waits
 
 
 def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.int64]:

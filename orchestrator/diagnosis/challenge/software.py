@@ -10,12 +10,17 @@ from numba import njit
 __all__ = ["compensate", "first_controller", "first_satellite", "move_satellite"]
 
 _DOCK = 0.005  # where the satellite's software believes the port to be [m]
+_LOOSE_XI = 0.2
 
 
 @njit(cache=True, error_model="numpy")
 def first_satellite(speed):
-    """Position and velocity of the satellite and of what hangs on it, and whether it fires, shape (5,)."""
-    return np.array([0.0, speed, 0.0, speed, 0.0])
+    """What the satellite is at the start, shape (7,).
+
+    By place: position and velocity of itself and of what hangs on it; whether it fires; position and velocity
+    of what is loose in it.
+    """
+    return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed])
 
 
 @njit(cache=True, error_model="numpy")
@@ -42,7 +47,7 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         elif abs(s[1]) < 0.5 * p.thrust_speed:
             s[4] = 0.0
         extra -= math.copysign(p.thrust * s[4], s[1])
-    hung = total * p.appendage
+    hung, loose = total * p.appendage, total * p.loose
     w = p.appendage_omega
     for _ in range(4):
         push = force * (1.0 + p.mass_offset * p.mass_offset) + extra + mass * p.gravity
@@ -57,20 +62,29 @@ def move_satellite(p, mass, now, tick, force, extra, s):
             pull = hung * (w * w * (s[2] - s[0]) + 2.0 * p.appendage_xi * w * (s[3] - s[1]))
             s[3] -= dt * pull / hung
             push += pull
-        s[1] += dt * push / (total - hung)
+        if loose > 0.0:
+            # Free within a gap; what holds it there can but push.
+            beyond = s[5] - s[0] - min(max(s[5] - s[0], -p.loose_gap), p.loose_gap)
+            if beyond != 0.0:
+                w, side = p.loose_omega, math.copysign(1.0, beyond)
+                hit = w * w * abs(beyond) + 2.0 * _LOOSE_XI * w * side * (s[6] - s[1])
+                s[6] -= dt * side * max(hit, 0.0)
+                push += loose * side * max(hit, 0.0)
+            s[5] += dt * s[6]
+        s[1] += dt * push / (total - hung - loose)
         s[0] += dt * s[1]
         s[2] += dt * s[3]
 
 
 @njit(cache=True, error_model="numpy")
 def first_controller(k, c, position, speed):
-    """What the controller remembers at the start, shape (14,).
+    """What the controller remembers at the start, shape (16,).
 
     By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
-    since contact; whether the last force was doubted.
+    since contact; whether the last force was doubted; a notch's low and band pass.
     """
     return np.array(
-        [0.0, 0.0, position, speed, 0.0, 0.0, k, c, (0.15 * k) ** 2, 0.0, 60.0**2, 0.0, 0.0, 0.0],
+        [0.0, 0.0, position, speed, 0.0, 0.0, k, c, (0.15 * k) ** 2, 0.0, 60.0**2, 0.0, 0.0, 0.0, 0.0, 0.0],
     )
 
 
@@ -89,6 +103,12 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         s[13] = 1.0 if doubted else 0.0
         if doubted:
             force += p.gate * (s[0] - force)
+    if p.notch > 0.0:
+        # Keeps a mode of the structure out of the loop.
+        turn = p.notch_omega * tick
+        s[14] += turn * s[15]
+        s[15] += turn * (force - s[14] - p.notch_width * s[15])
+        force -= p.notch * p.notch_width * s[15]
     slope = (force - s[0]) / tick
     speed = (position - s[2]) / tick
     s[1] = 0.65 * s[1] + 0.35 * slope
