@@ -21,6 +21,7 @@ from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.colour import WHITE, Colour
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.local import loudest, repeated
 from orchestrator.diagnosis.marginal import Marginal
 from orchestrator.diagnosis.misfit import in_contact, stretches, uneven, unexplained
 from orchestrator.diagnosis.model import RigModel
@@ -51,6 +52,18 @@ def test_what_a_contact_law_lacks_is_seen_in_the_contacts():
     assert in_contact([1.3 * r for r in plain], masks) < 5.0
     assert in_contact([np.full(3000, np.inf)] * 3, masks) == np.inf
     assert in_contact(plain, [np.zeros(3000, bool)] * 3) == 0.0
+
+
+def test_what_happens_once_or_in_every_contact_is_seen():
+    rng = np.random.default_rng(9)
+    plain = [rng.standard_normal(3000) for _ in range(3)]
+    struck, again = [r.copy() for r in plain], [r.copy() for r in plain]
+    struck[1][1000:1008] *= 5.0
+    for r in again:
+        r[touched()] += np.tile(np.sin(np.arange(30) / 5.0), 20)
+    masks = [touched()] * 3
+    assert loudest(plain) < 3.0 and loudest(struck) > 20.0
+    assert repeated(plain, masks) < 5.0 and repeated(again, masks) > 50.0
 
 
 def test_a_noise_that_is_half_as_large_again_is_no_structure():

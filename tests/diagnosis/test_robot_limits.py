@@ -124,6 +124,15 @@ def test_commands_that_come_after_newer_ones_are_neither_lost_nor_late(share, ti
     assert Arrivals(arrival, 0.0, 0.0, [], found).regular > 20.0
 
 
+def test_wrong_commands_are_neither_lost_nor_late():
+    def drawn(rng, size):
+        return {"corrupt": 6e-5, "corrupt_rate": 15.0}
+
+    plan = Plan("single", (Hidden("link.wrong-commands", drawn, chance=True),), 1.0)
+    found, arrival = losses_in(simulated_study(6, 3, plan=plan)[0])
+    assert Arrivals(arrival, 0.0, 0.0, [], found).regular > 20.0
+
+
 @pytest.mark.parametrize(
     ("name", "size"), [("link.packet-loss", 0.06), ("link.packet-loss", 0.9), ("link.jitter", 0.6)]
 )
