@@ -34,7 +34,8 @@ class Answer:
         effects: ids, or ("outside",), or none.
         gain: log evidence over none [nats]; of none, that of wider tolerances. random: what of it tells of
             effects that draw; their form is not that of an equation, which others could mend.
-        left: unexplained by it [nats]; parts: what that is made of, see `remainder.Remains`, if any.
+        left: unexplained by it [nats]; parts: what that is made of, of the runs that were searched in, then
+            of all, see `unseen.Leaves`, if any.
         odd: log likelihood that what it holds to be random is not [nats].
         fit: the model; None for outside, and for what was not fitted itself.
         noises: stochastic effects among the effects.

@@ -24,7 +24,12 @@ _SIZES = 0.02 * 2.0 ** np.arange(12)
 
 
 def any_law(
-    model: RigModel, fitter: Fitter, fit: Fit, weights: Sequence[Array], colour: Colour
+    model: RigModel,
+    fitter: Fitter,
+    fit: Fit,
+    weights: Sequence[Array],
+    colour: Colour,
+    chosen: Array | None = None,
 ) -> tuple[float, float]:
     """Log evidence that a law is in what a fit leaves, of the encoder and of the force [nats].
 
@@ -37,11 +42,13 @@ def any_law(
         weights: of samples, by run and channel, as the fitter's.
         colour: small coloured noise of the force: slow shapes tell less beside it. It may be a law instead
             that made the noise appear coloured; then they must tell more than colour does.
+        chosen: derivatives of the stacked residuals by what was fitted, where they are known.
     """
     if not all(np.isfinite(r).all() for r in fit.residuals):
         return 0.0, 0.0
     z = fit.z
-    chosen = fitter.jacobian(fit.effects, z, fitter.marginal.stacked(fit.residuals), range(len(z)))
+    if chosen is None:
+        chosen = fitter.jacobian(fit.effects, z, fitter.marginal.stacked(fit.residuals), range(len(z)))
 
     model_of = fit.calibrated, fit.effects, fit.theta
     played = [

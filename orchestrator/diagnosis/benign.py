@@ -15,7 +15,7 @@ from .misfit import wave
 from .model import RigModel
 from .rig import Calibrated
 from .search import roughness
-from .study import Array
+from .study import Array, Run
 
 __all__ = [
     "SETTLED",
@@ -24,6 +24,8 @@ __all__ = [
     "Weighted",
     "Widened",
     "along_way",
+    "force_weights",
+    "repeating",
     "scatter",
     "settled",
     "touching",
@@ -84,6 +86,26 @@ def settled(ticks: int) -> Array:
     weight = np.ones(ticks)
     weight[:SETTLED] = 0.0
     return weight
+
+
+def force_weights(runs: Sequence[Run], louder: float, lost: bool) -> list[Array]:
+    """Weights of samples, by run and channel, where the force's noise is larger than specified.
+
+    Args:
+        louder: by which its deviation is; lost: whether samples that repeat the one before tell nothing.
+    """
+    weights = []
+    for run in runs:
+        force = settled(len(run)) / louder
+        if lost:
+            force[repeating(run["sensor_force"])] = 0.0
+        weights += [settled(len(run)), force]
+    return weights
+
+
+def repeating(samples: Array) -> Array:
+    """Which samples repeat the one before, shape (n,)."""
+    return np.concatenate([[False], np.diff(samples) == 0.0])
 
 
 def touching(model: RigModel, fit: Fit) -> list[Array]:

@@ -41,7 +41,7 @@ _ASTRAY = 4.0
 # Size at which many an effect shows and many do not, see `strength`.
 _ORDINARY = 0.2
 # Where the learning of `Calibration.slopes` begins.
-_SLOPE = 0.7
+_SLOPE = 0.35
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
 
@@ -122,7 +122,7 @@ class Calibration:
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
-        slopes: of the parts of what answers leave, see `remainder.Remains`.
+        slopes: of the parts of what answers leave, see `unseen.Leaves`.
         leaves: share of its log evidence that an effect usually leaves unexplained, by id, since its form on
             rigs is not quite the catalogue's.
         roughness: of rigs that hide nothing, standard deviations as shares of an effect's prior, by id, one
@@ -146,7 +146,7 @@ class Calibration:
     sure: float = 0.95
     surely: float = 0.95
     floor: float = 0.002
-    slopes: tuple[float, ...] = (_SLOPE,) * len(Remains._fields)
+    slopes: tuple[float, ...] = (_SLOPE,) * (2 * len(Remains._fields))
     unseen: Mapping[str, float] = field(default_factory=dict)
     leaves: Mapping[str, float] = field(default_factory=dict)
     roughness: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -272,7 +272,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/14", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/15", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

@@ -89,9 +89,8 @@ def diagnose(
     refused, warned = check_logs(study)
     if refused:
         raise ConfigError(refused)
-    # What fits see and what they must not see are told apart here, once for all parts.
     progress("weigh")
-    finding = parts.weigh(replace(study, runs=study.of(Role.TRAIN)))
+    finding = parts.weigh(study)
     told = _told(parts, study, finding, progress)
     config = augmented_config(study, finding) if is_docking_lab(study) else None
     augmented = None

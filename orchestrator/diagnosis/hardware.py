@@ -11,7 +11,7 @@ import numpy as np
 
 from .answers import Answer, Group, complete, simplest, strongest, tied
 from .arrival import JITTER, PACKETS
-from .benign import Weighing, Weighted, Widened, along_way, scatter, settled, touching, waves
+from .benign import Weighing, Weighted, Widened, along_way, force_weights, touching, waves
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import WHITE, Colour, whitened
@@ -21,15 +21,19 @@ from .links import Arrivals, arrivals, other_link, random_links, search_behind
 from .marginal import inflation
 from .misfit import unexplained
 from .model import RigModel
-from .remainder import KINDS, Remains, own_error, remains
-from .search import Search, search
+from .remainder import KINDS, Remains
+from .search import Search, each, search
 from .stochastic import Force, Noise, sensor_noise
 from .study import Array, Role, Study
+from .unseen import Judge, reckoned
 
 __all__ = ["weigh_rig"]
 
 # How many fits become answers, and log evidence below which a noise may be chance [nats].
 _KEPT, _WEAK = 12, 40.0
+# Fits whose log evidence is less than the best by more than both, a share of it and so many nats, are out of
+# the question; threads that judge what the others leave.
+_HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
 # Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
 # [nats].
 _CLEAR = 20.0
@@ -72,12 +76,15 @@ class _Sensor(NamedTuple):
     Attributes:
         force: of the fit that tells it; noises: effects known by statistics; coloured: by which coloured
             noise makes the force's noise appear larger.
+        louder, lost: by how much it is larger than specified, see `benign.force_weights`.
         fitter: with that noise, and with a small wave of the encoder's scale, if there is one.
     """
 
     force: Force
     noises: list[Noise]
     coloured: float
+    louder: float
+    lost: bool
     fitter: Fitter
 
 
@@ -112,13 +119,8 @@ def _weigh(
     if not model.pull and _astray(fitter, found):
         return _weigh(model.followed(), without, rough, lost)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
-    scattered = scatter(model, sensor.fitter.replay, found.best)
-    fitter = weighing.fitter(None, scattered)
+    fitter = reckoned(weighing, found.best)
     left = fitter.marginal.left(found.best.residuals)
-    waved = waves(model, left, weighing.weights)
-    if waved is not None:
-        fitter = weighing.fitter(waved, scattered)
-        left = fitter.marginal.left(found.best.residuals)
     chance = arrivals(model, found.best, left[0::2], lost is None and PACKETS not in without)
     if chance.apart and chance.losses is not None:
         losses = chance.losses
@@ -126,13 +128,19 @@ def _weigh(
         return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, told)
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
-    odd = min(sensor.force.line, last.line) + sensor.force.held + min(sensor.force.spiky, last.spiky)
     colour = last.colour if sensor.coloured == 1.0 else WHITE
+    judge = Judge(weighing, fitter, colour)
+    first, at_last = sensor.force, last
+    if lost is None and chance.log_evidence == 0.0 and len(model.study.runs) > len(model.runs):
+        # Of the link's randomness in further runs nothing is known.
+        judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
+        first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
+    odd = min(first.line, at_last.line) + first.held + min(first.spiky, at_last.spiky)
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
     noises += [lost] if lost is not None else []
     doubt, each = _doubt(weighing, found.none)
-    answers, left, periodic, regular, by = _linked(weighing, fitter, found, noises, colour, chance, without)
+    answers, left, periodic, regular, by = _linked(judge, found, noises, chance, without)
     if lost is not None:
         regular = max(regular, lost.uneven)
     # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
@@ -145,9 +153,10 @@ def _weigh(
     answers = _doubted(weighing, tied(by, simplest(answers)))
     doubtful = doubt > max([_DOUBTED, *(one.gain - each * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
-    rest = remains(weighing, fitter, found.none, colour, rougher=not doubtful)
+    rest = judge.leaves(found.none)
+    rest = rest.changed(rough=0.0) if doubtful else rest
     nothing = Answer(
-        (), doubt if doubtful else 0.0, rest.total, found.none, doubtful=doubtful, parts=tuple(rest)
+        (), doubt if doubtful else 0.0, rest.total, found.none, doubtful=doubtful, parts=rest.parts
     )
     every = [one.id for one in catalogue().values() if one.place not in SOFTWARE and one.id not in without]
     misfit = {
@@ -219,14 +228,18 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
     noises = [one for one in force.noises if one.id not in without]
     step = next((one.theta[0] for one in noises if one.id == "sensor.quantisation"), 0.0)
     coarse = math.hypot(1.0, step / math.sqrt(12.0) / model.noise[1])
-    for index in range(len(model.runs)):
-        weight = settled(len(model.runs[index])) / (_coloured(force) * coarse)
-        if any(one.id == "sensor.dropout" for one in noises):
-            weight[force.repeats[index]] = 0.0
-        weights[2 * index + 1] = weight
+    louder, lost = _coloured(force) * coarse, any(one.id == "sensor.dropout" for one in noises)
+    weights[:] = force_weights(model.runs, louder, lost)
     if noises or waved is not None:
         fitter = weighing.fitter(waved)
-    return _Sensor(force, noises, _coloured(force), fitter)
+    return _Sensor(force, noises, _coloured(force), louder, lost, fitter)
+
+
+def _foreseen(judge: Judge, fit: Fit) -> Force:
+    """What the force tells of all runs beside a fit to some."""
+    assert judge.every is not None
+    here, _ = judge.carried(fit)
+    return _force(judge.every.weighing.model, judge.every.fitter, here)
 
 
 def _coloured(force: Force) -> float:
@@ -238,21 +251,20 @@ def _force(model: RigModel, fitter: Fitter, fit: Fit) -> Force:
 
 
 def _linked(
-    weighing: Weighing,
-    fitter: Fitter,
+    judge: Judge,
     found: Search,
     noises: Sequence[Noise],
-    colour: Colour,
     chance: Arrivals,
     without: Collection[str],
 ) -> _Told:
     """Answers without randomness of the link and with it.
 
     Args:
-        noises, colour: as those of `_answers`; without: ids that are not sought.
+        judge, noises: as those of `_answers`; without: ids that are not sought.
     """
+    weighing, fitter = judge.weighing, judge.fitter
     left = fitter.marginal.left(found.best.residuals)
-    answers = _answers(weighing, fitter, found, noises, colour)
+    answers = _answers(judge, found, noises)
     links = random_links(weighing.model, found.none, chance, without)
     if not links:
         return _Told(answers, left, chance.periodic, chance.periodic, fitter)
@@ -262,7 +274,7 @@ def _linked(
     always = (catalogue()[links[0].id],)
     beyond, again = search_behind(weighing, always)
     behind = beyond.fitter()
-    beside = _answers(beyond, behind, again, [*noises, links[0]], colour, always)
+    beside = _answers(Judge(beyond, behind, judge.colour), again, [*noises, links[0]], always)
     # The best of them lies above the best without it by the log evidence of what is random; but it does not
     # share in what effects gain that it does not have.
     own = tuple(one for one in beside[0].effects if one != links[0].id)
@@ -284,9 +296,10 @@ def _linked(
 
 def _behind(answer: Answer, unforeseen: float) -> Answer:
     """An answer that leaves of the encoder what randomness of the link does not foresee [nats], too."""
-    rest = Remains(*answer.parts)
-    rest = rest._replace(encoder=rest.encoder + unforeseen)
-    return replace(answer, left=answer.left + unforeseen, parts=tuple(rest))
+    parts = list(answer.parts)
+    for place in range(Remains._fields.index("encoder"), len(parts), len(Remains._fields)):
+        parts[place] += unforeseen
+    return replace(answer, left=answer.left + unforeseen, parts=tuple(parts))
 
 
 def _ids(fit: Fit) -> tuple[str, ...]:
@@ -342,36 +355,42 @@ def _doubt(weighing: Weighing, fit: Fit) -> tuple[float, float]:
 
 
 def _answers(
-    weighing: Weighing,
-    fitter: Fitter,
+    judge: Judge,
     found: Search,
     noises: Sequence[Noise],
-    colour: Colour,
     always: tuple[Effect, ...] = (),
 ) -> list[Answer]:
     """What a search found as answers, largest log evidence first; without none, if nothing is known of noise.
 
     Args:
+        judge: of what they leave, and by what they are weighed.
         noises: effects known by statistics; weak ones may be there or not.
-        colour: small coloured noise of the force, see `Force`.
         always: effects of every model, which are among the noises.
     """
+    fitter = judge.fitter
     left = fitter.marginal.left(found.best.residuals)
     by = [inflation(left[0::2]), inflation(left[1::2])] * (len(left) // 2)
     least = fitter.log_evidence(found.none, by)
     hidden = {one.id for one in always}
     answers = []
-    for fit in (found.none, *found.fits[:_KEPT]):
+    fits = (found.none, *found.fits[:_KEPT])
+    gains = [fitter.log_evidence(fit, by) - least for fit in fits]
+    # What gains nothing leaves what none leaves, and what is out of the question is not looked at.
+    worth = max(0.0, max(gains) * (1.0 - _HOPELESS) - _BELOW)
+    judged = [fit if over > worth else found.none for fit, over in zip(fits, gains, strict=True)]
+    each(judge.leaves, list({id(one): one for one in judged}.values()), _THREADS)
+    for fit, over, like in zip(fits, gains, judged, strict=True):
         names = [one.id for one in fit.effects if one.id not in hidden]
-        over, rest = fitter.log_evidence(fit, by) - least, remains(weighing, fitter, fit, colour)
-        own, left = own_error(weighing, fitter, fit, rest.total), tuple(rest)
+        rest = judge.leaves(like)
         for some in _subsets(noises, always):
             random = sum(one.log_evidence for one in some)
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
                 odd, size = sum(one.uneven for one in some), strongest(fit, some)
-                told = {"odd": odd, "random": random, "numerics": own, "size": size, "parts": left}
-                answers.append(Answer(every, over + random, rest.total, fit, (), some, **told))
+                told = {"odd": odd, "random": random, "numerics": rest.own_error, "size": size}
+                answers.append(
+                    Answer(every, over + random, rest.total, fit, (), some, parts=rest.parts, **told)
+                )
     return simplest(answers)
 
 

@@ -13,8 +13,8 @@ from .study import Array
 __all__ = ["answering", "hum", "in_contact", "louder", "stretches", "uneven", "unexplained", "wave"]
 
 _BLOCKS = (1, 4, 16, 64, 256)
-# Of noise's square over what is specified.
-_LOUDER = 1.5
+# Of noise's square over what is specified; and the largest gain that noise has in a channel by chance [nats].
+_LOUDER, _CHANCE = 1.5, 1.0
 # The same within contacts, which go on for some ticks in the sensor's filter; shorter ones tell nothing.
 _WITHIN, _AFTER, _SHORTEST = (1, 2, 4, 8, 16), 12, 8
 # Degrees of freedom of Student's distribution, rounds in which its scale is found, and blocks needed.
@@ -51,7 +51,7 @@ def unexplained(channels: Sequence[Array]) -> float:
 
     Sums over blocks of a residual that is white noise have the variance of their length. Where their mean
     square is q times as large, a model that knew it would gain n (q - 1 - ln q)/2 over n blocks; the largest
-    gain over block lengths is taken, channel by channel. Block length 1 tells a noise larger than specified,
+    gain over block lengths is taken, channel by channel, less what it is by chance. Block length 1 tells a noise larger than specified,
     and only counts as far as it is more than half as large again; so much longer blocks are allowed, too.
 
     Args:
@@ -70,7 +70,7 @@ def unexplained(channels: Sequence[Array]) -> float:
             gains.append(louder(len(sums), q / noise))
             if length == 1:
                 noise = min(max(q, 1.0), _LOUDER)
-        total += max(gains)
+        total += max(max(gains) - _CHANCE, 0.0)
     return total
 
 

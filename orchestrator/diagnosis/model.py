@@ -182,6 +182,12 @@ class RigModel:
         model.pull = _PULL
         return model
 
+    def over(self, runs: Sequence[Run]) -> RigModel:
+        """The same of other runs, whose commands arrived as they were sent."""
+        model = RigModel(self.study, runs, self.substeps)
+        model.pull = self.pull
+        return model
+
     def finer(self) -> RigModel:
         """The same with sub-steps half as long."""
         model = copy(self)

@@ -6,7 +6,7 @@ own: those are kept for blind checks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from .challenge.rig import COLUMNS, FORCE_RESOLUTION, POSITION_RESOLUTION, TICK
 from .misfit import stretches
 from .study import Array, Nominal, Role, Run, Study
 
-__all__ = ["ODDITIES", "bare_study", "observed", "simulated_case", "simulated_study", "train_logs"]
+__all__ = ["ODDITIES", "bare_study", "logged", "observed", "simulated_case", "simulated_study"]
 
 # Of `COLUMNS` as logged; the force's resolution is 0.1 N.
 _DIGITS = (9, 9, 6, 1, 4, 1)
@@ -152,35 +152,39 @@ def _no_knobs(rng: np.random.Generator, size: float) -> dict[str, float]:
 ODDITIES = tuple(hidden.Hidden(name, _no_knobs) for name in _DEFORMED)
 
 
-def simulated_case(
-    seed: int, number: int, tight: float = 1.0, plan: draw.Plan | None = None
-) -> tuple[draw.Case, dict[int, Array]]:
-    """A case of the challenge's rig and what its train runs log, before anything is deformed.
+def simulated_case(seed: int, number: int, tight: float = 1.0, plan: draw.Plan | None = None) -> draw.Case:
+    """A case of the challenge's rig.
 
     Args:
         tight: by how much the lab's tolerances are smaller than its errors.
         plan: what is hidden; by default what the number has in a plan of many cases.
-    Returns: the case, and logs as of `train_logs`.
     """
     plan = plan or draw.plan_cases(_PLANNED, seed, hidden.HARDWARE, ODDITIES, True)[number - 1]
     rng = np.random.default_rng(np.random.SeedSequence([seed, number, 3]))
-    case = draw.draw_case(plan, seed, number, between(rng, *_ROUGHNESS), tight)
-    return case, train_logs(case)
+    return draw.draw_case(plan, seed, number, between(rng, *_ROUGHNESS), tight)
 
 
-def train_logs(case: draw.Case) -> dict[int, Array]:
-    """What the train runs of a case log, each of shape (6, n), SI, by index in `draw.RUNS`."""
-    return {index: draw.make_run(case, index) for index, run in enumerate(draw.RUNS) if run.role == "train"}
+def logged(case: draw.Case, roles: Collection[Role] = tuple(Role)) -> dict[int, Array]:
+    """What runs of a case log before anything is deformed, shape (6, n), SI, by index in `draw.RUNS`."""
+    return {
+        index: draw.make_run(case, index) for index, run in enumerate(draw.RUNS) if Role(run.role) in roles
+    }
 
 
 def simulated_study(
-    seed: int, number: int, tight: float = 1.0, plan: draw.Plan | None = None
+    seed: int,
+    number: int,
+    tight: float = 1.0,
+    plan: draw.Plan | None = None,
+    roles: Collection[Role] = tuple(Role),
 ) -> tuple[Study, draw.Plan]:
-    """A case with what it hides in the rig's hardware, or outside the catalogue; train runs only.
+    """A case with what it hides in the rig's hardware, or outside the catalogue.
 
-    Arguments as those of `simulated_case`.
+    Args:
+        seed, number, tight, plan: see `simulated_case`; roles: of the runs that are made.
     """
-    case, logs = simulated_case(seed, number, tight, plan)
+    case = simulated_case(seed, number, tight, plan)
+    logs = logged(case, roles)
     if case.plan.kind == "outside":
         logs = {index: _deformed(case, index, log) for index, log in logs.items()}
     return observed(case, logs), case.plan
@@ -222,6 +226,6 @@ def observed(case: draw.Case, logs: Mapping[int, Array]) -> Study:
     return Study(f"case-{case.number:04d}", TICK, nominal, tuple(runs))
 
 
-def bare_study(seed: int, number: int) -> Study:
+def bare_study(seed: int, number: int, roles: Collection[Role] = tuple(Role)) -> Study:
     """A case that hides nothing, with calibration errors and roughness as every rig has them."""
-    return simulated_study(seed, number, plan=draw.Plan("none", (), 0.0))[0]
+    return simulated_study(seed, number, plan=draw.Plan("none", (), 0.0), roles=roles)[0]

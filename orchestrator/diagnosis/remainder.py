@@ -13,6 +13,7 @@ from .colour import Colour, whitened
 from .fit import Fit, Fitter
 from .local import loudest, repeated
 from .misfit import in_contact, louder, unexplained
+from .study import Array
 
 __all__ = ["KINDS", "Remains", "bent", "own_error", "remains"]
 
@@ -35,7 +36,7 @@ class Remains(NamedTuple):
         encoder, force: slow or local structure, see `misfit.unexplained`; contact: see `misfit.in_contact`.
         moved, pushed: laws of the encoder and of the force, see `any_law`.
         bent: how far calibrated numbers stray; without any effect that is for tolerances to tell.
-        rough: what roughness takes up beyond what it does of rigs.
+        rough: what roughness takes up beyond what it does of rigs; it is not left.
         shaken, struck: what is loudest of the encoder and of the force, see `local.loudest`.
         repeated: what contacts leave again and again, see `local.repeated`.
     """
@@ -58,17 +59,19 @@ class Remains(NamedTuple):
         return moved + pushed + self.bent + self.rough
 
 
-def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, rougher: bool = True) -> Remains:
+def remains(
+    weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, chosen: Array | None = None
+) -> Remains:
     """What a fit leaves unexplained.
 
     Args:
         fitter: of the weighing.
         colour: small coloured noise of the force, see `stochastic.Force`.
-        rougher: whether what roughness takes up beyond what it does of rigs counts, too: it is not left.
+        chosen: see `any_law`.
     """
     left = fitter.marginal.left(fit.residuals)
     moves, forces, touched = left[0::2], whitened(left[1::2], colour), touching(weighing.model, fit)
-    moved, pushed = any_law(weighing.model, fitter, fit, weighing.weights, colour)
+    moved, pushed = any_law(weighing.model, fitter, fit, weighing.weights, colour, chosen)
     return Remains(
         encoder=unexplained(moves),
         moved=moved,
@@ -76,7 +79,7 @@ def remains(weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, roughe
         contact=in_contact(forces, touched),
         pushed=pushed,
         bent=bent(fit) if fit.effects else 0.0,
-        rough=max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0) if rougher else 0.0,
+        rough=max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0),
         shaken=loudest(moves),
         struck=loudest(forces),
         repeated=repeated(forces, touched),

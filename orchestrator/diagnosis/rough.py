@@ -62,7 +62,7 @@ def strayed(study: Study) -> Strayed:
 
 def strayed_by_number(seed: int, number: int) -> Strayed:
     """The same of a simulated rig that hides nothing."""
-    return strayed(bare_study(seed, number))
+    return strayed(bare_study(seed, number, (Role.TRAIN,)))
 
 
 def learn_roughness(problems: Sequence[Strayed]) -> Mapping[str, tuple[float, ...]]:

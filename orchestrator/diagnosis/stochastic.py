@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .benign import settled
+from .benign import repeating, settled
 from .colour import COLOUR, WHITE, Colour, coloured, small_colour
 from .dropout import held_longer, lost_in_contact, lost_in_flight, piled
 from .misfit import hum, stretches, uneven, wave
@@ -67,14 +67,12 @@ class Force:
             that repeat in contact more often than out of it, or pile up at an end of a run's range, as where
             the sensor saturates; spiky: of single samples that stand out, as no normal noise has. None is an
             effect of the catalogue.
-        repeats: which samples repeat the one before, by run.
         colour: small coloured noise that is no effect.
     """
 
     noises: tuple[Noise, ...]
     line: float
     held: float
-    repeats: tuple[Array, ...]
     colour: Colour = WHITE
     spiky: float = 0.0
 
@@ -96,7 +94,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     step = _lattice(samples, resolution)
     if step > 1.5 * resolution:
         found.append(Noise("sensor.quantisation", (step,), float(len(samples)) * math.log(step / resolution)))
-    repeats = tuple(np.concatenate([[False], np.diff(force) == 0.0]) for force in forces)
+    repeats = tuple(map(repeating, forces))
     raw = [force[window] for force, some in zip(forces, windows, strict=True) for window in some]
     held = 0.0
     if step < noise:
@@ -122,7 +120,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     # beside a noise that is as large as the step, it is white (Widrow, Kollar: Quantization Noise, 2008).
     spread = math.sqrt(sum(float(one @ one) for one in parts) / max(sum(map(len, parts)), 1))
     if not parts or noise < step > spread:
-        return Force(tuple(found), 0.0, held, repeats)
+        return Force(tuple(found), 0.0, held)
     if step > noise:
         noise = math.hypot(noise, step / math.sqrt(12.0))
     evidence, deviation, keep = coloured(parts, noise)
@@ -130,7 +128,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     kept = [np.where(again, 0.0, r) if lost > 0.02 else r for r, again in zip(left, repeats, strict=True)]
     line = max(hum(kept, windows)[0], _along_way(model, kept, windows))
     if line > max(evidence, 10.0):
-        return Force(tuple(found), line, held, repeats)
+        return Force(tuple(found), line, held)
     small = small_colour([part / noise for part in parts])
     # Little of it is roughness of every rig; only what that does not explain tells of an effect.
     evidence -= small.log_likelihood
@@ -139,8 +137,8 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
         scale = math.hypot(1.0, apparent / noise)
         odd = uneven(parts, (_MEMORY, max(_MEMORY, round(1.0 / (1.0 - keep)))))
         found.append(Noise("sensor.coloured-noise", (deviation,), evidence, scale, odd))
-        return Force(tuple(found), 0.0, held, repeats)
-    return Force(tuple(found), 0.0, held, repeats, small, uneven(parts, (1,)))
+        return Force(tuple(found), 0.0, held)
+    return Force(tuple(found), 0.0, held, small, uneven(parts, (1,)))
 
 
 def _along_way(model: RigModel, left: Sequence[Array], windows: Sequence[Sequence[slice]]) -> float:

@@ -20,9 +20,9 @@ from orchestrator.diagnosis.challenge import draw, hidden
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import observed, train_logs
+from orchestrator.diagnosis.practice import logged, observed
 from orchestrator.diagnosis.search import roughness
-from orchestrator.diagnosis.study import Study
+from orchestrator.diagnosis.study import Role, Study
 
 
 def fitter_of(study: Study, place: str) -> Fitter:
@@ -42,7 +42,7 @@ def recover(name: str, magnitude: float, seed: int, number: int) -> str:
     if name == "robot.command-quantisation":
         truth[1] /= truth[0]
     truth += [one.starts[0] for one in effect.parameters[len(truth) :]]
-    fitter = fitter_of(observed(case, train_logs(case)), effect.place)
+    fitter = fitter_of(observed(case, logged(case, (Role.TRAIN,))), effect.place)
     count = len(fitter.replay.tolerances)
     none = fitter.fit(())
     bases = [fitter.base((), np.zeros(count)), fitter.base((), none.z)]

@@ -27,7 +27,7 @@ from orchestrator.diagnosis.challenge.hidden import between
 from orchestrator.diagnosis.experiments import _tied, next_experiment
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.menu import menu
-from orchestrator.diagnosis.practice import observed, train_logs
+from orchestrator.diagnosis.practice import logged, observed
 from orchestrator.diagnosis.study import Role, Study
 from orchestrator.diagnosis.trial import Chain, Trial
 from orchestrator.diagnosis.weigh import weigh
@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             magnitude = between(np.random.default_rng([options.seed, number]), 0.1, 1.2)
             plan = draw.Plan("single", (hidden.HIDDEN[truth],), magnitude)
             case = draw.draw_case(plan, options.seed, number)
-            study = observed(case, train_logs(case))
+            study = observed(case, logged(case, (Role.TRAIN,)))
             told = broken(study, truth, number)
             if told is None:
                 print(f"{number:3d} {truth:<26} {magnitude:.2f}  no tie with it", flush=True)

@@ -35,7 +35,7 @@ def fitter_of(own):
 
 def hiding(name, size, seed=6, number=3):
     plan = Plan("single", (HIDDEN[name],), size)
-    case, _ = simulated_case(seed, number, plan=plan)
+    case = simulated_case(seed, number, plan=plan)
     return simulated_study(seed, number, plan=plan)[0], case.values
 
 
@@ -175,7 +175,7 @@ def test_losses_too_few_for_chance_are_told_by_their_period():
 def test_a_wide_step_of_commands_is_proposed_beside_a_resonance():
     """A hundredth of it from its phase it hardly explains anything, and a fifth of it seemed likelier."""
     plan = Plan("pair", (HIDDEN["robot.command-quantisation"], HIDDEN["robot.resonance"]), 0.7)
-    case, _ = simulated_case(11, 1, plan=plan)
+    case = simulated_case(11, 1, plan=plan)
     own = simulated_study(11, 1, plan=plan)[0]
     model = RigModel(own, own.of(Role.TRAIN))
     fit = search(Weighing.of(model, [], {}).fitter(), [catalogue()["robot.resonance"]], longest=1).best

@@ -1,0 +1,111 @@
+"""Whether answers foresee runs that no fit saw: by what it is judged what they leave unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+from .benign import Weighing, Weighted, force_weights, scatter, waves
+from .colour import Colour
+from .fit import Fit, Fitter
+from .remainder import Remains, own_error, remains
+from .study import Array, Run
+
+__all__ = ["Judge", "Leaves", "reckoned"]
+
+
+class Leaves(NamedTuple):
+    """What a fit leaves unexplained of the runs that it saw, and of all, which may be the same.
+
+    Attributes:
+        own_error: see `remainder.own_error`, of all runs.
+    """
+
+    seen: Remains
+    every: Remains
+    own_error: float
+
+    @property
+    def parts(self) -> tuple[float, ...]:
+        """See `answers.Answer`."""
+        return (*self.seen, *self.every)
+
+    @property
+    def total(self) -> float:
+        """Of all runs [nats]."""
+        return self.every.total
+
+    def changed(self, **parts: float) -> Leaves:
+        """The same, with other parts."""
+        return self._replace(seen=self.seen._replace(**parts), every=self.every._replace(**parts))
+
+
+class _By(NamedTuple):
+    """A weighing, and its fitter."""
+
+    weighing: Weighing
+    fitter: Fitter
+
+
+@dataclass(frozen=True)
+class Judge:
+    """By what it is judged what fits leave.
+
+    Attributes:
+        seen: what fits were fitted by; every: the same of all runs, if there are others.
+        colour: small coloured noise of the force, see `stochastic.Force`.
+    """
+
+    weighing: Weighing
+    fitter: Fitter
+    colour: Colour
+    every: _By | None = None
+    _carried: dict[int, tuple[Fit, Array]] = field(default_factory=dict, compare=False, repr=False)
+    _leaves: dict[int, tuple[Fit, Leaves]] = field(default_factory=dict, compare=False, repr=False)
+
+    def over(self, runs: Sequence[Run], best: Fit, louder: float, lost: bool) -> Judge:
+        """A judge of further runs, too.
+
+        No number is fitted to these: they show whether a model that was fitted to others foresees them.
+
+        Args:
+            runs: all of them; best: the best fit; louder, lost: see `benign.force_weights`.
+        """
+        model, weights = self.weighing.model.over(runs), force_weights(runs, louder, lost)
+        weighing = replace(self.weighing, model=model, weights=weights, known={})
+        here, _ = weighing.fitter().carried(best)
+        return Judge(self.weighing, self.fitter, self.colour, _By(weighing, reckoned(weighing, here)))
+
+    def leaves(self, fit: Fit) -> Leaves:
+        """What a fit leaves unexplained."""
+        if id(fit) not in self._leaves:
+            self._leaves[id(fit)] = fit, self._left(fit)
+        return self._leaves[id(fit)][1]
+
+    def carried(self, fit: Fit) -> tuple[Fit, Array]:
+        """A fit on all runs, if there are others than it saw: see `Fitter.carried`."""
+        assert self.every is not None
+        if id(fit) not in self._carried:
+            self._carried[id(fit)] = self.every.fitter.carried(fit)
+        return self._carried[id(fit)]
+
+    def _left(self, fit: Fit) -> Leaves:
+        seen = remains(self.weighing, self.fitter, fit, self.colour)
+        if self.every is None:
+            return Leaves(seen, seen, own_error(self.weighing, self.fitter, fit, seen.total))
+        here, chosen = self.carried(fit)
+        every = remains(*self.every, here, self.colour, chosen)
+        return Leaves(seen, every, own_error(*self.every, here, every.total))
+
+
+def reckoned(weighing: Weighing, best: Fit) -> Fitter:
+    """A fitter that reckons with contacts that scatter and a wave of the encoder's scale, if there is one.
+
+    Args:
+        best: the best fit, on the weighing's runs.
+    """
+    scattered = scatter(weighing.model, Weighted(weighing.model, weighing.weights), best)
+    fitter = weighing.fitter(None, scattered)
+    waved = waves(weighing.model, fitter.marginal.left(best.residuals), weighing.weights)
+    return fitter if waved is None else weighing.fitter(waved, scattered)
