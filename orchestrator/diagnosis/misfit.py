@@ -51,8 +51,9 @@ def unexplained(channels: Sequence[Array]) -> float:
 
     Sums over blocks of a residual that is white noise have the variance of their length. Where their mean
     square is q times as large, a model that knew it would gain n (q - 1 - ln q)/2 over n blocks; the largest
-    gain over block lengths is taken, channel by channel, less what it is by chance. Block length 1 tells a noise larger than specified,
-    and only counts as far as it is more than half as large again; so much longer blocks are allowed, too.
+    gain over block lengths is taken, channel by channel, less what it is by chance. Block length 1 tells a
+    noise larger than specified, and only counts as far as it is more than half as large again; so much
+    longer blocks are allowed, too.
 
     Args:
         channels: residuals over their noise.
