@@ -135,6 +135,8 @@ def _weigh(
         # Of the link's randomness in further runs nothing is known.
         judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
         first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
+        colour = at_last.colour if sensor.coloured == 1.0 else WHITE
+        judge = replace(judge, colour=colour)
     odd = min(first.line, at_last.line) + first.held + min(first.spiky, at_last.spiky)
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
