@@ -1,0 +1,123 @@
+"""What answers leave of runs that no fit saw."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from orchestrator.diagnosis.benign import Weighing, force_weights
+from orchestrator.diagnosis.calibration import calibration
+from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.challenge.draw import Plan
+from orchestrator.diagnosis.challenge.hidden import HIDDEN
+from orchestrator.diagnosis.colour import WHITE
+from orchestrator.diagnosis.fit import Fitter
+from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.practice import bare_study, simulated_study
+from orchestrator.diagnosis.remainder import Remains
+from orchestrator.diagnosis.study import Role
+from orchestrator.diagnosis.unseen import Judge
+
+HALF = len(Remains._fields)
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return bare_study(31, 2)
+
+
+def pulled(study, size, roles):
+    """A cable pulls at the sensor, in proportion to the position [N/m], in runs of some roles."""
+    runs = [
+        replace(
+            run, columns=dict(run.columns, sensor_force=run["sensor_force"] - size * run["encoder_position"])
+        )
+        if run.role in roles
+        else run
+        for run in study.runs
+    ]
+    return replace(study, runs=tuple(runs))
+
+
+def judged(study, runs):
+    """A judge of a study's train runs, and of others."""
+    model = RigModel(study, study.of(Role.TRAIN))
+    weighing = Weighing.of(model, [catalogue()["sensor.gain"]], {})
+    fitter = weighing.fitter()
+    none = fitter.fit(())
+    return Judge(weighing, fitter, WHITE).over(runs, none, 1.0, False), none
+
+
+def outside(group):
+    return calibration().probabilities(group.answers, group.outside)[-1]
+
+
+def test_runs_that_no_fit_saw_tell_of_what_train_runs_hardly_show(bare):
+    everywhere = pulled(bare, 15.0, Role)
+    alone = replace(everywhere, runs=everywhere.of(Role.TRAIN))
+    some, every = weigh_rig(alone), weigh_rig(everywhere)
+    pushed = Remains._fields.index("pushed")
+    here = every.answers[0].parts
+    assert here[HALF + pushed] > 1.5 * max(here[pushed], some.answers[0].parts[pushed]) + 5.0
+    assert outside(every) > max(outside(some), 0.5)
+    # Where there are no others, all runs are those that were seen.
+    assert some.answers[0].parts[:HALF] == some.answers[0].parts[HALF:]
+
+
+def test_nothing_is_fitted_to_them(bare):
+    plain, other = (weigh_rig(pulled(bare, size, (Role.HELDOUT, Role.REPEAT))) for size in (0.0, 300.0))
+    gains = [{one.effects: one.gain for one in group.answers} for group in (plain, other)]
+    assert gains[0] == gains[1]
+    for one, two in zip(plain.answers, other.answers, strict=True):
+        assert (one.fit is None) == (two.fit is None)
+        if one.fit is not None:
+            assert np.array_equal(one.fit.theta, two.fit.theta) and one.fit.calibrated == two.fit.calibrated
+    assert plain.answers[0].parts[:HALF] == pytest.approx(other.answers[0].parts[:HALF], abs=0.5)
+    assert outside(other) > 0.9 > outside(plain)
+
+
+def test_an_effect_that_was_fitted_foresees_them():
+    study, _ = simulated_study(31, 3, plan=Plan("single", (HIDDEN["sensor.gain"],), 0.8))
+    model = RigModel(study, study.of(Role.TRAIN))
+    weighing = Weighing.of(model, [], {})
+    fitter = weighing.fitter()
+    none, right = fitter.fit(()), fitter.fit((catalogue()["sensor.gain"],))
+    judge = Judge(weighing, fitter, WHITE).over(study.runs, right, 1.0, False)
+    lacking, foreseen = judge.leaves(none).total, judge.leaves(right).total
+    assert lacking > 300.0 and foreseen < 0.1 * lacking
+
+
+def test_a_model_carried_to_other_runs_goes_one_step_and_strays_as_before(bare):
+    train, every = (Fitter(RigModel(bare, runs)) for runs in (bare.of(Role.TRAIN), bare.runs))
+    fit = train.fit((catalogue()["sensor.gain"],))
+    here, derivatives = every.carried(fit)
+    r = every.stacked(fit.effects, fit.z)
+    assert derivatives.shape == (r.size, len(fit.z))
+    assert here.cost < r @ r + fit.z @ fit.z and len(here.residuals) == 2 * len(bare.runs)
+    assert here.deviation == fit.deviation and np.abs(here.z - fit.z).max() > 0.0
+    # What is best already stays: but for the noise of derivatives, there is no step to take.
+    again, _ = train.carried(fit)
+    assert again.cost == pytest.approx(fit.cost, abs=0.3)
+
+
+def test_what_a_fit_leaves_is_looked_at_once(bare, monkeypatch):
+    judge, none = judged(bare, bare.runs)
+    first = judge.leaves(none)
+    monkeypatch.setattr(Fitter, "carried", lambda *_: pytest.fail("again"))
+    assert judge.leaves(none) is first
+    changed = first.changed(rough=7.0)
+    assert changed.seen.rough == changed.every.rough == 7.0 and changed.parts[:2] == first.parts[:2]
+
+
+def test_samples_that_were_lost_tell_nothing_and_louder_ones_less(bare):
+    run = bare.runs[0]
+    force = run["sensor_force"].copy()
+    force[100] = force[99]
+    run = replace(run, columns=dict(run.columns, sensor_force=force))
+    (moves, plain), (_, weights) = (force_weights([run], *one) for one in ((1.0, False), (2.0, True)))
+    assert weights[100] == 0.0 and plain[100] == moves[100] == 1.0
+    kept = np.diff(force, prepend=np.nan) != 0.0
+    assert np.array_equal(weights[kept], 0.5 * plain[kept])
