@@ -134,6 +134,7 @@ def _weigh(
     if lost is None and chance.log_evidence == 0.0 and len(model.study.runs) > len(model.runs):
         # Of the link's randomness in further runs nothing is known.
         judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
+    if judge.every is not None:
         first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
         colour = at_last.colour if sensor.coloured == 1.0 else WHITE
         judge = replace(judge, colour=colour)

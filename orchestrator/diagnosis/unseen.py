@@ -8,11 +8,18 @@ from typing import NamedTuple
 
 from .benign import Weighing, Weighted, force_weights, scatter, waves
 from .colour import Colour
-from .fit import Fit, Fitter
+from .descent import cost_of
+from .effect import Site
+from .fit import Base, Fit, Fitter
 from .remainder import Remains, own_error, remains
 from .study import Array, Run
 
 __all__ = ["Judge", "Leaves", "reckoned"]
+
+# Squares of residuals beyond their number from which they are much, and share of them that is most.
+_EXCESS, _MOST = 200.0, 0.5
+# Where effects act that may not show at all in runs a little slower than others.
+_LIMITS = (Site.RATE, Site.LIMIT)
 
 
 class Leaves(NamedTuple):
@@ -67,14 +74,18 @@ class Judge:
     def over(self, runs: Sequence[Run], best: Fit, louder: float, lost: bool) -> Judge:
         """A judge of further runs, too.
 
-        No number is fitted to these: they show whether a model that was fitted to others foresees them.
+        No number is fitted to these: they show whether a model that was fitted to others foresees them. It
+        cannot where they reach a limit that the others do not.
 
         Args:
             runs: all of them; best: the best fit; louder, lost: see `benign.force_weights`.
         """
         model, weights = self.weighing.model.over(runs), force_weights(runs, louder, lost)
         weighing = replace(self.weighing, model=model, weights=weights, known={})
-        here, _ = weighing.fitter().carried(best)
+        fitter = weighing.fitter()
+        here, derivatives = fitter.carried(best)
+        if _limited(weighing, fitter, here, derivatives):
+            return self
         return Judge(self.weighing, self.fitter, self.colour, _By(weighing, reckoned(weighing, here)))
 
     def leaves(self, fit: Fit) -> Leaves:
@@ -97,6 +108,20 @@ class Judge:
         here, chosen = self.carried(fit)
         every = remains(*self.every, here, self.colour, chosen)
         return Leaves(seen, every, own_error(*self.every, here, every.total))
+
+
+def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) -> bool:
+    """Whether a limit that runs themselves show, and no fit has met, explains most of what a fit leaves.
+
+    Args:
+        fitter: of the weighing; here, derivatives: see `Fitter.carried`.
+    """
+    base = Base(here.effects, here.z, fitter.marginal.stacked(here.residuals), derivatives)
+    excess = cost_of(base.r, base.z) - len(base.r)
+    limits = [one for one in weighing.effects if one.site in _LIMITS and one not in here.effects]
+    return excess > _EXCESS and any(
+        cost_of(base.r, base.z) - fitter.screen(one, [base])[0] > _MOST * excess for one in limits
+    )
 
 
 def reckoned(weighing: Weighing, best: Fit) -> Fitter:
