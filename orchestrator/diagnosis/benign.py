@@ -19,6 +19,7 @@ from .study import Array, Run
 
 __all__ = [
     "SETTLED",
+    "WAVY",
     "WIDER",
     "Weighing",
     "Weighted",
@@ -39,7 +40,7 @@ _SCATTER = 1e-6
 SETTLED = 20
 # A wave of the encoder's scale that is no larger than this, in standard deviations of its noise, is roughness
 # of every rig; its own standard deviation, and the log evidence from which it is reckoned with [nats].
-_WAVY, _WAVE, _WAVING = 0.6, 0.3, 10.0
+WAVY, _WAVE, _WAVING = 0.6, 0.3, 10.0
 # Factor on tolerances that are not trusted.
 WIDER = 2.5
 
@@ -203,11 +204,17 @@ def along_way(model: RigModel, left: Sequence[Array]) -> float:
     return 2.0 * gain / total if total > 0.0 else 0.0
 
 
-def waves(model: RigModel, left: Sequence[Array], weights: Sequence[Array]) -> Array | None:
-    """Directions of a wave of the encoder's scale, if there is a small one, shape (residuals, 2)."""
+def waves(
+    model: RigModel, left: Sequence[Array], weights: Sequence[Array], largest: float = WAVY
+) -> Array | None:
+    """Directions of a wave of the encoder's scale, if there is a small one, shape (residuals, 2).
+
+    Args:
+        largest: amplitude of what is small, in standard deviations of the noise.
+    """
     positions = [run["encoder_position"] for run in model.runs]
     gain, pitch, amplitude = wave(left[0::2], positions)
-    if gain < _WAVING or amplitude > _WAVY:
+    if gain < _WAVING or amplitude > largest:
         return None
     columns = []
     for function in (np.cos, np.sin):

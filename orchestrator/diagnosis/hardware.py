@@ -136,8 +136,10 @@ def _weigh(
         judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
     if judge.every is not None:
         first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
-        colour = at_last.colour if sensor.coloured == 1.0 else WHITE
-        judge = replace(judge, colour=colour)
+        # Where more runs make a small colour an effect, it is what it was.
+        if sensor.coloured == 1.0 and _coloured(at_last) == 1.0:
+            colour = at_last.colour
+            judge = replace(judge, colour=colour)
     odd = min(first.line, at_last.line) + first.held + min(first.spiky, at_last.spiky)
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]

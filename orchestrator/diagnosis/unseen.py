@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from .benign import Weighing, Weighted, force_weights, scatter, waves
+from .benign import WAVY, Weighing, Weighted, force_weights, scatter, waves
 from .colour import Colour
 from .descent import cost_of
 from .effect import Site
@@ -18,6 +18,8 @@ __all__ = ["Judge", "Leaves", "reckoned"]
 
 # Squares of residuals beyond their number from which they are much, and share of them that is most.
 _EXCESS, _MOST = 200.0, 0.5
+# A wave that is small in some runs may be a little larger in all.
+_WAVIER = 1.25 * WAVY
 # Where effects act that may not show at all in runs a little slower than others.
 _LIMITS = (Site.RATE, Site.LIMIT)
 
@@ -86,7 +88,9 @@ class Judge:
         here, derivatives = fitter.carried(best)
         if _limited(weighing, fitter, here, derivatives):
             return self
-        return Judge(self.weighing, self.fitter, self.colour, _By(weighing, reckoned(weighing, here)))
+        return Judge(
+            self.weighing, self.fitter, self.colour, _By(weighing, reckoned(weighing, here, _WAVIER))
+        )
 
     def leaves(self, fit: Fit) -> Leaves:
         """What a fit leaves unexplained."""
@@ -124,13 +128,13 @@ def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) 
     )
 
 
-def reckoned(weighing: Weighing, best: Fit) -> Fitter:
+def reckoned(weighing: Weighing, best: Fit, largest: float = WAVY) -> Fitter:
     """A fitter that reckons with contacts that scatter and a wave of the encoder's scale, if there is one.
 
     Args:
-        best: the best fit, on the weighing's runs.
+        best: the best fit, on the weighing's runs; largest: see `benign.waves`.
     """
     scattered = scatter(weighing.model, Weighted(weighing.model, weighing.weights), best)
     fitter = weighing.fitter(None, scattered)
-    waved = waves(weighing.model, fitter.marginal.left(best.residuals), weighing.weights)
+    waved = waves(weighing.model, fitter.marginal.left(best.residuals), weighing.weights, largest)
     return fitter if waved is None else weighing.fitter(waved, scattered)
