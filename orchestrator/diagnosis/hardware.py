@@ -136,8 +136,8 @@ def _weigh(
         judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
     if judge.every is not None:
         first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
-        # Where more runs make a small colour an effect, it is what it was.
-        if sensor.coloured == 1.0 and _coloured(at_last) == 1.0:
+        # Where more runs make a small colour an effect, or a line hides it, it is what it was.
+        if sensor.coloured == 1.0 and _coloured(at_last) == 1.0 and at_last.line == 0.0:
             colour = at_last.colour
             judge = replace(judge, colour=colour)
     odd = min(first.line, at_last.line) + first.held + min(first.spiky, at_last.spiky)

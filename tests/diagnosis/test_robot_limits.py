@@ -19,7 +19,7 @@ from orchestrator.diagnosis.links import Arrivals
 from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_case, simulated_study
-from orchestrator.diagnosis.remainder import own_error
+from orchestrator.diagnosis.remainder import Remains, own_error
 from orchestrator.diagnosis.search import counted, search
 from orchestrator.diagnosis.study import Role
 from tests.diagnosis.rigs import study
@@ -215,7 +215,8 @@ def test_a_deep_limit_leaves_little(names, size, seed, number):
     with threadpool_limits(limits=1, user_api="blas"):
         best = weigh_rig(own).answers[1]
     assert tuple(sorted(best.effects)) == names
-    assert best.left < 20.0
+    # Of runs that no fit saw it leaves more, since its limit is known only as well as the others tell.
+    assert Remains(*best.parts[: len(Remains._fields)]).total < 20.0 and best.left < 0.01 * best.gain
 
 
 def test_a_whole_number_is_found_though_the_calibration_took_up_another():

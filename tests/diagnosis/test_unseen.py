@@ -80,11 +80,11 @@ def test_nothing_is_fitted_to_them(bare):
 
 
 def test_an_effect_that_was_fitted_foresees_them():
-    study, _ = simulated_study(31, 3, plan=Plan("single", (HIDDEN["sensor.gain"],), 0.8))
+    study, _ = simulated_study(31, 3, plan=Plan("single", (HIDDEN["contact.hertz"],), 0.8))
     model = RigModel(study, study.of(Role.TRAIN))
     weighing = Weighing.of(model, [], {})
     fitter = weighing.fitter()
-    none, right = fitter.fit(()), fitter.fit((catalogue()["sensor.gain"],))
+    none, right = fitter.fit(()), fitter.fit((catalogue()["contact.hertz"],))
     judge = Judge(weighing, fitter, WHITE).over(study.runs, right, 1.0, False)
     lacking, foreseen = judge.leaves(none).total, judge.leaves(right).total
     assert lacking > 300.0 and foreseen < 0.1 * lacking
