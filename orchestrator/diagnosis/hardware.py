@@ -171,7 +171,7 @@ def _weigh(
     return Group(
         tuple(complete([nothing, *answers], every)),
         odd + periodic,
-        "link" if linked else _place(left, odd, colour),
+        "link" if linked else _place(left, odd, colour, fitter.marginal.left(found.none.residuals)),
         found.none,
         misfit,
     )
@@ -406,9 +406,15 @@ def _subsets(noises: Sequence[Noise], always: tuple[Effect, ...]) -> list[tuple[
     return [tuple(noises), *(tuple(one for one in noises if one is not gone) for gone in weak)]
 
 
-def _place(left: Sequence[Array], odd: float, colour: Colour) -> str:
-    """Where something outside the catalogue acts."""
+def _place(left: Sequence[Array], odd: float, colour: Colour, bare: Sequence[Array]) -> str:
+    """Where something outside the catalogue acts.
+
+    Args:
+        left, bare: by the best answer, and by none, which tells where the best leaves nothing.
+    """
     encoder, sensor = unexplained(left[0::2]), unexplained(whitened(left[1::2], colour))
+    if encoder == sensor == 0.0:
+        encoder, sensor = unexplained(bare[0::2]), unexplained(whitened(bare[1::2], colour))
     if odd > _CLEAR and sensor + odd > encoder:
         return "sensor"
     return "robot" if encoder > sensor else "contact"
