@@ -62,7 +62,7 @@ class Judge:
     """By what it is judged what fits leave.
 
     Attributes:
-        seen: what fits were fitted by; every: the same of all runs, if there are others.
+        weighing, fitter: by which fits were made; every: the same of all runs, if there are others.
         colour: small coloured noise of the force, see `stochastic.Force`.
     """
 
