@@ -40,7 +40,7 @@ _SCATTER = 1e-6
 SETTLED = 20
 # A wave of the encoder's scale that is no larger than this, in standard deviations of its noise, is roughness
 # of every rig; its own standard deviation, and the log evidence from which it is reckoned with [nats].
-WAVY, _WAVE, _WAVING = 0.6, 0.3, 10.0
+WAVY, _WAVE, _WAVING = 1.0, 0.3, 10.0
 # Factor on tolerances that are not trusted.
 WIDER = 2.5
 

@@ -64,8 +64,8 @@ _FAINT = 0.08
 # See `learn_unseen`.
 _USUAL = 3.0
 # See `learn_leaves`: log evidence from which more of it does not make a case count more, and as how much of
-# it what is usual counts [nats].
-_TELLING, _FEW = 1e4, 300.0
+# it what is usual counts [nats]; and the largest share that a form leaves: more is another failure.
+_TELLING, _FEW, _LARGEST = 1e4, 300.0, 0.1
 # Magnitudes at which each effect is practised on besides, so that what it leaves shows.
 _FORMS = (1.0, 0.5)
 
@@ -248,7 +248,7 @@ def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
         if not named or case.truth in ((), ("outside",)):
             continue
         best = max(named, key=lambda one: one.gain)
-        share = min(max(best.left - best.numerics - ordinary, 0.0) / best.gain, 1.0)
+        share = min(max(best.left - best.numerics - ordinary, 0.0) / best.gain, _LARGEST)
         own = own_gains(case.answers)[case.answers.index(best)]
         for name in case.truth:
             found.setdefault(name, []).append((min(own.get(name, best.gain), _TELLING), share))

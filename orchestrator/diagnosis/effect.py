@@ -29,7 +29,9 @@ class Site(IntEnum):
         RATE: velocity of the servo [m/s].
         POSITION: position of the robot, seen by the encoder and by the contact [m].
         STRUCTURE: position of the contact point, not seen by the encoder [m].
-        CONTACT: force that a frame pushes with, before it is kept from pulling [N]; positive.
+        STIFFNESS: stiffness of the frame that is touched [N/m]; laws of the contact read it as it comes out.
+        CONTACT: force of a frame's springs and dampers [N]; positive where they push.
+        PUSH: the same as it reaches the rod, before it is kept from pulling [N].
         FORCE: force on the rod, before the sensor [N]; negative at the front frame.
         DELAYED: the force behind the sensor's delay and low-pass [N].
         SAMPLE: force sampled at a tick [N].
@@ -43,11 +45,13 @@ class Site(IntEnum):
     RATE = 4
     POSITION = 5
     STRUCTURE = 6
-    CONTACT = 7
-    FORCE = 8
-    DELAYED = 9
-    SAMPLE = 10
-    BODY = 11
+    STIFFNESS = 7
+    CONTACT = 8
+    PUSH = 9
+    FORCE = 10
+    DELAYED = 11
+    SAMPLE = 12
+    BODY = 13
 
 
 class Context(IntEnum):
@@ -59,7 +63,7 @@ class Context(IntEnum):
         FORCE: on the rod, at the latest instant.
         DEPTH, DEPTH_RATE: of the penetration; zero out of contact.
         SIDE: 1 at the front frame, -1 at the rear frame, 0 out of contact.
-        STIFFNESS, DAMPING: of the contact, as calibrated.
+        STIFFNESS, DAMPING: of the frame that is touched; out of contact of either, as calibrated.
         TICK: number of the tick.
         MASS: of the satellite software.
     """

@@ -340,9 +340,38 @@ class Fitter:
                 cost = self._promise(effect, base, start)
                 if math.isfinite(cost) and (best is None or cost < best[0]):
                     best = cost, base, start
+        for base in bases:
+            instead = self._instead(effect, base)
+            if instead is not None and (best is None or instead[0] < best[0]):
+                best = instead
         if best is None:
             return math.inf, bases[0], self.starts(effect)[0]
         return best
+
+    def _instead(self, effect: Effect, base: Base) -> tuple[float, Base, Array] | None:
+        """Where an effect that changes a calibrated number does what that strays by, and the cost there.
+
+        Both do the very same, and so little tells them apart that a linearised problem misses it.
+
+        Returns: None where the effect does another thing, or cannot be as large.
+        """
+        if len(effect.changes) != 1 or len(effect.parameters) != 1:
+            return None
+        target = next(iter(effect.changes))
+        name, relative = target.removeprefix("*"), target.startswith("*")
+        if name not in self._names:
+            return None
+        place = self._names.index(name)
+        size, strayed = effect.parameters[0], self._tolerance[place] * base.z[place]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            start = np.array([_normalised(size, strayed / self._centre[place] if relative else strayed)])
+        if not np.isfinite(start).all() or not math.isclose(
+            _normalised(size, _value(size, start[0])), start[0], abs_tol=_SAME
+        ):
+            return None
+        z = base.z.copy()
+        z[place] = 0.0
+        return cost_of(base.r, np.concatenate([z, start])), base._replace(z=z), start
 
     def _promise(self, effect: Effect, base: Base, start: Array) -> float:
         """Cost of the problem linearised about a base with an effect at its start; inf if it runs away."""

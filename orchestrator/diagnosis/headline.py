@@ -30,6 +30,8 @@ _DECIDES = 1000.0
 MUCH = 4.0
 # Share of the gap that an answer closes which is the whole cause.
 _CLOSED = 0.7
+# Error over the noise, on runs that no fit saw, from which the model does not explain the logs.
+_STRAYS = 2.0
 # A share that is no more is rounding.
 _NOTHING = 1e-7
 
@@ -54,6 +56,12 @@ def _answer(diagnosis: Diagnosis) -> str:
             text = (
                 f"No effect is named: the logs hint at {likelier} ({percent(hint.probability)}), but by less "
                 f"than a nat over none ({percent(first.probability)})."
+            )
+        if gap is not None and _strays(gap):
+            text = (
+                f"The runs that were fitted show no effect ({chance}), but on runs that no fit saw "
+                f"the error is {_times(gap)} the noise: something acts there that shows in them alone, as a "
+                "limit that only they reach. Give one of them the role train."
             )
         if diagnosis.doubtful_tolerances:
             text = (
@@ -118,6 +126,19 @@ def _contradicted(gap: Gap) -> bool:
     if gap.closure is None:
         return gap.before is not None and gap.after is None
     return gap.closure < 0.0 and (gap.interval is None or gap.interval[1] < 0.0)
+
+
+def _strays(gap: Gap) -> bool:
+    """Whether held-out runs stray from the calibrated model by much more than repeats do."""
+    if gap.within_floor or not gap.noise_floor or gap.before is None:
+        return False
+    return gap.after is None or gap.after > _STRAYS * gap.noise_floor
+
+
+def _times(gap: Gap) -> str:
+    if gap.after is None or not gap.noise_floor:
+        return "beyond"
+    return f"{gap.after / gap.noise_floor:.1f} times"
 
 
 def given(diagnosis: Diagnosis) -> Which:

@@ -127,7 +127,8 @@ _OMEGA, _XI, _TAU, _K, _C, _FRONT, _REAR, _TAU_S, _CUTOFF, _BIAS, _LEAD, _GAIN, 
 )
 _X, _V, _Y, _XD, _VD, _G, _U, _FP, _XP, _KE, _CE, _P00, _P01, _P11, _IN, _X0, _OUT = map(int, State)
 _AT_COMMAND, _AT_DELAY, _AT_ACCELERATION, _AT_LIMIT, _AT_RATE, _AT_POSITION = map(int, list(Site)[:6])
-_AT_STRUCTURE, _AT_CONTACT, _AT_FORCE, _AT_DELAYED, _AT_SAMPLE, _AT_BODY = map(int, list(Site)[6:])
+_AT_STRUCTURE, _AT_STIFFNESS, _AT_CONTACT, _AT_PUSH = map(int, list(Site)[6:10])
+_AT_FORCE, _AT_DELAYED, _AT_SAMPLE, _AT_BODY = map(int, list(Site)[10:])
 _POSITION, _VELOCITY, _ACCELERATION, _COMMAND, _FORCE, _DEPTH = map(int, list(Context)[:6])
 _DEPTH_RATE, _SIDE, _STIFFNESS, _DAMPING, _NUMBER, _BODY_MASS = map(int, list(Context)[6:])
 _HISTORY, _SUBSTEPS = HISTORY, SUBSTEPS
@@ -297,8 +298,11 @@ def _push(p, contact, rate, laws, now, dt, known, memory, theta):
     # jump as a wall is moved across a sub-step, and no derivative would tell.
     crossing = side * rate * dt
     share = depth / crossing if depth < crossing else 1.0
-    plain = p[_K] * depth + share * p[_C] * side * rate
+    stiffness = pass_site(_AT_STIFFNESS, laws, now, dt, p[_K], known, memory, theta)
+    known[_STIFFNESS] = stiffness
+    plain = stiffness * depth + share * p[_C] * side * rate
     push = pass_site(_AT_CONTACT, laws, now, dt, plain, known, memory, theta)
+    push = pass_site(_AT_PUSH, laws, now, dt, push, known, memory, theta)
     force = -side * max(push, 0.0) if side != 0.0 else 0.0
     return pass_site(_AT_FORCE, laws, now, dt, force, known, memory, theta)
 

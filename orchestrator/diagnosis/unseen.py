@@ -16,8 +16,8 @@ from .study import Array, Run
 
 __all__ = ["Judge", "Leaves", "reckoned"]
 
-# Squares of residuals beyond their number from which they are much, and share of them that is most.
-_EXCESS, _MOST = 200.0, 0.5
+# Squares of residuals that are much, and share of those beyond their number that is most.
+_MUCH, _MOST = 200.0, 0.5
 # A wave that is small in some runs may be a little larger in all.
 _WAVIER = 1.25 * WAVY
 # Where effects act that may not show at all in runs a little slower than others.
@@ -121,11 +121,10 @@ def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) 
         fitter: of the weighing; here, derivatives: see `Fitter.carried`.
     """
     base = Base(here.effects, here.z, fitter.marginal.stacked(here.residuals), derivatives)
-    excess = cost_of(base.r, base.z) - len(base.r)
+    cost = cost_of(base.r, base.z)
+    least = max(_MUCH, _MOST * (cost - len(base.r)))
     limits = [one for one in weighing.effects if one.site in _LIMITS and one not in here.effects]
-    return excess > _EXCESS and any(
-        cost_of(base.r, base.z) - fitter.screen(one, [base])[0] > _MOST * excess for one in limits
-    )
+    return any(cost - fitter.screen(one, [base])[0] > least for one in limits)
 
 
 def reckoned(weighing: Weighing, best: Fit, largest: float = WAVY) -> Fitter:

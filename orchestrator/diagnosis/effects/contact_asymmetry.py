@@ -6,13 +6,11 @@ from ..effect import Context, Effect, Parameter, Site, law
 from ..written import start
 
 _SIDE = int(Context.SIDE)
-_STIFFNESS = int(Context.STIFFNESS)
-_DEPTH = int(Context.DEPTH)
 
 
 @law
 def _law(time, step, value, context, memory, theta):
-    return value - theta[0] * context[_SIDE] * context[_STIFFNESS] * context[_DEPTH]
+    return value * (1.0 - theta[0] * context[_SIDE])
 
 
 EFFECT = Effect(
@@ -20,7 +18,7 @@ EFFECT = Effect(
     equation="k = k_0 (1 - a) at the front frame, k_0 (1 + a) at the rear",
     source="Eq. 20 of the docking source, per frame",
     parameters=(Parameter("asymmetry", "1", 0.08, low=-0.9, high=0.9),),
-    site=Site.CONTACT,
+    site=Site.STIFFNESS,
     apply=_law,
     written=lambda t, rig: start("contact", asymmetry=(t["asymmetry"], "1")),
 )

@@ -23,7 +23,7 @@ EFFECT = Effect(
         Parameter("coefficient", "1", 0.05, low=-0.9, high=0.9),
         Parameter("speed", "m/s", 0.7, low=1e-5, high=0.1, starts=(1e-3,), shape=True),
     ),
-    site=Site.CONTACT,
+    site=Site.PUSH,
     apply=_law,
     written=lambda t, rig: start(
         "contact", friction=(t["coefficient"], "1"), friction_velocity=(t["speed"], "m/s")

@@ -18,7 +18,7 @@ EFFECT = Effect(
     equation="F = F_0/(1 + k e)",
     source="Springs in series",
     parameters=(Parameter("compliance", "m/N", 5e-07, low=0.0, high=5e-05, starts=(1e-07, 1e-06)),),
-    site=Site.CONTACT,
+    site=Site.PUSH,
     apply=_law,
     written=lambda t, rig: start("contact", compliance=(t["compliance"], "m/N")),
 )
