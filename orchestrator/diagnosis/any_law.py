@@ -30,6 +30,7 @@ def any_law(
     weights: Sequence[Array],
     colour: Colour,
     chosen: Array | None = None,
+    noise: float = 1.0,
 ) -> tuple[float, float]:
     """Log evidence that a law is in what a fit leaves, of the encoder and of the force [nats].
 
@@ -43,6 +44,7 @@ def any_law(
         colour: small coloured noise of the force: slow shapes tell less beside it. It may be a law instead
             that made the noise appear coloured; then they must tell more than colour does.
         chosen: derivatives of the stacked residuals by what was fitted, where they are known.
+        noise: of the force, over what is specified.
     """
     if not all(np.isfinite(r).all() for r in fit.residuals):
         return 0.0, 0.0
@@ -67,9 +69,9 @@ def any_law(
     slow = inflation(fitter.marginal.left(fit.residuals)[0::2])
     moved, pushed = along(0, motion_shapes).evidence(slow), along(1, force_shapes)
     told = []
-    for noise in dict.fromkeys((WHITE, colour)):
-        louder = 1.0 + noise.deviation**2 * (1.0 + noise.keep) / (1.0 - noise.keep)
-        less = colour.log_likelihood - noise.log_likelihood
+    for one in dict.fromkeys((WHITE, colour)):
+        louder = noise**2 + one.deviation**2 * (1.0 + one.keep) / (1.0 - one.keep)
+        less = colour.log_likelihood - one.log_likelihood
         told.append(pushed.evidence(louder) - less)
     return max(moved, 0.0), max(float(logsumexp(told)) - math.log(len(told)), 0.0)
 

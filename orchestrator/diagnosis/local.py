@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .misfit import louder, stretches
+from .misfit import answering, louder, noise_beside, stretches
 from .study import Array
 
 __all__ = ["loudest", "repeated"]
@@ -43,20 +43,23 @@ def loudest(channels: Sequence[Array]) -> float:
 def repeated(channels: Sequence[Array], touching: Sequence[Array]) -> float:
     """Log likelihood that contacts leave the same, tick by tick from where they begin, or end [nats].
 
-    Either their mean is larger than that of noise, or their first singular vector is: it may have another
-    size and sign in each.
+    Over the noise out of contact. Either their mean is larger than that of noise, or their first singular
+    vector is: it may have another size and sign in each.
 
     Args:
         channels: residuals over their noise, by run; touching: whether the rod touches at each tick, by run.
     """
     found = 0.0
+    noises = [
+        noise_beside(r, answering(touched)[: len(r)]) for r, touched in zip(channels, touching, strict=True)
+    ]
     for (before, after), end in ((_BEGINS, False), (_ENDS, True)):
         parts = []
-        for r, touched in zip(channels, touching, strict=True):
+        for r, touched, noise in zip(channels, touching, noises, strict=True):
             for one in stretches(touched[: len(r)]):
                 at = one.stop if end else one.start
                 if one.stop - one.start >= _SHORTEST and before <= at <= len(r) - after:
-                    parts.append(r[at - before : at + after])
+                    parts.append(r[at - before : at + after] / noise)
         if len(parts) < _FEWEST or not np.isfinite(parts).all():
             continue
         together = np.array(parts)

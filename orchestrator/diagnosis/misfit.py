@@ -10,13 +10,25 @@ from scipy.stats import t as student
 
 from .study import Array
 
-__all__ = ["answering", "hum", "in_contact", "louder", "stretches", "uneven", "unexplained", "wave"]
+__all__ = [
+    "answering",
+    "hum",
+    "in_contact",
+    "louder",
+    "noise_beside",
+    "stretches",
+    "uneven",
+    "unexplained",
+    "wave",
+]
 
 _BLOCKS = (1, 4, 16, 64, 256)
 # Of noise's square over what is specified; and the largest gain that noise has in a channel by chance [nats].
 _LOUDER, _CHANCE = 1.5, 1.0
 # The same within contacts, which go on for some ticks in the sensor's filter; shorter ones tell nothing.
 _WITHIN, _AFTER, _SHORTEST = (1, 2, 4, 8, 16), 12, 8
+# Samples out of contact that tell how large a noise is.
+_TELLING = 100
 # Degrees of freedom of Student's distribution, rounds in which its scale is found, and blocks needed.
 _FREEDOMS, _ROUNDS, _FEWEST = (1.0, 2.0, 4.0, 8.0), 20, 20
 # Turns that a line which keeps its phase makes in a window at least.
@@ -75,6 +87,16 @@ def unexplained(channels: Sequence[Array]) -> float:
     return total
 
 
+def noise_beside(r: Array, within: Array) -> float:
+    """Deviation of residuals where a condition does not hold; 1, as specified, if it is less.
+
+    Args:
+        r: residuals over their noise; within: whether it holds at each tick; shapes (n,).
+    """
+    out = r[~within]
+    return math.sqrt(max(float(np.mean(out**2)), 1.0)) if len(out) > _TELLING else 1.0
+
+
 def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
     """The same of contacts alone, which all channels have in common, over the noise out of contact [nats].
 
@@ -88,8 +110,7 @@ def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
         within = answering(touched)[: len(r)]
         if not np.isfinite(r).all():
             return math.inf
-        out = r[~within]
-        noise = math.sqrt(max(float(np.mean(out**2)), 1.0)) if len(out) > 100 else 1.0
+        noise = noise_beside(r, within)
         parts += [part / noise for part in (r[one] for one in stretches(within)) if len(part) >= _SHORTEST]
     gains = [0.0]
     for length in _WITHIN:
