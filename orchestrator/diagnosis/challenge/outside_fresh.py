@@ -31,7 +31,7 @@ def _growth(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 def _hose(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "hose": size * between(rng, 0.6, 2.5),
+        "hose": size * between(rng, 1.0, 3.5),
         "hose_omega": 2.0 * np.pi * between(rng, 2.0, 6.0),
         "hose_xi": between(rng, 0.03, 0.15),
     }
@@ -94,9 +94,9 @@ def _spin(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 def _stuck(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "stuck": size * signed(rng) * between(rng, 0.6, 2.5),
+        "stuck": size * signed(rng) * between(rng, 1.2, 4.0),
         "stuck_from": rng.uniform(0.3, 1.5),
-        "stuck_time": between(rng, 0.2, 1.0),
+        "stuck_time": between(rng, 0.3, 1.0),
     }
 
 
