@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
+from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run
+from orchestrator.diagnosis.challenge.draw import TICKS as RUN_TICKS
 from orchestrator.diagnosis.challenge.knobs import knobs
 from orchestrator.diagnosis.challenge.plant import contact_force, fresh, integrate
+from orchestrator.diagnosis.challenge.rig import COLUMNS, drive
 from orchestrator.diagnosis.challenge.series import draw_series
 from orchestrator.diagnosis.challenge.software import (
     compensate,
@@ -25,6 +30,8 @@ PLANT = {
     "rear": -0.005,
     "cutoff": 1250.0,
 }
+FORCE, ENCODER = COLUMNS.index("sensor_force"), COLUMNS.index("encoder_position")
+RUN = RUNS[0]
 
 
 def series_of(values):
@@ -79,3 +86,23 @@ def lags(speed, **values):
     """By how much the rod lags behind a command of one speed [m/s], at each tick [m]."""
     found = moved(lambda now: speed * (now + 0.5 * TICK), 900, 0.0, speed, **values)[0]
     return speed * TICK * np.arange(900) - found
+
+
+@cache
+def smooth():
+    """A rig that is as the lab believes, but for its calibration, and its first run."""
+    case = draw_case(Plan("none", (), 0.0), 78, 1, roughness=0.0)
+    return case, make_run(case, 0)
+
+
+@cache
+def driven(**knobs):
+    """What the blocks of that rig give without noise, driven by its log, with some knobs besides; series."""
+    case, log = smooth()
+    values = {**case.values, "noise_scale": 0.0, **knobs}
+    series = draw_series(values, NOISE, RUN_TICKS, np.random.SeedSequence(1))
+    return drive(case.lab, values, RUN.mass, RUN.speed, log, series), series
+
+
+def rates(position):
+    return np.gradient(position, TICK)

@@ -13,108 +13,118 @@ from .hidden import Hidden, between, signed
 __all__ = ["FRESH"]
 
 
-def _own_cycle(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"cycle": size * between(rng, 1.6e-3, 4.5e-3)}
+def _shaper(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"shaper": min(size, 1.2) * between(rng, 0.12, 0.4), "shaper_time": between(rng, 1e-2, 3e-2)}
 
 
-def _fringes(rng: np.random.Generator, size: float) -> dict[str, float]:
-    error = between(rng, 0.8, 2.5)
-    return {"fringe": size * error, "fringe_span": error * between(rng, 14.0, 35.0)}
-
-
-def _zero(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"zero": size * between(rng, 0.5, 1.5)}
-
-
-def _pole(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _guard(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "pole": min(size, 1.2) * between(rng, 0.15, 0.5),
-        "pole_at": rng.uniform(-3.5e-3, 3.5e-3),
-        "pole_width": between(rng, 2e-4, 8e-4),
+        "guard": min(size, 1.2) * between(rng, 0.15, 0.5),
+        "guard_force": between(rng, 8.0, 25.0),
+        "guard_time": between(rng, 0.02, 0.08),
     }
 
 
-def _lost(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"lost": size * between(rng, 6e-6, 2.5e-5), "lost_rate": between(rng, 2.5, 8.0)}
+def _growth(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"growth": size * signed(rng) * between(rng, 8e-5, 3e-4), "growth_time": between(rng, 0.5, 2.5)}
 
 
-def _gear(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"gear": size * between(rng, 0.012, 0.045), "gear_rate": between(rng, 1e-3, 4e-3)}
-
-
-def _taut(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"taut": size * signed(rng) * between(rng, 250.0, 900.0), "taut_from": rng.uniform(0.0, 2.5e-3)}
-
-
-def _thread(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _hose(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "thread": size * between(rng, 1e-5, 4e-5),
-        "thread_pitch": between(rng, 3e-4, 1e-3),
-        "thread_phase": 2.0 * np.pi * rng.random(),
+        "hose": size * between(rng, 1.0, 3.5),
+        "hose_omega": 2.0 * np.pi * between(rng, 2.0, 6.0),
+        "hose_xi": between(rng, 0.03, 0.15),
     }
 
 
-def _magnet(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"magnet": size * between(rng, 1.5, 6.0), "magnet_gap": between(rng, 2e-4, 1e-3)}
-
-
-def _latch(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"latch": size * between(rng, 2.5, 8.0), "latch_depth": between(rng, 1.5e-4, 4e-4)}
-
-
-def _scrape(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"scrape": size * between(rng, 0.016, 0.06), "scrape_time": between(rng, 1e-3, 6e-3)}
-
-
-def _queue(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _ranges(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "queue": size * between(rng, 6e-4, 2.5e-3),
-        "queue_rate": between(rng, 2.0, 8.0),
-        "queue_drain": between(rng, 0.02, 0.15),
+        "range_gain": size * signed(rng) * between(rng, 0.08, 0.25),
+        "range_force": between(rng, 15.0, 40.0),
     }
 
 
-def _busy(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"busy": size * between(rng, 3e-4, 1.2e-3), "busy_force": between(rng, 5.0, 25.0)}
-
-
-def _loose(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _bit(rng: np.random.Generator, size: float) -> dict[str, float]:
+    weight = float(rng.choice([6.4, 12.8, 25.6]))
     return {
-        "loose": size * between(rng, 0.02, 0.08),
-        "loose_gap": between(rng, 2e-4, 1.5e-3),
-        "loose_omega": 2.0 * np.pi * between(rng, 8.0, 25.0),
+        "bit": size * signed(rng) * between(rng, 0.8, 3.0),
+        "bit_weight": weight,
+        "bit_at": weight * rng.uniform(0.2, 0.8),  # quiet where no force acts
     }
 
 
-def _crew(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"crew": size * between(rng, 0.8, 3.0), "crew_time": between(rng, 0.02, 0.15)}
-
-
-def _notch(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _wire(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "notch": min(size, 1.2) * between(rng, 0.3, 0.8),
-        "notch_omega": 2.0 * np.pi * between(rng, 25.0, 65.0),
-        "notch_width": between(rng, 0.3, 1.0),
+        "wire": size * signed(rng) * between(rng, 1.5, 6.0),
+        "wire_rate": between(rng, 3.0, 12.0),
+        "wire_time": between(rng, 4e-3, 2e-2),
     }
+
+
+def _chatter(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "chatter": size * between(rng, 0.015, 0.06),
+        "chatter_omega": 2.0 * np.pi * between(rng, 35.0, 120.0),
+    }
+
+
+def _pad(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"pad": size * between(rng, 0.25, 0.9), "pad_time": between(rng, 0.3, 1.2)}
+
+
+def _brush(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"brush": size * between(rng, 0.8, 3.0), "brush_reach": between(rng, 5e-4, 2e-3)}
+
+
+def _text(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"text": size * between(rng, 1e-4, 3.5e-4)}
+
+
+def _increments(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"increments": size * between(rng, 5e-3, 2e-2), "increments_key": between(rng, 0.03, 0.12)}
+
+
+def _spin(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "spin": size * between(rng, 0.03, 0.12),
+        "spin_omega": 2.0 * np.pi * between(rng, 0.2, 1.0),
+        "spin_phase": np.pi * rng.random(),
+    }
+
+
+def _stuck(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "stuck": size * signed(rng) * between(rng, 1.2, 4.0),
+        "stuck_from": rng.uniform(0.3, 1.5),
+        "stuck_time": between(rng, 0.3, 1.0),
+    }
+
+
+def _overrun(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"overrun": min(size, 1.2) * between(rng, 0.1, 0.4)}
+
+
+def _payload(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"payload": size * between(rng, 0.3, 1.2)}
 
 
 _ALL = (
-    Hidden("sensor.own-cycle", _own_cycle),
-    Hidden("sensor.interpolation", _fringes),
-    Hidden("sensor.zero-shift", _zero, chance=True),
-    Hidden("robot.weak-pole", _pole),
-    Hidden("robot.lost-counts", _lost, chance=True),
-    Hidden("robot.loaded-gear", _gear),
-    Hidden("structure.taut-cable", _taut),
-    Hidden("structure.uneven-thread", _thread),
-    Hidden("contact.magnet", _magnet),
-    Hidden("contact.latch", _latch),
-    Hidden("contact.scraping", _scrape, chance=True),
-    Hidden("link.queue", _queue, chance=True),
-    Hidden("link.busy-in-contact", _busy),
-    Hidden("dynamics.loose-load", _loose),
-    Hidden("dynamics.crew", _crew, chance=True),
-    Hidden("controller.notch", _notch),
+    Hidden("robot.input-shaper", _shaper),
+    Hidden("robot.collision-guard", _guard),
+    Hidden("structure.growth", _growth),
+    Hidden("structure.hose", _hose),
+    Hidden("sensor.two-ranges", _ranges),
+    Hidden("sensor.heavy-bit", _bit),
+    Hidden("sensor.loose-wire", _wire, chance=True),
+    Hidden("contact.chatter", _chatter),
+    Hidden("contact.dented-pad", _pad),
+    Hidden("contact.brush", _brush),
+    Hidden("link.text", _text),
+    Hidden("link.increments", _increments, chance=True),
+    Hidden("dynamics.spin", _spin),
+    Hidden("dynamics.stuck-valve", _stuck),
+    Hidden("controller.overrun", _overrun),
+    Hidden("controller.payload", _payload),
 )
 
 FRESH = {one.id: one for one in _ALL}

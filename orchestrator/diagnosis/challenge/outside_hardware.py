@@ -152,6 +152,59 @@ def _seat(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"seat": size * between(rng, 2e-5, 7e-5), "seat_force": between(rng, 15.0, 40.0)}
 
 
+def _own_cycle(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"cycle": size * between(rng, 1.6e-3, 4.5e-3)}
+
+
+def _fringes(rng: np.random.Generator, size: float) -> dict[str, float]:
+    error = between(rng, 0.8, 2.5)
+    return {"fringe": size * error, "fringe_span": error * between(rng, 14.0, 35.0)}
+
+
+def _zero(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"zero": size * between(rng, 0.5, 1.5)}
+
+
+def _pole(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "pole": min(size, 1.2) * between(rng, 0.15, 0.5),
+        "pole_at": rng.uniform(-3.5e-3, 3.5e-3),
+        "pole_width": between(rng, 2e-4, 8e-4),
+    }
+
+
+def _lost(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"lost": size * between(rng, 6e-6, 2.5e-5), "lost_rate": between(rng, 2.5, 8.0)}
+
+
+def _gear(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"gear": size * between(rng, 0.012, 0.045), "gear_rate": between(rng, 1e-3, 4e-3)}
+
+
+def _taut(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"taut": size * signed(rng) * between(rng, 250.0, 900.0), "taut_from": rng.uniform(0.0, 2.5e-3)}
+
+
+def _thread(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "thread": size * between(rng, 1e-5, 4e-5),
+        "thread_pitch": between(rng, 3e-4, 1e-3),
+        "thread_phase": 2.0 * np.pi * rng.random(),
+    }
+
+
+def _magnet(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"magnet": size * between(rng, 1.5, 6.0), "magnet_gap": between(rng, 2e-4, 1e-3)}
+
+
+def _latch(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"latch": size * between(rng, 2.5, 8.0), "latch_depth": between(rng, 1.5e-4, 4e-4)}
+
+
+def _scrape(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"scrape": size * between(rng, 0.016, 0.06), "scrape_time": between(rng, 1e-3, 6e-3)}
+
+
 HARDWARE_KINDS = (
     Hidden("sensor.clipping", _clip),
     Hidden("sensor.hum", _hum),
@@ -182,4 +235,15 @@ HARDWARE_KINDS = (
     Hidden("structure.floor-vibration", _floor),
     Hidden("contact.one-way-damper", _valve),
     Hidden("contact.seating", _seat),
+    Hidden("sensor.own-cycle", _own_cycle),
+    Hidden("sensor.interpolation", _fringes),
+    Hidden("sensor.zero-shift", _zero, chance=True),
+    Hidden("robot.weak-pole", _pole),
+    Hidden("robot.lost-counts", _lost, chance=True),
+    Hidden("robot.loaded-gear", _gear),
+    Hidden("structure.taut-cable", _taut),
+    Hidden("structure.uneven-thread", _thread),
+    Hidden("contact.magnet", _magnet),
+    Hidden("contact.latch", _latch),
+    Hidden("contact.scraping", _scrape, chance=True),
 )

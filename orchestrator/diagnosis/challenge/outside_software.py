@@ -89,6 +89,38 @@ def _gate(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"gate": min(0.8 * size, 1.0), "gate_step": between(rng, 1.2, 2.5)}
 
 
+def _queue(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "queue": size * between(rng, 6e-4, 2.5e-3),
+        "queue_rate": between(rng, 2.0, 8.0),
+        "queue_drain": between(rng, 0.02, 0.15),
+    }
+
+
+def _busy(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"busy": size * between(rng, 3e-4, 1.2e-3), "busy_force": between(rng, 5.0, 25.0)}
+
+
+def _loose(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "loose": size * between(rng, 0.02, 0.08),
+        "loose_gap": between(rng, 2e-4, 1.5e-3),
+        "loose_omega": 2.0 * np.pi * between(rng, 8.0, 25.0),
+    }
+
+
+def _crew(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"crew": size * between(rng, 0.8, 3.0), "crew_time": between(rng, 0.02, 0.15)}
+
+
+def _notch(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "notch": min(size, 1.2) * between(rng, 0.3, 0.8),
+        "notch_omega": 2.0 * np.pi * between(rng, 25.0, 65.0),
+        "notch_width": between(rng, 0.3, 1.0),
+    }
+
+
 SOFTWARE_KINDS = (
     Hidden("dynamics.thruster-bursts", _burst),
     Hidden("dynamics.wheel", _wheel),
@@ -109,4 +141,9 @@ SOFTWARE_KINDS = (
     Hidden("dynamics.coarse-timer", _timer),
     Hidden("controller.ramp-in", _ramp),
     Hidden("controller.outlier-gate", _gate),
+    Hidden("link.queue", _queue, chance=True),
+    Hidden("link.busy-in-contact", _busy),
+    Hidden("dynamics.loose-load", _loose),
+    Hidden("dynamics.crew", _crew, chance=True),
+    Hidden("controller.notch", _notch),
 )

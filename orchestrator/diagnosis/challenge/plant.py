@@ -14,14 +14,16 @@ from numba import njit
 __all__ = ["MEMORY", "STATES", "contact_force", "integrate", "output", "remember"]
 
 # Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
-# that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'.
-STATES = 15
+# that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'; hose h, h'.
+STATES = 17
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
 # how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
 # into its seat, and whether it does; what the bolted joint carries [N]; phase of the floor at the start; what
-# the encoder has lost; by which share the force of a contact is off.
-MEMORY = 13
+# the encoder has lost; by which share the force of a contact is off. For how long the servo still yields to
+# what it hit [s], whether it has noticed that, how far it yields; since when the rod touches [s]; how deep
+# the pads of the front and of the rear frame are dented [m].
+MEMORY = 19
 _SWITCHING, _SEATING = 4e-3, 1.5e-3  # how long a servo's gain takes to change, a tip to slide [s]
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
@@ -30,6 +32,9 @@ _BEHIND, _HUNG_XI, _BEHIND_XI = 11.0, 0.1, 0.2
 _FILM_REACH = 15.0  # gaps of a film beyond which it is none
 _MAGNET_REACH = 12.0  # the same of a magnet's
 _LATCH_WIDTH = 1.0 / 3.0  # of a latch's depth: from where it is hardest to its crest
+# Of its reach, over which a brush stiffens; rate over which it turns [m/s]; of its force, what it keeps on
+# the way out.
+_BRUSH_SHARE, _BRUSH_RATE, _BRUSH_OUT = 0.3, 2e-3, 0.2
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,6 +67,11 @@ def _contact_point(p, t, s, memory):
         turned = 2.0 * math.pi * position / p.thread_pitch + p.thread_phase
         point += p.thread * math.sin(turned)
         rate *= 1.0 + 2.0 * math.pi * p.thread / p.thread_pitch * math.cos(turned)
+    if p.growth != 0.0:
+        # What warms grows.
+        left = math.exp(-t / p.growth_time)
+        point += p.growth * (1.0 - left)
+        rate += p.growth / p.growth_time * left
     if p.floor > 0.0:
         turned = p.floor_omega * t + memory[10]
         point += p.floor * math.sin(turned)
@@ -74,8 +84,8 @@ def _depth(p, t, s, memory):
     """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
     point, rate = _contact_point(p, t, s, memory)
     if 2.0 * point > p.front + p.rear:
-        return 1.0, point - p.front - memory[2] - s[7] - s[13] - memory[7], rate - s[8] - s[14]
-    return -1.0, p.rear - memory[2] - point - memory[7], -rate
+        return 1.0, point - p.front - memory[2] - s[7] - s[13] - memory[7] - memory[17], rate - s[8] - s[14]
+    return -1.0, p.rear - memory[2] - point - memory[7] - memory[18], -rate
 
 
 @njit(cache=True, error_model="numpy")
@@ -90,6 +100,11 @@ def contact_force(p, t, s, memory):
         pull -= p.film * rate / (1.0 + max(-depth, 0.0) / p.film_gap) ** 3
     if p.magnet > 0.0 and side > 0.0 and depth > -_MAGNET_REACH * p.magnet_gap:
         pull += p.magnet / (1.0 + max(-depth, 0.0) / p.magnet_gap) ** 2
+    if p.brush > 0.0 and depth > -p.brush_reach:
+        # Bristles before the frame, which drag once they are bent.
+        bent = 1.0 - math.exp(-(depth + p.brush_reach) / (_BRUSH_SHARE * p.brush_reach))
+        way = 0.5 * (1.0 + math.tanh(rate / _BRUSH_RATE))
+        pull -= p.brush * bent * (_BRUSH_OUT + (1.0 - _BRUSH_OUT) * way)
     if p.onset > 0.0:
         if depth < -50.0 * p.onset:
             return side * pull, side, 0.0, 0.0
@@ -133,6 +148,8 @@ def contact_force(p, t, s, memory):
         push += p.latch * u * math.exp(0.5 * (1.0 - u * u))
     if p.scrape > 0.0:
         push *= 1.0 + memory[12]
+    if p.chatter > 0.0:
+        push *= 1.0 + p.chatter * math.sin(p.chatter_omega * (t - memory[16]))
     return side * (pull - max(push, 0.0)), side, depth, rate
 
 
@@ -143,6 +160,8 @@ def _derivative(p, t, s, memory, command, ds):
     a = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v + p.load * force
     if p.soft_gain != 0.0:
         a -= p.omega * p.omega * p.soft_gain * memory[6] * (command - x - memory[3])
+    if p.guard > 0.0:
+        a -= p.omega * p.omega * p.guard * memory[15] * (command - x - memory[3])
     if p.cold != 0.0:
         a -= 2.0 * p.xi * p.omega * p.cold * math.exp(-t / p.cold_time) * v
     if p.integral != 0.0:
@@ -181,6 +200,13 @@ def _derivative(p, t, s, memory, command, ds):
     ds[5] = p.cutoff * (force - p.tool * total - s[5])
     if p.taut != 0.0:
         ds[5] += p.cutoff * _cable(p, s, memory)
+    if p.hose > 0.0:
+        # It hangs on the rod behind the sensor, and swings.
+        position, speed = output(p, s, memory)
+        w = p.hose_omega
+        swing = w * w * (s[15] - position) + 2.0 * p.hose_xi * w * (s[16] - speed)
+        ds[5] += p.cutoff * p.hose * swing
+        ds[15], ds[16] = s[16], -swing
     if p.filter_time > 0.0:
         ds[6] = (s[5] - s[6]) / p.filter_time
     if p.wall_mass > 0.0:
@@ -236,10 +262,33 @@ def remember(p, t, s, memory, step):
         memory[6] += step / _SWITCHING * ((1.0 if abs(s[1]) < p.soft_gain_rate else 0.0) - memory[6])
     if p.seat > 0.0:
         _sit(p, t, s, memory, step)
+    if p.guard > 0.0:
+        _watch(p, t, s, memory, step)
+    if p.chatter > 0.0 and _depth(p, t, s, memory)[1] <= 0.0:
+        memory[16] = t
+    if p.pad > 0.0:
+        # Foam that is dented by and by, and rises again as slowly.
+        side, depth, _ = _depth(p, t, s, memory)
+        for place in range(17, 19):
+            near = side == (1.0 if place == 17 else -1.0)
+            pressed = max(depth + memory[place], 0.0) if near and depth > 0.0 else 0.0
+            memory[place] += step / p.pad_time * (p.pad * pressed - memory[place])
     if p.joint > 0.0:
         # Friction between its plates takes up a part of the force before they move.
         force, _, _, _ = contact_force(p, t, s, memory)
         memory[9] = min(max(memory[9], force - p.joint_force), force + p.joint_force)
+
+
+@njit(cache=True, error_model="numpy")
+def _watch(p, t, s, memory, step):
+    """A servo that takes a force for a collision yields for some time, once in each contact."""
+    force, _, _, _ = contact_force(p, t, s, memory)
+    if abs(force) < 0.3 * p.guard_force:
+        memory[14] = 0.0
+    elif abs(force) > p.guard_force and memory[14] == 0.0:
+        memory[13], memory[14] = p.guard_time, 1.0
+    memory[13] = max(memory[13] - step, 0.0)
+    memory[15] += step / _SWITCHING * ((1.0 if memory[13] > 0.0 else 0.0) - memory[15])
 
 
 @njit(cache=True, error_model="numpy")
@@ -267,7 +316,7 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     step = (end - begin) / steps
     k1, k2, k3, k4, mid = work[0], work[1], work[2], work[3], work[4]
     size = times.shape[0]
-    rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0
+    rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0 or p.hose > 0.0
     states = STATES if rare else _USUAL
     for i in range(steps):
         t = begin + i * step

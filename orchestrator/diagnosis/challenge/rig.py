@@ -30,8 +30,9 @@ COLUMNS = (
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
 # Play of the hysteresis; instant of the last reading; force and charge then; tare, and whether it is
-# taken.
-_AMPLIFIER = 6
+# taken; whether the upper range is on.
+_AMPLIFIER = 7
+_RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back
 _SUBSTEPS = 40  # per tick
 _DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs
 
@@ -121,6 +122,8 @@ def _run(
         series.lost,
         series.scrape,
         series.cycle,
+        series.skipped,
+        series.key,
         logged,
         TICK / substeps,
         out,
@@ -148,6 +151,8 @@ def _ticks(
     lost,
     scrape,
     cycle,
+    skipped,
+    key,
     logged,
     longest,
     out,
@@ -169,7 +174,9 @@ def _ticks(
     count, contact, touching = 0, 0, False
     memory[2], memory[10] = wall[0], floor
     s[13] = -p.plate_gap
-    if p.busy > 0.0:
+    s[15], s[16] = start, speed
+    missing, before = 0.0, 0.0
+    if p.busy > 0.0 or p.text > 0.0:
         arrival = arrival.copy()
     reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
     for n in range(ticks):
@@ -209,7 +216,12 @@ def _ticks(
                 sent = logged[0, n + 1]
         if not driven and (abs(satellite[0]) > LIMIT or abs(position) > LIMIT):
             return n + 1
-        commands[HISTORY + n] = _rounded(p, sent) + stray[n]
+        # What a lost increment would have added is missing until a whole command comes.
+        missing = 0.0 if key[n] else missing + skipped[n] * (sent - before)
+        before = sent
+        commands[HISTORY + n] = _rounded(p, sent) + stray[n] - missing
+        if p.text > 0.0:
+            arrival[HISTORY + n] += p.text * _characters(sent)
         if p.busy > 0.0 and abs(seen_force) > p.busy_force:
             arrival[HISTORY + n] += p.busy  # a sensor that has news goes first
         end = (n + 1) * TICK
@@ -222,7 +234,7 @@ def _ticks(
             for i in range(active + 1, HISTORY + n + 1):
                 if now + 1e-12 < arrival[i] < stop:
                     stop = arrival[i]
-            command = commands[payload[active]]
+            command = _shaped(p, commands, payload[active])
             command += _cogging(p, command)
             count = integrate(p, now, stop, longest, s, memory, command, work, times, sensed, count)
             now = stop
@@ -240,6 +252,27 @@ def _ticks(
 def _rounded(p, command):
     if p.command_step > 0.0:
         return p.command_step * round((command - p.command_phase) / p.command_step) + p.command_phase
+    return command
+
+
+@njit(cache=True, error_model="numpy")
+def _characters(command):
+    """How many characters a command [m] takes as a text of whole micrometres."""
+    count, left = 1, math.floor(abs(command) * 1e6 / 10.0)
+    while left > 0:
+        count, left = count + 1, left // 10
+    return count + 1 if command < 0.0 else count
+
+
+@njit(cache=True, error_model="numpy")
+def _shaped(p, commands, index):
+    """A command of which a share is held back for some time, lest the arm swing."""
+    command = commands[index]
+    if p.shaper > 0.0:
+        back = p.shaper_time / TICK
+        whole = math.floor(back)
+        older, newer = commands[max(index - whole - 1, 0)], commands[max(index - whole, 0)]
+        command += p.shaper * (newer + (back - whole) * (older - newer) - command)
     return command
 
 
@@ -301,6 +334,12 @@ def _amplified(p, since, value, amplifier):
         value += p.fringe * math.sin(
             2.0 * math.pi * value / p.fringe_span
         )  # between two fringes of its light
+    if p.range_gain != 0.0:
+        if abs(value) > p.range_force:
+            amplifier[6] = 1.0
+        elif abs(value) < _RANGE_BACK * p.range_force:
+            amplifier[6] = 0.0
+        value *= 1.0 + p.range_gain * amplifier[6]
     return value
 
 
@@ -308,5 +347,7 @@ def _amplified(p, since, value, amplifier):
 def _digits(p, reading, resolution):
     if p.clip > 0.0:
         reading = min(max(reading, -p.clip), p.clip)
+    if p.bit != 0.0 and math.floor((reading + p.bit_at) / p.bit_weight) % 2.0 == 1.0:
+        reading += p.bit  # one bit of its converter weighs too much
     step = max(p.force_step, resolution)
     return step * round(reading / step) if step > 0.0 else reading

@@ -36,6 +36,8 @@ class Series:
         lost: what the encoder loses at each tick [m]; scrape: share by which the force of a contact
             fluctuates, shape (n,).
         cycle: how far the sensor is in its own cycle at the start, from 0 to 1.
+        skipped, key: ticks whose increment of the command is lost, and at which the whole command is sent,
+            shape (n,).
     """
 
     arrival: Array
@@ -53,6 +55,8 @@ class Series:
     lost: Array
     scrape: Array
     cycle: float
+    skipped: NDArray[np.bool_]
+    key: NDArray[np.bool_]
 
 
 def draw_series(
@@ -67,7 +71,7 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(21)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(23)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
@@ -78,6 +82,7 @@ def draw_series(
     force += get("hum", 0.0) * np.sin(get("hum_omega", 0.0) * t + phase[0])
     spikes = streams[3].random(ticks) < get("spike_rate", 0.0) * TICK
     force += get("spikes", 0.0) * spikes * streams[3].standard_normal(ticks)
+    force += get("wire", 0.0) * _open(values, ticks, streams[21])
     held = streams[4].random(ticks) < get("dropout", 0.0)
     missed = streams[5].random(ticks) < get("missed", 0.0)
     missed[0] = False
@@ -104,6 +109,9 @@ def draw_series(
     lost = get("lost", 0.0) * slipped * np.where(streams[18].random(ticks) < 0.5, -1.0, 1.0)
     scrape = get("scrape", 0.0) * _process(_kept(get("scrape_time", 0.0)), ticks, streams[19])
     cycle = float(streams[20].random())
+    skipped = streams[22].random(ticks) < get("increments", 0.0)
+    turns = t / get("increments_key", 1.0) + streams[22].random()
+    key = np.diff(np.floor(turns), prepend=-1.0) > 0.0
     return Series(
         arrival=arrival,
         encoder=encoder,
@@ -120,6 +128,8 @@ def draw_series(
         lost=lost,
         scrape=scrape,
         cycle=cycle,
+        skipped=skipped,
+        key=key,
     )
 
 
@@ -131,6 +141,14 @@ def _process(keep: float, ticks: int, stream: np.random.Generator) -> Array:
 def _kept(time: float) -> float:
     """What a tick keeps of noise that is forgotten in some time [s]."""
     return float(np.exp(-TICK / time)) if time > 0.0 else 0.0
+
+
+def _open(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.bool_]:
+    """When a wire has no good contact: now and then, for times that differ."""
+    begins = stream.random(ticks) < values.get("wire_rate", 0.0) * TICK
+    lasts = np.ceil(values.get("wire_time", 0.0) / TICK * stream.standard_exponential(ticks))
+    index = np.arange(ticks)
+    return np.maximum.accumulate(np.where(begins, index + lasts, 0.0)) > index
 
 
 def _queue(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:

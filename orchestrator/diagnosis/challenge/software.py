@@ -47,6 +47,12 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         elif abs(s[1]) < 0.5 * p.thrust_speed:
             s[4] = 0.0
         extra -= math.copysign(p.thrust * s[4], s[1])
+    if p.stuck != 0.0 and now >= p.stuck_from:
+        # A valve that does not close, until its tank is empty.
+        extra += p.stuck * math.exp(-(now - p.stuck_from) / p.stuck_time)
+    if p.spin > 0.0:
+        # The lever of the contact turns with the body.
+        force *= 1.0 + p.spin * math.sin(p.spin_omega * now + p.spin_phase) ** 2
     hung, loose = total * p.appendage, total * p.loose
     w = p.appendage_omega
     for _ in range(4):
@@ -78,14 +84,15 @@ def move_satellite(p, mass, now, tick, force, extra, s):
 
 @njit(cache=True, error_model="numpy")
 def first_controller(k, c, position, speed):
-    """What the controller remembers at the start, shape (16,).
+    """What the controller remembers at the start, shape (17,).
 
     By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
-    since contact; whether the last force was doubted; a notch's low and band pass.
+    since contact; whether the last force was doubted; a notch's low and band pass; how near
+    it is to its next overrun.
     """
-    return np.array(
-        [0.0, 0.0, position, speed, 0.0, 0.0, k, c, (0.15 * k) ** 2, 0.0, 60.0**2, 0.0, 0.0, 0.0, 0.0, 0.0],
-    )
+    s = np.zeros(17)
+    s[2], s[3], s[6], s[7], s[8], s[10] = position, speed, k, c, (0.15 * k) ** 2, 60.0**2
+    return s
 
 
 @njit(cache=True, error_model="numpy")
@@ -109,12 +116,15 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         s[14] += turn * s[15]
         s[15] += turn * (force - s[14] - p.notch_width * s[15])
         force -= p.notch * p.notch_width * s[15]
-    slope = (force - s[0]) / tick
-    speed = (position - s[2]) / tick
-    s[1] = 0.65 * s[1] + 0.35 * slope
+    speed, before = (position - s[2]) / tick, s[3]
     s[3] = 0.75 * s[3] + 0.25 * speed
+    if p.payload != 0.0:
+        force += p.payload * (s[3] - before) / tick  # as if the sensor carried more than is known
+    slope = (force - s[0]) / tick
+    s[1] = 0.65 * s[1] + 0.35 * slope
     s[0], s[2] = force, position
     ahead = force + (lead + p.lead) * s[1]
+    earlier = s[11]
     if abs(force) > 4.0:
         if s[4] < 0.5:
             s[4], s[5] = 1.0, position + force / max(s[6], 1000.0)
@@ -135,6 +145,12 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         out = force
     if p.output_limit > 0.0:
         out = math.copysign(min(abs(out), p.output_limit), out)
+    if p.overrun > 0.0 and abs(force) > 4.0 and abs(ahead) > 15.0:
+        # An estimate takes so long that the output now and then is not there in time.
+        s[16] += p.overrun
+        if s[16] >= 1.0:
+            s[16] -= 1.0
+            out = earlier
     s[11] = out
 
 
