@@ -31,7 +31,8 @@ protected
   constant Real least(quantity="Length", unit="m") = 1e-12 "Depth below which a power law is not told";
   Real side(unit="1") "1 in the front frame, -1 in the rear frame, 0 between them";
   Real rate(quantity="Velocity", unit="m/s") "Velocity into the frame";
-  Real factor(unit="1") "Stiffness over the one given";
+  Real own(unit="N/m") "Stiffness of the frame that is touched, at this time";
+  Real factor(unit="1") "Stiffness at this depth over that of the frame";
   Real unloading(quantity="Length", unit="m") "What a permanent set takes from the depth";
   Real further(quantity="Length", unit="m") "Deflection of what is added to the spring";
   Real push(quantity="Force", unit="N") "Force of the frame on the rod, may be negative";
@@ -44,12 +45,13 @@ equation
     elseif position < rear then rear - position
     else 0;
   rate = side*velocity;
-  factor = 1 - side*asymmetry - softening*time + cubic*(penetration/cubic_depth)^2
+  own = stiffness*(1 - side*asymmetry)*(1 - softening*time);
+  factor = 1 + cubic*(penetration/cubic_depth)^2
     + (exp(hertz_exponent*log(noEvent(max(penetration, least))/hertz_depth)) - 1);
   unloading = noEvent(if penetration < deepest then (penetration - plastic_set*deepest)/(1 - plastic_set) - penetration else 0);
   further = second_stiffness*noEvent(max(penetration - second_depth, 0)) + maxwell*relaxing + unloading;
-  push = (stiffness*penetration*factor + damping*rate + stiffness*further + hunt_crossley*penetration*rate)
-    *(1 + friction*tanh(rate/friction_velocity))/(1 + stiffness*compliance);
+  push = (own*penetration*factor + damping*rate + own*further + hunt_crossley*penetration*rate)
+    *(1 + friction*tanh(rate/friction_velocity))/(1 + own*compliance);
   // As in DockingContact: begins with penetration, ends where the law would pull.
   force = adhesion*noEvent(
       if velocity < 0 then exp(-abs(position - front)/adhesion_range)
@@ -71,8 +73,9 @@ equation
   assert(hertz_depth > 0 and cubic_depth > 0 and friction_velocity > 0 and maxwell_time > 0 and adhesion_range > 0,
     "hertz_depth, cubic_depth, friction_velocity, maxwell_time or adhesion_range is 0; allowed: above 0");
   annotation (Documentation(info="<html>
-<p>With depth d and its rate d' at the frame that is touched:
-F = (k d (1 -+ asymmetry - softening t + cubic (d/d_c)^2 + (d/d_h)^e - 1) + c d' + h d d' + k r max(0, d - d_2)
+<p>With depth d and its rate d' at the frame that is touched, of stiffness
+k = stiffness (1 -+ asymmetry) (1 - softening t):
+F = (k d (1 + cubic (d/d_c)^2 + (d/d_h)^e - 1) + c d' + h d d' + k r max(0, d - d_2)
 + k m z + k s) (1 + f tanh(d'/v_0))/(1 + k compliance), never below 0. The relaxing element has
 z' = d' - z/T; unloading from the deepest penetration d_m along (d - p d_m)/(1 - p) makes
 s = (d - p d_m)/(1 - p) - d. Both are forgotten between contacts. While the rod leaves a frame, A exp(-|g|/r) pulls

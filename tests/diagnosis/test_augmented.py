@@ -145,12 +145,17 @@ def nominal():
     return of_rig(NONE)
 
 
-def co_simulated(name, steps, folder):
-    """The same signals of the config, at so many communication steps per tick."""
-    effect, sizes = catalogue()[name], SIZES[name]
-    told = {f"{name}.{one.name}": value for one, value in zip(effect.parameters, sizes, strict=True)}
-    model = None if effect.statistic else Augmented({}, (effect,), np.array(sizes))
-    found = Finding((Candidate((name,), 1.0, told, (), 50.0, model),), (name,), (), "", (name,), NONE)
+def co_simulated(names, steps, folder):
+    """The same signals of the config with some effects, at so many communication steps per tick."""
+    effects, sizes = tuple(catalogue()[name] for name in names), [SIZES[name] for name in names]
+    told = {
+        f"{effect.id}.{one.name}": value
+        for effect, own in zip(effects, sizes, strict=True)
+        for one, value in zip(effect.parameters, own, strict=True)
+    }
+    drawn = any(effect.statistic for effect in effects)
+    model = None if drawn else Augmented({}, effects, np.concatenate(sizes))
+    found = Finding((Candidate(names, 1.0, told, (), 50.0, model),), names, (), "", names, NONE)
     made = augmented_config(own_study(runs=((279.07, 0.02),), ticks=TICKS), found, steps)
     assert made.left_out == {} and made.run == "train-1" and made.changed
     path = folder / f"augmented-{steps}.yaml"
@@ -168,7 +173,7 @@ def test_every_effect_is_tried():
 @pytest.mark.parametrize("name", SIZES)
 def test_the_config_converges_to_the_rig(name, nominal, tmp_path):
     rig = of_rig(drawn(name, SIZES[name][0]) or Augmented({}, (catalogue()[name],), np.array(SIZES[name])))
-    coarse, fine = (co_simulated(name, steps, tmp_path) for steps in (STEPS, 2 * STEPS))
+    coarse, fine = (co_simulated((name,), steps, tmp_path) for steps in (STEPS, 2 * STEPS))
     size = np.abs(rig).max(axis=1)
     moved, error, change = (
         np.abs(one)[:, SETTLED:].max(axis=1) / size for one in (rig - nominal, fine - rig, coarse - fine)
@@ -178,3 +183,23 @@ def test_the_config_converges_to_the_rig(name, nominal, tmp_path):
     floor = np.array([5e-5, 5e-5, 1.5e-3]) + ROUNDED.get(name, (0.0, 0.0, 0.0))
     assert (error < 2.0 * change + floor).all(), (error, change)
     assert (error < 0.25 * moved).any() and moved.max() > 1e-3, "the effect shows, and is met"
+
+
+def test_laws_of_a_contact_act_on_each_other_in_the_config_as_in_the_rig(tmp_path):
+    """Each by itself would be right in many ways: friction of a mount's force is that of all springs."""
+    names = ("contact.asymmetry", "contact.friction", "contact.plasticity", "structure.compliance")
+    effects = tuple(catalogue()[name] for name in names)
+    sizes = [SIZES[name] for name in names]
+    rig = of_rig(Augmented({}, effects, np.concatenate(sizes)))
+    alone = sum(
+        of_rig(Augmented({}, (effect,), np.array(own))) - of_rig(NONE)
+        for effect, own in zip(effects, sizes, strict=True)
+    )
+    coarse, fine = (co_simulated(names, steps, tmp_path) for steps in (STEPS, 2 * STEPS))
+    size = np.abs(rig).max(axis=1)
+    error, change, together = (
+        np.abs(one)[:, SETTLED:].max(axis=1) / size
+        for one in (fine - rig, coarse - fine, rig - of_rig(NONE) - alone)
+    )
+    assert (error < 2.0 * change + [5e-5, 5e-5, 1.5e-3]).all(), (error, change)
+    assert (together > 3.0 * error).any(), (together, error)

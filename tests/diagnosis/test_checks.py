@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from logged import logged_study, with_column
+from scipy.signal import lfilter
 
 from orchestrator.diagnosis.answers import weigh_software
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.checks import check_logs
-from orchestrator.diagnosis.consistency import _force_of_velocity
+from orchestrator.diagnosis.consistency import _force_of_velocity, _force_out_of_contact
 from orchestrator.diagnosis.study import Role, load_study
 
 CASES = Path(__file__).parents[3] / "shared" / "gap" / "cases"
@@ -68,6 +69,25 @@ def test_what_else_pushes_the_satellite_slowly_is_no_mistake_of_columns(good, si
     body = run.mass * np.diff(pushed) / good.tick
     assert np.corrcoef(body, run["compensated_force"][:-1])[0, 1] < 0.8
     assert (_force_of_velocity(good, moved) is None) is fits
+
+
+@pytest.mark.parametrize("given", ["filter", "offset", "noise", "sign", "thousandth"])
+def test_a_controller_that_passes_the_force_on_in_its_own_way_is_no_bad_data(good, given):
+    """A filter of its own rings on after a contact; what does not follow from the force is refused."""
+    rng = np.random.default_rng(4)
+    run = good.runs[0]
+    force = run["sensor_force"] + 0.5 * rng.standard_normal(len(run))
+    out = {
+        "filter": lfilter([0.8, -0.1, 0.05], [1.0, -0.2, 0.05], force),
+        "offset": force + 0.3,
+        "noise": 0.5 * rng.standard_normal(len(run)),
+        "sign": -force,
+        "thousandth": 1e-3 * force,
+    }[given]
+    told = _force_out_of_contact(
+        good, replace(run, columns=dict(run.columns, sensor_force=force, compensated_force=out))
+    )
+    assert told is not None and told.gross == (given not in ("filter", "offset"))
 
 
 def test_a_satellite_that_counts_its_time_coarsely_is_a_gap_of_its_software(good):

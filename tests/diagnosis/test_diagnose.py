@@ -187,6 +187,14 @@ def test_headlines():
     assert told(finding((), ())) == (
         "No unmodelled effect is needed: the calibrated model explains the logs (probability 90 %)."
     )
+    strayed = {
+        "before": 1.19, "after": 1.19, "noise_floor": 0.22, "closure": 0.0, "interval": [-0.01, 0.01],
+        "recalibration_only": 0.0,
+    }  # fmt: skip
+    assert told(finding((), ()), how_far=lambda study, found: strayed).startswith(
+        "The runs that were fitted show no effect (probability 90 %), but on runs that no fit saw the error "
+        "is 5.4 times the noise:"
+    )
     hinted = finding(("sensor.dropout",), (), 0.52)
     hint, other = hinted.candidates
     assert told(replace(hinted, effects=(), candidates=(hint, replace(other, effects=())))) == (

@@ -161,6 +161,24 @@ def test_a_fit_finds_what_the_true_parameters_allow(name, theta):
     assert fit.cost < none.cost - 40.0
 
 
+def test_an_effect_takes_over_what_a_calibrated_number_strays_by():
+    """Both do the same, so that derivatives about where the number strays promise next to nothing."""
+    own = lab(["contact.wall-offset", "contact.viscoelastic"], (1.2e-4, 0.2, 0.007))
+    model, (offset, relaxing) = (
+        RigModel(own, own.runs),
+        map(catalogue().get, ("contact.wall-offset", "contact.viscoelastic")),
+    )
+    fitter = Fitter(model)
+    begun = fitter.starts(relaxing)[0]
+    without = fitter.fit((relaxing,), start=begun)
+    strayed = without.deviation["front_wall"]
+    assert abs(strayed) > 5.0
+    cost, base, start = fitter.screen(offset, [fitter.base((relaxing,), without.z)])
+    assert cost < without.cost - 0.8 * strayed**2
+    fit = fitter.fit((relaxing, offset), base.z[: len(fitter.nominal)], np.append(base.z[-2:], start))
+    assert fit.theta[-1] == pytest.approx(1.2e-4, rel=0.1) and fit.cost < without.cost - 20.0
+
+
 @pytest.mark.parametrize("frequency", [13.05, 28.6, 50.1])
 def test_an_appendage_is_found_at_any_frequency(frequency):
     own = lab(["dynamics.appendage"], (0.08, frequency))

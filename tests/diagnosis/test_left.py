@@ -66,6 +66,16 @@ def test_what_happens_once_or_in_every_contact_is_seen():
     assert repeated(plain, masks) < 5.0 and repeated(again, masks) > 50.0
 
 
+@pytest.mark.parametrize("noise", [1.0, 1.3, 2.0])
+def test_a_louder_noise_is_nothing_that_contacts_repeat(noise):
+    rng = np.random.default_rng(8)
+    touching = [np.arange(3000) % 150 < 40] * 3
+    runs = [noise * rng.standard_normal(3000) for _ in touching]
+    assert repeated(runs, touching) < 12.0
+    shape = 1.5 * noise * np.exp(-(np.arange(3000) % 150) / 5.0)
+    assert repeated([r + shape for r in runs], touching) > 40.0
+
+
 def test_a_noise_that_is_half_as_large_again_is_no_structure():
     rng = np.random.default_rng(8)
     white = [rng.standard_normal(3000) for _ in range(3)]

@@ -65,6 +65,40 @@ def test_an_effect_of_prior_size_shows(effect):
     assert shown > 1.0
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("contact.asymmetry", "contact.plasticity"),
+        ("contact.friction", "contact.hertz"),
+        ("contact.softening", "structure.compliance"),
+    ],
+)
+def test_laws_of_a_contact_act_in_their_own_order(names):
+    own = study(ticks=1200)
+    model = RigModel(own, own.runs)
+    ahead, back = (tuple(catalogue()[name] for name in order) for order in (names, names[::-1]))
+    sizes = {name: [one.starts[0] if one.starts else one.scale for one in catalogue()[name].parameters]
+             for name in names}  # fmt: skip
+    plain, other = (
+        model.replay(0, {}, effects, np.concatenate([sizes[one.id] for one in effects]))
+        for effects in (ahead, back)
+    )
+    assert np.array_equal(plain, other)
+
+
+def test_a_softer_frame_is_softer_for_all_laws():
+    own = study(ticks=1200)
+    model = RigModel(own, own.runs)
+    laws = catalogue()["contact.plasticity"], catalogue()["structure.compliance"]
+    theta = np.array([0.08, 1e-6])
+    softer = {"contact_stiffness": 0.9 * own.nominal["contact_stiffness"].value}
+    front = model.replay(0, {}, (*laws, catalogue()["contact.asymmetry"]), np.append(theta, 0.1))
+    both = model.replay(0, softer, laws, theta)
+    first = slice(0, int(np.argmax(front[7] < own.nominal["rear_wall"].value)) or 1200)
+    assert np.abs(both[6][first]).max() > 50.0
+    assert front[6][first] == pytest.approx(both[6][first], rel=1e-9, abs=1e-9)
+
+
 def test_adhesion_pulls_only_while_the_surfaces_part():
     own = study()
     model = RigModel(own, own.runs[:1])
