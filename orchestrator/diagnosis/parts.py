@@ -29,7 +29,7 @@ class Parts:
     """Analyses of a study. All but `weigh` are given the finding, too; None leaves one out.
 
     Attributes:
-        weigh: which effects cause the gap; is given training runs only.
+        weigh: which effects cause the gap; is given all runs, and fits to train runs alone.
         where: shares of the held-out closed-loop gap by place, adding up to 1.
         ledger: excess residual energy: component, phase, band, share; the shares add up to 1.
         energy: energy balance of contacts.

@@ -238,7 +238,8 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
     told = [
         f"Fits saw {', '.join(roles[Role.TRAIN])} only; "
         + (
-            f"closure is measured on {', '.join(roles[Role.HELDOUT])}."
+            f"closure is measured on {', '.join(roles[Role.HELDOUT])}, and what an answer leaves is looked "
+            "for in all runs."
             if roles[Role.HELDOUT]
             else "nothing is held out."
         ),

@@ -1,4 +1,4 @@
-"""Which effects cause the gap: weigh all of the catalogue against the train runs of a study."""
+"""Which effects cause the gap: weigh all of the catalogue against the runs of a study."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ _NAMED, _NAMED_BESIDE = math.e, 1.5
 def weigh(study: Study) -> Finding:
     """Find which effects cause the gap.
 
-    Only train runs are used. The groups of logs, satellite software, controller software, and the chain from
+    Numbers are fitted to train runs, and effects weighed by them, alone; what answers leave unexplained is
+    looked at in all runs. The groups of logs, satellite software, controller software, and the chain from
     link to sensor, are weighed apart; the probability of an answer is the product of theirs.
     """
     with threadpool_limits(limits=1, user_api="blas"):
