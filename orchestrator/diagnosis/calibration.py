@@ -42,6 +42,8 @@ _ASTRAY = 4.0
 _ORDINARY = 0.2
 # Where the learning of `Calibration.slopes` begins.
 _SLOPE = 0.35
+# Of ln(1 + u), see `Calibration`: what right answers hardly ever leave.
+_FAR = 2.5
 # What comes with the product.
 FILE = Path(__file__).parent / "calibration.json"
 
@@ -109,12 +111,12 @@ class Calibration:
     about as strong, as a third `further`, and more the seldomer it stays unseen.
     Something outside the catalogue scores what the best answer of its group has, less `outside`, plus what
     answers lack: `slopes` times ln(1 + u), u a part of the unexplained log likelihood over what is usual (see
-    `usual`), `slope` times that of what has no parts and of what no answer could explain,
-    plus the log likelihood that what an answer holds to be random is not, plus `several` for a second effect
-    that it sees, and `many` for each beyond it: combinations rarely are what they imitate. Of the odds of
-    outside over answers that lack so much the harmonic mean counts, weighted by their probabilities: one
-    likely answer that lacks nothing speaks against outside. A share `floor` of the probability is spread
-    evenly.
+    `usual`), `slope` times that of what has no parts and of what no answer could explain, `beyond` times how
+    far the largest is above what right answers leave, plus the log likelihood that what an answer holds to be
+    random is not, plus `several` for a second effect that it sees, and `many` for each beyond it:
+    combinations rarely are what they imitate. Of the odds of outside over answers that lack so much the
+    harmonic mean counts, weighted by their probabilities: one likely answer that lacks nothing speaks against
+    outside. A share `floor` of the probability is spread evenly.
 
     A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
     not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
@@ -141,6 +143,7 @@ class Calibration:
     fainter: float = 1.0
     outside: float = 8.0
     slope: float = 1.5
+    beyond: float = 1.0
     several: float = 1.0
     many: float = 2.0
     sure: float = 0.95
@@ -244,7 +247,8 @@ class Calibration:
         more = of.seen - 1.0
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
         u = np.maximum(of.whole - of.astray, 0.0) + np.expand_dims(beside, -1)
-        lacks = of.lacks @ np.asarray(self.slopes) + self.slope * np.log1p(u / of.usual) + of.odd
+        lacks = of.lacks @ np.asarray(self.slopes) + self.beyond * np.maximum(of.lacks.max(-1) - _FAR, 0.0)
+        lacks = lacks + self.slope * np.log1p(u / of.usual) + of.odd
         lacks = lacks + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
         outside = logsumexp(priced, -1, keepdims=True) - logsumexp(priced - lacks, -1, keepdims=True)
         outside = outside + top - self.outside
@@ -272,7 +276,7 @@ class Calibration:
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
         """Write what was learned, and how."""
-        text = json.dumps({"format": "weigh/15", **asdict(self), "provenance": provenance}, indent=1)
+        text = json.dumps({"format": "weigh/16", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
 

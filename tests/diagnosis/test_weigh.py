@@ -444,7 +444,7 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
     command = [sys.executable, "-m", "orchestrator.diagnosis.calibrate", *options]
     subprocess.run(command, check=True, capture_output=True)
     made = json.loads(out.read_text())
-    assert made["format"] == "weigh/15" and made["provenance"]["seed"] == 5
+    assert made["format"] == "weigh/16" and made["provenance"]["seed"] == 5
     weighed = json.loads(seen.read_text())
     assert (
         sorted(weighed["cases"]) == ["1", "2"] and len(weighed["forms"]) == made["provenance"]["forms"] == 1
