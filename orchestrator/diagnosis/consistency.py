@@ -27,9 +27,9 @@ _SHIFTS = 50
 _TOGETHER, _OFF = 50, 0.1
 # Effects that come to mind change the satellite's mass by less than these.
 _MASS = (0.4, 2.5)
-# A controller that passes the force on in another way than it should out of contact: so many ticks of its
-# past explain such a share of what it gives, so many ticks after a contact, with a gain near one.
-_PAST, _EXPLAINED, _QUIET, _GAIN = 20, 0.8, 50, (0.3, 3.0)
+# A controller that does something of its own out of contact still gives about the force, contacts included:
+# with such a gain, and such a correlation.
+_GAIN, _ALIKE = (0.3, 3.0), 0.8
 # Of the contact's stiffness, as force over way tells it; sensors and frames may be far from nominal.
 _STIFFNESS = (0.05, 20.0)
 _ESTIMATE = (0.3, 2.5)
@@ -205,32 +205,14 @@ def _force_out_of_contact(study: Study, run: Run) -> _Broken | None:
     if len(wrong) <= 0.2 * len(free):
         return None
     row = int(wrong[0])
+    slope, correlation = _line(sensor, out)
     return _Broken(
         ("sensor_force", "compensated_force"),
         row,
         f"out of contact the controller passes the force on, but sensor_force is {sensor[row]:.6g} N and "
         f"compensated_force {out[row]:.6g} N",
-        gross=not _passed_on(sensor, out),
+        gross=not _GAIN[0] <= slope <= _GAIN[1] or correlation < _ALIKE,
     )
-
-
-def _passed_on(sensor: Array, out: Array) -> bool:
-    """Whether what a controller gives out of contact follows from the force, if not as it should.
-
-    A filter, a gain or an offset of its own is something that no catalogue holds, and no mistake in the log.
-    """
-    tick = np.arange(len(sensor))
-    since = tick - np.maximum.accumulate(np.where(np.abs(sensor) > IN_CONTACT, tick, 0))
-    rows = np.flatnonzero(since > _QUIET)
-    if len(rows) < 5 * _PAST:
-        return False
-    past = np.stack([sensor[rows - lag] for lag in range(_PAST)], axis=1)
-    given = out[rows] - out[rows].mean()
-    columns = past - past.mean(axis=0)
-    weights = np.linalg.lstsq(columns, given, rcond=None)[0]
-    left = given - columns @ weights
-    follows = float(left @ left) <= (1.0 - _EXPLAINED) * float(given @ given)
-    return follows and _GAIN[0] <= float(weights.sum()) <= _GAIN[1]
 
 
 def _first_motion(study: Study, run: Run) -> _Broken | None:

@@ -71,15 +71,16 @@ def test_what_else_pushes_the_satellite_slowly_is_no_mistake_of_columns(good, si
     assert (_force_of_velocity(good, moved) is None) is fits
 
 
-@pytest.mark.parametrize("given", ["filter", "offset", "noise", "sign", "thousandth"])
+@pytest.mark.parametrize("given", ["filter", "offset", "dither", "noise", "sign", "thousandth"])
 def test_a_controller_that_passes_the_force_on_in_its_own_way_is_no_bad_data(good, given):
-    """A filter of its own rings on after a contact; what does not follow from the force is refused."""
+    """A filter of its own rings on after a contact; what is not about the force is refused."""
     rng = np.random.default_rng(4)
     run = good.runs[0]
     force = run["sensor_force"] + 0.5 * rng.standard_normal(len(run))
     out = {
         "filter": lfilter([0.8, -0.1, 0.05], [1.0, -0.2, 0.05], force),
         "offset": force + 0.3,
+        "dither": force + 2.0 * rng.standard_normal(len(run)),
         "noise": 0.5 * rng.standard_normal(len(run)),
         "sign": -force,
         "thousandth": 1e-3 * force,
@@ -87,7 +88,7 @@ def test_a_controller_that_passes_the_force_on_in_its_own_way_is_no_bad_data(goo
     told = _force_out_of_contact(
         good, replace(run, columns=dict(run.columns, sensor_force=force, compensated_force=out))
     )
-    assert told is not None and told.gross == (given not in ("filter", "offset"))
+    assert told is not None and told.gross == (given not in ("filter", "offset", "dither"))
 
 
 def test_a_satellite_that_counts_its_time_coarsely_is_a_gap_of_its_software(good):
