@@ -57,7 +57,8 @@ def _answer(diagnosis: Diagnosis) -> str:
                 f"No effect is named: the logs hint at {likelier} ({percent(hint.probability)}), but by less "
                 f"than a nat over none ({percent(first.probability)})."
             )
-        if gap is not None and _strays(gap):
+        explained = all(value <= MUCH for value in at_ports(diagnosis).values())
+        if gap is not None and explained and _strays(gap):
             text = (
                 f"The runs that were fitted show no effect ({chance}), but on runs that no fit saw "
                 f"the error is {_times(gap)} the noise: something acts there that shows in them alone, as a "
