@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from .catalogue import catalogue
@@ -58,10 +59,12 @@ def _answer(diagnosis: Diagnosis) -> str:
                 f"than a nat over none ({percent(first.probability)})."
             )
         explained = all(value <= MUCH for value in at_ports(diagnosis).values())
-        if gap is not None and explained and _strays(gap):
+        times = 0.0 if gap is None else _strayed(gap)
+        if explained and times > _STRAYS:
+            larger = f"{times:.1f} times" if math.isfinite(times) else "beyond"
             text = (
                 f"The runs that were fitted show no effect ({chance}), but on runs that no fit saw "
-                f"the error is {_times(gap)} the noise: something acts there that shows in them alone, as a "
+                f"the error is {larger} the noise: something acts there that shows in them alone, as a "
                 "limit that only they reach. Give one of them the role train."
             )
         if diagnosis.doubtful_tolerances:
@@ -129,17 +132,11 @@ def _contradicted(gap: Gap) -> bool:
     return gap.closure < 0.0 and (gap.interval is None or gap.interval[1] < 0.0)
 
 
-def _strays(gap: Gap) -> bool:
-    """Whether held-out runs stray from the calibrated model by much more than repeats do."""
+def _strayed(gap: Gap) -> float:
+    """Error of the calibrated model on held-out runs over the noise; 0 where it is within, or unknown."""
     if gap.within_floor or not gap.noise_floor or gap.before is None:
-        return False
-    return gap.after is None or gap.after > _STRAYS * gap.noise_floor
-
-
-def _times(gap: Gap) -> str:
-    if gap.after is None or not gap.noise_floor:
-        return "beyond"
-    return f"{gap.after / gap.noise_floor:.1f} times"
+        return 0.0
+    return math.inf if gap.after is None else gap.after / gap.noise_floor
 
 
 def given(diagnosis: Diagnosis) -> Which:

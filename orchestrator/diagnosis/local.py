@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .misfit import answering, louder, noise_beside, stretches
+from .misfit import louder, noises_beside, stretches
 from .study import Array
 
 __all__ = ["loudest", "repeated"]
@@ -50,9 +50,7 @@ def repeated(channels: Sequence[Array], touching: Sequence[Array]) -> float:
         channels: residuals over their noise, by run; touching: whether the rod touches at each tick, by run.
     """
     found = 0.0
-    noises = [
-        noise_beside(r, answering(touched)[: len(r)]) for r, touched in zip(channels, touching, strict=True)
-    ]
+    noises = noises_beside(channels, touching)
     for (before, after), end in ((_BEGINS, False), (_ENDS, True)):
         parts = []
         for r, touched, noise in zip(channels, touching, noises, strict=True):

@@ -11,11 +11,12 @@ from scipy.stats import t as student
 from .study import Array
 
 __all__ = [
+    "LOUDER",
     "answering",
     "hum",
     "in_contact",
     "louder",
-    "noise_beside",
+    "noises_beside",
     "stretches",
     "uneven",
     "unexplained",
@@ -24,7 +25,7 @@ __all__ = [
 
 _BLOCKS = (1, 4, 16, 64, 256)
 # Of noise's square over what is specified; and the largest gain that noise has in a channel by chance [nats].
-_LOUDER, _CHANCE = 1.5, 1.0
+LOUDER, _CHANCE = 1.5, 1.0
 # The same within contacts, which go on for some ticks in the sensor's filter; shorter ones tell nothing.
 _WITHIN, _AFTER, _SHORTEST = (1, 2, 4, 8, 16), 12, 8
 # Samples out of contact that tell how large a noise is.
@@ -72,7 +73,7 @@ def unexplained(channels: Sequence[Array]) -> float:
     """
     total = 0.0
     for r in channels:
-        gains, noise = [0.0], _LOUDER
+        gains, noise = [0.0], LOUDER
         for length in _BLOCKS:
             sums = _sums(r, length)
             if len(sums) < 4:
@@ -82,17 +83,23 @@ def unexplained(channels: Sequence[Array]) -> float:
                 return math.inf
             gains.append(louder(len(sums), q / noise))
             if length == 1:
-                noise = min(max(q, 1.0), _LOUDER)
+                noise = min(max(q, 1.0), LOUDER)
         total += max(max(gains) - _CHANCE, 0.0)
     return total
 
 
-def noise_beside(r: Array, within: Array) -> float:
-    """Deviation of residuals where a condition does not hold; 1, as specified, if it is less.
+def noises_beside(channels: Sequence[Array], touching: Sequence[Array]) -> list[float]:
+    """Deviation of residuals out of contact, by run; 1, as specified, if it is less.
 
     Args:
-        r: residuals over their noise; within: whether it holds at each tick; shapes (n,).
+        channels: residuals over their noise, by run; touching: whether the rod touches at each tick.
     """
+    return [
+        _noise_beside(r, answering(touched)[: len(r)]) for r, touched in zip(channels, touching, strict=True)
+    ]
+
+
+def _noise_beside(r: Array, within: Array) -> float:
     out = r[~within]
     return math.sqrt(max(float(np.mean(out**2)), 1.0)) if len(out) > _TELLING else 1.0
 
@@ -110,7 +117,7 @@ def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
         within = answering(touched)[: len(r)]
         if not np.isfinite(r).all():
             return math.inf
-        noise = noise_beside(r, within)
+        noise = _noise_beside(r, within)
         parts += [part / noise for part in (r[one] for one in stretches(within)) if len(part) >= _SHORTEST]
     gains = [0.0]
     for length in _WITHIN:

@@ -12,7 +12,7 @@ from .benign import Weighing, Weighted, touching
 from .colour import Colour, whitened
 from .fit import Fit, Fitter
 from .local import loudest, repeated
-from .misfit import answering, in_contact, louder, noise_beside, unexplained
+from .misfit import LOUDER, in_contact, louder, noises_beside, unexplained
 from .study import Array
 
 __all__ = ["KINDS", "Remains", "bent", "own_error", "remains"]
@@ -27,8 +27,6 @@ KINDS = (
 )
 # Roughness that strays by more, against what is usual, is none [nats].
 _ROUGHER = 20.0
-# Square of the force's noise over what is specified that is still noise.
-_LOUDEST = 1.5
 
 
 class Remains(NamedTuple):
@@ -73,8 +71,7 @@ def remains(
     """
     left = fitter.marginal.left(fit.residuals)
     moves, forces, touched = left[0::2], whitened(left[1::2], colour), touching(weighing.model, fit)
-    quiet = [noise_beside(r, answering(one)[: len(r)]) for r, one in zip(forces, touched, strict=True)]
-    noise = math.sqrt(min(float(np.mean(np.square(quiet))), _LOUDEST))
+    noise = math.sqrt(min(float(np.mean(np.square(noises_beside(forces, touched)))), LOUDER))
     moved, pushed = any_law(weighing.model, fitter, fit, weighing.weights, colour, chosen, noise)
     return Remains(
         encoder=unexplained(moves),
