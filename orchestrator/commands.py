@@ -63,7 +63,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         help="write results, summary and figures to this folder; with several systems, one folder each in it",
     )
     parser.add_argument(
-        "--format", default="csv", metavar="LIST", help="formats besides results.arrow: csv, parquet, mat"
+        "--format", default="csv", metavar="LIST", help="formats besides results.arrow: csv, parquet, mat, h5"
     )
     parser.add_argument(
         "--no-halving", action="store_true", help="do not run again with half the step size for `numerics`"
@@ -95,7 +95,7 @@ def add_stability_arguments(parser: argparse.ArgumentParser) -> None:
 def add_export_results_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator export-results`."""
     parser.add_argument("folder", metavar="DIR", help="what `run --out` wrote to, or an .arrow file in it")
-    parser.add_argument("--format", default="csv", metavar="LIST", help="formats: csv, parquet, mat")
+    parser.add_argument("--format", default="csv", metavar="LIST", help="formats: csv, parquet, mat, h5")
     add_json(parser)
 
 

@@ -1,4 +1,4 @@
-"""Result files: Arrow, CSV, Parquet and MAT. All hold names, units and numbers that read back exactly."""
+"""Result files: Arrow, CSV, Parquet, MAT and HDF5. All hold names, units and exact numbers."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import io
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -17,6 +18,7 @@ from .errors import ConfigError, Problem, listed
 from .stream import StreamWriter
 
 if TYPE_CHECKING:
+    import h5py
     import pyarrow as pa
 
 __all__ = [
@@ -31,14 +33,15 @@ __all__ = [
     "write",
     "write_arrow",
     "write_csv",
+    "write_hdf5",
     "write_mat",
     "write_parquet",
 ]
 
 Array = NDArray[Any]
-FORMATS = ("arrow", "csv", "parquet", "mat")
+FORMATS = ("arrow", "csv", "parquet", "mat", "h5")
 TIME = "time"
-ABOUT = "orchestrator"  # where Arrow and Parquet files hold parameters and provenance
+ABOUT = "orchestrator"  # where Arrow, Parquet and HDF5 files hold parameters and provenance
 _ROWS, _ROWS_OF_GROUP = 4096, 1 << 17
 
 
@@ -65,6 +68,9 @@ def check_formats(names: Iterable[str]) -> tuple[str, ...]:
     unknown = [name for name in wanted if name not in FORMATS]
     if unknown:
         raise ConfigError([Problem("", f"no format {listed(unknown)}", f"formats: {listed(FORMATS)}")])
+    if "h5" in wanted and find_spec("h5py") is None:
+        remedy = "pip install 'orchestrator[logs]'"
+        raise ConfigError([Problem("", "format h5 needs h5py, which is not installed", remedy=remedy)])
     return wanted
 
 
@@ -93,7 +99,13 @@ def blocks(columns: Mapping[str, Array]) -> Iterator[pa.RecordBatch]:
 
 def write(path: Path, recorded: Recorded) -> None:
     """Write a file in the format of its suffix. Raises: ValueError if there is no such format."""
-    writers = {".arrow": write_arrow, ".csv": write_csv, ".parquet": write_parquet, ".mat": write_mat}
+    writers = {
+        ".arrow": write_arrow,
+        ".csv": write_csv,
+        ".parquet": write_parquet,
+        ".mat": write_mat,
+        ".h5": write_hdf5,
+    }
     if path.suffix not in writers:
         raise ValueError(f"no format {path.suffix!r}; formats: {', '.join(FORMATS)}")
     writers[path.suffix](path, recorded)
@@ -104,7 +116,7 @@ def read(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str,
 
     Raises: OSError or ValueError if it cannot be read.
     """
-    readers = {".csv": _read_csv, ".parquet": _read_parquet, ".mat": _read_mat}
+    readers = {".csv": _read_csv, ".parquet": _read_parquet, ".mat": _read_mat, ".h5": _read_hdf5}
     if path.suffix not in readers:
         raise ValueError(f"no format {path.suffix!r}; formats: {', '.join(FORMATS)}")
     return readers[path.suffix](path)
@@ -265,3 +277,60 @@ def _read_mat(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict
         signals[name] = np.atleast_1d(content[group][key])
         units[name] = str(content["units"][group][key]) if len(content["units"][group][key]) else ""
     return np.atleast_1d(content[TIME]), signals, units, json.loads(str(content["run"]))
+
+
+# HDF5
+
+
+def write_hdf5(path: Path, recorded: Recorded) -> None:
+    """Write an HDF5 file: `/time`, a group per instance, and the unit as attribute of each dataset.
+
+    Raises: ImportError without h5py.
+    """
+    import h5py
+
+    about = {"parameters": recorded.parameters, "provenance": recorded.provenance}
+    rows = len(recorded.time)
+    with h5py.File(path, "w", track_order=True) as file:
+        file.attrs[ABOUT] = json.dumps(strict(about), allow_nan=False)
+        made = [file.create_dataset(TIME, (rows,), np.float64)]
+        made[0].attrs["unit"] = "s"
+        for name, kind in recorded.types.items():
+            one = file.create_dataset(_inside(file, name), (rows,), kind)
+            one.attrs.update(name=name, unit=recorded.units.get(name, ""), place=len(made))
+            made.append(one)
+        first = 0
+        for block in recorded.blocks():
+            for one, column in zip(made, block.columns, strict=True):
+                one[first : first + block.num_rows] = column.to_numpy(zero_copy_only=False)
+            first += block.num_rows
+
+
+def _inside(file: h5py.File, name: str) -> str:
+    """Where a signal stands: `instance/variable`, with underscores for slashes, and after what is taken."""
+    instance, dot, variable = name.replace("/", "_").partition(".")
+    while instance in file and (not dot or not hasattr(file[instance], "keys")):
+        instance += "_"
+    while dot and f"{instance}/{variable}" in file:
+        variable += "_"
+    return instance + dot.replace(".", "/") + variable
+
+
+def _read_hdf5(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str, Any]]:
+    import h5py
+
+    with h5py.File(path) as file:
+        if ABOUT not in file.attrs:
+            raise ValueError("it was not written by this package")
+        found: list[tuple[int, str, Array, str]] = []
+
+        def visit(_: str, node: h5py.Dataset | h5py.Group) -> None:
+            if "place" in node.attrs:
+                kept = node.attrs
+                found.append((int(kept["place"]), str(kept["name"]), node[()], str(kept["unit"])))
+
+        file.visititems(visit)
+        found.sort(key=lambda one: one[0])
+        signals = {name: values for _, name, values, _ in found}
+        units = {name: unit for _, name, _, unit in found}
+        return file[TIME][()], signals, units, json.loads(file.attrs[ABOUT])

@@ -166,7 +166,7 @@ class Results:
             yield _arrays(pa.Table.from_batches(held))
 
     def write(self, path: Path) -> None:
-        """Write a file whose suffix is arrow, csv, parquet or mat."""
+        """Write a file whose suffix is arrow, csv, parquet, mat or h5."""
         formats.write(path, self)
 
     def to_csv(self, path: Path | str) -> None:
@@ -180,6 +180,10 @@ class Results:
     def to_mat(self, path: Path | str) -> None:
         """Write a MATLAB 5 file: a vector `time` and a struct per instance, and the same again for units."""
         formats.write_mat(Path(path), self)
+
+    def to_hdf5(self, path: Path | str) -> None:
+        """Write HDF5 (needs h5py): `/time`, a group per instance, units as attributes."""
+        formats.write_hdf5(Path(path), self)
 
 
 def _arrays(table: pa.Table) -> dict[str, NDArray[Any]]:

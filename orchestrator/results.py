@@ -199,8 +199,8 @@ def read_results(path: Path | str) -> Results:
     """Read results back, those of a run that goes on or was killed, too.
 
     Args:
-        path: a folder that `orchestrator run --out` wrote, or a file: arrow, csv, parquet or mat. What is cut
-            off at its end is left out. Large Arrow files stay on disk; columns are read when asked for.
+        path: a folder that `orchestrator run --out` wrote, or a file: arrow, csv, parquet, mat or h5. What is
+            cut off at its end is left out. Large Arrow files stay on disk; columns are read when asked for.
     Raises: OrchestratorError if it cannot be read.
     """
     path = Path(path)

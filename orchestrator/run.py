@@ -70,7 +70,7 @@ def run(
         out: folder to write to; nothing is written without it.
         overrides: for example ("robot.tau_m=6 ms",).
         halving: whether to make the second run, the source of `numerics`.
-        formats: files to write besides results.arrow, which the run fills as it goes: csv, parquet, mat.
+        formats: files to write besides results.arrow, which the run fills as it goes: csv, parquet, mat, h5.
         figures: whether to draw, if `out` is given.
         progress: whether to show a bar on a terminal.
     Returns: results and summary.

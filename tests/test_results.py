@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from orchestrator import formats
 from orchestrator.assembly import Part, assemble
-from orchestrator.errors import OrchestratorError
+from orchestrator.diagnosis.logs import read_log
+from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.master import create_master
 from orchestrator.results import Recorder, Results, parameters_of, read_results
 from orchestrator.simulate import Grid, simulate
@@ -73,6 +74,31 @@ def test_mat_holds_a_struct_per_instance(tmp_path):
     assert content["units"]["robot"]["x_1_2_"] == "N.s/m"
 
 
+def test_hdf5_holds_a_group_per_instance_and_is_a_log(tmp_path):
+    import h5py
+
+    names = ("time.a", "a/b.c", "a_b.c", "a_b")
+    awkward = {name: np.arange(3.0) + at for at, name in enumerate(names)}
+    Results(np.arange(3.0), {**SAMPLE.signals, **awkward}, SAMPLE.units).to_hdf5(tmp_path / "x.h5")
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert file["robot/position"][()].tolist() == SAMPLE["robot.position"].tolist()
+        assert file["robot/position"].attrs["unit"] == "m" and file["time"].attrs["unit"] == "s"
+    again = read_results(tmp_path / "x.h5")
+    assert list(again.signals) == [*SAMPLE.signals, *awkward]
+    assert all(again[name].tolist() == values.tolist() for name, values in awkward.items())
+    log = read_log(tmp_path / "x.h5")
+    assert log["robot.position"].unit == "m" and log["time"].unit == "s"
+
+
+def test_hdf5_without_its_package_is_refused_before_a_run(monkeypatch):
+    monkeypatch.setattr(formats, "find_spec", lambda name: None)
+    with pytest.raises(ConfigError) as caught:
+        formats.check_formats(["csv", "h5"])
+    assert str(caught.value) == (
+        "format h5 needs h5py, which is not installed\n  pip install 'orchestrator[logs]'"
+    )
+
+
 @pytest.mark.parametrize("suffix", ["arrow", "csv"])
 @given(values=st.lists(st.floats(allow_nan=False), min_size=1, max_size=600))
 def test_numbers_are_exact(tmp_path_factory, suffix, values):
@@ -100,7 +126,7 @@ def test_files_that_hold_no_results(tmp_path):
     (tmp_path / "y.csv").write_text("a,b\n1,2,3\n")
     with pytest.raises(OrchestratorError, match=r"3 columns under 2 names"):
         read_results(tmp_path / "y.csv")
-    with pytest.raises(OrchestratorError, match=r"no format '\.txt'; formats: arrow, csv, parquet, mat"):
+    with pytest.raises(OrchestratorError, match=r"no format '\.txt'; formats: arrow, csv, parquet, mat, h5"):
         read_results(tmp_path / "z.txt")
 
 
