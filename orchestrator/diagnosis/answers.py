@@ -75,6 +75,7 @@ class Group:
             leave; place: where.
         none: the fit of the calibration alone.
         misfit: mean square of what the best answer leaves, by place.
+        unjudged: why it is not judged on further runs what answers leave; "" if it is, or there are none.
     """
 
     answers: tuple[Answer, ...]
@@ -82,6 +83,7 @@ class Group:
     place: str
     none: Fit | None = None
     misfit: Mapping[str, float] | None = None
+    unjudged: str = ""
 
 
 def weigh_software(study: Study, place: str) -> Group:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
@@ -28,7 +29,8 @@ from ..workers import Pool, Work, pool_of
 from .answers import Answer, complete
 from .calibration import FILE, LEAVES, SET, Calibration, Table, own_gains
 from .challenge.draw import SHARES, Plan
-from .challenge.hidden import HARDWARE, HIDDEN
+from .challenge.hidden import HARDWARE, HIDDEN, SOFTWARE
+from .challenge.outside import OUTSIDE
 from .challenge.verdict import names
 from .hardware import weigh_rig
 from .practice import simulated_study
@@ -68,6 +70,8 @@ _USUAL = 3.0
 _TELLING, _FEW, _LARGEST = 1e4, 300.0, 0.1
 # Magnitudes at which each effect is practised on besides, so that what it leaves shows.
 _FORMS = (1.0, 0.5)
+# How often each known kind outside the catalogue is practised on, and the magnitudes that it has then.
+_TIMES, _FROM, _TO = 3, 0.03, 1.2
 
 
 @dataclass(frozen=True)
@@ -323,6 +327,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--bare", type=int, default=40, help="rigs that hide nothing, for the roughness")
     parser.add_argument("--forms", type=int, help="cases of one clear effect each; by default, two of each")
+    parser.add_argument("--kinds", type=int, help="known kinds outside the catalogue; by default, all")
     parser.add_argument("--seed", type=int, default=20261)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seen", type=Path, help="keep weighed cases here, and go on from those there")
@@ -359,12 +364,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cases = weighed("cases", Work(_practised, payload=(options.seed, rough)), numbers)
     every = product(sorted(one.id for one in HARDWARE), _FORMS)
     plans = {number: (number, *one) for number, one in enumerate(islice(every, options.forms), start=1)}
-    formed = weighed("forms", Work(_formed, payload=(options.seed + 2, rough)), plans)
+    formed = weighed("forms", Work(_hiding, payload=(options.seed + 2, rough)), plans)
+    odd = weighed("odd", Work(_hiding, payload=(options.seed + 3, rough)), _known_kinds(options.kinds))
     leaves = learn_leaves([*cases, *formed])
-    learned = learn(cases, Calibration(form=_FORM, leaves=leaves, roughness=rough))
+    learned = learn([*cases, *odd], Calibration(form=_FORM, leaves=leaves, roughness=rough))
     learned.save(
         options.out,
         cases=len(cases),
+        odd=len(odd),
         bare=options.bare,
         forms=len(plans),
         seed=options.seed,
@@ -378,9 +385,28 @@ def _practised(context: tuple[int, Mapping[str, Sequence[float]]], number: int) 
     return practise(*context, number)
 
 
-def _formed(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int, str, float]) -> Practice:
+def _hiding(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int, str, float]) -> Practice:
     number, name, magnitude = task
-    return practise(*context, number, Plan("single", (HIDDEN[name],), magnitude))
+    kind = "outside" if name in OUTSIDE else "single"
+    return practise(*context, number, Plan(kind, ((HIDDEN | OUTSIDE)[name],), magnitude))
+
+
+def _known_kinds(count: int | None) -> dict[int, tuple[int, str, float]]:
+    """Cases of the challenge's known kinds outside the catalogue, from strong to nearly none.
+
+    What a kind's cases are does not depend on which others there are.
+
+    Args:
+        count: of kinds; all by default.
+    """
+    plans = {}
+    for name in islice((name for name in sorted(OUTSIDE) if OUTSIDE[name].place not in SOFTWARE), count):
+        first = zlib.crc32(name.encode())
+        rng = np.random.default_rng(first)
+        for time in range(_TIMES):
+            share = (time + rng.random()) / _TIMES
+            plans[first + time] = (first + time, name, float(_FROM * (_TO / _FROM) ** share))
+    return plans
 
 
 def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[Any, Any]]:

@@ -27,6 +27,8 @@ __all__ = ["STAGES", "Diagnosed", "diagnose"]
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
 # What a diagnosis writes, but for practice.json, which the next one may go by.
 _FILES = (NAME, PAGE, AUGMENTED, EXPORTABLE)
+# What runs that no fit saw tell of something outside the catalogue.
+_JUDGED = "judging_by_held_out_runs"
 # Cases weighed in a practice that has not come to its end.
 _PRACTISED = "practice-cases.jsonl"
 
@@ -135,7 +137,7 @@ def _any_system(
 def _told(parts: Parts, study: Study, finding: Finding, progress: Report) -> Told:
     """What all analyses tell of a finding."""
     found: dict[str, Any] = {}
-    left_out: dict[str, str] = {}
+    left_out = {_JUDGED: finding.unjudged} if finding.unjudged else {}
     for stage, analyses in (
         ("where", ("where", "ledger", "energy")),
         ("how far", ("how_far",)),

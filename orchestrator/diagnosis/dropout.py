@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from .study import Array
 
-__all__ = ["held_longer", "lost_in_contact", "lost_in_flight", "piled"]
+__all__ = ["held_longer", "in_turn", "lost_in_contact", "lost_in_flight", "piled"]
 
 # Samples at the ends of a contact, where the force is not smooth.
 _ENDS = 3
@@ -19,6 +19,11 @@ _SELDOM = 2e-3
 # Samples so near an end of a run's range, in deviations of their noise, may be at the end by chance; and log
 # evidence from which on they are not [nats].
 _NEAR, _PILED = 3.0, 10.0
+# Variance of the distances of lost samples, or of those between, over what chance makes of it, below which
+# they are regular; and how many samples before one may tell whether it is lost.
+_REGULAR, _BEFORE = 0.7, 4
+# Fewer distances tell nothing of that.
+_FEWEST = 50
 
 
 def held_longer(
@@ -64,6 +69,39 @@ def piled(forces: Sequence[Array], step: float, noise: float) -> float:
                 )
                 total += max(n * told - 0.5 * math.log(n), 0.0)
     return total if total > _PILED else 0.0
+
+
+def in_turn(parts: Sequence[Array]) -> float:
+    """Log likelihood that samples are lost in turn, as where a sensor has a cycle of its own [nats].
+
+    Chance loses each whatever became of those before it; bursts of losses are none of it, and no turn.
+
+    Args:
+        parts: whether samples repeat the last one, by flight, shape (n,) each.
+    """
+    if not parts or not any(_even(parts, lost) for lost in (True, False)):
+        return 0.0
+    most = 0.0
+    for order in range(1, _BEFORE + 1):
+        counts = np.zeros((2**order, 2))
+        for part in parts:
+            if len(part) > order:
+                before = sum(part[at : len(part) - order + at].astype(int) << at for at in range(order))
+                np.add.at(counts, (before, part[order:].astype(int)), 1.0)
+        total, own = counts.sum(axis=0), counts.sum(axis=1, keepdims=True)
+        share = np.divide(counts, own, out=np.ones_like(counts), where=counts > 0.0)
+        told = float((counts * np.log(share)).sum() - (total * np.log(total / total.sum())).sum())
+        most = max(most, told - 0.5 * len(counts) * math.log(total.sum()))
+    return most
+
+
+def _even(parts: Sequence[Array], lost: bool) -> bool:
+    """Whether distances between lost samples, or between others, vary less than chance has them."""
+    distances = np.concatenate([np.diff(np.flatnonzero(part == lost)) for part in parts])
+    share = float(np.mean(np.concatenate(parts) == lost))
+    if len(distances) < _FEWEST or not 0.0 < share < 1.0:
+        return False
+    return float(np.var(distances)) < _REGULAR * (1.0 - share) / share**2
 
 
 def lost_in_flight(parts: Sequence[Array], step: float) -> tuple[float, float]:

@@ -68,6 +68,7 @@ class Finding:
         doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: of a
             docking rig, while no effect explains it; of other systems, with the answer's effects.
         misfit: mean square of what the answer leaves, normalised by the noise, by place.
+        unjudged: why runs that no fit saw do not tell what answers leave; "" if they do, or there are none.
     """
 
     candidates: tuple[Candidate, ...]
@@ -78,6 +79,7 @@ class Finding:
     recalibrated: Augmented
     doubtful_tolerances: bool = False
     misfit: Mapping[str, float] = field(default_factory=dict)
+    unjudged: str = ""
 
     @property
     def answer(self) -> Augmented:

@@ -55,6 +55,9 @@ _TOLD = 2.0
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
 # Not even wider tolerances make more strays than these ordinary.
 _ORDINARY = 3.0
+# Why what answers leave is not looked at in runs that no fit saw.
+_RANDOM = "which of their commands were lost or late is not known"
+_LIMITED = "they reach a limit that the train runs do not; give one of them the role train"
 
 
 def weigh_rig(
@@ -131,9 +134,13 @@ def _weigh(
     colour = last.colour if sensor.coloured == 1.0 else WHITE
     judge = Judge(weighing, fitter, colour)
     first, at_last = sensor.force, last
-    if lost is None and chance.log_evidence == 0.0 and len(model.study.runs) > len(model.runs):
-        # Of the link's randomness in further runs nothing is known.
-        judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
+    unjudged = ""
+    if len(model.study.runs) > len(model.runs):
+        if lost is None and chance.log_evidence == 0.0:
+            judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
+        else:
+            unjudged = _RANDOM
+        unjudged = _LIMITED if judge.limited else unjudged
     if judge.every is not None:
         first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
         # Where more runs make a small colour an effect, or a line hides it, it is what it was.
@@ -174,6 +181,7 @@ def _weigh(
         "link" if linked else _place(left, odd, colour, fitter.marginal.left(found.none.residuals)),
         found.none,
         misfit,
+        unjudged,
     )
 
 

@@ -1,7 +1,7 @@
 """Cases to practise on: the challenge's rig, with what its hardware hides, or what no catalogue holds.
 
-The kinds outside the catalogue are made here, by deforming what was logged, and are none of the challenge's
-own: those are kept for blind checks.
+Kinds outside the catalogue are made here, by deforming what was logged; others are those of the challenge's
+own that are known. Its fresh ones are kept for blind checks.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def simulated_study(
     """
     case = simulated_case(seed, number, tight, plan)
     logs = logged(case, roles)
-    if case.plan.kind == "outside":
+    if case.plan.kind == "outside" and case.plan.effects[0].id in _DEFORMED:
         logs = {index: _deformed(case, index, log) for index, log in logs.items()}
     return observed(case, logs), case.plan
 

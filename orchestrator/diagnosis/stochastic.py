@@ -10,7 +10,7 @@ import numpy as np
 
 from .benign import repeating, settled
 from .colour import COLOUR, WHITE, Colour, coloured, small_colour
-from .dropout import held_longer, lost_in_contact, lost_in_flight, piled
+from .dropout import held_longer, in_turn, lost_in_contact, lost_in_flight, piled
 from .misfit import hum, stretches, uneven, wave
 from .model import RigModel
 from .study import Array
@@ -40,7 +40,8 @@ class Noise:
         theta: its parameters.
         log_evidence: over its absence [nats].
         scale: by which the noise of its channel appears larger to a fit.
-        uneven: see `misfit.uneven`; a noise that comes and goes is something else.
+        uneven: see `misfit.uneven`, a noise that comes and goes is something else; of lost samples see
+            `dropout.in_turn`.
     """
 
     id: str
@@ -108,7 +109,8 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
             lost = certain
         evidence = max(evidence, 0.0) + sure
         if evidence > 0.0:
-            found.append(Noise("sensor.dropout", (lost,), evidence))
+            again = [one[window] for one, some in zip(repeats, windows, strict=True) for window in some]
+            found.append(Noise("sensor.dropout", (lost,), evidence, uneven=in_turn(again)))
     # Repeated samples are no samples of their own; where none are lost they are chance.
     parts = [
         r[window][~again[window]] if lost > 0.02 else r[window]

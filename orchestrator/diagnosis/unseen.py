@@ -64,12 +64,14 @@ class Judge:
     Attributes:
         weighing, fitter: by which fits were made; every: the same of all runs, if there are others.
         colour: small coloured noise of the force, see `stochastic.Force`.
+        limited: whether further runs reach a limit that the others do not, and so are left out.
     """
 
     weighing: Weighing
     fitter: Fitter
     colour: Colour
     every: _By | None = None
+    limited: bool = False
     _carried: dict[int, tuple[Fit, Array]] = field(default_factory=dict, compare=False, repr=False)
     _leaves: dict[int, tuple[Fit, Leaves]] = field(default_factory=dict, compare=False, repr=False)
 
@@ -87,7 +89,7 @@ class Judge:
         fitter = weighing.fitter()
         here, derivatives = fitter.carried(best)
         if _limited(weighing, fitter, here, derivatives):
-            return self
+            return replace(self, limited=True)
         return Judge(
             self.weighing, self.fitter, self.colour, _By(weighing, reckoned(weighing, here, _WAVIER))
         )

@@ -70,6 +70,7 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
         Augmented(rig.none.calibrated, (), np.zeros(0)),
         doubtful,
         misfit,
+        rig.unjudged,
     )
 
 

@@ -11,12 +11,12 @@ from scipy.signal import lfilter
 from orchestrator.diagnosis import benign
 from orchestrator.diagnosis.answers import Answer, Group, complete
 from orchestrator.diagnosis.benign import Weighing
-from orchestrator.diagnosis.calibration import Calibration
+from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.dropout import lost_in_contact, piled
+from orchestrator.diagnosis.dropout import in_turn, lost_in_contact, piled
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.links import search_behind
@@ -422,3 +422,30 @@ def test_looking_behind_a_random_link_leaves_the_rest_as_it_was():
         (correction, weighing.model.correction, behind.model.correction),
     ):
         assert all(map(np.array_equal, before, now)) and not any(map(np.array_equal, before, beyond))
+
+
+def test_samples_that_are_lost_in_turn_are_not_lost_by_chance():
+    rng = np.random.default_rng(5)
+    sizes = (900, 700, 60, 1200)
+    chance = [rng.random(n) < 0.25 for n in sizes]
+    bursts = [np.repeat(rng.random(n // 6) < 0.25, 6) for n in sizes]
+    assert in_turn(chance) == in_turn(bursts) == in_turn([]) == 0.0
+    for cycle in (1.3, 2.0, 2.37, 3.6):  # in ticks: a sample is new where a cycle ends within the tick
+        phases = rng.random(len(sizes)) * cycle
+        kept = [
+            np.diff(np.floor((np.arange(n) + phase) / cycle), prepend=-1.0) == 0.0
+            for n, phase in zip(sizes, phases, strict=True)
+        ]
+        noisy = [one | (rng.random(len(one)) < 0.05) for one in kept]
+        assert in_turn(kept) > 500.0 and in_turn(noisy) > 200.0, cycle
+
+
+def test_a_sensor_with_a_cycle_of_its_own_is_not_one_that_loses_samples():
+    odd, _ = simulated_study(77, 1, plan=Plan("outside", (OUTSIDE["sensor.own-cycle"],), 0.7))
+    lost, _ = simulated_study(77, 1, plan=Plan("single", (HIDDEN["sensor.dropout"],), 0.7))
+    for one, told in ((odd, True), (lost, False)):
+        group = weigh_rig(one)
+        assert "sensor.dropout" in group.answers[1].effects
+        assert (group.answers[1].odd > 500.0) == told
+        found = calibration().probabilities(group.answers, group.outside)[-1]
+        assert found > 0.99 if told else found < 0.2

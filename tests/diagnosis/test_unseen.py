@@ -13,13 +13,17 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.colour import WHITE
+from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.parts import Parts
 from orchestrator.diagnosis.practice import bare_study, simulated_study
 from orchestrator.diagnosis.remainder import Remains
+from orchestrator.diagnosis.report_text import text
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.unseen import Judge
+from orchestrator.diagnosis.weigh import conclude
 
 HALF = len(Remains._fields)
 
@@ -121,3 +125,14 @@ def test_samples_that_were_lost_tell_nothing_and_louder_ones_less(bare):
     assert weights[100] == 0.0 and plain[100] == moves[100] == 1.0
     kept = np.diff(force, prepend=np.nan) != 0.0
     assert np.array_equal(weights[kept], 0.5 * plain[kept])
+
+
+def test_runs_that_alone_reach_a_limit_judge_nothing_and_the_diagnosis_says_so():
+    study, _ = simulated_study(31, 3, plan=Plan("single", (HIDDEN["robot.rate-limit"],), 0.12))
+    group = weigh_rig(study)
+    assert group.unjudged.startswith("they reach a limit that the train runs do not")
+    assert all(one.parts[:HALF] == one.parts[HALF:] for one in group.answers if one.fit is not None)
+    alone = replace(study, runs=study.of(Role.TRAIN))
+    assert weigh_rig(alone).unjudged == ""
+    told = diagnose(study, parts=Parts(weigh=lambda _: conclude([group], calibration())))
+    assert f"left out: judging by held out runs: {group.unjudged}" in text(told)
