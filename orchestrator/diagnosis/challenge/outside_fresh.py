@@ -8,123 +8,118 @@ from __future__ import annotations
 
 import numpy as np
 
-from .hidden import Hidden, between, signed
+from .hidden import Hidden, between
 
 __all__ = ["FRESH"]
 
 
-def _shaper(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"shaper": min(size, 1.2) * between(rng, 0.12, 0.4), "shaper_time": between(rng, 1e-2, 3e-2)}
+def _sag(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"sag": min(size, 1.2) * between(rng, 0.1, 0.4), "sag_time": between(rng, 0.03, 0.2)}
 
 
-def _guard(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _stop(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # As set by someone who took the frames to stand further out.
+    return {"stop": size * between(rng, 0.01, 0.04), "stop_at": rng.uniform(4.4e-3, 5.1e-3)}
+
+
+def _unscrew(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"unscrew": size * between(rng, 4e-7, 1.6e-6)}
+
+
+def _lift(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "guard": min(size, 1.2) * between(rng, 0.15, 0.5),
-        "guard_force": between(rng, 8.0, 25.0),
-        "guard_time": between(rng, 0.02, 0.08),
+        "lift": size * between(rng, 2e-5, 8e-5),
+        "lift_rate": between(rng, 2e-3, 1e-2),
+        "lift_time": between(rng, 3e-3, 1.5e-2),
     }
 
 
-def _growth(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"growth": size * signed(rng) * between(rng, 8e-5, 3e-4), "growth_time": between(rng, 0.5, 2.5)}
+def _calm(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # Made for scales, whose display is to stand still.
+    lag = size * between(rng, 1.5, 6.0)  # where hardly anything moves [ticks]
+    return {"calm": lag / (1.0 + lag), "calm_step": between(rng, 4.0, 15.0)}
 
 
-def _hose(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _ring(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # On a rubber washer.
     return {
-        "hose": size * between(rng, 1.0, 3.5),
-        "hose_omega": 2.0 * np.pi * between(rng, 2.0, 6.0),
-        "hose_xi": between(rng, 0.03, 0.15),
+        "ring": size * between(rng, 0.22, 0.65),
+        "ring_omega": 2.0 * np.pi * between(rng, 35.0, 100.0),
+        "ring_xi": between(rng, 0.03, 0.12),
     }
 
 
-def _ranges(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _sampling(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # A thread reads it that others hold up.
+    return {"sampling": size * between(rng, 6e-4, 2.4e-3)}
+
+
+def _foil(rng: np.random.Generator, size: float) -> dict[str, float]:
+    at = between(rng, 4e-4, 1.5e-3)
     return {
-        "range_gain": size * signed(rng) * between(rng, 0.08, 0.25),
-        "range_force": between(rng, 15.0, 40.0),
+        "foil": size * between(rng, 5.0, 18.0),
+        "foil_at": at,
+        "foil_stretch": at * rng.uniform(0.6, 1.1),
     }
 
 
-def _bit(rng: np.random.Generator, size: float) -> dict[str, float]:
-    weight = float(rng.choice([6.4, 12.8, 25.6]))
+def _thick(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"thick": size * between(rng, 0.08, 0.3)}
+
+
+def _hook(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"hook": size * between(rng, 1.5, 6.0), "hook_reach": between(rng, 1e-4, 5e-4)}
+
+
+def _bridge(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # What it errs by grows with the square of the time.
     return {
-        "bit": size * signed(rng) * between(rng, 0.8, 3.0),
-        "bit_weight": weight,
-        "bit_at": weight * rng.uniform(0.2, 0.8),  # quiet where no force acts
+        "bridge": float(np.sqrt(size)) * between(rng, 6e-3, 1.4e-2),
+        "bridge_rate": between(rng, 4.0, 12.0),
     }
 
 
-def _wire(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _change(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"change": size * between(rng, 1.5e-5, 5e-5)}
+
+
+def _seek(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "wire": size * signed(rng) * between(rng, 1.5, 6.0),
-        "wire_rate": between(rng, 3.0, 12.0),
-        "wire_time": between(rng, 4e-3, 2e-2),
+        "seek": size * between(rng, 1.5, 5.0),
+        "seek_force": between(rng, 8.0, 25.0),
+        "seek_time": between(rng, 0.05, 0.4),
     }
 
 
-def _chatter(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {
-        "chatter": size * between(rng, 0.015, 0.06),
-        "chatter_omega": 2.0 * np.pi * between(rng, 35.0, 120.0),
-    }
+def _rubbed(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"rubbed": size * between(rng, 0.03, 0.12), "rubbed_force": between(rng, 0.3, 1.5)}
 
 
-def _pad(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"pad": size * between(rng, 0.25, 0.9), "pad_time": between(rng, 0.3, 1.2)}
+def _passive(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"passive": min(size, 1.2) * between(rng, 0.1, 0.4), "passive_from": rng.uniform(0.1, 0.5)}
 
 
-def _brush(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"brush": size * between(rng, 0.8, 3.0), "brush_reach": between(rng, 5e-4, 2e-3)}
-
-
-def _text(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"text": size * between(rng, 1e-4, 3.5e-4)}
-
-
-def _increments(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"increments": size * between(rng, 5e-3, 2e-2), "increments_key": between(rng, 0.03, 0.12)}
-
-
-def _spin(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {
-        "spin": size * between(rng, 0.03, 0.12),
-        "spin_omega": 2.0 * np.pi * between(rng, 0.2, 1.0),
-        "spin_phase": np.pi * rng.random(),
-    }
-
-
-def _stuck(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {
-        "stuck": size * signed(rng) * between(rng, 1.2, 4.0),
-        "stuck_from": rng.uniform(0.3, 1.5),
-        "stuck_time": between(rng, 0.3, 1.0),
-    }
-
-
-def _overrun(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"overrun": min(size, 1.2) * between(rng, 0.1, 0.4)}
-
-
-def _payload(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"payload": size * between(rng, 0.3, 1.2)}
+def _helped(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"helped": size * between(rng, 0.8, 3.0), "helped_rate": between(rng, 1e-3, 5e-3)}
 
 
 _ALL = (
-    Hidden("robot.input-shaper", _shaper),
-    Hidden("robot.collision-guard", _guard),
-    Hidden("structure.growth", _growth),
-    Hidden("structure.hose", _hose),
-    Hidden("sensor.two-ranges", _ranges),
-    Hidden("sensor.heavy-bit", _bit),
-    Hidden("sensor.loose-wire", _wire, chance=True),
-    Hidden("contact.chatter", _chatter),
-    Hidden("contact.dented-pad", _pad),
-    Hidden("contact.brush", _brush),
-    Hidden("link.text", _text),
-    Hidden("link.increments", _increments, chance=True),
-    Hidden("dynamics.spin", _spin),
-    Hidden("dynamics.stuck-valve", _stuck),
-    Hidden("controller.overrun", _overrun),
-    Hidden("controller.payload", _payload),
+    Hidden("robot.sagging-supply", _sag),
+    Hidden("robot.soft-stop", _stop),
+    Hidden("structure.unscrewing", _unscrew),
+    Hidden("structure.floating-slide", _lift),
+    Hidden("sensor.adaptive-filter", _calm),
+    Hidden("sensor.swinging-element", _ring),
+    Hidden("sensor.sampling-jitter", _sampling, chance=True),
+    Hidden("contact.foil", _foil),
+    Hidden("contact.stiffening-paste", _thick),
+    Hidden("contact.hook-tape", _hook),
+    Hidden("link.dead-reckoning", _bridge, chance=True),
+    Hidden("link.send-on-change", _change),
+    Hidden("dynamics.post-contact-thrust", _seek),
+    Hidden("dynamics.rubbing-hinge", _rubbed),
+    Hidden("controller.passivity", _passive),
+    Hidden("controller.friction-compensation", _helped),
 )
 
 FRESH = {one.id: one for one in _ALL}

@@ -121,6 +121,38 @@ def _notch(rng: np.random.Generator, size: float) -> dict[str, float]:
     }
 
 
+def _text(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"text": size * between(rng, 1e-4, 3.5e-4)}
+
+
+def _increments(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"increments": size * between(rng, 5e-3, 2e-2), "increments_key": between(rng, 0.03, 0.12)}
+
+
+def _spin(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "spin": size * between(rng, 0.03, 0.12),
+        "spin_omega": 2.0 * np.pi * between(rng, 0.2, 1.0),
+        "spin_phase": np.pi * rng.random(),
+    }
+
+
+def _stuck(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "stuck": size * signed(rng) * between(rng, 1.2, 4.0),
+        "stuck_from": rng.uniform(0.3, 1.5),
+        "stuck_time": between(rng, 0.3, 1.0),
+    }
+
+
+def _overrun(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"overrun": min(size, 1.2) * between(rng, 0.1, 0.4)}
+
+
+def _payload(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"payload": size * between(rng, 0.3, 1.2)}
+
+
 SOFTWARE_KINDS = (
     Hidden("dynamics.thruster-bursts", _burst),
     Hidden("dynamics.wheel", _wheel),
@@ -146,4 +178,10 @@ SOFTWARE_KINDS = (
     Hidden("dynamics.loose-load", _loose),
     Hidden("dynamics.crew", _crew, chance=True),
     Hidden("controller.notch", _notch),
+    Hidden("link.text", _text),
+    Hidden("link.increments", _increments, chance=True),
+    Hidden("dynamics.spin", _spin),
+    Hidden("dynamics.stuck-valve", _stuck),
+    Hidden("controller.overrun", _overrun),
+    Hidden("controller.payload", _payload),
 )

@@ -11,19 +11,22 @@ import math
 import numpy as np
 from numba import njit
 
-__all__ = ["MEMORY", "STATES", "contact_force", "integrate", "output", "remember"]
+__all__ = ["MEMORY", "STATES", "contact_force", "integrate", "lifted", "output", "remember"]
 
 # Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
-# that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'; hose h, h'.
-STATES = 17
+# that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'; hose h, h';
+# the sensor's element e, e'; by which share the servo's supply is used up.
+STATES = 20
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
 # how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
 # into its seat, and whether it does; what the bolted joint carries [N]; phase of the floor at the start; what
 # the encoder has lost; by which share the force of a contact is off. For how long the servo still yields to
 # what it hit [s], whether it has noticed that, how far it yields; since when the rod touches [s]; how deep
-# the pads of the front and of the rear frame are dented [m].
-MEMORY = 19
+# the pads of the front and of the rear frame are dented [m]. How fast the rod came into this contact [m/s];
+# whether the foil is torn, and whether the tape holds; by how much the rod is shorter [m], and its slide
+# lifted [m].
+MEMORY = 24
 _SWITCHING, _SEATING = 4e-3, 1.5e-3  # how long a servo's gain takes to change, a tip to slide [s]
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
@@ -35,6 +38,10 @@ _LATCH_WIDTH = 1.0 / 3.0  # of a latch's depth: from where it is hardest to its 
 # Of its reach, over which a brush stiffens; rate over which it turns [m/s]; of its force, what it keeps on
 # the way out.
 _BRUSH_SHARE, _BRUSH_RATE, _BRUSH_OUT = 0.3, 2e-3, 0.2
+_DRAWN = 15.0  # what a weak supply's drive asks for at full speed, as an acceleration [m/s2]
+_PAD_SPEED = 0.02  # at which a pad that stiffens with it is told how much [m/s]
+_FOIL_PLAIN = 0.4  # of the force at which a foil tears, what does not grow with the stretch's third power
+_TAPE_REACH = 6.0  # reaches of a tape's hooks beyond which the last has let go
 
 
 @njit(cache=True, error_model="numpy")
@@ -50,6 +57,12 @@ def output(p, s, memory):
         else:
             return memory[0], 0.0
     return x, v
+
+
+@njit(cache=True, error_model="numpy")
+def lifted(p, rate):
+    """By how much a slide floats on its oil at some rate [m/s], once it does [m]."""
+    return p.lift * (1.0 - math.exp(-abs(rate) / p.lift_rate)) if p.lift > 0.0 else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -72,6 +85,10 @@ def _contact_point(p, t, s, memory):
         left = math.exp(-t / p.growth_time)
         point += p.growth * (1.0 - left)
         rate += p.growth / p.growth_time * left
+    if p.lift > 0.0:
+        # Oil between slide and guide carries the more, the faster it goes; the tip rises with the slide.
+        point += memory[23]
+        rate += (lifted(p, s[1] + s[3]) - memory[23]) / p.lift_time
     if p.floor > 0.0:
         turned = p.floor_omega * t + memory[10]
         point += p.floor * math.sin(turned)
@@ -84,8 +101,9 @@ def _depth(p, t, s, memory):
     """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
     point, rate = _contact_point(p, t, s, memory)
     if 2.0 * point > p.front + p.rear:
-        return 1.0, point - p.front - memory[2] - s[7] - s[13] - memory[7] - memory[17], rate - s[8] - s[14]
-    return -1.0, p.rear - memory[2] - point - memory[7] - memory[18], -rate
+        depth = point - p.front - memory[2] - s[7] - s[13] - memory[7] - memory[17] - memory[22]
+        return 1.0, depth, rate - s[8] - s[14]
+    return -1.0, p.rear - memory[2] - point - memory[7] - memory[18] - memory[22], -rate
 
 
 @njit(cache=True, error_model="numpy")
@@ -105,6 +123,14 @@ def contact_force(p, t, s, memory):
         bent = 1.0 - math.exp(-(depth + p.brush_reach) / (_BRUSH_SHARE * p.brush_reach))
         way = 0.5 * (1.0 + math.tanh(rate / _BRUSH_RATE))
         pull -= p.brush * bent * (_BRUSH_OUT + (1.0 - _BRUSH_OUT) * way)
+    if p.foil > 0.0 and side > 0.0 and memory[20] == 0.0:
+        # Left on the port: the first that comes stretches it until it tears.
+        stretch = max((depth + p.foil_at) / p.foil_stretch, 0.0)
+        pull -= p.foil * stretch * (_FOIL_PLAIN + (1.0 - _FOIL_PLAIN) * stretch * stretch)
+    if p.hook > 0.0 and side > 0.0 and depth < 0.0 and memory[21] > 0.0:
+        # A tape whose hooks let go one by one.
+        stretch = -depth / p.hook_reach
+        pull += p.hook * stretch * math.exp(1.0 - stretch)
     if p.onset > 0.0:
         if depth < -50.0 * p.onset:
             return side * pull, side, 0.0, 0.0
@@ -115,6 +141,8 @@ def contact_force(p, t, s, memory):
         return side * pull, side, 0.0, 0.0
     rate *= touch
     k = p.k * (1.0 - side * p.asymmetry) * math.exp(-p.softening * t)
+    if p.thick > 0.0:
+        k *= 1.0 + p.thick * memory[19] / _PAD_SPEED  # a pad whose paste stiffens where it is struck
     if p.plate > 0.0 and side > 0.0:
         k *= _BEHIND / (_BEHIND - 1.0)  # in series with the frame behind the plate, as stiff as without it
     spring = k * depth
@@ -158,6 +186,11 @@ def _derivative(p, t, s, memory, command, ds):
     x, v = s[0], s[1]
     force, side, depth, rate = contact_force(p, t, s, memory)
     a = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v + p.load * force
+    if p.sag > 0.0:
+        # What the drive draws lowers the voltage that it has; what damps the motor needs none.
+        asked = p.omega * p.omega * (command - x - memory[3])
+        a -= p.sag * s[19] * asked
+        ds[19] = (math.tanh(abs(asked) / _DRAWN) - s[19]) / p.sag_time
     if p.soft_gain != 0.0:
         a -= p.omega * p.omega * p.soft_gain * memory[6] * (command - x - memory[3])
     if p.guard > 0.0:
@@ -207,6 +240,9 @@ def _derivative(p, t, s, memory, command, ds):
         swing = w * w * (s[15] - position) + 2.0 * p.hose_xi * w * (s[16] - speed)
         ds[5] += p.cutoff * p.hose * swing
         ds[15], ds[16] = s[16], -swing
+    if p.ring > 0.0:
+        w = p.ring_omega
+        ds[17], ds[18] = s[18], w * w * (s[5] - s[17]) - 2.0 * p.ring_xi * w * s[18]
     if p.filter_time > 0.0:
         ds[6] = (s[5] - s[6]) / p.filter_time
     if p.wall_mass > 0.0:
@@ -273,10 +309,32 @@ def remember(p, t, s, memory, step):
             near = side == (1.0 if place == 17 else -1.0)
             pressed = max(depth + memory[place], 0.0) if near and depth > 0.0 else 0.0
             memory[place] += step / p.pad_time * (p.pad * pressed - memory[place])
+    if p.thick > 0.0 or p.foil > 0.0 or p.hook > 0.0:
+        _touch(p, t, s, memory)
+    if p.unscrew > 0.0:
+        # It turns in its thread under load, and never back.
+        force, _, _, _ = contact_force(p, t, s, memory)
+        memory[22] += step * p.unscrew * abs(force)
+    if p.lift > 0.0:
+        memory[23] += step / p.lift_time * (lifted(p, s[1] + s[3]) - memory[23])
     if p.joint > 0.0:
         # Friction between its plates takes up a part of the force before they move.
         force, _, _, _ = contact_force(p, t, s, memory)
         memory[9] = min(max(memory[9], force - p.joint_force), force + p.joint_force)
+
+
+@njit(cache=True, error_model="numpy")
+def _touch(p, t, s, memory):
+    """What a contact finds and leaves: speed of the rod that comes, a foil's tear, hooks of a tape."""
+    side, depth, rate = _depth(p, t, s, memory)
+    if depth <= 0.0:
+        memory[19] = max(rate, 0.0)
+    if side > 0.0 and depth + p.foil_at > p.foil_stretch:
+        memory[20] = 1.0
+    if side > 0.0 and depth > 0.0:
+        memory[21] = 1.0
+    elif side < 0.0 or depth < -_TAPE_REACH * p.hook_reach:
+        memory[21] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -317,6 +375,7 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     k1, k2, k3, k4, mid = work[0], work[1], work[2], work[3], work[4]
     size = times.shape[0]
     rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0 or p.hose > 0.0
+    rare = rare or p.ring > 0.0 or p.sag > 0.0
     states = STATES if rare else _USUAL
     for i in range(steps):
         t = begin + i * step
@@ -335,6 +394,8 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
         remember(p, t + step, s, memory, step)
         times[count % size] = t + step
         sensed[count % size] = s[6] if p.filter_time > 0.0 else s[5]
+        if p.ring > 0.0:
+            sensed[count % size] += p.ring * (s[17] - s[5])  # its element swings on what holds it
         count += 1
     return count
 

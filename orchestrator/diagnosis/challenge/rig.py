@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from .knobs import knobs
-from .plant import contact_force, fresh, integrate, output, past
+from .plant import contact_force, fresh, integrate, lifted, output, past
 from .series import HISTORY, TICK, Series
 from .software import compensate, first_controller, first_satellite, move_satellite
 
@@ -30,8 +30,9 @@ COLUMNS = (
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
 # Play of the hysteresis; instant of the last reading; force and charge then; tare, and whether it is
-# taken; whether the upper range is on.
-_AMPLIFIER = 7
+# taken; whether the upper range is on; a smoothed force.
+_AMPLIFIER = 8
+_STOP_WIDTH = 5e-5  # over which a soft stop sets in [m]
 _RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back
 _SUBSTEPS = 40  # per tick
 _DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs
@@ -124,6 +125,8 @@ def _run(
         series.cycle,
         series.skipped,
         series.key,
+        series.bridged,
+        series.sampling,
         logged,
         TICK / substeps,
         out,
@@ -153,6 +156,8 @@ def _ticks(
     cycle,
     skipped,
     key,
+    bridged,
+    sampling,
     logged,
     longest,
     out,
@@ -172,10 +177,10 @@ def _ticks(
     while active > 0 and arrival[active] > 0.0:
         active -= 1
     count, contact, touching = 0, 0, False
-    memory[2], memory[10] = wall[0], floor
+    memory[2], memory[10], memory[23] = wall[0], floor, lifted(p, speed)
     s[13] = -p.plate_gap
     s[15], s[16] = start, speed
-    missing, before = 0.0, 0.0
+    missing, before, pace = 0.0, 0.0, speed * TICK
     if p.busy > 0.0 or p.text > 0.0:
         arrival = arrival.copy()
     reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
@@ -194,7 +199,7 @@ def _ticks(
             position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
         age, new = _age(p, now, cycle)
         if (new and not held[n]) or n == 0:
-            strained = past(times, sensed, count, now - p.tau_s - age) * (1.0 + supply[n])
+            strained = past(times, sensed, count, now - p.tau_s - age - sampling[n]) * (1.0 + supply[n])
             reading = _read(p, now, strained, memory, amplifier) + _beside(p, flange, rate) + zero[contact]
             reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
@@ -219,7 +224,14 @@ def _ticks(
         # What a lost increment would have added is missing until a whole command comes.
         missing = 0.0 if key[n] else missing + skipped[n] * (sent - before)
         before = sent
+        last = commands[HISTORY + n - 1]
         commands[HISTORY + n] = _rounded(p, sent) + stray[n] - missing
+        if bridged[n]:
+            commands[HISTORY + n] = last + pace  # as if all went on as it did
+        elif n == 0 or not bridged[n - 1]:
+            pace = commands[HISTORY + n] - last
+        if abs(commands[HISTORY + n] - last) < p.change:
+            commands[HISTORY + n] = last  # not worth a message
         if p.text > 0.0:
             arrival[HISTORY + n] += p.text * _characters(sent)
         if p.busy > 0.0 and abs(seen_force) > p.busy_force:
@@ -236,6 +248,7 @@ def _ticks(
                     stop = arrival[i]
             command = _shaped(p, commands, payload[active])
             command += _cogging(p, command)
+            command -= _stopped(p, command)
             count = integrate(p, now, stop, longest, s, memory, command, work, times, sensed, count)
             now = stop
         f, _, _, _ = contact_force(p, end, s, memory)
@@ -279,6 +292,15 @@ def _shaped(p, commands, index):
 @njit(cache=True, error_model="numpy")
 def _cogging(p, position):
     return p.cogging * math.sin(2.0 * math.pi * position / p.cogging_pitch) if p.cogging != 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _stopped(p, command):
+    """By how much a command is held back towards the end of the robot's range [m]."""
+    if p.stop <= 0.0:
+        return 0.0
+    beyond = abs(command) - p.stop_at
+    return math.copysign(0.5 * p.stop * (beyond + math.hypot(beyond, _STOP_WIDTH)), command)
 
 
 @njit(cache=True, error_model="numpy")
@@ -340,6 +362,11 @@ def _amplified(p, since, value, amplifier):
         elif abs(value) < _RANGE_BACK * p.range_force:
             amplifier[6] = 0.0
         value *= 1.0 + p.range_gain * amplifier[6]
+    if p.calm > 0.0:
+        # Smooths what hardly moves, and lets steps pass.
+        off = value - amplifier[7]
+        amplifier[7] += off * (1.0 - p.calm * math.exp(-abs(off) / p.calm_step))
+        value = amplifier[7]
     return value
 
 

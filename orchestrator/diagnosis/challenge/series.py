@@ -38,6 +38,8 @@ class Series:
         cycle: how far the sensor is in its own cycle at the start, from 0 to 1.
         skipped, key: ticks whose increment of the command is lost, and at which the whole command is sent,
             shape (n,).
+        bridged: ticks whose command is lost and made up; sampling: by how much too early the sensor is read
+            [s]; shape (n,).
     """
 
     arrival: Array
@@ -57,6 +59,8 @@ class Series:
     cycle: float
     skipped: NDArray[np.bool_]
     key: NDArray[np.bool_]
+    bridged: NDArray[np.bool_]
+    sampling: Array
 
 
 def draw_series(
@@ -71,7 +75,7 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(23)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(25)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
@@ -82,7 +86,7 @@ def draw_series(
     force += get("hum", 0.0) * np.sin(get("hum_omega", 0.0) * t + phase[0])
     spikes = streams[3].random(ticks) < get("spike_rate", 0.0) * TICK
     force += get("spikes", 0.0) * spikes * streams[3].standard_normal(ticks)
-    force += get("wire", 0.0) * _open(values, ticks, streams[21])
+    force += get("wire", 0.0) * _episodes(get("wire_rate", 0.0), get("wire_time", 0.0), ticks, streams[21])
     held = streams[4].random(ticks) < get("dropout", 0.0)
     missed = streams[5].random(ticks) < get("missed", 0.0)
     missed[0] = False
@@ -112,6 +116,8 @@ def draw_series(
     skipped = streams[22].random(ticks) < get("increments", 0.0)
     turns = t / get("increments_key", 1.0) + streams[22].random()
     key = np.diff(np.floor(turns), prepend=-1.0) > 0.0
+    bridged = _episodes(get("bridge_rate", 0.0), get("bridge", 0.0), ticks, streams[23])
+    sampling = get("sampling", 0.0) * streams[24].random(ticks)
     return Series(
         arrival=arrival,
         encoder=encoder,
@@ -130,6 +136,8 @@ def draw_series(
         cycle=cycle,
         skipped=skipped,
         key=key,
+        bridged=bridged,
+        sampling=sampling,
     )
 
 
@@ -143,10 +151,10 @@ def _kept(time: float) -> float:
     return float(np.exp(-TICK / time)) if time > 0.0 else 0.0
 
 
-def _open(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.bool_]:
-    """When a wire has no good contact: now and then, for times that differ."""
-    begins = stream.random(ticks) < values.get("wire_rate", 0.0) * TICK
-    lasts = np.ceil(values.get("wire_time", 0.0) / TICK * stream.standard_exponential(ticks))
+def _episodes(rate: float, time: float, ticks: int, stream: np.random.Generator) -> NDArray[np.bool_]:
+    """What befalls now and then [1/s], for times that differ about one [s]."""
+    begins = stream.random(ticks) < rate * TICK
+    lasts = np.ceil(time / TICK * stream.standard_exponential(ticks))
     index = np.arange(ticks)
     return np.maximum.accumulate(np.where(begins, index + lasts, 0.0)) > index
 

@@ -15,12 +15,13 @@ _LOOSE_XI = 0.2
 
 @njit(cache=True, error_model="numpy")
 def first_satellite(speed):
-    """What the satellite is at the start, shape (7,).
+    """What the satellite is at the start, shape (10,).
 
     By place: position and velocity of itself and of what hangs on it; whether it fires; position and velocity
-    of what is loose in it.
+    of what is loose in it; for how long it still thrusts towards the port, and whether it has begun to;
+    velocity of what hangs on it by friction.
     """
-    return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed])
+    return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed, 0.0, 0.0, speed])
 
 
 @njit(cache=True, error_model="numpy")
@@ -53,7 +54,15 @@ def move_satellite(p, mass, now, tick, force, extra, s):
     if p.spin > 0.0:
         # The lever of the contact turns with the body.
         force *= 1.0 + p.spin * math.sin(p.spin_omega * now + p.spin_phase) ** 2
-    hung, loose = total * p.appendage, total * p.loose
+    if p.seek > 0.0:
+        # What touches the port thrusts for some time, lest it be lost; once in each contact.
+        if abs(force) < 0.3 * p.seek_force:
+            s[8] = 0.0
+        elif force < -p.seek_force and s[8] == 0.0:
+            s[7], s[8] = p.seek_time, 1.0
+        extra += p.seek if s[7] > 0.0 else 0.0
+        s[7] -= tick
+    hung, loose, rubbed = total * p.appendage, total * p.loose, total * p.rubbed
     w = p.appendage_omega
     for _ in range(4):
         push = force * (1.0 + p.mass_offset * p.mass_offset) + extra + mass * p.gravity
@@ -77,20 +86,27 @@ def move_satellite(p, mass, now, tick, force, extra, s):
                 s[6] -= dt * side * max(hit, 0.0)
                 push += loose * side * max(hit, 0.0)
             s[5] += dt * s[6]
-        s[1] += dt * push / (total - hung - loose)
+        s[1] += dt * push / (total - hung - loose - rubbed)
+        if rubbed > 0.0:
+            # Its hinge's friction takes it along, but for hard pushes.
+            own = total - hung - loose - rubbed
+            given = (s[1] - s[9]) * own * rubbed / (own + rubbed)
+            given = min(max(given, -dt * p.rubbed_force), dt * p.rubbed_force)
+            s[1] -= given / own
+            s[9] += given / rubbed
         s[0] += dt * s[1]
         s[2] += dt * s[3]
 
 
 @njit(cache=True, error_model="numpy")
 def first_controller(k, c, position, speed):
-    """What the controller remembers at the start, shape (17,).
+    """What the controller remembers at the start, shape (19,).
 
     By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
     since contact; whether the last force was doubted; a notch's low and band pass; how near
-    it is to its next overrun.
+    it is to its next overrun; energy that this contact holds, and the most that it did [J].
     """
-    s = np.zeros(17)
+    s = np.zeros(19)
     s[2], s[3], s[6], s[7], s[8], s[10] = position, speed, k, c, (0.15 * k) ** 2, 60.0**2
     return s
 
@@ -134,6 +150,8 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         if p.count > 0.0:
             stretch = p.count * math.floor(stretch / p.count)  # as integers cut off
         out = ahead - (1.0 + p.stiffness_gain) * s[6] * stretch - s[7] * (rate - s[3])
+        if p.helped > 0.0:
+            out += p.helped * math.tanh(s[3] / p.helped_rate)  # against friction that the rig does not have
         if p.ramp > 0.0:
             # What compensates is faded in.
             s[12] += 1.0
@@ -143,6 +161,12 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         if p.forget > 0.0:
             s[6] = max(s[6] * (1.0 - p.forget * tick), 0.4 * k)
         out = force
+    if p.passive > 0.0:
+        # Keeps a part of what a contact gives back, lest it give more than it took.
+        s[17] = s[17] - force * rate * tick if abs(force) > 4.0 else 0.0
+        s[18] = max(s[18], s[17]) if abs(force) > 4.0 else 0.0
+        if s[17] < p.passive_from * s[18]:
+            out *= 1.0 - p.passive
     if p.output_limit > 0.0:
         out = math.copysign(min(abs(out), p.output_limit), out)
     if p.overrun > 0.0 and abs(force) > 4.0 and abs(ahead) > 15.0:
