@@ -304,10 +304,11 @@ def _of_all(learned: Calibration) -> Calibration:
 
 def learn_sure(cases: Sequence[Practice], start: Calibration) -> dict[str, float]:
     """`Calibration.sure` and `surely`, by name; of each fifth of the cases by what the others teach."""
-    needed: dict[str, list[float]] = {"sure": [], "surely": []}
+    needed: dict[str, list[tuple[float, float]]] = {"sure": [], "surely": []}
+    weights = _weights(cases)
     for fold in range(_FOLDS):
         learned = _likeliest([one for at, one in enumerate(cases) if at % _FOLDS != fold], start)
-        for case in cases[fold::_FOLDS]:
+        for case, weight in zip(cases[fold::_FOLDS], weights[fold::_FOLDS], strict=True):
             p = learned.probabilities(case.answers, case.beside)
             if not case.truth or case.magnitude >= _FAINT:
                 continue
@@ -316,9 +317,13 @@ def learn_sure(cases: Sequence[Practice], start: Calibration) -> dict[str, float
             right = np.array([*(not outside and case.right(one) for one in case.answers), outside])
             own = p[right].max(initial=0.0)
             # Of those that are as probable as the truth, half come before it.
-            needed[name].append(float(p[p > own].sum() + 0.5 * p[p == own].sum()))
-    enough = {name: float(np.quantile(some, SET)) if some else SET for name, some in needed.items()}
-    return {name: round(min(max(one, SET), _SUREST), 4) for name, one in enough.items()}
+            needed[name].append((float(p[p > own].sum() + 0.5 * p[p == own].sum()), float(weight)))
+
+    def enough(some: list[tuple[float, float]]) -> float:
+        values, own = np.array(some).T if some else (np.array([SET]), np.ones(1))
+        return float(np.quantile(values, SET, weights=own, method="inverted_cdf"))
+
+    return {name: round(min(max(enough(some), SET), _SUREST), 4) for name, some in needed.items()}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
