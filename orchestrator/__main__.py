@@ -18,6 +18,8 @@ _EXIT_CODES = """exit codes:
   1    the run failed; what it recorded until then is kept
   2    the config or the command is wrong; nothing ran
   130  interrupted; what was recorded until then is kept
+  139  an FMU crashed, and the program with it (so says a shell; 134: it aborted); with "isolate: process"
+       the crash of an instance is an error of code 1 that names it
 With --json an error is a JSON object on the standard output, too: {"exit_code": 2, "error": {"kind": ...,
 "message": ..., "problems": [{"place", "what", "allowed", "remedy"}, ...], "unchecked": [...]}}; what could
 not be checked because of the problems stands under "unchecked", if anything.
@@ -103,6 +105,7 @@ COMMANDS: dict[str, tuple[str, str | None, str]] = {
 
 def entry_point() -> None:
     """What the console command calls."""
+    _tell_crashes()
     try:
         status = main()
     except KeyboardInterrupt:  # before the command began
@@ -111,6 +114,20 @@ def entry_point() -> None:
     # the signal, whatever the status, unless other such code has run since.
     exec("")
     sys.exit(status)
+
+
+def _tell_crashes() -> None:
+    """Have Python's stack printed where an FMU crashes: it tells the call.
+
+    On Windows faults that an FMU handles by itself would be printed, too.
+    """
+    import faulthandler
+
+    if sys.platform != "win32" and sys.stderr is not None:
+        try:
+            faulthandler.enable()
+        except (OSError, ValueError):  # not a file of the system
+            pass
 
 
 def _interrupted() -> int:

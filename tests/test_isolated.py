@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -62,6 +65,19 @@ def test_a_crash_ends_the_run_with_a_message_and_keeps_the_results(wild, tmp_pat
     assert kept.time == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
     assert kept["bad.y"] == pytest.approx(2.0 * kept.time)
     assert kept["good.y"] == pytest.approx(kept.time)
+
+
+@posix
+def test_a_crash_that_is_not_isolated_tells_the_call(wild, tmp_path):
+    unruly = config(wild, CRASH)
+    del unruly["instances"]["bad"]["isolate"]
+    path = tmp_path / "unruly.json"
+    path.write_text(json.dumps(unruly), encoding="utf-8")
+    command = [sys.executable, "-m", "orchestrator", "run", str(path), "--out", str(tmp_path / "out")]
+    ended = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    assert ended.returncode == -signal.SIGSEGV
+    assert "Fatal Python error: Segmentation fault" in ended.stderr
+    assert re.search(r'orchestrator/fmi/.*\.py", line \d+ in do_step', ended.stderr), ended.stderr
 
 
 def test_a_hang_is_ended_after_the_time_limit_and_keeps_the_results(wild):

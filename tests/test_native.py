@@ -407,7 +407,7 @@ def test_strings_are_left_to_python(c_fmu):
 def test_auto_weighs_what_is_saved_against_the_start(monkeypatch):
     chosen = []
     for start in (1e-9, 1e9):
-        monkeypatch.setattr(choice, "_start_up", lambda kernel, start=start: start)
+        monkeypatch.setattr(choice, "_start_up", lambda kernel, saved, start=start: start)
         report = Report()
         simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 1000), report=report)
         chosen.append(report.loop)
@@ -416,12 +416,24 @@ def test_auto_weighs_what_is_saved_against_the_start(monkeypatch):
 
 def test_without_numba_everything_runs_in_python(monkeypatch):
     monkeypatch.setattr(choice, "find_spec", lambda name: None)
-    monkeypatch.setattr(choice, "_start_up", lambda kernel: 0.0)
+    monkeypatch.setattr(choice, "_start_up", lambda kernel, saved: 0.0)
     report = Report()
     simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10), report=report)
     assert report.loop == "python"
     with pytest.raises(ConfigError, match="the package numba is not installed"):
         simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10), loop="native")
+
+
+def test_the_choice_finds_what_is_kept():
+    from orchestrator.machine_code import digest, is_kept
+    from orchestrator.native import kernel
+
+    simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10), loop="native")
+    source = Path(kernel.__file__)
+    if Path(kernel.run_steps.stats.cache_path) != source.parent / "__pycache__":
+        pytest.skip("machine code is kept elsewhere")
+    assert is_kept(source, "run_steps") == bool(digest())
+    assert not is_kept(source, "run_step")
 
 
 def test_a_loop_that_there_is_not_is_refused():

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from scipy.special import logsumexp
 
+from ..machine_code import njit
 from .fit import Fit
 from .model import RigModel
 from .rig import HISTORY, Calibrated, _transition
@@ -35,7 +35,7 @@ _OMEGA, _XI, _TAU, _TICK = map(
 )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
     """Log likelihood of encoder samples if commands are lost or delayed at random (a particle filter).
 
@@ -105,7 +105,7 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
     return total
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise, innovations):
     """Log likelihood of what the robot strayed if commands arrive early or late at random (Kalman filter).
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.optimize import minimize
 
+from ..machine_code import njit
 from .study import Array
 
 __all__ = ["COLOUR", "WHITE", "Colour", "coloured", "small_colour", "whitened"]
@@ -37,7 +37,7 @@ class Colour(NamedTuple):
 WHITE = Colour(0.0, 0.0, 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _ar_likelihood(r, deviation, keep, white, innovations):
     """Log likelihood of a first-order autoregressive process in white noise (a Kalman filter).
 

@@ -9,9 +9,10 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import cfunc, types
+from numba import types
 from numpy.typing import NDArray
 
+from ..machine_code import cfunc
 from ..units import UnitError, parse_unit
 from .written import Writes
 
@@ -93,7 +94,7 @@ def law(function: Callable[..., float]) -> Any:
         function: of time [s], step since the last call [s], the value at the site, and three arrays: the
             context (by `Context`), the effect's memory (zeros at the start) and its parameters.
     """
-    return cfunc(_SIGNATURE, cache=True)(function)
+    return cfunc(_SIGNATURE)(function)
 
 
 @dataclass(frozen=True)

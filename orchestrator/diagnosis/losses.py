@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy.special import logsumexp, ndtr
 
+from ..machine_code import njit
 from .arrival import SLOW, STRAYS
 from .fit import Fit
 from .model import RigModel
@@ -281,7 +281,7 @@ def _answer(p: Array, tick: float) -> Array:
     return pulse_response((omega, xi, delay), tick, min(reach, _LONGEST))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _summed(gain, chance, apart):
     """Log likelihood of a run over no loss, of all losses that lie apart, by a recursion over the ticks."""
     n = gain.shape[0]
@@ -296,7 +296,7 @@ def _summed(gain, chance, apart):
     return total[n]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _likeliest(gain, chance, apart, lost):
     """Set `lost` to one at the losses of the likeliest such run."""
     n = gain.shape[0]

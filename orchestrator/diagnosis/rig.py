@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
+from ..machine_code import njit
 from .effect import Context, Site
 
 __all__ = [
@@ -134,7 +135,7 @@ _DEPTH_RATE, _SIDE, _STIFFNESS, _DAMPING, _NUMBER, _BODY_MASS = map(int, list(Co
 _HISTORY, _SUBSTEPS = HISTORY, SUBSTEPS
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def pass_site(site, laws, time, step, value, known, memory, theta):
     """Pass a value through the laws of a site; laws are `sites`, `addresses` and `at` of `Laws`."""
     sites, addresses, at = laws
@@ -151,7 +152,7 @@ def pass_site(site, laws, time, step, value, known, memory, theta):
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _transition(omega, xi, step):
     """Transition of position and velocity of x'' = omega^2 (c - x) - 2 xi omega x' over a step.
 
@@ -173,7 +174,7 @@ def _transition(omega, xi, step):
     return e11, e12, e21, e22, (1.0 - e11) / (omega * omega), sine
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def run_rig(
     p, closed, commands, state, laws, memory, theta, inject, begin, out, substeps=_SUBSTEPS, pull=0.0
 ):
@@ -259,7 +260,7 @@ def run_rig(
     state[_X], state[_V], state[_Y] = servo[0], servo[1], y
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _move_servo(p, transition, servo, laws, now, dt, known, memory, theta):
     """Advance position and velocity of the servo, and what the encoder sees of them, by a sub-step."""
     x, v, command = servo[0], servo[1], known[_COMMAND]
@@ -285,7 +286,7 @@ def _move_servo(p, transition, servo, laws, now, dt, known, memory, theta):
     servo[0], servo[1], servo[2], servo[4] = x_next, v_next, seen, seen - x_next
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _push(p, contact, rate, laws, now, dt, known, memory, theta):
     """Force of the frames on the rod."""
     side, depth = 0.0, 0.0
@@ -307,7 +308,7 @@ def _push(p, contact, rate, laws, now, dt, known, memory, theta):
     return pass_site(_AT_FORCE, laws, now, dt, force, known, memory, theta)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def move_body(laws, time, tick, force, known, memory, theta):
     """Satellite software over a tick: four semi-implicit sub-steps, velocity first.
 
@@ -325,7 +326,7 @@ def move_body(laws, time, tick, force, known, memory, theta):
     return total
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _delayed(received, n, since, h, dt):
     """The command that acts on the servo over a sub-step, which ends `since` after tick n, delay included.
 
@@ -340,7 +341,7 @@ def _delayed(received, n, since, h, dt):
     return share * received[index] + (1.0 - share) * received[index - 1]
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy", inline="always")
 def _behind(ring, index, back):
     """Force `back` sub-steps before an index, linear between sub-steps; zero before the run."""
     at = index - back
@@ -353,7 +354,7 @@ def _behind(ring, index, back):
     return (1.0 - part) * ring[low % len(ring)] + part * ring[(low + 1) % len(ring)]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def control(p, state, force, position):
     """The controller software at a tick; its output is left in the state."""
     h = p[_TICK]

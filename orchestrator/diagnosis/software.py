@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numba import njit
 
+from ..machine_code import njit
 from .effect import Context, Effect
 from .model import Laws, apply_changes, begin_state, nominal_parameters
 from .rig import State, control, move_body
@@ -41,7 +41,7 @@ _DESIRED, _DESIRED_SPEED, _OUT, _ESTIMATE = map(
 )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _bodies(force, position, velocity, mass, tick, laws, memory, theta, out):
     """Mean force on the satellite over each tick, laws included, from logged force and motion."""
     known = np.zeros(_KNOWN)
@@ -123,7 +123,7 @@ class DynamicsReplay:
         return float(np.mean(np.concatenate(found) ** 2))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _controls(p, state, force, position, desired, rate, out):
     """Compensated force and stiffness estimate at each tick, from logged inputs."""
     for n in range(force.shape[0]):

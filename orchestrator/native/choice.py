@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ..errors import ConfigError, Problem
 from ..instances import Instances
+from ..machine_code import is_kept
 from ..master import MasterAlgorithm
 from ..master.gauss_seidel import GaussSeidel
 from ..master.jacobi import Jacobi
@@ -101,7 +102,8 @@ def choose_loop(
     if loop == "auto":
         bent = bool(getattr(master, "extrapolation", 0))
         kernel = kernel_of(instances.wires is not None, bent)
-        if steps * (_PER_STEP + _PER_INSTANCE * len(instances)) < _start_up(kernel):
+        saved = steps * (_PER_STEP + _PER_INSTANCE * len(instances))
+        if saved < _start_up(kernel, saved):
             return "python"
     reason = obstacle(instances, master, ledger)
     if not reason:
@@ -122,13 +124,16 @@ def kernel_of(wired: bool, bent: bool) -> str:
     return "run_bent_steps" if bent else "run_wired_steps" if wired else "run_steps"
 
 
-def _start_up(kernel: str) -> float:
-    """What the native loop costs before its first step [s]; see `kernel_of`."""
+def _start_up(kernel: str, saved: float) -> float:
+    """What the native loop costs before its first step; see `kernel_of` [s].
+
+    Args:
+        saved: what it saves [s]; where that decides, kept files are not looked at, which takes 20 ms.
+    """
     if "orchestrator.native.kernel" in sys.modules:
         return _LOADED
-    source = Path(__file__).with_name("kernel.py")
-    # Where numba keeps it elsewhere, since this folder cannot be written, it counts as not compiled.
-    python = "".join(map(str, sys.version_info[:2]))
-    kept = source.parent.glob(f"__pycache__/kernel.{kernel}-*.py{python}.*.nbc")
-    fresh = any(one.stat().st_mtime > source.stat().st_mtime for one in kept)
-    return _LOADING if fresh else _COMPILING
+    if saved < _LOADING:
+        return _LOADING
+    if saved >= _COMPILING:
+        return _COMPILING
+    return _LOADING if is_kept(Path(__file__).with_name("kernel.py"), kernel) else _COMPILING

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
-from zlib import crc32
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 
-from .. import effects
+from ..machine_code import njit
 from .ahead import bend, bend_on, bends, feed, predict, settle, settle_all
 from .codes import Ahead, Call, Code, Phase, Step
 from .codes import Path as Chain
@@ -30,12 +27,6 @@ from .plain import word as _word
 from .wiring import _PATH_ROW, evaluate
 
 __all__ = ["run_bent_steps", "run_steps", "run_wired_steps"]
-
-# numba keeps what it compiled until this file changes; those that it is made from count as well.
-_OWN = ("ahead.py", "codes.py", "foreign.py", "plain.py", "wiring.py")
-_MADE_OF = [Path(__file__).with_name(name) for name in _OWN]
-_MADE_OF += sorted(Path(effects.__file__).parent.glob("*.py"))
-_SOURCES = crc32(b"".join(path.read_bytes() for path in _MADE_OF))
 
 # numba takes plain whole numbers for constants.
 _C_FUNCTION, _C_COMPONENT, _REFERENCES, _COUNT, _VALUES, _CODE, _PLACE, _VALUE_COUNT = map(int, Call)
@@ -232,8 +223,8 @@ def _now(timer):
     return _word(timer, 2) * 1_000_000_000 + _word(timer, 3)
 
 
-def _compile(name: str, sources: int, wired: bool, bent: bool) -> Callable[..., int]:
-    """The function below; numba keeps it under its name, its source and the values that it closes over.
+def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
+    """The function below; it is kept under its name, all sources and the values that it closes over.
 
     Args:
         wired: whether connections have effects; what serves them is left out of the code otherwise.
@@ -269,7 +260,7 @@ def _compile(name: str, sources: int, wired: bool, bent: bool) -> Callable[..., 
             outcome: how it ended, shape (4,).
         Returns: the number of steps that were finished.
         """
-        _end(outcome.ctypes.data, 0, _DONE, 0, sources)
+        _end(outcome.ctypes.data, 0, _DONE, 0, 0)
         steps_at, calls_at, places_at = steps.ctypes.data, calls.ctypes.data, places.ctypes.data
         source_at, gain_at, offset_at = source.ctypes.data, gain.ctypes.data, offset.ctypes.data
         values_at, inputs_at, timer_at = values.ctypes.data, inputs.ctypes.data, timer.ctypes.data
@@ -410,13 +401,9 @@ def _compile(name: str, sources: int, wired: bool, bent: bool) -> Callable[..., 
         return times.shape[0]
 
     run_steps.__qualname__ = name
-    options = {"nogil": True, "error_model": "numpy"}
-    try:
-        return njit(cache=True, **options)(run_steps)
-    except RuntimeError:  # nowhere to keep it, neither beside this file nor in the user's cache folder
-        return njit(**options)(run_steps)
+    return njit(nogil=True, error_model="numpy")(run_steps)
 
 
-run_steps = _compile("run_steps", _SOURCES, False, False)
-run_wired_steps = _compile("run_wired_steps", _SOURCES, True, False)
-run_bent_steps = _compile("run_bent_steps", _SOURCES, True, True)
+run_steps = _compile("run_steps", False, False)
+run_wired_steps = _compile("run_wired_steps", True, False)
+run_bent_steps = _compile("run_bent_steps", True, True)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...machine_code import njit
 
 __all__ = ["MEMORY", "STATES", "contact_force", "integrate", "lifted", "output", "remember"]
 
@@ -44,7 +45,7 @@ _FOIL_PLAIN = 0.4  # of the force at which a foil tears, what does not grow with
 _TAPE_REACH = 6.0  # reaches of a tape's hooks beyond which the last has let go
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def output(p, s, memory):
     """Position [m] and rate [m/s] of the robot's flange, which the encoder sees."""
     x, v = s[0] + s[2], s[1] + s[3]
@@ -59,13 +60,13 @@ def output(p, s, memory):
     return x, v
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def lifted(p, rate):
     """By how much a slide floats on its oil at some rate [m/s], once it does [m]."""
     return p.lift * (1.0 - math.exp(-abs(rate) / p.lift_rate)) if p.lift > 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _contact_point(p, t, s, memory):
     position, rate = output(p, s, memory)
     if p.lost > 0.0:
@@ -96,7 +97,7 @@ def _contact_point(p, t, s, memory):
     return point, rate
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _depth(p, t, s, memory):
     """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
     point, rate = _contact_point(p, t, s, memory)
@@ -106,7 +107,7 @@ def _depth(p, t, s, memory):
     return -1.0, p.rear - memory[2] - point - memory[7] - memory[18] - memory[22], -rate
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def contact_force(p, t, s, memory):
     """Force on the rod [N], negative at the front frame; side, effective penetration [m] and its rate."""
     side, depth, rate = _depth(p, t, s, memory)
@@ -181,7 +182,7 @@ def contact_force(p, t, s, memory):
     return side * (pull - max(push, 0.0)), side, depth, rate
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _derivative(p, t, s, memory, command, ds):
     x, v = s[0], s[1]
     force, side, depth, rate = contact_force(p, t, s, memory)
@@ -257,7 +258,7 @@ def _derivative(p, t, s, memory, command, ds):
         ds[13], ds[14] = s[14], _plate(p, s, -force if side > 0.0 else 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _cable(p, s, memory):
     """Force on the rod [N] of a cable that hangs loose up to some way to one side."""
     position, _ = output(p, s, memory)
@@ -265,7 +266,7 @@ def _cable(p, s, memory):
     return -p.taut * max(side * position - p.taut_from, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _plate(p, s, push):
     """Acceleration [m/s2] of a plate that hangs before the front frame, and rests against it where pushed."""
     w, behind = p.plate_omega, 0.0
@@ -275,7 +276,7 @@ def _plate(p, s, push):
     return (push - behind) / p.plate - w * w * (s[13] + p.plate_gap) - 2.0 * _HUNG_XI * w * s[14]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def remember(p, t, s, memory, step):
     """What outlasts a step: play, depth, creep and gain of the servo, heat, what has slipped or slid."""
     if p.backlash > 0.0:
@@ -323,7 +324,7 @@ def remember(p, t, s, memory, step):
         memory[9] = min(max(memory[9], force - p.joint_force), force + p.joint_force)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _touch(p, t, s, memory):
     """What a contact finds and leaves: speed of the rod that comes, a foil's tear, hooks of a tape."""
     side, depth, rate = _depth(p, t, s, memory)
@@ -337,7 +338,7 @@ def _touch(p, t, s, memory):
         memory[21] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _watch(p, t, s, memory, step):
     """A servo that takes a force for a collision yields for some time, once in each contact."""
     force, _, _, _ = contact_force(p, t, s, memory)
@@ -349,7 +350,7 @@ def _watch(p, t, s, memory, step):
     memory[15] += step / _SWITCHING * ((1.0 if memory[13] > 0.0 else 0.0) - memory[15])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _sit(p, t, s, memory, step):
     """A tip that stands askew slides into its seat once pushed hard enough, and is askew again when free."""
     force, _, _, _ = contact_force(p, t, s, memory)
@@ -361,7 +362,7 @@ def _sit(p, t, s, memory, step):
     memory[7] += step / _SEATING * (p.seat * memory[8] - memory[7])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, count):
     """Integrate from one instant to another, over which the command is constant.
 
@@ -400,7 +401,7 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def past(times, sensed, count, t):
     """The sensor's filtered force at an instant not long ago, linear between steps; zero before the run."""
     size = times.shape[0]
@@ -418,7 +419,7 @@ def past(times, sensed, count, t):
     return (1.0 - share) * sensed[at] + share * sensed[following]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def fresh():
     """State, memory, room and history of a run."""
     return np.zeros(STATES), np.zeros(MEMORY), np.zeros((5, STATES)), np.zeros(4096), np.zeros(4096)

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ...machine_code import njit
 from .knobs import knobs
 from .plant import contact_force, fresh, integrate, lifted, output, past
 from .series import HISTORY, TICK, Series
@@ -134,7 +134,7 @@ def _run(
     return out[:, :done]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _ticks(
     p,
     believed,
@@ -261,14 +261,14 @@ def _ticks(
     return ticks
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _rounded(p, command):
     if p.command_step > 0.0:
         return p.command_step * round((command - p.command_phase) / p.command_step) + p.command_phase
     return command
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _characters(command):
     """How many characters a command [m] takes as a text of whole micrometres."""
     count, left = 1, math.floor(abs(command) * 1e6 / 10.0)
@@ -277,7 +277,7 @@ def _characters(command):
     return count + 1 if command < 0.0 else count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _shaped(p, commands, index):
     """A command of which a share is held back for some time, lest the arm swing."""
     command = commands[index]
@@ -289,12 +289,12 @@ def _shaped(p, commands, index):
     return command
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _cogging(p, position):
     return p.cogging * math.sin(2.0 * math.pi * position / p.cogging_pitch) if p.cogging != 0.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _stopped(p, command):
     """By how much a command is held back towards the end of the robot's range [m]."""
     if p.stop <= 0.0:
@@ -303,7 +303,7 @@ def _stopped(p, command):
     return math.copysign(0.5 * p.stop * (beyond + math.hypot(beyond, _STOP_WIDTH)), command)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _age(p, now, phase):
     """How old the newest sample of a sensor with its own cycle is [s]; whether it is new at this tick."""
     if p.cycle <= 0.0:
@@ -312,7 +312,7 @@ def _age(p, now, phase):
     return p.cycle * (turns - math.floor(turns)), math.floor(turns) > math.floor(turns - TICK / p.cycle)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _beside(p, position, rate):
     """What the sensor reads [N] of the rod's guide and of the motor, at some position [m] and rate [m/s]."""
     extra = 0.0
@@ -323,7 +323,7 @@ def _beside(p, position, rate):
     return extra
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _read(p, now, value, memory, amplifier):
     """The sensor's reading [N] before noise; the amplifier's state is advanced."""
     if p.hysteresis != 0.0:
@@ -338,7 +338,7 @@ def _read(p, now, value, memory, amplifier):
     return reading
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _amplified(p, since, value, amplifier):
     """What an amplifier makes of a force [N] some time [s] after the one before."""
     if p.leak > 0.0:
@@ -370,7 +370,7 @@ def _amplified(p, since, value, amplifier):
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _digits(p, reading, resolution):
     if p.clip > 0.0:
         reading = min(max(reading, -p.clip), p.clip)

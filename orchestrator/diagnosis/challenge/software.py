@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...machine_code import njit
 
 __all__ = ["compensate", "first_controller", "first_satellite", "move_satellite"]
 
@@ -13,7 +14,7 @@ _DOCK = 0.005  # where the satellite's software believes the port to be [m]
 _LOOSE_XI = 0.2
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def first_satellite(speed):
     """What the satellite is at the start, shape (10,).
 
@@ -24,7 +25,7 @@ def first_satellite(speed):
     return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed, 0.0, 0.0, speed])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def move_satellite(p, mass, now, tick, force, extra, s):
     """A tick of the satellite under a held force [N]: four semi-implicit Euler sub-steps.
 
@@ -98,7 +99,7 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         s[2] += dt * s[3]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def first_controller(k, c, position, speed):
     """What the controller remembers at the start, shape (19,).
 
@@ -111,7 +112,7 @@ def first_controller(k, c, position, speed):
     return s
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def compensate(p, k, lead, tick, force, position, desired, rate, s):
     """A tick of the compliance controller.
 
@@ -178,7 +179,7 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
     s[11] = out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _estimate(s, k, ahead):
     s[8] += 1e4
     s[10] += 1.0

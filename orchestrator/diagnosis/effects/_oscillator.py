@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from numba import njit
-
+from ...machine_code import njit
 from ..effect import Context, Effect, Parameter, Site
 from ..written import start
 
@@ -17,7 +16,7 @@ _VELOCITY = int(Context.VELOCITY)
 _MASS = int(Context.MASS)
 
 
-@njit(cache=True)
+@njit()
 def body_force(step, value, context, memory, share, frequency, damping_ratio):
     """Force that gives software which knows the whole mass only the body's acceleration [N].
 

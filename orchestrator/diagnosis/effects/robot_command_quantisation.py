@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from ...machine_code import njit
 from ..effect import Effect, Parameter, Seen, Site, law
 from ..servo import pulse_response
 from ..written import COMMAND, Written, merged, through, with_unit
@@ -28,7 +28,7 @@ def _law(time, step, value, context, memory, theta):
     return theta[0] * (math.floor(value / theta[0] - theta[1] + 0.5) + theta[1])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _explained(steps, phases, commands, strayed, tick, omega, xi, delay):
     """By how much rounding, by each step and phase, lowers the sum of squares of `strayed` [m2]."""
     late = int(delay / tick)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
+from ...machine_code import njit
 from ..effect import Context, Effect, Parameter, Seen, Site, law
 from ..written import start
 
@@ -26,7 +26,7 @@ def _law(time, step, value, context, memory, theta):
     return value + memory[0]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def _modes(frequencies, commands, strayed, tick, omega, xi, delay):
     """Products of what the robot strayed with modes of unit gain, and of these with themselves [m2].
 
