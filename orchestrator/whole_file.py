@@ -1,15 +1,29 @@
-"""Files that are there whole or not at all."""
+"""Files that are there whole or not at all, and never in the place of something else."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-__all__ = ["whole_file", "write_text"]
+from .errors import ConfigError, Problem, listed
+
+__all__ = ["replaceable", "whole_file", "write_text"]
+
+
+def replaceable(path: Path, suffixes: Collection[str], option: str) -> None:
+    """See that what stands where a command is to write is of the kind that it writes.
+
+    Args:
+        suffixes: of that kind; option: that names the path.
+    Raises: ConfigError if it is a file of another kind, which may be the only copy of somebody's work.
+    """
+    if path.is_file() and path.suffix.lower() not in suffixes:
+        what = f"{path} is there already, and is no {listed(suffixes)} file"
+        raise ConfigError([Problem(option, what, remedy="Name another file, or remove that one.")])
 
 
 @contextmanager

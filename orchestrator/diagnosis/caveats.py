@@ -47,8 +47,7 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     """That the gap shows at another place than where the effects named act; "" if it does not.
 
     Nor of something outside a docking rig's catalogue: its place is told by how residuals look. That of a
-    study of ports is only where the best answer explains the least share, which may be downstream of what
-    acts, and need not be the port at which most is left.
+    study of ports is where components driven by what was measured stray most.
     """
     effects, places = diagnosis.verdict.effects, diagnosis.verdict.places
     noise = diagnosis.how_far is not None and diagnosis.how_far.within_floor
@@ -61,9 +60,9 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
         return ""
     if "outside" in effects:
         return (
-            f"The gap shows most at {first} ({percent(shares[first])}), while the best answer of the list "
-            f"explains least at {_listed(places)}: the effect may act at {first} instead, and its error "
-            "travel on."
+            f"The gap of the closed loop shows most at {first} ({percent(shares[first])}), while "
+            f"{_listed(places)} strays most from what was measured there: the effect may act at {first} "
+            "instead, and its error travel on."
         )
     one = len(effects) == 1
     return (

@@ -76,7 +76,7 @@ def _answer(diagnosis: Diagnosis) -> str:
     if effects == ["outside"]:
         place = diagnosis.outside_place.replace("+", " or the ")
         return (
-            f"An effect outside the catalogue acts at the {place} ({chance}). None of the "
+            f"An effect outside the catalogue acts ({chance}), most likely at the {place}. None of the "
             f"{diagnosis.provenance.get('effects', len(catalogue()))} known effects leaves only noise."
         )
     named = both = " and ".join(effects)

@@ -69,9 +69,9 @@ def read_log(path: Path) -> dict[str, Signal]:
 
 
 def _named(header: str) -> tuple[str, str]:
-    """Name and unit of a header like `force [N]`."""
-    match = re.fullmatch(r"\s*(.+?)\s*\[([^\[\]]*[^\[\]\d][^\[\]]*)\]\s*", header)
-    return (match[1], match[2]) if match else (header.strip(), "")
+    """Name and unit of a header like `force [N]`; `opening [1]` has the unit 1, `q[1]` is an element."""
+    match = re.fullmatch(r"\s*(.+?)(?:\s*\[([^\[\]]*[^\[\]\d][^\[\]]*)\]|\s+\[(1)\])\s*", header)
+    return (match[1], match[2] or match[3]) if match else (header.strip(), "")
 
 
 def _table(table: Any, line: int | None = None) -> dict[str, Signal]:

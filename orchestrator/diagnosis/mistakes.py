@@ -34,6 +34,8 @@ _PAIRS = {
     30.0 / math.pi: "rpm, not in rad/s",
     6e4: "L/min, not in m3/s",
     9.81: "N, not in kgf",
+    1e5: "Pa, not in bar",
+    6894.757293168361: "Pa, not in psi",
 }
 
 # Scales of temperature, which differ by more than a factor.

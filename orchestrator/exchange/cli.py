@@ -31,6 +31,9 @@ def _import_ssp(args: argparse.Namespace) -> int:
     from .ssp.load import import_ssp
     from .ssp.read import MAIN
 
+    if args.output.is_file() and not args.overwrite:
+        remedy = "Name another file, or give --overwrite: what was changed in that one by hand is lost then."
+        raise ConfigError([Problem("--output", f"{args.output} is there already", remedy=remedy)])
     read = import_ssp(args.file, args.output, args.variant or MAIN, with_code=args.with_code)
     counts = (len(read.data.get(key, ())) for key in ("instances", "connections"))
     print("{}: {} instances, {} connections".format(args.output, *counts))
@@ -100,6 +103,7 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = "Make a config of another tool's system; FMUs are put into a folder beside it."
     parser.add_argument("file", type=Path, metavar="FILE", help=f"ends in {listed(IMPORTS)}")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="CONFIG", help="the YAML file")
+    parser.add_argument("--overwrite", action="store_true", help="write over a config that is there")
     parser.add_argument("--variant", metavar="NAME.ssd", help="of the descriptions in a package (.ssp)")
     parser.add_argument(
         "--with-code", action="store_true", help="take Python code of effects, which runs with your rights"

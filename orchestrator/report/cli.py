@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..errors import ConfigError, Problem
+from ..whole_file import replaceable
 
 __all__ = ["add_arguments", "main"]
 
@@ -37,6 +38,8 @@ def main(args: argparse.Namespace) -> int:
     """Make the page. Returns: 0. Raises: ConfigError if the folders hold nothing known."""
     if not 0.0 < args.size < 1000.0:
         raise ConfigError([Problem("--size", f"{args.size:g} MB", "more than 0 and less than 1000")])
+    if args.out is not None:
+        replaceable(args.out, (".html", ".htm"), "--out")
     # Imported late: drawing takes a second to load.
     from .make import left_out, page_name, report
 

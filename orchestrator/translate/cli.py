@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from orchestrator.errors import BuildError
+from orchestrator.whole_file import replaceable
 
 from .build import BuildReport
 from .package import PLATFORMS
@@ -66,6 +67,7 @@ def main(args: argparse.Namespace) -> int:
     if not file.exists():  # before anything about what a build needs
         raise BuildError(f"{file}: no such file; give the .mo or .py file of a model")
     output: Path = args.output or Path(f"{(args.model or file.stem).rpartition('.')[2]}.fmu")
+    replaceable(output, (".fmu",), "--output")
     platforms = {"all": tuple(PLATFORMS), "none": ()}.get(
         args.platforms, tuple(name.strip() for name in args.platforms.split(","))
     )

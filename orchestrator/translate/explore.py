@@ -106,7 +106,7 @@ class Explorer:
                 value = run()
             except TraceError:
                 raise
-            except (ValueError, RuntimeError) as caught:
+            except (ArithmeticError, ValueError, RuntimeError) as caught:
                 error = caught
             finally:
                 self._frames.pop()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable, Iterable
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 from orchestrator.errors import BuildError
 
@@ -16,6 +18,8 @@ RUMOCA_VERSION = "0.10.2"
 
 _QUOTED = re.compile(r"[`']([A-Za-z_][\w.]*)[`']")
 _OFFSET = re.compile(r"start: BytePos\((\d+)\)")
+# Of a mistake as the compiler shows it: what it is, and line and column.
+_WHAT, _WHERE = re.compile("\u00d7 (.*)"), re.compile(r"\[[^\]\n]*:(\d+:\d+)\]")
 _DETAIL = re.compile(r'detail: "([^"]*)"')
 
 
@@ -49,6 +53,8 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
             flat = json.loads(compiled.to_json("flat"))
             files = json.loads(compiled.to_json("dae"))["source_map"]["files"]
         except rumoca.RumocaError as error:
+            if wrong := _syntax(tree, rumoca.validate_source):
+                raise BuildError("\n".join(wrong)) from error
             text = str(error).replace(f"{folder}/", tree.label).replace(DELAY, "delay")
             raise BuildError(_refusal(tree, model, text)) from error
         except BaseException as error:
@@ -65,12 +71,33 @@ def _refusal(tree: SourceTree, model: str, text: str) -> str:
     item = tree.classes[model]
     lines = [f"{tree.shown(item.file)}:{item.line}: the Modelica compiler refuses {model}"]
     lines += [f"  {line}" for line in text.splitlines()]
+    if "'Modelica." in text:
+        lines.append(
+            "  The Modelica Standard Library is not read: write out what is used, or take --compiler omc."
+        )
     for name in dict.fromkeys(_QUOTED.findall(text)):
         last = name.rpartition(".")[2]
         found = [token.line for token in item.tokens if token.text == last]
         if found:
             lines.append(f"  {tree.shown(item.file)}:{found[0]}: {last}")
     return "\n".join(lines)
+
+
+def _syntax(tree: SourceTree, validate: Callable[[str], Iterable[Any]]) -> list[str]:
+    """The first mistake of syntax in each file; of a folder the compiler only says that there is one.
+
+    Args:
+        validate: the compiler's diagnostics of a text.
+    """
+    found = []
+    for path, text in tree.texts.items():
+        for one in validate(text):
+            first = one.message.strip().split("EP001")[1:2] if one.rule == "syntax-error" else []
+            what, where = (sought.search("".join(first)) for sought in (_WHAT, _WHERE))
+            if what and where:
+                missing = "; is a ; missing before it?" if " ;," in first[0] else ""
+                found.append(f"{tree.shown(path)}:{where[1]}: {what[1].strip()}{missing}")
+    return found
 
 
 def _panic_text(tree: SourceTree, model: str, text: str) -> str:

@@ -53,7 +53,7 @@ def check_component(script: Path, cls: Any, program: ComponentProgram, seed: int
             model.setup_experiment(start, None, None)
             model.enter_initialization_mode()
             model.exit_initialization_mode()
-        except (ValueError, RuntimeError) as error:
+        except (ArithmeticError, ValueError, RuntimeError) as error:
             raise BuildError(
                 f"{script.name}: native form: start values are refused, so it cannot be checked: {error}"
             ) from error
@@ -75,6 +75,12 @@ def check_component(script: Path, cls: Any, program: ComponentProgram, seed: int
                 done = bool(model.do_step(time, _STEP_SIZE))
             except (ValueError, RuntimeError):
                 done, failed = False, True
+            except ArithmeticError as error:
+                raise BuildError(
+                    f"{script.name}: native form: the step from {time!r} s fails in Python ({error}), while "
+                    "compiled code goes on with numbers that are none; keep the model from it, or raise "
+                    "ValueError there"
+                ) from error
             refused = pair.take(program.advance, time, _STEP_SIZE)
             if done is refused:
                 raise BuildError(

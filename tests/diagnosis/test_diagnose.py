@@ -210,7 +210,7 @@ def test_headlines():
         "The calibration is farther off than its tolerances allow, and no effect explains it"
     )
     assert told(finding(("outside",), (), outside_place="sensor")).startswith(
-        "An effect outside the catalogue acts at the sensor (probability 90 %)."
+        "An effect outside the catalogue acts (probability 90 %), most likely at the sensor."
     )
     assert told(finding(("sensor.delay",), ("sensor.gain",), 0.6), how_far=None) == (
         "One of sensor.delay or sensor.gain causes the gap (together 100 %; "

@@ -362,3 +362,14 @@ def test_words_of_a_mapping_are_the_product_s_own():
         "study.yaml: columns.way.noise: noise: cannot take '2 N', N [kg.m.s-2] cannot be converted to m [m]\n"
         "  its unit is m",
     ]
+
+
+@pytest.mark.parametrize(
+    ("header", "name", "unit"),
+    [("force [N]", "force", "N"), ("opening [1]", "opening", "1"), ("q[1]", "q[1]", ""),
+     ("q[2] [1]", "q[2]", "1"), ("t", "t", "")],
+)  # fmt: skip
+def test_units_in_headers(header, name, unit, tmp_path):
+    (tmp_path / "log.csv").write_text(f"{header},other\n1.5,2\n")
+    log = read_log(tmp_path / "log.csv")
+    assert log[name].unit == unit and log[name].values.tolist() == [1.5]

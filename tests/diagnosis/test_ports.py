@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -145,7 +146,19 @@ def test_what_stands_unlogged_before_a_port_may_be_outside_as_well(tmp_path):
     made = diagnose_ports(path, lambda stage: None, report=False)
     assert made.finding.outside_place == "controller+drive"
     assert made.diagnosis.verdict.places == ["controller", "drive"]
-    assert "acts at the controller or the drive" in headline(made.diagnosis)
+    assert "most likely at the controller or the drive" in headline(made.diagnosis)
+
+
+def test_something_outside_is_placed_where_components_stray_and_not_downstream(tmp_path):
+    """A motor with dry friction, whose speed and way are logged: the law is not in the list."""
+    path = study(tmp_path, [COULOMB], candidates={"only": ["controller.reference.*", "controller.voltage.*"]})
+    made = diagnose_ports(path, lambda stage: None, report=False)
+    energies = Counter()
+    for row in made.diagnosis.ledger:
+        energies[row.component] += row.share
+    assert made.finding.effects == ("outside",)
+    assert made.finding.outside_place == energies.most_common(1)[0][0] == "drive"
+    assert made.diagnosis.verdict.places == ["drive"] and made.diagnosis.outside_place == "drive"
 
 
 def test_another_parameter_than_configured_is_found(tmp_path):

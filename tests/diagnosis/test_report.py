@@ -182,12 +182,12 @@ def test_a_gap_that_shows_elsewhere_than_least_is_explained_is_told_of_what_is_o
         return made(("outside",), **data)
 
     said = (
-        "The gap shows most at drive (110 %), while the best answer of the list explains least at "
-        "controller: the effect may act at drive instead, and its error travel on."
+        "The gap of the closed loop shows most at drive (110 %), while controller strays most from what was "
+        "measured there: the effect may act at drive instead, and its error travel on."
     )
     assert caveats(outside("controller")) == [said]
     html = page(outside("controller"))
-    assert html.index("acts at the controller") < html.index(said) < html.index("Which effect")
+    assert html.index("most likely at the controller") < html.index(said) < html.index("Which effect")
     assert said in text(Diagnosed(None, None, outside("controller")))
     assert not caveats(outside("drive"))
     assert not caveats(outside("controller", where={"drive": 0.6, "controller": 0.4}))

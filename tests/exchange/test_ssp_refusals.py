@@ -335,6 +335,17 @@ def test_the_command_line(tmp_path, capsys, monkeypatch):
     assert "X: 3 instances, 4 connections" in capsys.readouterr().out
     assert main(["import", "X.ssp", "-o", "new.yaml"]) == 0
     assert capsys.readouterr().out == "new.yaml: 3 instances, 4 connections\n"
+    made = (tmp_path / "new.yaml").read_bytes()
+    (tmp_path / "new.yaml").write_text("# by hand")
+    assert main(["import", "X.ssp", "-o", "new.yaml"]) == 2
+    assert capsys.readouterr().err == (
+        "orchestrator: --output: new.yaml is there already\n"
+        "  Name another file, or give --overwrite: what was changed in that one by hand is lost then.\n"
+    )
+    assert (tmp_path / "new.yaml").read_text() == "# by hand"
+    assert main(["import", "X.ssp", "-o", "new.yaml", "--overwrite"]) == 0
+    assert (tmp_path / "new.yaml").read_bytes() == made
+    capsys.readouterr()
     assert main(["run", "X.ssp", "--out", "out", "--quiet", "--no-figures", "--no-halving"]) == 0
     assert main(["stability", "X.ssp"]) == 0
     capsys.readouterr()

@@ -174,6 +174,19 @@ def test_a_derivative_of_an_input_is_refused(tmp_path):
     )
 
 
+def test_a_mistake_of_syntax_is_told_with_its_line(tmp_path):
+    # Of the folder that it is given, the compiler only says that it cannot be read.
+    path = bench.model_file(tmp_path, "model Model\nReal x;\nequation\nder(x) = -x\nend Model;\n")
+    assert refused(path) == f"{path}:5:1: unexpected `end`; is a ; missing before it?"
+    path = bench.model_file(tmp_path, "model Model\nReal x = (1 + 2;\nend Model;\n")
+    assert refused(path).startswith(f"{path}:2:16: unexpected `;`")
+
+
+def test_the_standard_library_is_told_to_be_missing(tmp_path):
+    text = "model Model\nModelica.Blocks.Interfaces.RealInput u;\nReal x = u;\nend Model;\n"
+    assert "The Modelica Standard Library is not read" in refused(bench.model_file(tmp_path, text))
+
+
 def test_files_and_names(tmp_path):
     assert refused(tmp_path / "none.mo") == f"{tmp_path}/none.mo: no such file; give the .mo file of a model"
     path = bench.model_file(tmp_path, "package P\nmodel A Real x = time; end A;\nmodel B end B;\nend P;\n")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -20,6 +20,7 @@ from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
 from ..tally import Tally, telling
 from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable, Warned
+from .apart import components
 from .augmented import augmented_config, parameter_values
 from .closure import how_far
 from .energy import energy, unclear
@@ -92,6 +93,7 @@ def diagnose_ports(
     finding = weighed.finding
     study, forgetful = lasting(study, finding)
     told = _told(study, weighed, progress)
+    finding = _placed(study, finding, told.ledger)
     config, missing = augmented_config(study, finding)
     changed = _changed(study, finding.answer, missing)
     augmented = Runnable(file=AUGMENTED, run="", changed=changed, left_out=missing)
@@ -115,6 +117,24 @@ def diagnose_ports(
 
         files[PAGE] = page(study, diagnosis, weighed, taught)
     return PortDiagnosed(study, finding, diagnosis, files)
+
+
+def _placed(study: PortStudy, finding: Finding, rows: Iterable[Mapping[str, Any]]) -> Finding:
+    """A finding, something outside the list placed where components driven by what was measured stray most.
+
+    What the best answer explains least, which tells its place otherwise, may be downstream of what acts.
+
+    Args:
+        rows: of the ledger.
+    """
+    energies: dict[str, float] = {}
+    for row in rows:
+        energies[row["component"]] = energies.get(row["component"], 0.0) + row["share"]
+    chains = {one.name: one.places for one in components(study)}
+    first = max(energies, key=lambda name: energies[name], default="")
+    if finding.effects != ("outside",) or first not in chains:
+        return finding
+    return replace(finding, places=tuple(sorted(chains[first])), outside_place=first)
 
 
 def _as_effects(kept: Mapping[str, str], missing: Collection[str]) -> list[Warned]:
