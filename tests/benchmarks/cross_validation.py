@@ -64,10 +64,10 @@ def main() -> None:
         [_read(data) for _, data in sorted(seen[kind].items(), key=lambda one: int(one[0]))]
         for kind in ("cases", "forms")
     )
-    kinds = sorted({name for _, name, _ in _known_kinds(None).values()})
+    names = sorted({name for _, name, _ in _known_kinds(None).values()})
     odd: list[list[Practice]] = [[] for _ in range(_FOLDS)]
     for number, name, _ in _known_kinds(None).values():
-        odd[kinds.index(name) % _FOLDS].append(_read(seen["odd"][str(number)]))
+        odd[names.index(name) % _FOLDS].append(_read(seen["odd"][str(number)]))
     every: list[Marked] = []
     strange: list[Marked] = []
     for fold in range(_FOLDS):
@@ -91,6 +91,10 @@ def main() -> None:
         count = sum("outside" in one.verdict.effects for one in some)
         title = "outside the catalogue, and told so" if outside else "not outside, and told so"
         print(f"{title:<40} {count}/{len(some)}")
+    for name, _ in (("all", 0.0), *BANDS):
+        here = [one for one in strange if name in ("all", band(one.truth["magnitude"]))]
+        count = sum("outside" in one.verdict.effects for one in here)
+        print(f"{'known kinds outside, told so: ' + name:<40} {count}/{len(here)}")
     kinds = Counter(one.kind for one in every)
     for kind in ("single", "pair"):
         count = sum(one.effect_right for one in every if one.kind == kind)
