@@ -93,7 +93,7 @@ def _spot(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
     return replace(log, force=log.force + size * hidden.signed(rng) * between(rng, 3.0, 10.0) * near)
 
 
-def _chatter(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
+def _ringing_rod(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
     """The rod rings after each hit."""
     hit = np.flatnonzero(np.diff((np.abs(log.force) > 6.0).astype(int)) == 1)
     struck = np.zeros(len(log.force))
@@ -137,7 +137,7 @@ _DEFORMED: dict[str, _Deform] = {
     "robot.vibration": _vibration,
     "robot.warming": _warming,
     "contact.spot": _spot,
-    "contact.chatter": _chatter,
+    "contact.ringing": _ringing_rod,
     "contact.rubbing": _rubbing,
     "contact.bristles": _bristles,
     "sensor.unsettled": _unsettled,
