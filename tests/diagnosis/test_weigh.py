@@ -383,7 +383,7 @@ def test_cases_kept_are_learned_from_again(tmp_path):
     kept, out = tmp_path / "seen.json", tmp_path / "calibration.json"
     made_of = {"seed": 20261, "bare": 40}
     kept.write_text(json.dumps({"made_of": made_of, "roughness": {"a.seen": [0.01]}, "cases": cases}))
-    main(["--cases", "30", "--forms", "0", "--seen", str(kept), "--out", str(out)])
+    main(["--cases", "30", "--forms", "0", "--kinds", "0", "--seen", str(kept), "--out", str(out)])
     data = json.loads(out.read_text())
     learned = Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})
     assert learned.roughness == {"a.seen": [0.01]} and data["provenance"]["cases"] == 30
@@ -434,6 +434,8 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
         "2",
         "--forms",
         "1",
+        "--kinds",
+        "1",
         "--seed",
         "5",
         "--seen",
@@ -449,6 +451,7 @@ def test_the_calibration_is_learned_by_its_command(tmp_path):
     assert (
         sorted(weighed["cases"]) == ["1", "2"] and len(weighed["forms"]) == made["provenance"]["forms"] == 1
     )
+    assert len(weighed["odd"]) == made["provenance"]["odd"] == 3
 
 
 @pytest.mark.parametrize("size", [0.1, 0.17])
