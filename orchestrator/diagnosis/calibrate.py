@@ -1,8 +1,9 @@
 """Learn what evidence is worth from simulated cases: `python -m orchestrator.diagnosis.calibrate`.
 
 Cases are drawn by the challenge's rig, which is a program of its own; magnitudes go from strong to nearly
-none, some hide two effects or none, of some the logs are deformed in ways that no catalogue holds. First it
-is learned how rough rigs are that hide nothing; then, from cases weighed so, what each effect leaves
+none, some hide two effects or none, of some the logs are deformed in ways that no catalogue holds, and some
+hide the challenge's known kinds outside the catalogue; its fresh ones are kept for blind checks. First it is
+learned how rough rigs are that hide nothing; then, from cases weighed so, what each effect leaves
 unexplained since no rig has the catalogue's very form of it, and what log evidence is worth.
 """
 
