@@ -11,16 +11,17 @@ import numpy as np
 
 from .answers import Answer, Group, complete, simplest, strongest, tied
 from .arrival import JITTER, PACKETS
-from .benign import Weighing, Weighted, Widened, along_way, force_weights, touching, waves
+from .benign import Weighing, Weighted, Widened, force_weights, touching, waves
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
-from .colour import WHITE, Colour, whitened
+from .colour import WHITE
 from .effect import Effect, Site
 from .fit import Fit, Fitter
 from .links import Arrivals, arrivals, other_link, random_links, search_behind
 from .marginal import inflation
 from .misfit import unexplained
 from .model import RigModel
+from .outside_place import place_outside
 from .remainder import KINDS, Remains
 from .search import Search, each, search
 from .stochastic import Force, Noise, sensor_noise
@@ -34,15 +35,6 @@ _KEPT, _WEAK = 12, 40.0
 # Fits whose log evidence is less than the best by more than both, a share of it and so many nats, are out of
 # the question; threads that judge what the others leave.
 _HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
-# Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
-# [nats].
-_CLEAR = 20.0
-# Log likelihood of a period in the link from which it is where something outside the catalogue acts: other
-# things shake commands as well [nats].
-_PERIOD = 3.0
-# Share of what the encoder strays that a wave along the way explains, from which on the robot is where it
-# comes from.
-_WAY = 0.5
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
 # each of which is one of many and costs `_EACH`. Where calibrated numbers of one kind alone stray by more
 # than `_STRAYED`, it costs `_SAME_KIND`: one effect, as a delay, strays in all numbers of its kind. A number
@@ -155,13 +147,6 @@ def _weigh(
     answers, left, periodic, regular, by = _linked(judge, found, noises, chance, without)
     if lost is not None:
         regular = max(regular, lost.uneven)
-    # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
-    # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
-    linked = (
-        regular > _PERIOD
-        and not odd > max(_CLEAR, regular)
-        and not along_way(model, fitter.marginal.left(found.none.residuals)) > _WAY
-    )
     answers = _doubted(weighing, tied(by, simplest(answers)))
     doubtful = doubt > max([_DOUBTED, *(one.gain - each * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.
@@ -178,7 +163,7 @@ def _weigh(
     return Group(
         tuple(complete([nothing, *answers], every)),
         odd + periodic,
-        "link" if linked else _place(left, odd, colour, fitter.marginal.left(found.none.residuals)),
+        place_outside(judge, found.none, odd, regular),
         found.none,
         misfit,
         unjudged,
@@ -412,17 +397,3 @@ def _subsets(noises: Sequence[Noise], always: tuple[Effect, ...]) -> list[tuple[
     hidden = {one.id for one in always}
     weak = [one for one in noises if one.log_evidence < _WEAK and one.id not in hidden]
     return [tuple(noises), *(tuple(one for one in noises if one is not gone) for gone in weak)]
-
-
-def _place(left: Sequence[Array], odd: float, colour: Colour, bare: Sequence[Array]) -> str:
-    """Where something outside the catalogue acts.
-
-    Args:
-        left, bare: by the best answer, and by none, which tells where the best leaves nothing.
-    """
-    encoder, sensor = unexplained(left[0::2]), unexplained(whitened(left[1::2], colour))
-    if encoder == sensor == 0.0:
-        encoder, sensor = unexplained(bare[0::2]), unexplained(whitened(bare[1::2], colour))
-    if odd > _CLEAR and sensor + odd > encoder:
-        return "sensor"
-    return "robot" if encoder > sensor else "contact"

@@ -1,0 +1,104 @@
+"""Where something outside the catalogue acts on the way from the link to the sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from .benign import along_way, touching
+from .fit import Fit
+from .misfit import answering, unexplained
+from .remainder import Remains
+from .study import Array
+from .unseen import Judge
+
+__all__ = ["follows_speed", "part_of_chain", "place_outside"]
+
+# Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
+# [nats].
+_CLEAR = 20.0
+# Log likelihood of a period in the link from which it is where something outside the catalogue acts: other
+# things shake commands as well [nats].
+_PERIOD = 3.0
+# Share of what the encoder strays that a wave along the way explains, from which on the robot is where it
+# comes from.
+_WAY = 0.5
+# Variances that residuals may have where a run is fastest, over that of the noise.
+_VARIANCES = np.geomspace(1e-2, 1e8, 60)
+# Log likelihood that it may cost to take residuals for those of commands at wrong times, by chance [nats].
+_CHANCE = 50.0
+# Samples of a run that tell of its flights, or of its contacts.
+_FEWEST = 100
+
+
+def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
+    """The link, the robot, the contact or the sensor: by what none of the effects leaves.
+
+    An effect that imitates what is there leaves what it happens to, anywhere.
+
+    Args:
+        judge: of what fits leave; none: the fit of the calibration alone.
+        odd: log evidence of what only a sensor makes of a force, as a line [nats].
+        regular: log likelihood that what is random in the link keeps a period [nats].
+    """
+    weighing, fitter, fit = judge.weighing, judge.fitter, none
+    if judge.every is not None:
+        weighing, fitter = judge.every
+        fit, _ = judge.carried(none)
+    model, left = weighing.model, fitter.marginal.left(fit.residuals)
+    # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
+    # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
+    shaken = regular > _PERIOD and not odd > max(_CLEAR, regular)
+    if shaken and not along_way(model, left) > _WAY:
+        own = fit.calibrated, fit.effects, fit.theta
+        if follows_speed(left[0::2], [model.replay(run, *own)[2] for run in range(len(model.runs))]):
+            return "link"
+    return part_of_chain(judge.leaves(none).every, left[1::2], touching(model, fit), odd)
+
+
+def follows_speed(channels: Sequence[Array], positions: Sequence[Array]) -> bool:
+    """Whether residuals of the encoder may be those of commands that come at wrong times.
+
+    Such are as large as the robot is fast: their variance goes with the square of the speed. What shakes or
+    creeps goes on where it turns.
+
+    Args:
+        channels: residuals over their noise, by run; positions: of the robot, of the same samples.
+    """
+    told = 0.0
+    for r, x in zip(channels, positions, strict=True):
+        square, speed = r**2, np.abs(np.gradient(x))
+        if not np.isfinite(square).all():
+            continue
+        even = max(float(np.mean(square)), 1.0)
+        growing = 1.0 + np.outer(_VARIANCES, (speed / max(float(speed.max()), 1e-12)) ** 2)
+        costs = 0.5 * np.sum(np.log(growing) + square / growing, axis=1)
+        told += 0.5 * (len(r) * math.log(even) + float(np.sum(square)) / even) - float(costs.min())
+    return told > -_CHANCE
+
+
+def part_of_chain(rest: Remains, forces: Sequence[Array], touching: Sequence[Array], odd: float) -> str:
+    """The robot, the contact, or the sensor, which shows beside contacts, too.
+
+    What acts in the structure shows as the contact's.
+
+    Args:
+        rest: what none leaves; forces: its residuals of the force, by run.
+        touching: whether the rod touches at each tick, by run.
+        odd: see `place_outside`.
+    """
+    within = [answering(one)[: len(r)] for one, r in zip(touching, forces, strict=True)]
+    flights, contacts = (
+        unexplained([r[some] for some, r in zip(where, forces, strict=True) if some.sum() > _FEWEST])
+        for where in ([~one for one in within], within)
+    )
+    contacts = max(contacts, rest.contact)
+    moved = max(rest.encoder, rest.moved, rest.shaken)
+    pushed = max(rest.force, rest.pushed, rest.struck, rest.repeated, contacts, flights)
+    if odd > _CLEAR and pushed + odd > moved:
+        return "sensor"
+    if moved > pushed:
+        return "robot"
+    return "sensor" if flights > contacts else "contact"
