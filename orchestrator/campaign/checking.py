@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,7 @@ class _Check:
         block = blocks.make(self._model.design, ("design",))
         if whole:
             self._problems += self._unknown_numbers(derived, blocks)
+            self._problems += self._unreached(derived, block)
         if not self._problems and not len(block):
             self._problems.append(Problem(self._place(("design",)), "the design has no points"))
         if not self._problems:
@@ -179,6 +181,37 @@ class _Check:
             return self._place(("derived", name))
 
         return unknown_numbers(derived, list(known), recorded, instances, measured, place)
+
+    def _unreached(self, derived: Sequence[Derived], block: Block) -> list[Problem]:
+        """Problems of instants that a run does not record; where times vary, of the first such point."""
+        wanted = [(one.name, instant) for one in derived for instant in one.instants]
+        run = self._prepared.config.model.run
+        start, stop, step = run.times()
+        given: dict[str, Any] = {"start_time": start, "stop_time": stop, "step_size": step}
+        given["record_every"] = run.record_every
+        paths = {axis.target[1]: path for path, axis in self._axes.items() if axis.target[0] == "run"}
+        varied = {key: paths[key] for key in given if key in paths}
+        told: dict[tuple[str, float], Problem] = {}
+        for number in range((len(block) if varied else 1) if wanted else 0):
+            point = block[number] if varied else {}
+            levels = {key: point[path].canonical for key, path in varied.items() if path in point}
+            try:
+                start, stop, step, every = (Fraction(one) for one in (given | levels).values())
+                rows = (stop - start) // (step * every)
+            except (ValueError, ZeroDivisionError):
+                rows = -1
+            if rows < 0:
+                continue  # there is no such run, which is told as that
+            first, last = float(start), float(start + rows * step * every)
+            for name, instant in wanted:
+                if first <= instant <= last or (name, instant) in told:
+                    continue
+                what = f"{name}: at {instant:.12g} s nothing is recorded"
+                whose = f"point {number} of the design" if varied else "the run"
+                allowed = f"{whose} is recorded from {first:.12g} s to {last:.12g} s; "
+                allowed += f"run.stop_time is {float(stop):.12g} s"
+                told[name, instant] = Problem(self._place(("derived", name)), what, allowed)
+        return list(told.values())
 
     def _distinct(self, names: Iterable[str], key: str) -> None:
         """Names of columns, which SQL reads without regard to case, so that one would hide the other."""

@@ -351,6 +351,37 @@ def test_names_that_no_run_has_a_number_for_are_refused():
     ]
 
 
+def test_instants_that_a_run_does_not_record_are_refused():
+    late = {"late": 'at(robot.position, "1 s") - at(robot.position, "0.8 s")', "soon": 'at(time, "-1 ms")'}
+    assert refused(derived=late).splitlines() == [
+        "study: derived.late: late: at 1 s nothing is recorded",
+        "  the run is recorded from 0 s to 0.8 s; run.stop_time is 0.8 s",
+        "study: derived.soon: soon: at -0.001 s nothing is recorded",
+        "  the run is recorded from 0 s to 0.8 s; run.stop_time is 0.8 s",
+    ]
+    end = {"end": 'at(robot.position, "800 ms")'}
+    assert len(quick(derived=end)) == 12
+    assert refused(derived=end, set=QUICK | {"run.record_every": 7}).splitlines() == [
+        "study: derived.end: end: at 0.8 s nothing is recorded",
+        "  the run is recorded from 0 s to 0.784 s; run.stop_time is 0.8 s",
+    ]
+
+
+def test_instants_are_judged_by_the_stop_time_of_each_point():
+    two = {"two": 'at(robot.position, "2 s")'}
+    assert len(quick(derived=two, design={"grid": {"run.stop_time": ["2 s", "4 s"]}})) == 2
+    short = {
+        "add": [{"grid": {"run.stop_time": ["2 s", "1600 ms", "1.2 s"]}}, {"list": [{"robot.xi_n": 0.9}]}]
+    }
+    assert refused(derived=two, design=short).splitlines() == [
+        "study: derived.two: two: at 2 s nothing is recorded",
+        "  point 1 of the design is recorded from 0 s to 1.6 s; run.stop_time is 1.6 s",
+    ]
+    delays = {"list": [{"robot.xi_n": 0.9}]}
+    mixed = {"add": [{"grid": {"run.stop_time": ["2 s"]}}, delays]}
+    assert "point 1 of the design is recorded from 0 s to 0.8 s" in refused(derived=two, design=mixed)
+
+
 def test_numbers_of_measures_and_of_varied_start_values_are_let_pass(tmp_path):
     # What a measure finds only a run tells; the force is an input that only the design gives a value.
     quick(derived={"growth": "contacts[1].cor / robot.tau_m", "never": "contacts[99].nothing"})
