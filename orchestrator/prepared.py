@@ -37,14 +37,18 @@ class Prepared:
         return (*self.config.notes, *self.system.notes)
 
 
-def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Prepared:
+def prepare(
+    config: str | Path | Mapping[str, Any] | Config,
+    overrides: Iterable[str] = (),
+    folder: Path | None = None,
+) -> Prepared:
     """Read a config and check it, its FMUs, connections, master, times and measures.
 
     Args:
-        config, overrides: see `load_config`.
+        config, overrides, folder: see `load_config`.
     Raises: ConfigError with all problems.
     """
-    draft = read_config(config, overrides)
+    draft = read_config(config, overrides, folder)
     problems, unchecked = [*draft.problems], [*draft.unchecked]
     if draft.config is None:
         raise ConfigError(problems, unchecked)

@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from ..config import Places
+from ..config import Places, file_of
 from ..errors import ConfigError, Problem, in_order, listed, nearest
 from ..run import Prepared, prepare
 from ..system import Instance
@@ -38,6 +38,7 @@ class Checked:
         repeats: what each repeat of a point has besides.
         variants: the system with values of the design.
         files: FMUs that the design varies.
+        effects: values of axes over effects, with their paths.
     """
 
     model: StudyModel
@@ -47,6 +48,7 @@ class Checked:
     repeats: Sequence[dict[str, Level]]
     variants: Variants
     files: tuple[Path, ...]
+    effects: tuple[tuple[str, Level], ...]
 
 
 def check_study(
@@ -56,7 +58,7 @@ def check_study(
 
     Args:
         places: where the values were written, for messages.
-        folder: where a system that is a file is looked for.
+        folder: from which relative paths in it start.
         problems: found earlier, to be told together with those found here.
     Raises: ConfigError with all problems.
     """
@@ -80,7 +82,7 @@ class _Check:
             self._derive(None)
             unchecked.append("the design's values, and signals and numbers of quantities")
             raise self._error(unchecked)
-        self._prepared = prepared
+        self._prepared, self._moved = prepared, file_of(folder, prepared.config.folder)
         derived = self._derive([str(port) for port in prepared.system.recorded])
         self._axes = self._make_axes("design" not in unread)
         self._variants = Variants(prepared.config, self._axes)
@@ -98,10 +100,10 @@ class _Check:
             self._problems += self._tried(blocks, block, repeats)
         if self._problems:
             raise self._error()
-        files = tuple(
-            level.file for path in self._axes for level in blocks.levels[path] if level.file is not None
-        )
-        return Checked(self._model, prepared, self._axes, block, repeats, self._variants, files)
+        levels = [(path, level) for path in self._axes for level in blocks.levels[path]]
+        files = tuple(level.file for _, level in levels if level.file is not None)
+        effects = tuple(one for one in levels if self._axes[one[0]].effect)
+        return Checked(self._model, prepared, self._axes, block, repeats, self._variants, files, effects)
 
     def _error(self, unchecked: Sequence[str] = ()) -> ConfigError:
         return ConfigError(in_order(dict.fromkeys(self._problems)), unchecked)
@@ -114,7 +116,7 @@ class _Check:
             system = folder / system
         texts = [f"{path}={as_text(value)}" for path, value in self._model.set_.items()]
         try:
-            made = prepare(system, texts)
+            made = prepare(system, texts, folder)
         except ConfigError as error:
             self._problems += error.problems
             unchecked += error.unchecked
@@ -235,7 +237,8 @@ class _Check:
         into = self._model.repeats.into if self._model.repeats else []
         for path in (*(paths_of(self._model.design) if designed else ()), *into):
             where = ("repeats", "into") if path in into else ("design",)
-            made = axis_of(path, self._prepared.system, self._prepared.config, self._place(where))
+            system, config = self._prepared.system, self._prepared.config
+            made = axis_of(path, system, config, self._moved, self._place(where))
             if isinstance(made, Problem):
                 self._problems.append(made)
                 continue

@@ -15,6 +15,7 @@ from orchestrator import bundled
 from orchestrator.campaign import Study
 from orchestrator.campaign.derived import Derived
 from orchestrator.campaign.execute import flat
+from orchestrator.config import dump
 from orchestrator.errors import ConfigError
 from orchestrator.results import Results
 
@@ -405,6 +406,37 @@ def test_parameters_of_a_varied_fmu_are_known(tmp_path):
     columns = study.run(tmp_path / "store", jobs=1).columns()
     assert columns["weight"][1] == columns["mass"][0] > 0.0
     assert np.isnan([columns["weight"][0], columns["mass"][1]]).all()
+
+
+def test_fmus_in_a_study_are_beside_it(tmp_path):
+    """Not beside its system, and not in the working directory."""
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    for folder, mass in ((mine, "2"), (theirs, "3")):
+        folder.mkdir()
+        with_mass_in("kg", folder / "light.fmu", mass)
+    body = {"fmu": "SatelliteDynamics", "form": "native", "start": {"force": "1 N"}}
+    run = {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "0.1 s"}
+    system = {"run": run, "instances": {"m": {"fmu": "light.fmu", "start": body["start"]}, "n": body}}
+    (theirs / "system.yaml").write_text(dump(system))
+    study = {
+        "format": "sweep/1",
+        "system": "../theirs/system.yaml",
+        "design": {"list": [{"n.fmu": "./light.fmu"}]},
+    }
+    study["derived"] = {"m": "m.mass", "n": "n.mass"}
+    for set_, mass in (({}, 3.0), ({"m.fmu": "light.fmu"}, 2.0)):
+        (mine / "study.yaml").write_text(dump(study | {"set": set_}))
+        columns = Study.load(mine / "study.yaml").run(tmp_path / "store", jobs=1).columns()
+        assert (columns["m"], columns["n"]) == (mass, 2.0)
+    study["design"] = {"list": [{"n.fmu": "./none.fmu"}]}
+    (mine / "study.yaml").write_text(dump(study))
+    with pytest.raises(ConfigError) as caught:
+        Study.load(mine / "study.yaml")
+    fmus = bundled.fmu_names()
+    assert str(caught.value).splitlines() == [
+        "study.yaml:5: design.list[0].n.fmu: n.fmu: no FMU './none.fmu'",
+        f"  no file {mine}/none.fmu; bundled FMUs: {', '.join(fmus[:20])} and {len(fmus) - 20} more",
+    ]
 
 
 def test_only_the_form_of_values_that_was_meant_is_told():

@@ -89,7 +89,7 @@ def _prepared(sheet: Sheet, model: StudyModel, wrong: frozenset[str]) -> tuple[P
     told: tuple[str, ...] | None = ("system",)
     while True:
         try:
-            prepared = prepare(source, kept.values())
+            prepared = prepare(source, kept.values(), sheet.file.parent)
             break
         except ConfigError as error:
             blamed = sheet.of_system(error, kept, ("set",), told)
@@ -278,7 +278,7 @@ class _Reader:
             if one.name in found:
                 self.sheet.tell((*place, "name"), f"two are called {one.name}", "one name for each")
             try:
-                prepared = prepare(self.prepared.config, one.overrides)
+                prepared = prepare(self.prepared.config, one.overrides, self.sheet.file.parent)
             except ConfigError as error:
                 self.sheet.of_system(error, dict(enumerate(one.overrides)), (*place, "set"), place)
                 continue
