@@ -8,7 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from ..config import Places, file_of
+from ..config import Places, file_of, take_as_meant
 from ..errors import ConfigError, Problem, in_order, listed, nearest
 from ..run import Prepared, prepare
 from ..system import Instance
@@ -74,6 +74,8 @@ class _Check:
     def study(self, data: Mapping[str, Any], folder: Path) -> Checked:
         """See `check_study`."""
         unchecked: list[str] = []
+        data = dict(data)
+        self._problems += take_as_meant(data, self._places, StudyModel)[0]
         self._model, unread, whole = read_study(data, self._places, self._problems)
         prepared = None
         if "system" not in unread:

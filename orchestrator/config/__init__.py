@@ -1,5 +1,6 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
+from .draft import take_as_meant
 from .external import ExternalModel, RealtimeModel
 from .files import file_of, move_effects, move_value
 from .gaps import Absent, Gaps
@@ -39,6 +40,7 @@ __all__ = [
     "path_within",
     "put_value",
     "read_config",
+    "take_as_meant",
     "unknown_path",
     "validation_problems",
 ]

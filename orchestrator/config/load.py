@@ -11,7 +11,7 @@ from typing import Any
 from .. import bundled
 from ..effects import effect_schema
 from ..errors import ConfigError, Problem, listed, nearest
-from .draft import read_model
+from .draft import read_model, take_as_meant
 from .files import file_of, rebase
 from .gaps import FURTHER, Gaps
 from .models import SystemModel
@@ -107,6 +107,7 @@ def read_config(
         own, name, notes, unpacked = source.folder, source.name, source.notes, source.unpacked
     elif isinstance(source, Mapping):
         data, places = copied(source), Places("config")
+        found.misspelt, _ = take_as_meant(data, places, SystemModel)
         own, name = pathlib.Path.cwd(), "config"
     else:
         path = _find(source)
@@ -129,7 +130,7 @@ def read_config(
     told = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in wrong]
     config = None if found.wanting else Config(model, places, own, name, notes, unpacked)
     unchecked = tuple(f"instances, connections and measures, for want of {one!r}" for one in found.wanting)
-    return Draft(config, (*found.problems, *told), gaps, unchecked)
+    return Draft(config, (*found.problems, *told, *found.misspelt), gaps, unchecked)
 
 
 @dataclass
@@ -137,10 +138,12 @@ class _Found:
     """What reading files finds wrong.
 
     Attributes:
+        misspelt: names of sections.
         wanting: configs that are extended and cannot be read.
     """
 
     problems: list[Problem] = field(default_factory=list)
+    misspelt: list[Problem] = field(default_factory=list)
     gaps: list[Path] = field(default_factory=list)
     wanting: list[str] = field(default_factory=list)
 
@@ -190,8 +193,13 @@ def _read(
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError([Problem(str(path), f"cannot be read ({error})")]) from error
     data, places, problems = compose(text, path.name)
+    renamed: dict[str, str] = {}
+    if isinstance(data, dict):
+        misspelt, renamed = take_as_meant(data, places, SystemModel)
+        wrong.misspelt += misspelt
     for where, problem in problems:
         wrong.problems.append(problem)
+        where = tuple(renamed.get(str(part), part) for part in where[:1]) + where[1:]
         # Of a section, the entries that are taken stand all the same.
         wrong.gaps.append((*where, FURTHER) if len(where) == 1 and where != ("run",) else where)
     if not isinstance(data, dict):

@@ -439,6 +439,19 @@ def test_fmus_in_a_study_are_beside_it(tmp_path):
     ]
 
 
+def test_what_is_in_misspelt_sections_of_a_study_is_told():
+    data = {"format": "sweep/1", "system": "docking-1d", "derivd": {"late": "max(contact.forse)"}}
+    with pytest.raises(ConfigError) as caught:
+        Study(data | {"desing": {"grid": {"robot.tau_m": ["1 N"]}}})
+    assert [one.place for one in caught.value.problems] == [
+        "study: derivd",
+        "study: desing",
+        "study: derived.late",
+        "study: design.grid.robot.tau_m",
+    ]
+    assert caught.value.unchecked == ()
+
+
 def test_only_the_form_of_values_that_was_meant_is_told():
     grid = {"robot.tau_m": [], "robot.omega_n": {"from": "1 Hz", "to": "2 Hz", "cout": 3}}
     with pytest.raises(ConfigError) as caught:

@@ -173,6 +173,16 @@ def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
     assert "it does in 2 more runs\n" in found and "smaller than 0.002 s" in found
 
 
+def test_what_is_in_misspelt_sections_is_told(told):
+    def change(data):
+        data["colums"] = data.pop("columns")
+        data["colums"]["drive.speed"] = "x"
+        data["run"] = data.pop("runs")
+        data["run"][1]["file"] = "run-9.csv"
+
+    assert sorted(placed(told(change))) == ["columns.drive.speed", "colums", "run", "runs[1].file"]
+
+
 def test_files_under_set_are_beside_the_study(told, tmp_path):
     """Not beside the system, here a bundled one."""
     shutil.copy(bundled.find_fmu("LinearDrive"), tmp_path / "mine.fmu")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import in_range
+from ...config import take_as_meant
 from ...errors import ConfigError, Problem, in_order, listed, nearest
 from ...fmi import Causality, Kind
 from ...quantities import Measure
@@ -43,6 +44,7 @@ def load_port_study(path: Path, practising: bool = False) -> PortStudy:
     Raises: ConfigError with all problems of study, system and logs.
     """
     sheet = Sheet(study_file(path))
+    sheet.problems += take_as_meant(sheet.data, sheet.places, StudyModel)[0]
     model, wrong = sheet.taken(StudyModel, sheet.data)
     prepared, faithful = _prepared(sheet, model, wrong)
     if prepared is not None:
