@@ -217,12 +217,14 @@ def _exact(quantity: Quantity) -> str:
 
 def axis_of(
     path: str, system: System, config: Config, moved: Callable[[str], str], place: str
-) -> Axis | Problem:
-    """The axis of a path, or what is wrong with it; see `Axis`."""
+) -> Axis | Problem | None:
+    """The axis of a path, or what is wrong with it; None if the system lacks its instance. See `Axis`."""
     data = config.model.to_data()
     target = override_path(data, path)
     if target is None:
         return unknown_path(data, path, place)
     if reason := _FIXED.get(target):
         return Problem(place, f"{path_text(target)} cannot be varied: {reason}")
+    if target[0] == "instances" and all(one.name != target[1] for one in system.instances):
+        return None
     return Axis(path, target, system, config, moved)

@@ -15,7 +15,7 @@ from orchestrator import bundled
 from orchestrator.campaign import Study
 from orchestrator.campaign.derived import Derived
 from orchestrator.campaign.execute import flat
-from orchestrator.config import dump
+from orchestrator.config import dump, load_config
 from orchestrator.errors import ConfigError
 from orchestrator.results import Results
 
@@ -217,6 +217,9 @@ def test_everything_that_is_wrong_is_told_at_once():
         "study: design.multiply[1].random.over.robot.xi_n: robot.xi_n: 0.9 is not below 0.8",
         "study: design.multiply[2].list[0].robot.omega_n: robot.omega_n: nan is not finite",
         "study: design.multiply[2].list[1].robot.omega_n: robot.omega_n: inf is not finite",
+        "study: design.multiply[0].grid.run.step_size: docking-1d-uncompensated.yaml:4: run: "
+        "stop_time 0.8 s is 266.667 steps of 3 ms away",
+        "  a whole number of steps after start_time is needed. Nearest stop times: 0.798 s, 0.801 s.",
     ]
 
 
@@ -254,17 +257,55 @@ bogus: 3
         "12: bogus",
     ]
     assert caught.value.unchecked == ()
-    # Without a system, what it is not needed for is looked at.
+    # With problems of the system, what is known of it is enough for most.
+    design = [f"{one.place}: {one.what}" for one in caught.value.problems]
     path.write_text(text.replace("0.8 s}", "0.8 s, robot.tau_m: [1], robt.xi_n: 3}"))
     with pytest.raises(ConfigError) as caught:
         Study.load(path)
-    told = [f"{one.place}: {one.what}" for one in caught.value.problems]
-    assert told[:2] == [
+    assert [f"{one.place}: {one.what}" for one in caught.value.problems] == [
         "--set robt.xi_n=3: no 'robt.xi_n' to set",
         "study.yaml:3: set.robot.tau_m: [1] is no value",
+        *design,
     ]
+    assert caught.value.unchecked == (
+        "the system with the design's values",
+        "numbers and instants of quantities",
+    )
+    # Without a system, what it is not needed for is looked at.
+    path.write_text(text.replace("docking-1d-uncompensated", "docking-2d"))
+    with pytest.raises(ConfigError) as caught:
+        Study.load(path)
+    told = [one.place for one in caught.value.problems]
     assert any("derived.x" in one for one in told) and not any("derived.peak" in one for one in told)
     assert caught.value.unchecked == ("the design's values, and signals and numbers of quantities",)
+
+
+def test_values_of_a_design_are_read_beside_what_is_wrong_with_its_system():
+    """Not those of an instance whose FMU is missing."""
+    system = load_config("docking-1d-uncompensated").model.to_data()
+    system["run"] |= {"step_size": 1, "master": "jacoby"}
+    system["instances"]["robot"]["fmu"] = "RobotRespons"
+    system["connections"][3] = "contact.forse -> satellite.force"
+    grid = {"contact.stiffness": ["1 N", 5], "robot.tau_m": ["1 N"], "run.stop_time": ["1 m"], "robt.x": [1]}
+    with pytest.raises(ConfigError) as caught:
+        Study(system=system, design={"grid": grid}, derived={"a": "max(contact.x)", "b": "max("})
+    assert [f"{one.place}: {one.what}" for one in caught.value.problems] == [
+        "config: run.step_size: 1 has no unit; write it as in '1 s' or '1 ms'",
+        "config: run.master: no master 'jacoby'",
+        "config: instances.robot.fmu: no FMU 'RobotRespons'",
+        "config: connections[3]: contact has no variable 'forse'",
+        "study: derived.b: b: 'max(': cannot be read ('(' was never closed)",
+        "study: design.grid.contact.stiffness: contact.stiffness [N/m]: cannot take '1 N', "
+        "N [kg.m.s-2] cannot be converted to N/m [kg.s-2]",
+        "study: design.grid.contact.stiffness: contact.stiffness [N/m]: 5 has no unit",
+        "study: design.grid.run.stop_time: run.stop_time: cannot take '1 m', "
+        "m [m] cannot be converted to s [s]",
+    ]
+    assert str(caught.value).splitlines()[-1] == (
+        "Not checked because of these problems: whether the run is a whole number of steps; ports and start "
+        "values of robot; what the master asks of the system; step sizes of FMUs; "
+        "the system with the design's values; signals, numbers and instants of quantities."
+    )
 
 
 @pytest.mark.parametrize(
