@@ -47,6 +47,8 @@ class Bond:
             giver is not told of the motion.
         displaced: for `motion` and each connection of `flow`, whether it is a displacement, not a flow.
         sign: -1 where a positive effort along the motion takes energy from the taker.
+        rates: connections between the same instances as displacements of `flow`, of their rates, which are
+            not counted; of bonds that were found.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Bond:
     flow: tuple[Connection, ...]
     displaced: tuple[bool, ...]
     sign: float = 1.0
+    rates: tuple[Connection, ...] = ()
 
     @property
     def giver(self) -> str:
@@ -68,7 +71,8 @@ class Bond:
 
     def __str__(self) -> str:
         way = " ".join(f"{one}," for one in (*self.effort, *self.flow))
-        return f"{self.name}: {way.rstrip(',') if self.flow else f'{way} {self.motion}'}"
+        text = f"{self.name}: {way.rstrip(',') if self.flow else f'{way} {self.motion}'}"
+        return f"{text} (not the rate: {listed(map(str, self.rates))})" if self.rates else text
 
 
 def moves_by(effort: Unit, motion: Unit) -> bool | None:
@@ -93,7 +97,8 @@ def find_bonds(
     connections of the same domain's flow or displacement lead back. Where two that have a connection in
     common are found, nobody but the author can tell which of them carries the energy: both are left out,
     and with them all others between the same two instances.
-    Between two instances that are connected by a flow and its displacement, the displacement counts.
+    Between two instances that are connected by a flow and its displacement, the displacement counts, and the
+    bond tells the other.
 
     Args:
         connections: of the system.
@@ -127,7 +132,29 @@ def find_bonds(
     kept, notes = _undoubted(whole, connections)
     if mixed:
         notes += (f"no books are kept of power bonds {listed(mixed)}: {_MIXED}",)
-    return kept, notes
+    return tuple(replace(bond, rates=_rates(bond, connections, variable)) for bond in kept), notes
+
+
+def _rates(
+    bond: Bond, connections: Sequence[Connection], variable: Callable[[Port], Variable]
+) -> tuple[Connection, ...]:
+    """Connections of a flow beside those of its displacement."""
+    counted = [one for one, displaced in zip(bond.flow, bond.displaced[1:], strict=True) if displaced]
+    effort = variable(bond.effort[0].source).unit
+
+    def rate(port: Port) -> bool:
+        unit = variable(port).unit
+        return effort is not None and unit is not None and moves_by(effort, unit) is False
+
+    return tuple(
+        other
+        for one in counted
+        for other in connections
+        if (other.source.instance, other.target.instance) == (one.source.instance, one.target.instance)
+        and rate(other.source)
+        and rate(other.target)
+        and not _subscripts_differ((one, other))
+    )
 
 
 _MIXED = "one of their connections is made of several signals"

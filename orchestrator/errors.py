@@ -22,6 +22,7 @@ __all__ = [
     "in_order",
     "listed",
     "nearest",
+    "needs",
 ]
 
 
@@ -188,3 +189,8 @@ def listed(names: Iterable[str], limit: int = 20) -> str:
         return "none"
     more = f" and {len(names) - limit} more" if len(names) > limit else ""
     return ", ".join(names[:limit]) + more
+
+
+def needs(package: str, extra: str = "logs") -> str:
+    """What to say of a package that is not installed and comes with an extra of this product."""
+    return f"needs the package {package}: pip install 'orchestrator[{extra}]'"

@@ -9,12 +9,13 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import ConfigError, Problem, listed
+from .errors import ConfigError, OrchestratorError, Problem, listed, needs
 from .stream import StreamWriter
 
 if TYPE_CHECKING:
@@ -69,8 +70,7 @@ def check_formats(names: Iterable[str]) -> tuple[str, ...]:
     if unknown:
         raise ConfigError([Problem("", f"no format {listed(unknown)}", f"formats: {listed(FORMATS)}")])
     if "h5" in wanted and find_spec("h5py") is None:
-        remedy = "pip install 'orchestrator[logs]'"
-        raise ConfigError([Problem("", "format h5 needs h5py, which is not installed", remedy=remedy)])
+        raise ConfigError([Problem("", f"format h5 {needs('h5py')}")])
     return wanted
 
 
@@ -114,7 +114,7 @@ def write(path: Path, recorded: Recorded) -> None:
 def read(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str, Any]]:
     """Time, signals, units, and further content of a result file, other than of Arrow files.
 
-    Raises: OSError or ValueError if it cannot be read.
+    Raises: OSError or ValueError if it cannot be read; OrchestratorError if a package is missing for it.
     """
     readers = {".csv": _read_csv, ".parquet": _read_parquet, ".mat": _read_mat, ".h5": _read_hdf5}
     if path.suffix not in readers:
@@ -282,16 +282,23 @@ def _read_mat(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict
 # HDF5
 
 
+def _h5py() -> ModuleType:
+    """Raises: OrchestratorError if it is not installed."""
+    try:
+        import h5py
+    except ImportError as error:
+        raise OrchestratorError(f"HDF5 {needs(error.name or 'h5py')}") from None
+    return h5py
+
+
 def write_hdf5(path: Path, recorded: Recorded) -> None:
     """Write an HDF5 file: `/time`, a group per instance, and the unit as attribute of each dataset.
 
-    Raises: ImportError without h5py.
+    Raises: OrchestratorError without h5py.
     """
-    import h5py
-
     about = {"parameters": recorded.parameters, "provenance": recorded.provenance}
     rows = len(recorded.time)
-    with h5py.File(path, "w", track_order=True) as file:
+    with _h5py().File(path, "w", track_order=True) as file:
         file.attrs[ABOUT] = json.dumps(strict(about), allow_nan=False)
         made = [file.create_dataset(TIME, (rows,), np.float64)]
         made[0].attrs["unit"] = "s"
@@ -317,9 +324,7 @@ def _inside(file: h5py.File, name: str) -> str:
 
 
 def _read_hdf5(path: Path) -> tuple[Array, dict[str, Array], dict[str, str], dict[str, Any]]:
-    import h5py
-
-    with h5py.File(path) as file:
+    with _h5py().File(path) as file:
         if ABOUT not in file.attrs:
             raise ValueError("it was not written by this package")
         found: list[tuple[int, str, Array, str]] = []

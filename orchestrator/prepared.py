@@ -18,7 +18,7 @@ from .measures import ChosenMeasure, judge_measures, measure_names
 from .simulate import Grid, time_problems
 from .system import System
 
-__all__ = ["Prepared", "prepare"]
+__all__ = ["Judgement", "Prepared", "judge", "prepare"]
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,50 @@ class Prepared:
         return (*self.config.notes, *self.system.notes)
 
 
-def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()) -> Prepared:
+@dataclass(frozen=True)
+class Judgement:
+    """What is known of a config, right or not.
+
+    Attributes:
+        config: as far as it can be read.
+        system: without what has problems.
+        prepared: None where there are problems.
+        problems, unchecked: see `ConfigError`.
+        whole: whether the system has all instances, and all signals that are to be recorded.
+    """
+
+    config: Config
+    system: System
+    prepared: Prepared | None
+    problems: tuple[Problem, ...]
+    unchecked: tuple[str, ...]
+    whole: bool
+
+
+def prepare(
+    config: str | Path | Mapping[str, Any] | Config,
+    overrides: Iterable[str] = (),
+    folder: Path | None = None,
+) -> Prepared:
     """Read a config and check it, its FMUs, connections, master, times and measures.
 
     Args:
-        config, overrides: see `load_config`.
+        config, overrides, folder: see `load_config`.
     Raises: ConfigError with all problems.
     """
-    draft = read_config(config, overrides)
+    judgement = judge(config, overrides, folder)
+    if judgement.prepared is None:
+        raise ConfigError(judgement.problems, judgement.unchecked)
+    return judgement.prepared
+
+
+def judge(
+    config: str | Path | Mapping[str, Any] | Config,
+    overrides: Iterable[str] = (),
+    folder: Path | None = None,
+) -> Judgement:
+    """As `prepare`, of a config that may have problems. Raises: ConfigError if little of it can be read."""
+    draft = read_config(config, overrides, folder)
     problems, unchecked = [*draft.problems], [*draft.unchecked]
     if draft.config is None:
         raise ConfigError(problems, unchecked)
@@ -69,9 +105,16 @@ def prepare(config: str | Path | Mapping[str, Any] | Config, overrides: Iterable
     problems += judged.problems
     unchecked += judged.unchecked
     problems += _steps(draft, judged, master, unchecked)
-    if problems or master is None or grid is None:
-        raise ConfigError(in_order(problems), unchecked)
-    return Prepared(draft.config, judged.sound(), master, grid, tuple(measures))
+    assert judged.system is not None
+    prepared = None
+    if not problems and master is not None and grid is not None:
+        prepared = Prepared(draft.config, judged.system, master, grid, tuple(measures))
+    names = {one.name for one in judged.system.instances}
+    whole = names == model.instances.keys() | model.external.keys() and gaps.whole("run", "record")
+    whole &= not (gaps.further("instances") or gaps.beneath("instances"))
+    whole &= not problems or model.run.record == "all"
+    told = tuple(in_order(problems))
+    return Judgement(draft.config, judged.system, prepared, told, tuple(unchecked), whole)
 
 
 def _grid(draft: Draft, unchecked: list[str]) -> Grid | None:

@@ -216,7 +216,7 @@ def read_results(path: Path | str) -> Results:
         if path.suffix == ".arrow":
             return Results.streamed(StreamedColumns(path), parameters, provenance)
         time, signals, units, more = formats.read(path)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, OrchestratorError) as error:
         raise OrchestratorError(f"{path}: no results can be read from it ({error})") from error
     return Results(
         time,

@@ -336,6 +336,52 @@ def test_a_config_whose_base_is_missing_is_read_by_itself(tmp_path):
     assert caught.value.unchecked == ("instances, connections and measures, for want of 'base.yaml'",)
 
 
+MISSPELT = """\
+run: {master: gauss-seidel, step_size: 0.1 ms, stop_time: 4 s}
+instnaces:
+  satellite: {fmu: SatelliteDynamics, start: {mass: 279 kN, mass: 3 kg, velosity: 1 m/s}}
+  robot: {fmu: RobotRespons}
+conections:
+  - satellite.posision -> robot.command
+  - {from: robot.position, to: satellite.force, comment: 3}
+"""
+
+
+def test_what_is_in_misspelt_sections_is_told_with_their_names(tmp_path):
+    (tmp_path / "wrong.yaml").write_text(MISSPELT)
+    (tmp_path / "over.yaml").write_text("extends: wrong.yaml\nrum: {step_size: 1}\n")
+    known = "allowed: title, run, instances, external, connections, bonds, measures. Did you mean"
+    found = {}
+    for name in ("wrong.yaml", "over.yaml"):
+        with pytest.raises(ConfigError) as caught:
+            prepare(tmp_path / name, ["robot.tau_m=1 s"])
+        found[name] = [f"{one.place}: {one.what}" for one in caught.value.problems]
+        assert f"unknown key 'instnaces'\n  {known} instances?\n" in str(caught.value)
+    assert found["wrong.yaml"] == [
+        "wrong.yaml:2: instnaces: unknown key 'instnaces'",
+        "wrong.yaml:3: instnaces.satellite.start.mass: given twice",
+        "wrong.yaml:3: instances.satellite.start.velosity: satellite has no variable 'velosity'",
+        "wrong.yaml:4: instances.robot.fmu: no FMU 'RobotRespons'",
+        "wrong.yaml:5: conections: unknown key 'conections'",
+        "wrong.yaml:6: connections[0]: satellite has no variable 'posision'",
+        "wrong.yaml:7: connections[1].comment: unknown key 'comment'",
+    ]
+    assert found["over.yaml"] == [
+        *found["wrong.yaml"],
+        "over.yaml:2: run.step_size: 1 has no unit; write it as in '1 s' or '1 ms'",
+        "over.yaml:2: rum: unknown key 'rum'",
+    ]
+
+
+def test_sections_that_may_be_meant_otherwise_are_not_read():
+    """Of two that may be meant neither; not one beside what it may be meant for, and not of another kind."""
+    for text, found in (
+        (RIGHT.replace("run:", "runs: {stp: 1}\nrun:"), ["runs: unknown key 'runs'"]),
+        (RIGHT + "measurs: [1]\n", ["measurs: unknown key 'measurs'"]),
+    ):
+        assert lines(told(text)) == found
+
+
 def test_an_override_that_cannot_be_made_hides_nothing_else():
     error = told(changed(("4 s", "4 m")), ["run.stepsize=1 ms", "robot.tau_m={", "robot.xi=1"])
     assert lines(error) == [

@@ -18,8 +18,11 @@ def test_a_chain_through_a_robot_is_one_bond():
     system = prepare("docking-1d-uncompensated").system
     assert [str(bond) for bond in system.bonds] == [
         "contact-satellite: contact.force -> satellite.force, satellite.position -> robot.command, "
-        "robot.position -> contact.position"
+        "robot.position -> contact.position (not the rate: robot.velocity -> contact.velocity)"
     ]
+    # What is declared passes over nothing.
+    (declared,) = prepare("docking-1d").system.bonds
+    assert str(declared).endswith(", satellite.position -> robot.command, robot.position -> contact.position")
 
 
 def both_told(**changes):
@@ -38,8 +41,12 @@ def both_told(**changes):
     )
 
 
-def test_of_a_flow_and_its_displacement_the_displacement_counts():
+def test_of_a_flow_and_its_displacement_the_displacement_counts_and_the_other_is_told():
     (bond,) = both_told().bonds
+    assert str(bond) == (
+        "damped-mass: damped.force -> mass.force, mass.position -> damped.position "
+        "(not the rate: mass.velocity -> damped.velocity)"
+    )
     assert [str(leg) for leg in bond.flow] == ["mass.position -> damped.position"]
     assert bond.displaced == (True, True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from fractions import Fraction
 
 import numpy as np
@@ -13,8 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from orchestrator import formats
+from orchestrator.__main__ import main
 from orchestrator.assembly import Part, assemble
-from orchestrator.diagnosis.logs import read_log
+from orchestrator.diagnosis.logs import LogError, read_log
 from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.master import create_master
 from orchestrator.results import Recorder, Results, parameters_of, read_results
@@ -94,9 +96,25 @@ def test_hdf5_without_its_package_is_refused_before_a_run(monkeypatch):
     monkeypatch.setattr(formats, "find_spec", lambda name: None)
     with pytest.raises(ConfigError) as caught:
         formats.check_formats(["csv", "h5"])
-    assert str(caught.value) == (
-        "format h5 needs h5py, which is not installed\n  pip install 'orchestrator[logs]'"
-    )
+    assert str(caught.value) == "format h5 needs the package h5py: pip install 'orchestrator[logs]'"
+
+
+def test_hdf5_without_its_package_says_what_to_install(tmp_path, monkeypatch, capsys):
+    SAMPLE.to_hdf5(tmp_path / "x.h5")
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    needed = "HDF5 needs the package h5py: pip install 'orchestrator[logs]'"
+    for call in (SAMPLE.write, SAMPLE.to_hdf5):
+        with pytest.raises(OrchestratorError) as caught:
+            call(tmp_path / "y.h5")
+        assert str(caught.value) == needed
+    with pytest.raises(OrchestratorError) as caught:
+        read_results(tmp_path / "x.h5")
+    assert str(caught.value) == f"{tmp_path}/x.h5: no results can be read from it ({needed})"
+    assert main(["export-results", str(tmp_path / "x.h5"), "--format", "csv"]) == 1
+    assert capsys.readouterr().err == f"orchestrator: {caught.value}\n"
+    with pytest.raises(LogError) as caught:
+        read_log(tmp_path / "x.h5")
+    assert str(caught.value) == "needs the package h5py: pip install 'orchestrator[logs]'"
 
 
 @pytest.mark.parametrize("suffix", ["arrow", "csv"])

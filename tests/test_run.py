@@ -101,6 +101,48 @@ def test_the_written_config_runs_where_it_lies(config, tmp_path, python_fmu):
     assert len(run(tmp_path / "deep" / "out" / "config.yaml", halving=False).results) == 51
 
 
+def test_files_in_overrides_are_where_those_are_written(config, tmp_path, python_fmu, monkeypatch):
+    """In the working directory or the folder that is given and, where they are not, in the config's."""
+    study, away = tmp_path / "study", tmp_path / "away"
+    for folder in (study, away, tmp_path):
+        folder.mkdir(exist_ok=True)
+        shutil.copy(python_fmu("misbehaving"), folder / "tank.fmu")
+    monkeypatch.chdir(away)
+    overrides = ["one.fmu=tank.fmu"]
+
+    def file(*folder):
+        return prepare(config, overrides, *folder).system.instances[0].fmu.path
+
+    assert file() == away / "tank.fmu"
+    assert file(study) == study / "tank.fmu"
+    assert main(["check", str(config), "--set", "one.fmu=./tank.fmu"]) == 0
+    run(
+        "docking-1d-uncompensated", overrides=["run.stop_time=1 ms", "robot.fmu=RobotResponse"], halving=False
+    )
+    (study / "tank.fmu").unlink()
+    assert file(study) == tmp_path / "tank.fmu"
+    (tmp_path / "tank.fmu").unlink()
+    with pytest.raises(ConfigError) as caught:
+        file(study)
+    assert str(caught.value).startswith(
+        f"--set one.fmu=tank.fmu: instances.one.fmu: no file {study}/tank.fmu\n  bundled FMUs: "
+    )
+
+
+def test_effects_in_overrides_are_from_where_those_are_written(config, tmp_path, monkeypatch):
+    effect = "from orchestrator.effects import Effect\n\n\nclass Nothing(Effect):\n    pass\n"
+    (tmp_path / "away").mkdir()
+    (tmp_path / "away" / "mine.py").write_text(effect)
+    monkeypatch.chdir(tmp_path / "away")
+    prepare(config, ["connections[two.rate].through=[{effect: 'mine.py:Nothing'}]"])
+    with pytest.raises(ConfigError) as caught:
+        prepare(config, ["connections[two.rate].through=[{effect: 'mine.py:Other'}]"])
+    place = (
+        "--set connections[two.rate].through=[{effect: 'mine.py:Other'}]: connections[0].through[0].effect"
+    )
+    assert str(caught.value) == (f"{place}: {tmp_path}/away/mine.py has no 'Other'\n  effects in it: Nothing")
+
+
 def test_numerics_are_what_half_the_step_changes(config):
     result = run(config)
     halved = run(config, overrides=["run.step_size=5 ms"], halving=False)

@@ -10,7 +10,7 @@ from typing import Any
 
 from .. import bundled
 from ..checks import start_value
-from ..config import Config, Scalar, dump, override_path, path_text, unknown_path
+from ..config import Config, Scalar, dump, move_value, override_path, path_text, unknown_path
 from ..errors import ConfigError, Problem, listed
 from ..fmi import Kind, Variable
 from ..quantities import Measure, quantity
@@ -55,14 +55,28 @@ class Axis:
         target: where it is in the config.
         unit: of the numbers in tables; empty where they have none.
         start: whether it is a start value: an instance and a variable.
+        effect: whether its values are names of effects.
     """
 
-    def __init__(self, path: str, target: tuple[str | int, ...], system: System, config: Config) -> None:
-        self.path, self.target = path, target
+    def __init__(
+        self,
+        path: str,
+        target: tuple[str | int, ...],
+        system: System,
+        config: Config,
+        moved: Callable[[str], str],
+    ) -> None:
+        """
+        Args:
+            system, config: without values of the design.
+            moved: what the config has for a file that the study names.
+        """
+        self.path, self.target, self._moved = path, target, moved
         self.unit = ""
         self._config = config
         self._variable: Variable | None = None
         self._read: Callable[[Scalar, str], Level | Problem] = self._read_plain
+        self.effect = target[0] == "connections" and target[-1] == "effect"
         self.start = target[0] == "instances" and target[2] == "start"
         if self.start:
             instance = next(one for one in system.instances if one.name == target[1])
@@ -156,7 +170,8 @@ class Axis:
         return Level(float(exact), str(exact), str(value))
 
     def _read_plain(self, value: Scalar, place: str) -> Level | Problem:
-        text = as_text(value)
+        # Of an effect's file, since a worker's folder is another.
+        text = as_text(move_value(self.target, value, lambda file: str(self._found(file).resolve())))
         if not isinstance(value, str):
             return Level(value, value, text)
         try:
@@ -171,6 +186,9 @@ class Axis:
             return Problem(place, f"{self.path}: cannot take {value!r}, {error}", f"values in {self.unit}")
         return Level(shown, _exact(quantity), text)
 
+    def _found(self, file: str) -> Path:
+        return self._config.folder / self._moved(file)
+
     def _read_file(self, value: Scalar, place: str) -> Level | Problem:
         name, what = str(self.target[1]), self.target[2]
         if what == "form":
@@ -179,7 +197,7 @@ class Axis:
             if value not in forms:
                 return Problem(place, f"{self.path}: no form {value!r}", f"forms of {fmu}: {listed(forms)}")
             return Level(str(value), "", "", forms[str(value)])
-        found = self._config.folder / str(value)
+        found = self._found(str(value))
         path = found if found.is_file() else bundled.find_fmu(str(value))
         if path is None:
             names = listed(bundled.fmu_names())
@@ -197,12 +215,16 @@ def _exact(quantity: Quantity) -> str:
     return f"{value} {quantity.unit.base()}"
 
 
-def axis_of(path: str, system: System, config: Config, place: str) -> Axis | Problem:
-    """The axis of a path, or what is wrong with it."""
+def axis_of(
+    path: str, system: System, config: Config, moved: Callable[[str], str], place: str
+) -> Axis | Problem | None:
+    """The axis of a path, or what is wrong with it; None if the system lacks its instance. See `Axis`."""
     data = config.model.to_data()
     target = override_path(data, path)
     if target is None:
         return unknown_path(data, path, place)
     if reason := _FIXED.get(target):
         return Problem(place, f"{path_text(target)} cannot be varied: {reason}")
-    return Axis(path, target, system, config)
+    if target[0] == "instances" and all(one.name != target[1] for one in system.instances):
+        return None
+    return Axis(path, target, system, config, moved)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from ..config import Places
+from ..config import Places, file_of, take_as_meant
 from ..errors import ConfigError, Problem, in_order, listed, nearest
-from ..run import Prepared, prepare
+from ..prepared import Judgement, Prepared, judge
 from ..system import Instance
 from .axes import Axis, Level, as_text, axis_of
 from .derived import Derived, parse_derived, unknown_numbers
@@ -37,6 +38,7 @@ class Checked:
         repeats: what each repeat of a point has besides.
         variants: the system with values of the design.
         files: FMUs that the design varies.
+        effects: values of axes over effects, with their paths.
     """
 
     model: StudyModel
@@ -46,6 +48,7 @@ class Checked:
     repeats: Sequence[dict[str, Level]]
     variants: Variants
     files: tuple[Path, ...]
+    effects: tuple[tuple[str, Level], ...]
 
 
 def check_study(
@@ -55,7 +58,7 @@ def check_study(
 
     Args:
         places: where the values were written, for messages.
-        folder: where a system that is a file is looked for.
+        folder: from which relative paths in it start.
         problems: found earlier, to be told together with those found here.
     Raises: ConfigError with all problems.
     """
@@ -71,35 +74,42 @@ class _Check:
     def study(self, data: Mapping[str, Any], folder: Path) -> Checked:
         """See `check_study`."""
         unchecked: list[str] = []
+        data = dict(data)
+        self._problems += take_as_meant(data, self._places, StudyModel)[0]
         self._model, unread, whole = read_study(data, self._places, self._problems)
-        prepared = None
-        if "system" not in unread:
-            prepared = self._system(data.get("system"), folder, unchecked)
-        if prepared is None:
+        judged = self._system(data.get("system"), folder, unchecked) if "system" not in unread else None
+        if judged is None:
             self._derive(None)
             unchecked.append("the design's values, and signals and numbers of quantities")
             raise self._error(unchecked)
-        self._prepared = prepared
-        derived = self._derive([str(port) for port in prepared.system.recorded])
+        self._judged, self._moved = judged, file_of(folder, judged.config.folder)
+        recorded = [str(port) for port in judged.system.recorded]
+        derived = self._derive(recorded if judged.whole else None)
         self._axes = self._make_axes("design" not in unread)
-        self._variants = Variants(prepared.config, self._axes)
+        self._variants = Variants(judged.config, self._axes)
         blocks = Blocks(self._axes, self._problems, self._place)
         repeats = self._repeats()
         if "design" in unread:
-            raise self._error(["the design's values"])
+            raise self._error([*unchecked, "the design's values"])
         block = blocks.make(self._model.design, ("design",))
+        prepared = judged.prepared
+        if prepared is None:
+            what = "numbers and instants" if judged.whole else "signals, numbers and instants"
+            raise self._error([*unchecked, "the system with the design's values", f"{what} of quantities"])
         if whole:
-            self._problems += self._unknown_numbers(derived, blocks)
+            self._problems += self._unknown_numbers(derived, blocks, prepared)
+            self._problems += self._unreached(derived, block, prepared)
         if not self._problems and not len(block):
             self._problems.append(Problem(self._place(("design",)), "the design has no points"))
+        self._problems += self._tried(blocks)
         if not self._problems:
-            self._problems += self._tried(blocks, block, repeats)
+            self._problems += self._tried_points(block, repeats)
         if self._problems:
             raise self._error()
-        files = tuple(
-            level.file for path in self._axes for level in blocks.levels[path] if level.file is not None
-        )
-        return Checked(self._model, prepared, self._axes, block, repeats, self._variants, files)
+        levels = [(path, level) for path in self._axes for level in blocks.levels[path]]
+        files = tuple(level.file for _, level in levels if level.file is not None)
+        effects = tuple(one for one in levels if self._axes[one[0]].effect)
+        return Checked(self._model, prepared, self._axes, block, repeats, self._variants, files, effects)
 
     def _error(self, unchecked: Sequence[str] = ()) -> ConfigError:
         return ConfigError(in_order(dict.fromkeys(self._problems)), unchecked)
@@ -107,21 +117,23 @@ class _Check:
     def _place(self, path: tuple[str | int, ...]) -> str:
         return self._places.text(path)
 
-    def _system(self, system: Any, folder: Path, unchecked: list[str]) -> Prepared | None:
+    def _system(self, system: Any, folder: Path, unchecked: list[str]) -> Judgement | None:
         if isinstance(system, str) and (folder / system).is_file():
             system = folder / system
         texts = [f"{path}={as_text(value)}" for path, value in self._model.set_.items()]
         try:
-            made = prepare(system, texts)
+            made = judge(system, texts, folder)
         except ConfigError as error:
             self._problems += error.problems
             unchecked += error.unchecked
             return None
-        model = made.config.model
+        self._problems += made.problems
+        unchecked += made.unchecked
+        external, run = made.config.model.external, made.config.model.run
         # What comes from outside, or takes the clock's time, is not the same run twice.
         for given, path, what in (
-            (model.external, "external", f"{listed(model.external)} is another program"),
-            (model.run.realtime, "run.realtime", "runs of a sweep are not paced by the clock"),
+            (external, "external", f"{listed(external)} is another program"),
+            (run.realtime, "run.realtime", "runs of a sweep are not paced by the clock"),
         ):
             if given:
                 place = f"{self._place(('system',))}: {path}"
@@ -158,8 +170,10 @@ class _Check:
             self._distinct(chosen or recorded, "record")
         return derived
 
-    def _unknown_numbers(self, derived: Sequence[Derived], blocks: Blocks) -> list[Problem]:
-        system = self._prepared.system
+    def _unknown_numbers(
+        self, derived: Sequence[Derived], blocks: Blocks, prepared: Prepared
+    ) -> list[Problem]:
+        system = prepared.system
         known = dict.fromkeys(_numbers_of(system.instances))
         for axis in self._axes.values():
             if axis.known:
@@ -173,12 +187,43 @@ class _Check:
                 known |= dict.fromkeys(_numbers_of(one for one in made if one is not None))
         recorded = [str(port) for port in system.recorded]
         instances = [one.name for one in system.instances]
-        measured = bool(self._prepared.measures)
+        measured = bool(prepared.measures)
 
         def place(name: str) -> str:
             return self._place(("derived", name))
 
         return unknown_numbers(derived, list(known), recorded, instances, measured, place)
+
+    def _unreached(self, derived: Sequence[Derived], block: Block, prepared: Prepared) -> list[Problem]:
+        """Problems of instants that a run does not record; where times vary, of the first such point."""
+        wanted = [(one.name, instant) for one in derived for instant in one.instants]
+        run = prepared.config.model.run
+        start, stop, step = run.times()
+        given: dict[str, Any] = {"start_time": start, "stop_time": stop, "step_size": step}
+        given["record_every"] = run.record_every
+        paths = {axis.target[1]: path for path, axis in self._axes.items() if axis.target[0] == "run"}
+        varied = {key: paths[key] for key in given if key in paths}
+        told: dict[tuple[str, float], Problem] = {}
+        for number in range((len(block) if varied else 1) if wanted else 0):
+            point = block[number] if varied else {}
+            levels = {key: point[path].canonical for key, path in varied.items() if path in point}
+            try:
+                start, stop, step, every = (Fraction(one) for one in (given | levels).values())
+                rows = (stop - start) // (step * every)
+            except (ValueError, ZeroDivisionError):
+                rows = -1
+            if rows < 0:
+                continue  # there is no such run, which is told as that
+            first, last = float(start), float(start + rows * step * every)
+            for name, instant in wanted:
+                if first <= instant <= last or (name, instant) in told:
+                    continue
+                what = f"{name}: at {instant:.12g} s nothing is recorded"
+                whose = f"point {number} of the design" if varied else "the run"
+                allowed = f"{whose} is recorded from {first:.12g} s to {last:.12g} s; "
+                allowed += f"run.stop_time is {float(stop):.12g} s"
+                told[name, instant] = Problem(self._place(("derived", name)), what, allowed)
+        return list(told.values())
 
     def _distinct(self, names: Iterable[str], key: str) -> None:
         """Names of columns, which SQL reads without regard to case, so that one would hide the other."""
@@ -202,7 +247,10 @@ class _Check:
         into = self._model.repeats.into if self._model.repeats else []
         for path in (*(paths_of(self._model.design) if designed else ()), *into):
             where = ("repeats", "into") if path in into else ("design",)
-            made = axis_of(path, self._prepared.system, self._prepared.config, self._place(where))
+            system, config = self._judged.system, self._judged.config
+            made = axis_of(path, system, config, self._moved, self._place(where))
+            if made is None or (isinstance(made, Problem) and not self._judged.whole):
+                continue  # what is wrong with the system may be what it lacks
             if isinstance(made, Problem):
                 self._problems.append(made)
                 continue
@@ -237,8 +285,8 @@ class _Check:
             made.append(levels)
         return made
 
-    def _tried(self, blocks: Blocks, block: Block, repeats: Sequence[dict[str, Level]]) -> list[Problem]:
-        """Problems of the design's values, each in the system as it is, and of its first and last point."""
+    def _tried(self, blocks: Blocks) -> list[Problem]:
+        """Problems of the design's values, each in the system as it is."""
         found: list[Problem] = []
         for path, levels in blocks.levels.items():
             tried = list(levels)
@@ -248,10 +296,14 @@ class _Check:
                 tried = [*tried[: _MOST_TRIED - 1], tried[-1]]
             for level in tried:
                 found += self._variants.problems({path: level}, levels[level])
-        if not found:
-            for index in sorted({0, len(block) - 1}):
-                point = block[index] | repeats[0]
-                found += self._variants.problems(point, f"{self._place(('design',))}: point {index}")
+        return found
+
+    def _tried_points(self, block: Block, repeats: Sequence[dict[str, Level]]) -> list[Problem]:
+        """Problems of the design's first and last point."""
+        found: list[Problem] = []
+        for index in sorted({0, len(block) - 1}):
+            point = block[index] | repeats[0]
+            found += self._variants.problems(point, f"{self._place(('design',))}: point {index}")
         return found
 
 

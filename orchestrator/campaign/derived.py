@@ -76,6 +76,7 @@ class Derived:
         text: as the study has it.
         signals: names of the signals that it reads.
         numbers: names of summary numbers and parameters that it reads.
+        instants: at which it reads signals [s].
     """
 
     def __init__(self, name: str, text: str) -> None:
@@ -83,6 +84,7 @@ class Derived:
         self.name, self.text = name, text
         self.signals: dict[str, None] = {}
         self.numbers: dict[str, None] = {}
+        self.instants: dict[float, None] = {}
         if len(text) > _LONGEST:
             raise ValueError(f"longer than {_LONGEST} characters")
         try:
@@ -142,7 +144,7 @@ class Derived:
         if within:
             raise _Wrong(f"{name} stands within another reducer")
         if name == "at":
-            _seconds(node.args[1])
+            self.instants[_seconds(node.args[1])] = None
         self._walk(node.args[0], True, depth + 1)
 
     def _of(self, node: ast.AST, results: Results, measured: Mapping[str, Any], within: bool) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -171,7 +171,7 @@ class Study:
                 starts.append((name, variable, value))
                 continue
             put_value(data, axis.target, level.canonical)
-            if axis.target[0] == "connections" and axis.target[-1] == "effect":
+            if axis.effect:
                 data.setdefault("varied_effects", {})[path] = self._checked.variants.sources(path, level)
             others.append((path, level.text))
         key = digest_of(json.dumps(data, sort_keys=True).encode())
@@ -205,7 +205,8 @@ class Study:
         """Of the study: its content, the system and the product included."""
         data = self.model.model_dump_json(by_alias=True) + self._identity
         files = sorted(self._packed.varied.values())
-        return digest_of((data + "".join(files)).encode())[:12]
+        sources = [self._checked.variants.sources(*one) for one in self._checked.effects]
+        return digest_of((data + "".join(files) + "".join(chain(*sources))).encode())[:12]
 
     def about(self) -> dict[str, Any]:
         """What is kept of the study besides its points."""

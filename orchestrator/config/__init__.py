@@ -1,8 +1,10 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
+from .draft import take_as_meant
 from .external import ExternalModel, RealtimeModel
+from .files import file_of, move_effects, move_value
 from .gaps import Absent, Gaps
-from .load import Config, Draft, json_schema, load_config, move_effects, read_config
+from .load import Config, Draft, json_schema, load_config, read_config
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .overrides import override_path, put_value, unknown_path
 from .problems import path_within, validation_problems
@@ -27,15 +29,18 @@ __all__ = [
     "compose",
     "copied",
     "dump",
+    "file_of",
     "json_schema",
     "load_config",
     "move_effects",
+    "move_value",
     "override_path",
     "parse",
     "path_text",
     "path_within",
     "put_value",
     "read_config",
+    "take_as_meant",
     "unknown_path",
     "validation_problems",
 ]

@@ -21,15 +21,43 @@ from .models import (
     SystemModel,
     named_twice,
 )
-from .problems import is_of_another_form, path_within, validation_problems
+from .problems import is_of_another_form, names_of, path_within, unknown_key, validation_problems
 from .text import Path, Places
 
-__all__ = ["read_model"]
+__all__ = ["read_model", "take_as_meant"]
 
 _ARROW = TypeAdapter(Arrow)
 _NAMED = ("instances", "external")
 # For the keys of an external one that its ports do not depend on.
 _ANY_PEER = {"listen": "127.0.0.1:1", "peer": "127.0.0.1:2", "exchange": "latest"}
+
+
+def take_as_meant(
+    data: dict[str, Any], places: Places, model: type[BaseModel]
+) -> tuple[list[Problem], dict[str, str]]:
+    """Give misspelt sections the one name that they can be meant for, so that what is in them is read, too.
+
+    Args:
+        data: plain values of a whole file; it and `places` are changed.
+        model: what its sections are known by.
+    Returns: a problem of each, and the name that each has now.
+    """
+    names, problems, meant = names_of(model), list[Problem](), dict[str, str]()
+    kinds = dict(zip(names, (one.annotation for one in model.model_fields.values()), strict=True))
+    for key, value in data.items():
+        near = close(str(key), names)
+        if key in names or len(near) != 1 or near[0] in (*data, *meant.values()):
+            continue
+        if _takes(kinds[near[0]], value):
+            problems.append(unknown_key(places, (key,), names))
+            meant[key] = near[0]
+    if meant:
+        renamed = {meant.get(key, key): value for key, value in data.items()}
+        data.clear()
+        data.update(renamed)
+        inner = [(path, place) for path, place in places.known.items() if path and path[0] in meant]
+        places.known.update(((meant[str(path[0])], *path[1:]), place) for path, place in inner)
+    return problems, meant
 
 
 def read_model(
@@ -250,6 +278,8 @@ def _meant(data: Mapping[str, Any], path: Path, value: Any) -> Iterable[Path]:
 
 def _takes(annotation: Any, value: Any) -> bool:
     """Whether a mapping, or a list, may stand where an annotation asks for it; of other values never."""
+    if annotation is Any:
+        return isinstance(value, Mapping | list)
     wanted = get_origin(annotation) or annotation
     if isinstance(wanted, type) and wanted is not NoneType:
         if isinstance(value, Mapping):

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
 from .. import bundled
-from ..effects import effect_file, effect_schema
+from ..effects import effect_schema
 from ..errors import ConfigError, Problem, listed, nearest
-from .draft import read_model
+from .draft import read_model, take_as_meant
+from .files import file_of, rebase
 from .gaps import FURTHER, Gaps
 from .models import SystemModel
 from .overrides import override
 from .text import Path, Place, Places, compose, copied, dump
 
-__all__ = ["Config", "Draft", "json_schema", "load_config", "move_effects", "read_config"]
+__all__ = ["Config", "Draft", "json_schema", "load_config", "read_config"]
 
 # Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It
 # gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
@@ -68,7 +69,9 @@ class Draft:
 
 
 def load_config(
-    source: str | pathlib.Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()
+    source: str | pathlib.Path | Mapping[str, Any] | Config,
+    overrides: Iterable[str] = (),
+    folder: pathlib.Path | None = None,
 ) -> Config:
     """Read and check a config.
 
@@ -76,16 +79,20 @@ def load_config(
         source: name of a bundled system, path of a YAML, .ssp or .ssd file, plain values, or a config to be
             changed.
         overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
+        folder: where they were written, from which relative paths in them start; None: the working directory.
+            Files that are not there are looked for in the config's own.
     Raises: ConfigError with all problems.
     """
-    draft = read_config(source, overrides)
+    draft = read_config(source, overrides, folder)
     if draft.problems or draft.config is None:
         raise ConfigError(draft.problems, draft.unchecked)
     return draft.config
 
 
 def read_config(
-    source: str | pathlib.Path | Mapping[str, Any] | Config, overrides: Iterable[str] = ()
+    source: str | pathlib.Path | Mapping[str, Any] | Config,
+    overrides: Iterable[str] = (),
+    folder: pathlib.Path | None = None,
 ) -> Draft:
     """Read a config as far as it can be read; see `load_config`.
 
@@ -97,13 +104,14 @@ def read_config(
     found = _Found()
     if isinstance(source, Config):
         data, places = source.model.to_data(), source.places
-        folder, name, notes, unpacked = source.folder, source.name, source.notes, source.unpacked
+        own, name, notes, unpacked = source.folder, source.name, source.notes, source.unpacked
     elif isinstance(source, Mapping):
         data, places = copied(source), Places("config")
-        folder, name = pathlib.Path.cwd(), "config"
+        found.misspelt, _ = take_as_meant(data, places, SystemModel)
+        own, name = pathlib.Path.cwd(), "config"
     else:
         path = _find(source)
-        folder, name = path.parent, path.stem
+        own, name = path.parent, path.stem
         reader = _FOREIGN.get(path.suffix.lower())
         if reader is not None:
             module, _, function = reader.partition(":")
@@ -113,15 +121,16 @@ def read_config(
         else:
             data, places = _read(path, (), found)
     places = Places(places.source, dict(places.known))
+    moved = file_of(folder or pathlib.Path.cwd(), own)
     for text in overrides:
-        problems, meant = override(data, places, text)
+        problems, meant = override(data, places, text, moved)
         found.problems += problems
         found.gaps += meant
     model, wrong, gaps = read_model(data, places, Gaps(frozenset(found.gaps)))
     told = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in wrong]
-    config = None if found.wanting else Config(model, places, folder, name, notes, unpacked)
+    config = None if found.wanting else Config(model, places, own, name, notes, unpacked)
     unchecked = tuple(f"instances, connections and measures, for want of {one!r}" for one in found.wanting)
-    return Draft(config, (*found.problems, *told), gaps, unchecked)
+    return Draft(config, (*found.problems, *told, *found.misspelt), gaps, unchecked)
 
 
 @dataclass
@@ -129,10 +138,12 @@ class _Found:
     """What reading files finds wrong.
 
     Attributes:
+        misspelt: names of sections.
         wanting: configs that are extended and cannot be read.
     """
 
     problems: list[Problem] = field(default_factory=list)
+    misspelt: list[Problem] = field(default_factory=list)
     gaps: list[Path] = field(default_factory=list)
     wanting: list[str] = field(default_factory=list)
 
@@ -182,8 +193,13 @@ def _read(
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError([Problem(str(path), f"cannot be read ({error})")]) from error
     data, places, problems = compose(text, path.name)
+    renamed: dict[str, str] = {}
+    if isinstance(data, dict):
+        misspelt, renamed = take_as_meant(data, places, SystemModel)
+        wrong.misspelt += misspelt
     for where, problem in problems:
         wrong.problems.append(problem)
+        where = tuple(renamed.get(str(part), part) for part in where[:1]) + where[1:]
         # Of a section, the entries that are taken stand all the same.
         wrong.gaps.append((*where, FURTHER) if len(where) == 1 and where != ("run",) else where)
     if not isinstance(data, dict):
@@ -201,7 +217,7 @@ def _read(
         wrong.wanting.append(str(base))
         wrong.gaps.append(())  # it may give anything
         return data, places
-    _rebase(base_data, found.parent, path.parent)
+    rebase(base_data, found.parent, path.parent)
     known = dict(base_places.known)
     merged = _merge(base_data, data, (), known, places)
     return merged, Places(path.name, known)
@@ -220,29 +236,6 @@ def _base(path: pathlib.Path, base: Any, place: str, above: tuple[pathlib.Path, 
     if found.resolve() in (earlier.resolve() for earlier in (*above, path)):
         raise ConfigError([Problem(place, f"{base!r} extends itself")])
     return found
-
-
-def _rebase(data: dict[str, Any], old: pathlib.Path, new: pathlib.Path) -> None:
-    """Relative paths of a config that is extended keep pointing to the same files."""
-    if old.resolve() == new.resolve():
-        return
-    instances = data.get("instances")
-    for instance in instances.values() if isinstance(instances, dict) else ():
-        fmu = instance.get("fmu") if isinstance(instance, dict) else None
-        if isinstance(fmu, str) and (old / fmu).is_file():
-            instance["fmu"] = str((old / fmu).resolve())
-    move_effects(data, lambda file: str((old / file).resolve()) if (old / file).is_file() else file)
-
-
-def move_effects(data: Mapping[str, Any], moved: Callable[[str], str]) -> None:
-    """Replace the Python files that connections of a config's plain values take effects from."""
-    connections = data.get("connections")
-    for connection in connections if isinstance(connections, list) else ():
-        through = connection.get("through") if isinstance(connection, dict) else None
-        for item in through if isinstance(through, list) else ():
-            file = effect_file(item) if isinstance(item, dict) else ""
-            if file:
-                item["effect"] = f"{moved(file)}:{item['effect'].rpartition(':')[2]}"
 
 
 def _merge(base: Any, change: Any, path: Path, known: dict[Path, Place], places: Places) -> Any:

@@ -252,8 +252,8 @@ class SystemModel(Model):
         return self
 
     def to_data(self) -> dict[str, Any]:
-        """Plain values, as they stand in a file: what was not given is not filled in."""
-        return self.model_dump(mode="python", by_alias=True, exclude_unset=True)
+        """Plain values, as they stand in a file: what was not given is not filled in; of a draft, too."""
+        return self.model_dump(mode="python", by_alias=True, exclude_unset=True, warnings=False)
 
 
 def named_twice(instances: Container[str], external: Iterable[str]) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 from ..errors import ConfigError, Problem, close, listed, nearest
+from .files import move_value
 from .gaps import FURTHER
 from .models import RunModel
 from .text import Path, Place, Places, parse
@@ -13,9 +15,13 @@ from .text import Path, Place, Places, parse
 __all__ = ["override", "override_path", "put_value", "unknown_path"]
 
 
-def override(data: dict[str, Any], places: Places, text: str) -> tuple[list[Problem], list[Path]]:
+def override(
+    data: dict[str, Any], places: Places, text: str, moved: Callable[[str], str]
+) -> tuple[list[Problem], list[Path]]:
     """Apply one override.
 
+    Args:
+        moved: what the config has for a file that the override names.
     Returns: problems found, and the paths that it may have been meant for if it has some.
     """
     place = f"--set {text}"
@@ -32,7 +38,7 @@ def override(data: dict[str, Any], places: Places, text: str) -> tuple[list[Prob
     if path is None or problems:
         return problems, _meant(data, name) if path is None else [path]
     if _reached(data, path):
-        put_value(data, path, value)
+        put_value(data, path, move_value(path, value, moved))
         places.known[path] = Place(place)
     return [], []
 

@@ -13,7 +13,7 @@ from .gaps import Gaps
 from .models import ConnectionModel, SourceModel
 from .text import Path, Places, path_text
 
-__all__ = ["is_of_another_form", "path_within", "validation_problems"]
+__all__ = ["is_of_another_form", "names_of", "path_within", "unknown_key", "validation_problems"]
 
 # Of pydantic's locations: key checks, and members of unions that are told apart by a tag.
 _MARKS = ("[key]", "[list]", "[range]")
@@ -54,11 +54,7 @@ def validation_problems(
                 places.text(path[:-1]), f"{path_text(path[-1:])} is missing", "it has no default"
             )
         elif kind == "extra_forbidden" and path[:1] != ("connections",):
-            names = _keys(model, item["loc"][:-1])
-            what = f"unknown key {path[-1]!r}"
-            problem = Problem(
-                places.text(path), what, f"allowed: {listed(names)}", nearest(str(path[-1]), names)
-            )
+            problem = unknown_key(places, path, _keys(model, item["loc"][:-1]))
         elif kind == "model_type" and path[:1] != ("connections",):
             names = _keys(model, item["loc"])
             what = f"got {item['input']!r}"
@@ -76,9 +72,7 @@ def validation_problems(
                 if kind == "missing":
                     problem = Problem(places.text(path[:2]), f"{path[-1]} is missing", "it has no default")
                 else:
-                    suggestion = nearest(str(path[-1]), names)
-                    what = f"unknown key {path[-1]!r}"
-                    problem = Problem(places.text(path), what, f"allowed: {listed(names)}", suggestion)
+                    problem = unknown_key(places, path, names)
                 problems.setdefault(path, problem)
                 continue
             else:
@@ -103,6 +97,12 @@ def validation_problems(
             problem = Problem(place, message, remedy=nearest(str(item["input"]), names))
         problems.setdefault(path, problem)
     return list(problems.values())
+
+
+def unknown_key(places: Places, path: Path, names: Sequence[str]) -> Problem:
+    """The problem of a key that is none of `names`."""
+    what, allowed = f"unknown key {path[-1]!r}", f"allowed: {listed(names)}"
+    return Problem(places.text(path), what, allowed, nearest(str(path[-1]), names))
 
 
 def path_within(data: Any, location: Sequence[str | int]) -> Path:
@@ -170,7 +170,7 @@ def is_of_another_form(item: Any) -> bool:
 def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
     """Keys allowed at a location."""
     if location[:1] == ("connections",) and "ConnectionModel" in location:
-        return _names(SourceModel if "SourceModel" in location else ConnectionModel)
+        return names_of(SourceModel if "SourceModel" in location else ConnectionModel)
     current: Any = model
     for part in location:
         if part in _MARKS or _is_member(part):
@@ -181,7 +181,7 @@ def _keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
             current = named.get(str(part))
         else:
             current = _model_in(current)
-    return _names(_unwrapped(current))
+    return names_of(_unwrapped(current))
 
 
 def _unwrapped(annotation: Any) -> Any:
@@ -193,7 +193,7 @@ def _unwrapped(annotation: Any) -> Any:
     )
 
 
-def _names(model: Any) -> list[str]:
+def names_of(model: Any) -> list[str]:
     """Keys of a model as they are written; none of what is no model."""
     return [found.alias or name for name, found in getattr(model, "model_fields", {}).items()]
 

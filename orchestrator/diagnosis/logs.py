@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import needs
+
 __all__ = ["LogError", "Signal", "read_log"]
 
 Array = NDArray[np.float64]
@@ -60,7 +62,7 @@ def read_log(path: Path) -> dict[str, Signal]:
     except LogError:
         raise
     except ImportError as error:
-        raise LogError(f"needs the package {error.name}: pip install 'orchestrator[logs]'") from None
+        raise LogError(needs(error.name or str(error))) from None
     except Exception as error:  # whatever a reader trips over in a damaged file
         if path.is_dir():
             told = f"is a folder, and no ROS bag ({error}); name a file, of {', '.join(_READERS)}"

@@ -6,11 +6,11 @@ import sys
 
 import pytest
 import yaml
-from campaign_bench import one_body, quick, with_mass_in
+from campaign_bench import QUICK, one_body, quick, with_mass_in
 
 from orchestrator.campaign import Study
 from orchestrator.campaign import product as products
-from orchestrator.config import load_config
+from orchestrator.config import dump, load_config
 from orchestrator.run import prepare
 
 _MODULE = '''
@@ -113,12 +113,37 @@ def test_effects_that_a_design_varies_are_known_by_their_code(modules):
         study = quick(
             system=data, design={"grid": {path: ["campaign_law:Scaled", "campaign_law_other:Scaled"]}}
         )
-        return [study.task(n)[0].key for n in range(2)]
+        return study.id, *(study.task(n)[0].key for n in range(2))
 
     one = keys()
-    assert len(set(one)) == 2 and one == keys()
+    assert len(set(one)) == 3 and one == keys()
     modules("campaign_law_other.py", _MODULE.format(imports="", factor=0.7))
-    assert keys()[0] == one[0] and keys()[1] != one[1]
+    # The study is another, too: its points in a store hold the keys.
+    assert [a == b for a, b in zip(keys(), one, strict=True)] == [False, True, False]
+
+
+def test_files_of_effects_that_a_design_varies_are_beside_the_study(tmp_path):
+    """Not beside its system, nor in the working directory of the process that makes the runs."""
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    for folder, factor in ((mine, 0.5), (theirs, 0.9)):
+        folder.mkdir()
+        (folder / "laws.py").write_text(_MODULE.format(imports="", factor=factor))
+    data, path = through("laws.py:Scaled")
+    (theirs / "system.yaml").write_text(dump(data))
+    study = {
+        "format": "sweep/1",
+        "set": QUICK,
+        "design": {"grid": {path: ["laws.py:Scaled"]}},
+        "derived": {"peak": "max(abs(contact.force))"},
+        "step_halving": False,
+    }
+    peaks = []
+    for folder in (theirs, mine):
+        (folder / "study.yaml").write_text(dump(study | {"system": "../theirs/system.yaml"}))
+        swept = Study.load(folder / "study.yaml").run(tmp_path / "store", jobs=1)
+        assert swept.made == 1 and not swept.failed
+        peaks.append(swept.columns()["peak"][0])
+    assert peaks[0] != peaks[1]
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from orchestrator import bundled
 from orchestrator.campaign import Study
 from orchestrator.campaign.derived import Derived
 from orchestrator.campaign.execute import flat
+from orchestrator.config import dump, load_config
 from orchestrator.errors import ConfigError
 from orchestrator.results import Results
 
@@ -216,6 +217,9 @@ def test_everything_that_is_wrong_is_told_at_once():
         "study: design.multiply[1].random.over.robot.xi_n: robot.xi_n: 0.9 is not below 0.8",
         "study: design.multiply[2].list[0].robot.omega_n: robot.omega_n: nan is not finite",
         "study: design.multiply[2].list[1].robot.omega_n: robot.omega_n: inf is not finite",
+        "study: design.multiply[0].grid.run.step_size: docking-1d-uncompensated.yaml:4: run: "
+        "stop_time 0.8 s is 266.667 steps of 3 ms away",
+        "  a whole number of steps after start_time is needed. Nearest stop times: 0.798 s, 0.801 s.",
     ]
 
 
@@ -253,17 +257,55 @@ bogus: 3
         "12: bogus",
     ]
     assert caught.value.unchecked == ()
-    # Without a system, what it is not needed for is looked at.
+    # With problems of the system, what is known of it is enough for most.
+    design = [f"{one.place}: {one.what}" for one in caught.value.problems]
     path.write_text(text.replace("0.8 s}", "0.8 s, robot.tau_m: [1], robt.xi_n: 3}"))
     with pytest.raises(ConfigError) as caught:
         Study.load(path)
-    told = [f"{one.place}: {one.what}" for one in caught.value.problems]
-    assert told[:2] == [
+    assert [f"{one.place}: {one.what}" for one in caught.value.problems] == [
         "--set robt.xi_n=3: no 'robt.xi_n' to set",
         "study.yaml:3: set.robot.tau_m: [1] is no value",
+        *design,
     ]
+    assert caught.value.unchecked == (
+        "the system with the design's values",
+        "numbers and instants of quantities",
+    )
+    # Without a system, what it is not needed for is looked at.
+    path.write_text(text.replace("docking-1d-uncompensated", "docking-2d"))
+    with pytest.raises(ConfigError) as caught:
+        Study.load(path)
+    told = [one.place for one in caught.value.problems]
     assert any("derived.x" in one for one in told) and not any("derived.peak" in one for one in told)
     assert caught.value.unchecked == ("the design's values, and signals and numbers of quantities",)
+
+
+def test_values_of_a_design_are_read_beside_what_is_wrong_with_its_system():
+    """Not those of an instance whose FMU is missing."""
+    system = load_config("docking-1d-uncompensated").model.to_data()
+    system["run"] |= {"step_size": 1, "master": "jacoby"}
+    system["instances"]["robot"]["fmu"] = "RobotRespons"
+    system["connections"][3] = "contact.forse -> satellite.force"
+    grid = {"contact.stiffness": ["1 N", 5], "robot.tau_m": ["1 N"], "run.stop_time": ["1 m"], "robt.x": [1]}
+    with pytest.raises(ConfigError) as caught:
+        Study(system=system, design={"grid": grid}, derived={"a": "max(contact.x)", "b": "max("})
+    assert [f"{one.place}: {one.what}" for one in caught.value.problems] == [
+        "config: run.step_size: 1 has no unit; write it as in '1 s' or '1 ms'",
+        "config: run.master: no master 'jacoby'",
+        "config: instances.robot.fmu: no FMU 'RobotRespons'",
+        "config: connections[3]: contact has no variable 'forse'",
+        "study: derived.b: b: 'max(': cannot be read ('(' was never closed)",
+        "study: design.grid.contact.stiffness: contact.stiffness [N/m]: cannot take '1 N', "
+        "N [kg.m.s-2] cannot be converted to N/m [kg.s-2]",
+        "study: design.grid.contact.stiffness: contact.stiffness [N/m]: 5 has no unit",
+        "study: design.grid.run.stop_time: run.stop_time: cannot take '1 m', "
+        "m [m] cannot be converted to s [s]",
+    ]
+    assert str(caught.value).splitlines()[-1] == (
+        "Not checked because of these problems: whether the run is a whole number of steps; ports and start "
+        "values of robot; what the master asks of the system; step sizes of FMUs; "
+        "the system with the design's values; signals, numbers and instants of quantities."
+    )
 
 
 @pytest.mark.parametrize(
@@ -351,6 +393,37 @@ def test_names_that_no_run_has_a_number_for_are_refused():
     ]
 
 
+def test_instants_that_a_run_does_not_record_are_refused():
+    late = {"late": 'at(robot.position, "1 s") - at(robot.position, "0.8 s")', "soon": 'at(time, "-1 ms")'}
+    assert refused(derived=late).splitlines() == [
+        "study: derived.late: late: at 1 s nothing is recorded",
+        "  the run is recorded from 0 s to 0.8 s; run.stop_time is 0.8 s",
+        "study: derived.soon: soon: at -0.001 s nothing is recorded",
+        "  the run is recorded from 0 s to 0.8 s; run.stop_time is 0.8 s",
+    ]
+    end = {"end": 'at(robot.position, "800 ms")'}
+    assert len(quick(derived=end)) == 12
+    assert refused(derived=end, set=QUICK | {"run.record_every": 7}).splitlines() == [
+        "study: derived.end: end: at 0.8 s nothing is recorded",
+        "  the run is recorded from 0 s to 0.784 s; run.stop_time is 0.8 s",
+    ]
+
+
+def test_instants_are_judged_by_the_stop_time_of_each_point():
+    two = {"two": 'at(robot.position, "2 s")'}
+    assert len(quick(derived=two, design={"grid": {"run.stop_time": ["2 s", "4 s"]}})) == 2
+    short = {
+        "add": [{"grid": {"run.stop_time": ["2 s", "1600 ms", "1.2 s"]}}, {"list": [{"robot.xi_n": 0.9}]}]
+    }
+    assert refused(derived=two, design=short).splitlines() == [
+        "study: derived.two: two: at 2 s nothing is recorded",
+        "  point 1 of the design is recorded from 0 s to 1.6 s; run.stop_time is 1.6 s",
+    ]
+    delays = {"list": [{"robot.xi_n": 0.9}]}
+    mixed = {"add": [{"grid": {"run.stop_time": ["2 s"]}}, delays]}
+    assert "point 1 of the design is recorded from 0 s to 0.8 s" in refused(derived=two, design=mixed)
+
+
 def test_numbers_of_measures_and_of_varied_start_values_are_let_pass(tmp_path):
     # What a measure finds only a run tells; the force is an input that only the design gives a value.
     quick(derived={"growth": "contacts[1].cor / robot.tau_m", "never": "contacts[99].nothing"})
@@ -374,6 +447,50 @@ def test_parameters_of_a_varied_fmu_are_known(tmp_path):
     columns = study.run(tmp_path / "store", jobs=1).columns()
     assert columns["weight"][1] == columns["mass"][0] > 0.0
     assert np.isnan([columns["weight"][0], columns["mass"][1]]).all()
+
+
+def test_fmus_in_a_study_are_beside_it(tmp_path):
+    """Not beside its system, and not in the working directory."""
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    for folder, mass in ((mine, "2"), (theirs, "3")):
+        folder.mkdir()
+        with_mass_in("kg", folder / "light.fmu", mass)
+    body = {"fmu": "SatelliteDynamics", "form": "native", "start": {"force": "1 N"}}
+    run = {"master": "gauss-seidel", "step_size": "10 ms", "stop_time": "0.1 s"}
+    system = {"run": run, "instances": {"m": {"fmu": "light.fmu", "start": body["start"]}, "n": body}}
+    (theirs / "system.yaml").write_text(dump(system))
+    study = {
+        "format": "sweep/1",
+        "system": "../theirs/system.yaml",
+        "design": {"list": [{"n.fmu": "./light.fmu"}]},
+    }
+    study["derived"] = {"m": "m.mass", "n": "n.mass"}
+    for set_, mass in (({}, 3.0), ({"m.fmu": "light.fmu"}, 2.0)):
+        (mine / "study.yaml").write_text(dump(study | {"set": set_}))
+        columns = Study.load(mine / "study.yaml").run(tmp_path / "store", jobs=1).columns()
+        assert (columns["m"], columns["n"]) == (mass, 2.0)
+    study["design"] = {"list": [{"n.fmu": "./none.fmu"}]}
+    (mine / "study.yaml").write_text(dump(study))
+    with pytest.raises(ConfigError) as caught:
+        Study.load(mine / "study.yaml")
+    fmus = bundled.fmu_names()
+    assert str(caught.value).splitlines() == [
+        "study.yaml:5: design.list[0].n.fmu: n.fmu: no FMU './none.fmu'",
+        f"  no file {mine}/none.fmu; bundled FMUs: {', '.join(fmus[:20])} and {len(fmus) - 20} more",
+    ]
+
+
+def test_what_is_in_misspelt_sections_of_a_study_is_told():
+    data = {"format": "sweep/1", "system": "docking-1d", "derivd": {"late": "max(contact.forse)"}}
+    with pytest.raises(ConfigError) as caught:
+        Study(data | {"desing": {"grid": {"robot.tau_m": ["1 N"]}}})
+    assert [one.place for one in caught.value.problems] == [
+        "study: derivd",
+        "study: desing",
+        "study: derived.late",
+        "study: design.grid.robot.tau_m",
+    ]
+    assert caught.value.unchecked == ()
 
 
 def test_only_the_form_of_values_that_was_meant_is_told():

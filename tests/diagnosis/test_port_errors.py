@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from copy import deepcopy
 
 import numpy as np
@@ -11,6 +12,7 @@ import yaml
 from mcap.writer import Writer
 from ports_bench import change_log, study
 
+from orchestrator import bundled
 from orchestrator.__main__ import main
 from orchestrator.diagnosis.cli import _folders
 from orchestrator.diagnosis.mistakes import wrong_scales
@@ -169,6 +171,37 @@ def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
     found = told(change, lambda path: diagnose_ports(path, lambda stage: None, report=False))
     assert found.startswith("run-0: the model as configured runs away: controller.voltage from 0.0")
     assert "it does in 2 more runs\n" in found and "smaller than 0.002 s" in found
+
+
+def test_what_is_in_misspelt_sections_is_told(told):
+    def change(data):
+        data["colums"] = data.pop("columns")
+        data["colums"]["drive.speed"] = "x"
+        data["run"] = data.pop("runs")
+        data["run"][1]["file"] = "run-9.csv"
+
+    assert sorted(placed(told(change))) == ["columns.drive.speed", "colums", "run", "runs[1].file"]
+
+
+def test_files_under_set_are_beside_the_study(told, tmp_path):
+    """Not beside the system, here a bundled one."""
+    shutil.copy(bundled.find_fmu("LinearDrive"), tmp_path / "mine.fmu")
+
+    def change(data):
+        data["set"] += ["drive.fmu=mine.fmu"]
+        data["experiments"] = [{"name": "other", "set": ["drive.fmu=./mine.fmu"]}]
+
+    assert told(change) == ""
+
+    def mistaken(data):
+        data["experiments"][0]["set"] = ["drive.fmu=my.fmu"]
+
+    fmus = bundled.fmu_names()
+    assert told(mistaken) == (
+        "wrong.yaml:33: experiments[0].set[0]: instances.drive.fmu: no file my.fmu\n"
+        f"  bundled FMUs: {', '.join(fmus[:20])} and {len(fmus) - 20} more\n"
+        "Not checked because of these problems: ports and start values of drive."
+    )
 
 
 def test_what_is_wrong_in_one_part_hides_nothing_in_others(told):

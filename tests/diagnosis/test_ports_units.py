@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 
 import pytest
+import yaml
 from ports_bench import change_log, study
 
 from orchestrator.diagnosis.ports.given import check_logs
 from orchestrator.diagnosis.ports.reader import load_port_study
+
+
+def fed_too(folder, column):
+    """Map what the controller was given, as well."""
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+    data["columns"]["controller.position"] = column
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
 
 
 @pytest.mark.parametrize(
@@ -30,6 +38,50 @@ def test_a_column_in_another_unit_is_told_with_both(tmp_path, factor, told):
             columns["drive.position"] *= factor
     (found,) = check_logs(load_port_study(tmp_path))[0]
     assert found.place.endswith("drive.position") and told in found.remedy
+
+
+@pytest.mark.parametrize(
+    ("change", "place", "told"),
+    [
+        (
+            lambda columns: {"drive.position": 1e3 * columns["drive.position"]},
+            "controller.position and drive.position",
+            "All fits if it is 1000 times too large, as if logged in thousandths of its unit. "
+            "Correct the unit in its header, or give `unit` in a study file.",
+        ),
+        (
+            lambda columns: {"drive.position": -columns["drive.position"]},
+            "controller.position and drive.position",
+            "All fits if its sign is reversed. Correct its values, or give `sign: -1` in a study file.",
+        ),
+        (
+            lambda columns: {
+                "drive.position": columns["controller.voltage"],
+                "controller.voltage": columns["drive.position"],
+            },
+            "controller.voltage, controller.position and drive.position",
+            "All fits if the two are exchanged. Exchange their columns.",
+        ),
+    ],
+)
+def test_a_mistake_in_a_column_of_two_ports_is_told_of_both(tmp_path, change, place, told):
+    """What the controller was given is also what the drive is compared with."""
+    study(tmp_path, seed=None)
+    fed_too(tmp_path, {"column": "drive.position"})
+    assert check_logs(load_port_study(tmp_path)) == ([], [])
+    for number in range(3):
+        with change_log(tmp_path / f"run-{number}.csv") as columns:
+            columns |= {name: values.copy() for name, values in change(columns).items()}
+    (found,) = check_logs(load_port_study(tmp_path))[0]
+    assert (found.place, found.remedy) == (f"run-0: {place}", told)
+
+
+def test_a_mistake_at_one_of_two_ports_of_a_column_is_told_of_that(tmp_path):
+    study(tmp_path, seed=None)
+    fed_too(tmp_path, {"column": "drive.position", "unit": "mm"})
+    (found,) = check_logs(load_port_study(tmp_path))[0]
+    assert found.place == "run-0: controller.position"
+    assert found.remedy.endswith("The study file says `unit: mm`: correct that.")
 
 
 @pytest.mark.parametrize("gain", [0.9, 1.1, 1.3])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -173,7 +173,7 @@ def _mistake(study: PortStudy, run: PortRun, given: Signals) -> Mistake | None:
     if not wrong:
         return None
     replay, found = PortReplay(study, [run]), []
-    for port, told, mended in (*_factors(study, run), *_exchanged(run)):
+    for port, told, mended in (*_factors(study, run), *_exchanged(study, run)):
         after = _misfits(study, mended, _signals(replay, mended) if _drives(study, run, mended) else given)
         share = sum(after.get(one, np.inf) for one in wrong) / sum(before[one] for one in wrong)
         if share < _MENDED and max(after.values(), default=np.inf) < _FITS:
@@ -208,19 +208,48 @@ def _misfits(study: PortStudy, run: PortRun, given: Signals) -> dict[Port, float
 
 
 def _factors(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
-    """A column's name, the mistake in it as a remedy, and the run without it."""
-    for port, log in run.logs.items():
-        column = study.columns[port]
-        for factor, told in wrong_factors(column.sign, column.unit, pairs=True):
-            yield str(port), told, _with(run, {port: log / factor})
-        for gain, offset, told in wrong_scales(study.unit(port), column.unit):
-            yield str(port), told, _with(run, {port: gain * log + offset})
+    """What a column is called, the mistake in it as a remedy, and the run without it.
+
+    At each port, since the study may be mistaken there, and at all ports together that the column is of.
+    """
+    shared = [ports for ports in _columns(study, run) if len(ports) > 1]
+    for ports in (*((port,) for port in run.logs), *shared):
+        named = _named(ports)
+        columns = [study.columns[port] for port in ports]
+        factors = (wrong_factors(one.sign, one.unit, pairs=True) for one in columns)
+        for same in zip(*factors, strict=True):
+            logs = {port: run.logs[port] / factor for port, (factor, _) in zip(ports, same, strict=True)}
+            yield named, same[0][1], _with(run, logs)
+        if len({one.unit for one in columns}) > 1:
+            continue  # each is said to be on a scale of its own
+        scales = (wrong_scales(study.unit(port), one.unit) for port, one in zip(ports, columns, strict=True))
+        for alike in zip(*scales, strict=True):
+            logs = {
+                port: gain * run.logs[port] + offset
+                for port, (gain, offset, _) in zip(ports, alike, strict=True)
+            }
+            yield named, alike[0][2], _with(run, logs)
 
 
-def _exchanged(run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
+def _exchanged(study: PortStudy, run: PortRun) -> Iterator[tuple[str, str, PortRun]]:
     told = "All fits if the two are exchanged. Exchange their columns."
-    for one, other in combinations(run.logs, 2):
-        yield f"{one}, {other}", told, _with(run, {one: run.logs[other], other: run.logs[one]})
+    sets = dict.fromkeys((*((port,) for port in run.logs), *_columns(study, run)))
+    for ports, others in combinations(sets, 2):
+        if not set(ports) & set(others):
+            logs = dict.fromkeys(ports, run.logs[others[0]]) | dict.fromkeys(others, run.logs[ports[0]])
+            yield f"{_named(ports)}, {_named(others)}", told, _with(run, logs)
+
+
+def _named(ports: Iterable[Port]) -> str:
+    return " and ".join(map(str, ports))
+
+
+def _columns(study: PortStudy, run: PortRun) -> list[tuple[Port, ...]]:
+    """The ports of each column of a run's log."""
+    found: dict[str, list[Port]] = {}
+    for port in run.logs:
+        found.setdefault(study.columns[port].column, []).append(port)
+    return [tuple(ports) for ports in found.values()]
 
 
 def _with(run: PortRun, logs: Mapping[Port, np.ndarray]) -> PortRun:

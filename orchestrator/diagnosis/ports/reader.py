@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...checks import in_range
+from ...config import take_as_meant
 from ...errors import ConfigError, Problem, in_order, listed, nearest
 from ...fmi import Causality, Kind
 from ...quantities import Measure
@@ -43,6 +44,7 @@ def load_port_study(path: Path, practising: bool = False) -> PortStudy:
     Raises: ConfigError with all problems of study, system and logs.
     """
     sheet = Sheet(study_file(path))
+    sheet.problems += take_as_meant(sheet.data, sheet.places, StudyModel)[0]
     model, wrong = sheet.taken(StudyModel, sheet.data)
     prepared, faithful = _prepared(sheet, model, wrong)
     if prepared is not None:
@@ -89,7 +91,7 @@ def _prepared(sheet: Sheet, model: StudyModel, wrong: frozenset[str]) -> tuple[P
     told: tuple[str, ...] | None = ("system",)
     while True:
         try:
-            prepared = prepare(source, kept.values())
+            prepared = prepare(source, kept.values(), sheet.file.parent)
             break
         except ConfigError as error:
             blamed = sheet.of_system(error, kept, ("set",), told)
@@ -278,7 +280,7 @@ class _Reader:
             if one.name in found:
                 self.sheet.tell((*place, "name"), f"two are called {one.name}", "one name for each")
             try:
-                prepared = prepare(self.prepared.config, one.overrides)
+                prepared = prepare(self.prepared.config, one.overrides, self.sheet.file.parent)
             except ConfigError as error:
                 self.sheet.of_system(error, dict(enumerate(one.overrides)), (*place, "set"), place)
                 continue

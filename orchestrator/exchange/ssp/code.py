@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...config.load import move_effects
+from ...config.files import move_effects
 from ...errors import ConfigError, Problem
 from .archive import Package
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...config import dump
-from ...config.load import move_effects
+from ...config.files import move_effects
 from ...errors import ConfigError, Problem
 from .annotations import checksum
 from .read import MAIN, Read, read_ssp

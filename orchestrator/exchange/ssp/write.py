@@ -18,7 +18,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from ...config import Config
-from ...config.load import move_effects
+from ...config.files import move_effects
 from ...errors import ConfigError, Problem
 from ...fmi import Kind, ModelDescription, Variable
 from ...run import Prepared, prepare
