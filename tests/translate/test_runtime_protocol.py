@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 import subprocess
 from pathlib import Path
 from shutil import which
@@ -330,6 +331,25 @@ def test_chattering_is_an_error():
     assert status_of(instance, "doStep", 0.9, 0.2) == 3
     assert instance.texts[-1] == (
         "DoStep: chattering at t = 1 s: 100 events within less than 2e-09 s of each other"
+    )
+
+
+@VERSIONS
+def test_a_communication_step_without_progress_is_an_error(version):
+    # x' = -sign(x) without an event: where x has come to 0, internal steps are as long as 1e-13 takes.
+    instance = Instance("steep", version).initialise(speed=1.0, width=0.0)
+    instance.step(0.9)
+    assert status_of(instance, "doStep", 0.9, 0.2) == 3
+    status, category, text = instance.messages[-1]
+    assert (status, category) == (3, "logStatusError")
+    at, took, longer = re.findall(r"(?:at t =|steps took|in one of) (\S+)", text)
+    assert 1 < float(at) < 1.0001 and float(took) < 1e-4 and float(longer) < 1e-9
+    assert text == (
+        f"DoStep: no progress at t = {at} s: the last 2000000 internal steps took {took} s together, "
+        f"less than 0.05 of the communication step of 0.2 s; in one of {longer} s the error of state x "
+        "exceeds the relative tolerance 1e-10. A derivative jumps or grows without bound there, or is too "
+        "stiff: keep roots and divisions away from zero, write a jump as an event (if, without noEvent), "
+        "give it a finite slope, or take shorter communication steps if it is but stiff"
     )
 
 

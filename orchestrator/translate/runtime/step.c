@@ -1,6 +1,7 @@
 /* One communication step: inputs taken over, internal steps, events, assertions. */
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "runtime.h"
@@ -8,6 +9,16 @@
 /* Events closer than NEAR communication steps are in close succession; so many of them are chattering. */
 static const double NEAR = 1e-8;
 enum { MAX_NEAR_EVENTS = 100, MAX_LOCATIONS = 20 };
+
+/* So many internal steps in a row, repeated ones counted too, must come LEAST_PROGRESS of the communication
+ * step further: 4e7 of them may make a communication step, some seconds at 0.1 us each for a model of one
+ * state. A step is stable up to 3.3 time constants, and at worst half of them are repeated: what is stiff
+ * gets through down to time constants of 1.5e-8 communication steps, and with no more than WINDOW internal
+ * steps in a communication step always. Where a derivative jumps at a zero without an event, or is as steep,
+ * steps get as short as a state takes for 1e-13 of its nominal value. A communication step would last for
+ * minutes to years then; it ends after two windows at most. */
+static const double LEAST_PROGRESS = 0.05;
+enum { WINDOW = 2000000 };
 
 enum { NO_LEVEL = 1000, EVENT = -1 };
 
@@ -88,10 +99,29 @@ static RtStatus accept(Runtime *rt, double end, int event)
     return status;
 }
 
+/* Fail for want of progress since the time `since`, with what longer steps than `h`, the one to come, fail
+ * for. Not to be discarded: with shorter and shorter communication steps a master would get nowhere, too. */
+static RtStatus stuck(Runtime *rt, double since, double h, double stop)
+{
+    char reason[200] = "events cut them short";
+    double factor;
+    int event;
+    if (rt_attempt(rt, fmin(rt->t0 + 10 * h, stop), &factor, &event) == STEP_REJECTED)
+        snprintf(reason, sizeof reason, "in one of %.3g s %.150s", rt->h, rt->trouble_text);
+    rt_fail(rt, RT_ERROR,
+            "no progress at t = %.9g s: the last %d internal steps took %.3g s together, less than %g of the "
+            "communication step of %.3g s; %s. A derivative jumps or grows without bound there, or is too "
+            "stiff: keep roots and divisions away from zero, write a jump as an event (if, without noEvent), "
+            "give it a finite slope, or take shorter communication steps if it is but stiff",
+            rt->t0, (int)WINDOW, rt->t0 - since, LEAST_PROGRESS, rt->step_size, reason);
+    return rt->trouble;
+}
+
 static RtStatus integrate(Runtime *rt, double target)
 {
     RtStatus worst = RT_OK;
-    int misses = 0;
+    double since = rt->s.time;
+    int misses = 0, tries = 0;
     while (rt->s.time < target) {
         double stop, h, factor, floor;
         int whole, event, cut = 0, located = 0;
@@ -112,6 +142,11 @@ static RtStatus integrate(Runtime *rt, double target)
             double end = whole ? stop : rt->t0 + h;
             Verdict verdict;
             if (end > stop) end = stop;
+            if (++tries > WINDOW) {
+                if (rt->t0 - since < LEAST_PROGRESS * rt->step_size) return stuck(rt, since, h, stop);
+                since = rt->t0;
+                tries = 1;
+            }
             verdict = rt_attempt(rt, end, &factor, &event);
             if (verdict == STEP_ACCEPTED) {
                 /* A step cut short by a stop says only that the remembered size is not too large. */
@@ -127,7 +162,13 @@ static RtStatus integrate(Runtime *rt, double target)
                 /* After a miss by rounding errors time still has to pass. */
                 double least = 4 * DBL_EPSILON * fmax(fabs(rt->t0), rt->step_size) * pow(2, misses);
                 /* Location converges at once where everything is smooth; elsewhere halving does. */
-                h = fmax((++located > MAX_LOCATIONS ? factor / 2 : factor) * rt->h, least);
+                double shorter = (++located > MAX_LOCATIONS ? factor / 2 : factor) * rt->h;
+                h = fmax(shorter, least);
+                if (fmin(rt->t0 + h, stop) == end) {
+                    /* The event lies within the least time: the same step again would have it again. */
+                    h = shorter;
+                    misses = 0;
+                }
                 cut = 1;
             } else {
                 h = factor * rt->h;
