@@ -8,118 +8,103 @@ from __future__ import annotations
 
 import numpy as np
 
-from .hidden import Hidden, between
+from .hidden import Hidden, between, signed
 
 __all__ = ["FRESH"]
 
 
-def _sag(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"sag": min(size, 1.2) * between(rng, 0.1, 0.4), "sag_time": between(rng, 0.03, 0.2)}
+def _kick(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"kick": size * between(rng, 4.0, 15.0), "kick_time": between(rng, 8e-3, 3e-2)}
 
 
-def _stop(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # As set by someone who took the frames to stand further out.
-    return {"stop": size * between(rng, 0.01, 0.04), "stop_at": rng.uniform(4.4e-3, 5.1e-3)}
-
-
-def _unscrew(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"unscrew": size * between(rng, 4e-7, 1.6e-6)}
-
-
-def _lift(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _resolver(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # What it errs by falls with the square of its bandwidth.
     return {
-        "lift": size * between(rng, 2e-5, 8e-5),
-        "lift_rate": between(rng, 2e-3, 1e-2),
-        "lift_time": between(rng, 3e-3, 1.5e-2),
+        "resolver": 2.0 * np.pi * between(rng, 20.0, 45.0) / max(size, 0.02) ** 0.5,
+        "resolver_xi": between(rng, 0.5, 1.0),
     }
 
 
-def _calm(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # Made for scales, whose display is to stand still.
-    lag = size * between(rng, 1.5, 6.0)  # where hardly anything moves [ticks]
-    return {"calm": lag / (1.0 + lag), "calm_step": between(rng, 4.0, 15.0)}
+def _clutch(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"clutch": size * between(rng, 7e-7, 2.8e-6), "clutch_force": between(rng, 15.0, 40.0)}
 
 
-def _ring(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # On a rubber washer.
+def _whip(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "ring": size * between(rng, 0.22, 0.65),
-        "ring_omega": 2.0 * np.pi * between(rng, 35.0, 100.0),
-        "ring_xi": between(rng, 0.03, 0.12),
+        "whip": size * between(rng, 5e-6, 2e-5),
+        "whip_omega": 2.0 * np.pi * between(rng, 6.0, 18.0),
+        "whip_xi": between(rng, 0.02, 0.1),
     }
 
 
-def _sampling(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # A thread reads it that others hold up.
-    return {"sampling": size * between(rng, 6e-4, 2.4e-3)}
+def _agc(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # Made for microphones.
+    return {"agc": size * between(rng, 0.05, 0.2), "agc_time": between(rng, 0.02, 0.15)}
 
 
-def _foil(rng: np.random.Generator, size: float) -> dict[str, float]:
-    at = between(rng, 4e-4, 1.5e-3)
-    return {
-        "foil": size * between(rng, 5.0, 18.0),
-        "foil_at": at,
-        "foil_stretch": at * rng.uniform(0.6, 1.1),
-    }
+def _cut(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # As flow meters have it, lest they count what is nothing.
+    return {"cut": size * between(rng, 2.0, 7.0)}
 
 
-def _thick(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"thick": size * between(rng, 0.08, 0.3)}
+def _ground(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ground": size * signed(rng) * between(rng, 0.8, 3.0)}
 
 
-def _hook(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"hook": size * between(rng, 1.5, 6.0), "hook_reach": between(rng, 1e-4, 5e-4)}
+def _hits(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"hits": size * between(rng, 0.03, 0.12)}
 
 
-def _bridge(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # What it errs by grows with the square of the time.
-    return {
-        "bridge": float(np.sqrt(size)) * between(rng, 6e-3, 1.4e-2),
-        "bridge_rate": between(rng, 4.0, 12.0),
-    }
+def _snap(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # Within the first contact or the second.
+    return {"snap": min(size, 1.2) * between(rng, 0.08, 0.3), "snap_after": between(rng, 5.0, 18.0)}
 
 
-def _change(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"change": size * between(rng, 1.5e-5, 5e-5)}
+def _vent(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"vent": size * between(rng, 2.0, 8.0), "vent_time": between(rng, 0.04, 0.3)}
 
 
-def _seek(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {
-        "seek": size * between(rng, 1.5, 5.0),
-        "seek_force": between(rng, 8.0, 25.0),
-        "seek_time": between(rng, 0.05, 0.4),
-    }
+def _frame_slips(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"frame_slip": size * between(rng, 2e-4, 8e-4), "frame_slip_rate": between(rng, 2.0, 8.0)}
 
 
-def _rubbed(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"rubbed": size * between(rng, 0.03, 0.12), "rubbed_force": between(rng, 0.3, 1.5)}
+def _sparse(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"sparse": size * between(rng, 1.5e-5, 5e-5)}
 
 
-def _passive(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"passive": min(size, 1.2) * between(rng, 0.1, 0.4), "passive_from": rng.uniform(0.1, 0.5)}
+def _joined(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"joined": size * between(rng, 0.03, 0.12), "joined_force": between(rng, 6.0, 25.0)}
 
 
-def _helped(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"helped": size * between(rng, 0.8, 3.0), "helped_rate": between(rng, 1e-3, 5e-3)}
+def _fix(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"fix": size * between(rng, 2e-4, 8e-4), "fix_period": between(rng, 0.1, 0.4)}
+
+
+def _summed(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"summed": size * between(rng, 0.15, 0.6)}
+
+
+def _blend(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"blend": min(size, 1.2) * between(rng, 0.2, 0.7)}
 
 
 _ALL = (
-    Hidden("robot.sagging-supply", _sag),
-    Hidden("robot.soft-stop", _stop),
-    Hidden("structure.unscrewing", _unscrew),
-    Hidden("structure.floating-slide", _lift),
-    Hidden("sensor.adaptive-filter", _calm),
-    Hidden("sensor.swinging-element", _ring),
-    Hidden("sensor.sampling-jitter", _sampling, chance=True),
-    Hidden("contact.foil", _foil),
-    Hidden("contact.stiffening-paste", _thick),
-    Hidden("contact.hook-tape", _hook),
-    Hidden("link.dead-reckoning", _bridge, chance=True),
-    Hidden("link.send-on-change", _change),
-    Hidden("dynamics.post-contact-thrust", _seek),
-    Hidden("dynamics.rubbing-hinge", _rubbed),
-    Hidden("controller.passivity", _passive),
-    Hidden("controller.friction-compensation", _helped),
+    Hidden("robot.reversal-kick", _kick),
+    Hidden("robot.tracking-converter", _resolver),
+    Hidden("structure.overload-clutch", _clutch),
+    Hidden("structure.bowing-rod", _whip),
+    Hidden("sensor.gain-control", _agc),
+    Hidden("sensor.low-cut", _cut),
+    Hidden("sensor.shared-ground", _ground),
+    Hidden("contact.uneven-hits", _hits, chance=True),
+    Hidden("contact.breaking-spring", _snap),
+    Hidden("contact.filling-seal", _vent),
+    Hidden("link.frame-slips", _frame_slips, chance=True),
+    Hidden("link.sparse-updates", _sparse),
+    Hidden("dynamics.joined-mass", _joined),
+    Hidden("dynamics.navigation-fix", _fix),
+    Hidden("controller.force-integral", _summed),
+    Hidden("controller.expected-force", _blend),
 )
 
 FRESH = {one.id: one for one in _ALL}

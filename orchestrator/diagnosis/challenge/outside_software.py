@@ -153,6 +153,38 @@ def _payload(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"payload": size * between(rng, 0.3, 1.2)}
 
 
+def _bridge(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # What it errs by grows with the square of the time.
+    return {
+        "bridge": float(np.sqrt(size)) * between(rng, 6e-3, 1.4e-2),
+        "bridge_rate": between(rng, 4.0, 12.0),
+    }
+
+
+def _change(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"change": size * between(rng, 1.5e-5, 5e-5)}
+
+
+def _seek(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "seek": size * between(rng, 1.5, 5.0),
+        "seek_force": between(rng, 8.0, 25.0),
+        "seek_time": between(rng, 0.05, 0.4),
+    }
+
+
+def _rubbed(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"rubbed": size * between(rng, 0.03, 0.12), "rubbed_force": between(rng, 0.3, 1.5)}
+
+
+def _passive(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"passive": min(size, 1.2) * between(rng, 0.1, 0.4), "passive_from": rng.uniform(0.1, 0.5)}
+
+
+def _helped(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"helped": size * between(rng, 0.8, 3.0), "helped_rate": between(rng, 1e-3, 5e-3)}
+
+
 SOFTWARE_KINDS = (
     Hidden("dynamics.thruster-bursts", _burst),
     Hidden("dynamics.wheel", _wheel),
@@ -184,4 +216,10 @@ SOFTWARE_KINDS = (
     Hidden("dynamics.stuck-valve", _stuck),
     Hidden("controller.overrun", _overrun),
     Hidden("controller.payload", _payload),
+    Hidden("link.dead-reckoning", _bridge, chance=True),
+    Hidden("link.send-on-change", _change),
+    Hidden("dynamics.post-contact-thrust", _seek),
+    Hidden("dynamics.rubbing-hinge", _rubbed),
+    Hidden("controller.passivity", _passive),
+    Hidden("controller.friction-compensation", _helped),
 )

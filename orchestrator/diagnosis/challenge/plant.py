@@ -12,12 +12,13 @@ import numpy as np
 
 from ...machine_code import njit
 
-__all__ = ["MEMORY", "STATES", "contact_force", "integrate", "lifted", "output", "remember"]
+__all__ = ["DRAWN", "MEMORY", "STATES", "contact_force", "integrate", "lifted", "output", "remember"]
 
 # Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
 # that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'; hose h, h';
-# the sensor's element e, e'; by which share the servo's supply is used up.
-STATES = 20
+# the sensor's element e, e'; by which share the servo's supply is used up; the rod's middle sideways y, y';
+# what the encoder's converter has tracked r, r'; the drive's current, as the acceleration that it asks for.
+STATES = 25
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
 # how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
@@ -26,8 +27,10 @@ _USUAL = 9
 # what it hit [s], whether it has noticed that, how far it yields; since when the rod touches [s]; how deep
 # the pads of the front and of the rear frame are dented [m]. How fast the rod came into this contact [m/s];
 # whether the foil is torn, and whether the tape holds; by how much the rod is shorter [m], and its slide
-# lifted [m].
-MEMORY = 24
+# lifted [m]. Which way the servo last went, and the share of a kick that is left, by its way; by how much the
+# overload clutch has given way [m]; impulse that the front frame has borne [N.s]; logarithm of what the
+# stiffness of this contact is off by; how far the room before the port is filled.
+MEMORY = 30
 _SWITCHING, _SEATING = 4e-3, 1.5e-3  # how long a servo's gain takes to change, a tip to slide [s]
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
@@ -39,10 +42,15 @@ _LATCH_WIDTH = 1.0 / 3.0  # of a latch's depth: from where it is hardest to its 
 # Of its reach, over which a brush stiffens; rate over which it turns [m/s]; of its force, what it keeps on
 # the way out.
 _BRUSH_SHARE, _BRUSH_RATE, _BRUSH_OUT = 0.3, 2e-3, 0.2
-_DRAWN = 15.0  # what a weak supply's drive asks for at full speed, as an acceleration [m/s2]
+DRAWN = 15.0  # what the drive asks for at full speed, as an acceleration [m/s2]
 _PAD_SPEED = 0.02  # at which a pad that stiffens with it is told how much [m/s]
 _FOIL_PLAIN = 0.4  # of the force at which a foil tears, what does not grow with the stretch's third power
 _TAPE_REACH = 6.0  # reaches of a tape's hooks beyond which the last has let go
+_WINDING = 2e-3  # how long a motor's current takes [s]
+_KICK_RATE = 5e-4  # from which on a servo is sure that it has turned [m/s]
+_CLUTCH_BACK = 0.75  # of the force at which an overload clutch gives way: where it comes back
+_WHIP_FORCE = 50.0  # at which a rod that bows is told by how much [N]
+_SEAL, _OPENING = 5e-5, 5e-3  # over which a seal opens [m], and how long what it held takes to leave [s]
 
 
 @njit(error_model="numpy")
@@ -76,6 +84,8 @@ def _contact_point(p, t, s, memory):
     rate = (stretch + p.bend * position) * rate + s[12]
     if p.joint > 0.0:
         point += p.joint * memory[9]
+    if p.clutch > 0.0:
+        point += memory[26]
     if p.thread > 0.0:
         # A spindle behind the encoder, its pitch uneven.
         turned = 2.0 * math.pi * position / p.thread_pitch + p.thread_phase
@@ -101,10 +111,14 @@ def _contact_point(p, t, s, memory):
 def _depth(p, t, s, memory):
     """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
     point, rate = _contact_point(p, t, s, memory)
+    short, shorter = memory[22], 0.0
+    if p.whip > 0.0:
+        short += p.whip * s[20] * s[20]  # whatever side it bows to
+        shorter = 2.0 * p.whip * s[20] * s[21]
     if 2.0 * point > p.front + p.rear:
-        depth = point - p.front - memory[2] - s[7] - s[13] - memory[7] - memory[17] - memory[22]
-        return 1.0, depth, rate - s[8] - s[14]
-    return -1.0, p.rear - memory[2] - point - memory[7] - memory[18] - memory[22], -rate
+        depth = point - p.front - memory[2] - s[7] - s[13] - memory[7] - memory[17] - short
+        return 1.0, depth, rate - s[8] - s[14] - shorter
+    return -1.0, p.rear - memory[2] - point - memory[7] - memory[18] - short, -rate - shorter
 
 
 @njit(error_model="numpy")
@@ -132,6 +146,9 @@ def contact_force(p, t, s, memory):
         # A tape whose hooks let go one by one.
         stretch = -depth / p.hook_reach
         pull += p.hook * stretch * math.exp(1.0 - stretch)
+    if p.vent > 0.0 and side > 0.0:
+        # A room that the rod seals, and into which gas leaks.
+        pull -= p.vent * memory[29] * math.exp(min(depth, 0.0) / _SEAL)
     if p.onset > 0.0:
         if depth < -50.0 * p.onset:
             return side * pull, side, 0.0, 0.0
@@ -144,6 +161,10 @@ def contact_force(p, t, s, memory):
     k = p.k * (1.0 - side * p.asymmetry) * math.exp(-p.softening * t)
     if p.thick > 0.0:
         k *= 1.0 + p.thick * memory[19] / _PAD_SPEED  # a pad whose paste stiffens where it is struck
+    if memory[28] != 0.0:
+        k *= math.exp(memory[28])
+    if p.snap > 0.0 and side > 0.0 and memory[27] > p.snap_after:
+        k *= 1.0 - p.snap  # one of the frame's springs has broken
     if p.plate > 0.0 and side > 0.0:
         k *= _BEHIND / (_BEHIND - 1.0)  # in series with the frame behind the plate, as stiff as without it
     spring = k * depth
@@ -191,11 +212,13 @@ def _derivative(p, t, s, memory, command, ds):
         # What the drive draws lowers the voltage that it has; what damps the motor needs none.
         asked = p.omega * p.omega * (command - x - memory[3])
         a -= p.sag * s[19] * asked
-        ds[19] = (math.tanh(abs(asked) / _DRAWN) - s[19]) / p.sag_time
+        ds[19] = (math.tanh(abs(asked) / DRAWN) - s[19]) / p.sag_time
     if p.soft_gain != 0.0:
         a -= p.omega * p.omega * p.soft_gain * memory[6] * (command - x - memory[3])
     if p.guard > 0.0:
         a -= p.omega * p.omega * p.guard * memory[15] * (command - x - memory[3])
+    if p.kick > 0.0:
+        a += p.kick * memory[25]
     if p.cold != 0.0:
         a -= 2.0 * p.xi * p.omega * p.cold * math.exp(-t / p.cold_time) * v
     if p.integral != 0.0:
@@ -244,6 +267,17 @@ def _derivative(p, t, s, memory, command, ds):
     if p.ring > 0.0:
         w = p.ring_omega
         ds[17], ds[18] = s[18], w * w * (s[5] - s[17]) - 2.0 * p.ring_xi * w * s[18]
+    if p.whip > 0.0:
+        w = p.whip_omega
+        ds[20], ds[21] = s[21], w * w * (force / _WHIP_FORCE - s[20]) - 2.0 * p.whip_xi * w * s[21]
+    if p.resolver > 0.0:
+        # Its loop of second type has no lag at a steady speed.
+        position, _ = output(p, s, memory)
+        w = p.resolver
+        ds[22] = s[23] + 2.0 * p.resolver_xi * w * (position - s[22])
+        ds[23] = w * w * (position - s[22])
+    if p.ground != 0.0:
+        ds[24] = (p.omega * p.omega * (command - x) - s[24]) / _WINDING
     if p.filter_time > 0.0:
         ds[6] = (s[5] - s[6]) / p.filter_time
     if p.wall_mass > 0.0:
@@ -318,6 +352,21 @@ def remember(p, t, s, memory, step):
         memory[22] += step * p.unscrew * abs(force)
     if p.lift > 0.0:
         memory[23] += step / p.lift_time * (lifted(p, s[1] + s[3]) - memory[23])
+    if p.kick > 0.0:
+        _turn(p, s, memory, step)
+    if p.clutch > 0.0:
+        # A spring that is tight until some force, and rubs.
+        force, _, _, _ = contact_force(p, t, s, memory)
+        least = p.clutch * max(abs(force) - p.clutch_force, 0.0)
+        most = p.clutch * max(abs(force) - _CLUTCH_BACK * p.clutch_force, 0.0)
+        memory[26] = math.copysign(min(max(abs(memory[26]), least), most), force)
+    if p.snap > 0.0:
+        force, side, _, _ = contact_force(p, t, s, memory)
+        memory[27] += step * abs(force) if side > 0.0 else 0.0
+    if p.vent > 0.0:
+        side, depth, _ = _depth(p, t, s, memory)
+        sealed = side > 0.0 and depth > 0.0
+        memory[29] += step * ((1.0 - memory[29]) / p.vent_time if sealed else -memory[29] / _OPENING)
     if p.joint > 0.0:
         # Friction between its plates takes up a part of the force before they move.
         force, _, _, _ = contact_force(p, t, s, memory)
@@ -336,6 +385,16 @@ def _touch(p, t, s, memory):
         memory[21] = 1.0
     elif side < 0.0 or depth < -_TAPE_REACH * p.hook_reach:
         memory[21] = 0.0
+
+
+@njit(error_model="numpy")
+def _turn(p, s, memory, step):
+    """A servo that has turned is helped over friction that it does not have."""
+    memory[25] -= step / p.kick_time * memory[25]
+    if abs(s[1]) > _KICK_RATE and s[1] * memory[24] <= 0.0:
+        way = math.copysign(1.0, s[1])
+        memory[25] = way if memory[24] != 0.0 else 0.0
+        memory[24] = way
 
 
 @njit(error_model="numpy")
@@ -376,7 +435,8 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     k1, k2, k3, k4, mid = work[0], work[1], work[2], work[3], work[4]
     size = times.shape[0]
     rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0 or p.hose > 0.0
-    rare = rare or p.ring > 0.0 or p.sag > 0.0
+    rare = rare or p.ring > 0.0 or p.sag > 0.0 or p.whip > 0.0 or p.resolver > 0.0
+    rare = rare or p.ground != 0.0
     states = STATES if rare else _USUAL
     for i in range(steps):
         t = begin + i * step

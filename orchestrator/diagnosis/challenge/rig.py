@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...machine_code import njit
 from .knobs import knobs
-from .plant import contact_force, fresh, integrate, lifted, output, past
+from .plant import DRAWN, contact_force, fresh, integrate, lifted, output, past
 from .series import HISTORY, TICK, Series
 from .software import compensate, first_controller, first_satellite, move_satellite
 
@@ -30,9 +30,10 @@ COLUMNS = (
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
 # Play of the hysteresis; instant of the last reading; force and charge then; tare, and whether it is
-# taken; whether the upper range is on; a smoothed force.
-_AMPLIFIER = 8
+# taken; whether the upper range is on; a smoothed force; level that the gain follows.
+_AMPLIFIER = 9
 _STOP_WIDTH = 5e-5  # over which a soft stop sets in [m]
+_LOUD = 100.0  # at which an amplifier that turns itself down is told by how much [N]
 _RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back
 _SUBSTEPS = 40  # per tick
 _DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs
@@ -127,6 +128,7 @@ def _run(
         series.key,
         series.bridged,
         series.sampling,
+        series.hits,
         logged,
         TICK / substeps,
         out,
@@ -158,6 +160,7 @@ def _ticks(
     key,
     bridged,
     sampling,
+    hits,
     logged,
     longest,
     out,
@@ -180,7 +183,10 @@ def _ticks(
     memory[2], memory[10], memory[23] = wall[0], floor, lifted(p, speed)
     s[13] = -p.plate_gap
     s[15], s[16] = start, speed
-    missing, before, pace = 0.0, 0.0, speed * TICK
+    s[22], s[23] = start, speed
+    s[24] = 2.0 * p.xi * p.omega * speed
+    memory[28] = hits[0]
+    missing, before, pace, straight = 0.0, 0.0, speed * TICK, speed * TICK
     if p.busy > 0.0 or p.text > 0.0:
         arrival = arrival.copy()
     reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
@@ -193,14 +199,15 @@ def _ticks(
             memory[11] += lost[n]
         memory[12] = scrape[n]
         flange, rate = output(p, s, memory)
-        position = flange
+        position = s[22] if p.resolver > 0.0 else flange
         position += p.encoder_wave * math.sin(2.0 * math.pi * position / p.encoder_pitch) + encoder[n]
         if not driven:
             position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
         age, new = _age(p, now, cycle)
         if (new and not held[n]) or n == 0:
             strained = past(times, sensed, count, now - p.tau_s - age - sampling[n]) * (1.0 + supply[n])
-            reading = _read(p, now, strained, memory, amplifier) + _beside(p, flange, rate) + zero[contact]
+            beside = _beside(p, flange, rate, s[24])
+            reading = _read(p, now, strained, memory, amplifier) + beside + zero[contact]
             reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
         seen_force, seen_position, acting = reading, position, 0.0
@@ -222,7 +229,8 @@ def _ticks(
         if not driven and (abs(satellite[0]) > LIMIT or abs(position) > LIMIT):
             return n + 1
         # What a lost increment would have added is missing until a whole command comes.
-        missing = 0.0 if key[n] else missing + skipped[n] * (sent - before)
+        step = sent - before
+        missing = 0.0 if key[n] else missing + skipped[n] * step
         before = sent
         last = commands[HISTORY + n - 1]
         commands[HISTORY + n] = _rounded(p, sent) + stray[n] - missing
@@ -232,6 +240,12 @@ def _ticks(
             pace = commands[HISTORY + n] - last
         if abs(commands[HISTORY + n] - last) < p.change:
             commands[HISTORY + n] = last  # not worth a message
+        if p.sparse > 0.0:
+            # Who receives goes straight on, and is told of what strays from that alone.
+            if abs(commands[HISTORY + n] - last - straight) > p.sparse:
+                straight = step
+            else:
+                commands[HISTORY + n] = last + straight
         if p.text > 0.0:
             arrival[HISTORY + n] += p.text * _characters(sent)
         if p.busy > 0.0 and abs(seen_force) > p.busy_force:
@@ -257,7 +271,7 @@ def _ticks(
         elif touching and f == 0.0:
             touching = False
             contact = min(contact + 1, wall.shape[0] - 1)
-            memory[2] = wall[contact]
+            memory[2], memory[28] = wall[contact], hits[contact]
     return ticks
 
 
@@ -313,13 +327,19 @@ def _age(p, now, phase):
 
 
 @njit(error_model="numpy")
-def _beside(p, position, rate):
-    """What the sensor reads [N] of the rod's guide and of the motor, at some position [m] and rate [m/s]."""
+def _beside(p, position, rate, drawn):
+    """What the sensor reads [N] of the rod's guide and of the motor.
+
+    Args:
+        position [m], rate [m/s]: of the rod; drawn: what the drive asks of the motor [m/s2].
+    """
     extra = 0.0
     if p.bushing > 0.0:
         extra -= p.bushing * math.tanh(rate / p.bushing_rate)
     if p.pickup != 0.0:
         extra += p.pickup * math.sin(2.0 * math.pi * position / p.pickup_pitch + p.pickup_phase)
+    if p.ground != 0.0:
+        extra += p.ground * abs(drawn) / DRAWN  # the drive's current comes back by the sensor's ground
     return extra
 
 
@@ -367,6 +387,10 @@ def _amplified(p, since, value, amplifier):
         off = value - amplifier[7]
         amplifier[7] += off * (1.0 - p.calm * math.exp(-abs(off) / p.calm_step))
         value = amplifier[7]
+    if p.agc > 0.0:
+        # Turns itself down where it is loud.
+        amplifier[8] += (1.0 - math.exp(-since / p.agc_time)) * (abs(value) - amplifier[8])
+        value /= 1.0 + p.agc * amplifier[8] / _LOUD
     return value
 
 
@@ -376,5 +400,7 @@ def _digits(p, reading, resolution):
         reading = min(max(reading, -p.clip), p.clip)
     if p.bit != 0.0 and math.floor((reading + p.bit_at) / p.bit_weight) % 2.0 == 1.0:
         reading += p.bit  # one bit of its converter weighs too much
+    if abs(reading) < p.cut:
+        reading = 0.0  # what is that small is shown as none
     step = max(p.force_step, resolution)
     return step * round(reading / step) if step > 0.0 else reading

@@ -17,6 +17,7 @@ TICK = 1e-3
 # Ticks before the first, at which the rod moved already.
 HISTORY = 64
 _CONTACTS = 400
+_DEEPEST = 2  # frames by which a buffer may be too full or too empty
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class Series:
             shape (n,).
         bridged: ticks whose command is lost and made up; sampling: by how much too early the sensor is read
             [s]; shape (n,).
+        hits: logarithm of what the stiffness of each contact is off by, shape (400,).
     """
 
     arrival: Array
@@ -61,6 +63,7 @@ class Series:
     key: NDArray[np.bool_]
     bridged: NDArray[np.bool_]
     sampling: Array
+    hits: Array
 
 
 def draw_series(
@@ -75,7 +78,7 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(25)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(27)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
@@ -100,7 +103,7 @@ def draw_series(
         body = body + get("crew", 0.0) * _process(_kept(get("crew_time", 0.0)), ticks, streams[15])
     wall = get("wall_scatter", 0.0) * streams[8].standard_normal(_CONTACTS)
     arrival = _arrivals(values, ticks, streams[7], streams[10]) + _detour(values, ticks, streams[12])
-    arrival += _queue(values, ticks, streams[16])
+    arrival += _queue(values, ticks, streams[16]) + _slips(values, ticks, streams[25])
     payload = _payload(values, ticks, streams[11])
     falsified = streams[13].random(ticks) < get("corrupt_rate", 0.0) * TICK
     stray = get("corrupt", 0.0) * falsified * np.where(streams[13].random(ticks) < 0.5, -1.0, 1.0)
@@ -118,6 +121,7 @@ def draw_series(
     key = np.diff(np.floor(turns), prepend=-1.0) > 0.0
     bridged = _episodes(get("bridge_rate", 0.0), get("bridge", 0.0), ticks, streams[23])
     sampling = get("sampling", 0.0) * streams[24].random(ticks)
+    hits = get("hits", 0.0) * streams[26].standard_normal(_CONTACTS)
     return Series(
         arrival=arrival,
         encoder=encoder,
@@ -138,6 +142,7 @@ def draw_series(
         key=key,
         bridged=bridged,
         sampling=sampling,
+        hits=hits,
     )
 
 
@@ -170,6 +175,19 @@ def _queue(values: Mapping[str, float], ticks: int, stream: np.random.Generator)
             wait = max(wait - drain, 0.0) + came[i]
             waits[i] = wait
     return waits
+
+
+def _slips(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:
+    """How much later commands leave a buffer that fills or empties by a frame now and then."""
+    length = HISTORY + ticks
+    slips = stream.random(length) < values.get("frame_slip_rate", 0.0) * TICK
+    ways = np.where(stream.random(length) < 0.5, -1, 1)
+    level, levels = 0, np.zeros(length)
+    for i in HISTORY + np.flatnonzero(slips[HISTORY:]):
+        # Where it is full or empty, the other way.
+        level += ways[i] if abs(level + ways[i]) <= _DEEPEST else -ways[i]
+        levels[i:] = level
+    return values.get("frame_slip", 0.0) * levels
 
 
 def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.int64]:

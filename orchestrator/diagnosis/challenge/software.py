@@ -40,6 +40,8 @@ def move_satellite(p, mass, now, tick, force, extra, s):
     if p.ignored > 0.0:
         force = math.copysign(max(abs(force) - p.ignored, 0.0), force)
     total = mass * (1.0 + p.mass)
+    if p.joined > 0.0 and abs(force) > p.joined_force:
+        total *= 1.0 + p.joined  # what presses that hard is taken for docked: one body with the port
     if p.fuel != 0.0:
         total *= max(1.0 - p.fuel * now, 0.1)
     if p.thrust > 0.0:
@@ -97,17 +99,20 @@ def move_satellite(p, mass, now, tick, force, extra, s):
             s[9] += given / rubbed
         s[0] += dt * s[1]
         s[2] += dt * s[3]
+    if p.fix > 0.0 and math.floor((now + tick) / p.fix_period) > math.floor(now / p.fix_period):
+        s[1] = p.fix * round(s[1] / p.fix)  # told by a navigation filter, in coarse steps
 
 
 @njit(error_model="numpy")
 def first_controller(k, c, position, speed):
-    """What the controller remembers at the start, shape (19,).
+    """What the controller remembers at the start, shape (20,).
 
     By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
     since contact; whether the last force was doubted; a notch's low and band pass; how near
-    it is to its next overrun; energy that this contact holds, and the most that it did [J].
+    it is to its next overrun; energy that this contact holds, and the most that it did [J]; impulse of this
+    contact [N.s].
     """
-    s = np.zeros(19)
+    s = np.zeros(20)
     s[2], s[3], s[6], s[7], s[8], s[10] = position, speed, k, c, (0.15 * k) ** 2, 60.0**2
     return s
 
@@ -153,12 +158,17 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         out = ahead - (1.0 + p.stiffness_gain) * s[6] * stretch - s[7] * (rate - s[3])
         if p.helped > 0.0:
             out += p.helped * math.tanh(s[3] / p.helped_rate)  # against friction that the rig does not have
+        if p.blend > 0.0:
+            out += p.blend * (-s[6] * (position - s[5]) - s[7] * s[3] - ahead)  # the force as it expects it
+        if p.summed > 0.0:
+            s[19] += force * tick
+            out += p.summed * s[19]
         if p.ramp > 0.0:
             # What compensates is faded in.
             s[12] += 1.0
             out = force + (1.0 - math.exp(-s[12] * tick / p.ramp)) * (out - force)
     else:
-        s[4], s[12] = 0.0, 0.0
+        s[4], s[12], s[19] = 0.0, 0.0, 0.0
         if p.forget > 0.0:
             s[6] = max(s[6] * (1.0 - p.forget * tick), 0.4 * k)
         out = force
