@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .headline import MUCH, at_ports, leaves_much, percent
+from .headline import MUCH, at_ports, leaves_much, listed_or, percent
 from .verdict import Diagnosis
 
 __all__ = ["caveats"]
@@ -17,7 +17,12 @@ _AS_WELL, _FAR = 0.02, 3.0
 
 def caveats(diagnosis: Diagnosis) -> list[str]:
     """Sentences to stand beside the headline; none where nothing is to be added."""
-    told = (_leaves(diagnosis), _elsewhere(diagnosis), _unneeded(diagnosis) or _strayed(diagnosis))
+    told = (
+        _leaves(diagnosis),
+        _elsewhere(diagnosis),
+        _as_one(diagnosis),
+        _unneeded(diagnosis) or _strayed(diagnosis),
+    )
     return [one for one in told if one]
 
 
@@ -69,6 +74,18 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
         f"The gap shows most at {first} ({percent(shares[first])}), while {_listed(effects)} "
         f"{'acts' if one else 'act'} at {_listed(places)}: if {'it is' if one else 'they are'} the cause, "
         f"{'its error travels' if one else 'their errors travel'} on."
+    )
+
+
+def _as_one(diagnosis: Diagnosis) -> str:
+    """That something outside a docking rig's catalogue may be elsewhere in a chain that logs drive as one."""
+    others = sorted(_alike(diagnosis) - set(diagnosis.verdict.places))
+    if diagnosis.verdict.effects != ["outside"] or at_ports(diagnosis) or not others:
+        return ""
+    chain, own = _listed(sorted([*diagnosis.verdict.places, *others])), _listed(diagnosis.verdict.places)
+    return (
+        f"Logs drive {chain} as one: that it is at the {own}, and not at {listed_or(others)}, is told by how "
+        "residuals look alone."
     )
 
 

@@ -143,6 +143,16 @@ def test_numbers_beyond_their_tolerances_are_named(effects, doubted, said):
         assert shown.count(words) == (1 if said else 0)
 
 
+def test_the_place_of_something_outside_is_told_to_be_one_of_a_chain():
+    row = {"component": "structure+contact+sensor", "phase": "flight", "band": "to 10 Hz", "share": 1.0}
+    assert caveats(made(("outside",), outside_place="sensor", ledger=[row])) == [
+        "Logs drive contact, sensor and structure as one: that it is at the sensor, and not at contact or "
+        "structure, is told by how residuals look alone."
+    ]
+    alone = made(("outside",), outside_place="dynamics", ledger=[row | {"component": "dynamics"}])
+    assert caveats(alone) == [] == caveats(made(("sensor.gain",), ledger=[row], where={"sensor": 1.0}))
+
+
 def test_several_numbers_may_tell_together_of_which_none_is_far_off():
     calibration = {
         "drive.mass": {"nominal": 95.0, "tolerance": 2.0, "fitted": 90.0, "recalibrated": 90.0},
