@@ -270,7 +270,7 @@ def _linked(
     gains = {(): 0.0} | {one.effects: one.gain for one in reversed(answers)}
     level = max(gains.values()) + chance.log_evidence
     always = (catalogue()[links[0].id],)
-    beyond, again = search_behind(weighing, always)
+    beyond, again = search_behind(weighing, always, found.best)
     behind = beyond.fitter()
     beside = _answers(Judge(beyond, behind, judge.colour), again, [*noises, links[0]], always)
     # The best of them lies above the best without it by the log evidence of what is random; but it does not

@@ -34,6 +34,9 @@ _LIKELIER, _REST = 2.0, 0.1
 # Beside the log evidence of commands out of order, of which few are found where they run into each other, as
 # how much of theirs that of losses counts, and that of random arrivals, which may come at any time.
 _UNSURE, _FREER = 1.4, 0.7
+# Share of the mean square of what the encoder strays that effects leave at most where they explain much of
+# it; what imitates random arrivals alone leaves nearly all.
+_MOST = 0.7
 
 
 class Arrivals(NamedTuple):
@@ -136,17 +139,24 @@ def random_links(model: RigModel, none: Fit, found: Arrivals, without: Collectio
     ]
 
 
-def search_behind(weighing: Weighing, always: tuple[Effect, ...]) -> tuple[Weighing, Search]:
+def search_behind(weighing: Weighing, always: tuple[Effect, ...], best: Fit) -> tuple[Weighing, Search]:
     """Search again where the encoder's residuals are mostly the link's.
 
-    They count less, and no more in the contact, which is given the position that was measured.
+    They count less, and no more in the contact, which is given the position that was measured. Where other
+    effects explain much of what the encoder strays, what they leave is the link's.
 
     Args:
-        always: the link's effect.
+        always: the link's effect; best: the best fit without it.
     Returns: by what was searched, a weighing of its own; and what was found.
     """
     model, weights = weighing.model, list(weighing.weights)
-    fit = Fitter(Weighted(model, weights)).fit(always, None, Fitter(model).starts(always[0])[0])
+    fitter, start = Fitter(Weighted(model, weights)), Fitter(model).starts(always[0])[0]
+    fit = fitter.fit(always, None, start)
+    if best.effects:
+        count = len(best.deviation)
+        begun = np.concatenate([start, best.z[count:]])
+        beside = fitter.fit((*always, *best.effects), best.z[:count], begun)
+        fit = beside if _strays(beside) < _MOST * _strays(fit) else fit
     strayed = []
     for index, run in enumerate(model.runs):
         out = model.replay(index, fit.calibrated, fit.effects, fit.theta)
@@ -161,6 +171,11 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...]) -> tuple[Weigh
         weights[2 * index + 1] = 0.5 * weights[2 * index + 1]
     behind = replace(weighing, model=model.corrected(strayed), weights=weights, known={})
     return behind, search(behind.fitter(), weighing.effects, always)
+
+
+def _strays(fit: Fit) -> float:
+    """Mean square of what a fit leaves of the encoder."""
+    return float(np.mean(np.concatenate(fit.residuals[0::2]) ** 2))
 
 
 def other_link(answers: Sequence[Answer], links: Sequence[Noise]) -> list[Answer]:

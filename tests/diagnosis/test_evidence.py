@@ -416,7 +416,7 @@ def test_looking_behind_a_random_link_leaves_the_rest_as_it_was():
     weights, correction = [
         [one.copy() for one in some] for some in (weighing.weights, weighing.model.correction)
     ]
-    behind, _ = search_behind(weighing, (catalogue()["link.jitter"],))
+    behind, _ = search_behind(weighing, (catalogue()["link.jitter"],), weighing.fitter().fit(()))
     for before, now, beyond in (
         (weights, weighing.weights, behind.weights),
         (correction, weighing.model.correction, behind.model.correction),
