@@ -22,7 +22,7 @@ from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.links import search_behind
 from orchestrator.diagnosis.misfit import unexplained, wave
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import ODDITIES, bare_study, simulated_study
+from orchestrator.diagnosis.practice import ODDITIES, bare_study, simulated_case, simulated_study
 from orchestrator.diagnosis.rough import Strayed, learn_roughness
 from orchestrator.diagnosis.search import directions, roughness
 from orchestrator.diagnosis.stochastic import sensor_noise
@@ -422,6 +422,17 @@ def test_looking_behind_a_random_link_leaves_the_rest_as_it_was():
         (correction, weighing.model.correction, behind.model.correction),
     ):
         assert all(map(np.array_equal, before, now)) and not any(map(np.array_equal, before, beyond))
+
+
+def test_a_clear_effect_is_found_in_its_size_beside_a_random_link():
+    """What it explains of the encoder is not the link's randomness, beside which it is sought."""
+    plan = Plan("pair", (HIDDEN["link.jitter"], HIDDEN["link.clock-skew"]), 1.0)
+    own, rig = simulated_study(77, 2, plan=plan)[0], simulated_case(77, 2, plan=plan)
+    found = weigh_rig(own)
+    best = max(found.answers, key=lambda one: one.gain)
+    assert best.effects == ("link.clock-skew", "link.jitter")
+    skew = dict(zip([one.id for one in best.fit.effects], best.fit.theta, strict=True))["link.clock-skew"]
+    assert skew == pytest.approx(rig.hidden["link.clock-skew"]["skew"], rel=0.1)
 
 
 def test_samples_that_are_lost_in_turn_are_not_lost_by_chance():
