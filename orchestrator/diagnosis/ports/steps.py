@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -50,17 +50,29 @@ class _Limit:
     but less than in the first.
 
     Attributes:
+        own: the study whose step it is.
         onward: by how much shorter steps are whose error is not seen, without extrapolation.
     """
 
+    own: PortStudy
     longer: PortStudy
     shorter: PortStudy
     onward: int
+    # Each replay unpacks the FMUs, which takes longer than short runs.
+    _kept: dict[tuple[int, str], PortReplay] = field(default_factory=dict, compare=False, repr=False)
 
-    def signals(self, run: PortRun, model: Augmented) -> dict[Port, Array]:
-        """What a model gives of a run without steps, by compared port."""
-        before, after = (_signals(one, run, model) for one in (self.longer, self.shorter))
-        return {port: 2.0 * after[port] - before[port] for port in after}
+    def errors(self, run: PortRun, model: Augmented) -> dict[Port, Array]:
+        """What a model gives of a run without steps, less that with the study's, by compared port."""
+        coarse, before, after = (
+            self._signals(one, run, model) for one in (self.own, self.longer, self.shorter)
+        )
+        return {port: 2.0 * after[port] - before[port] - coarse[port] for port in coarse}
+
+    def _signals(self, study: PortStudy, run: PortRun, model: Augmented) -> dict[Port, Array]:
+        key = study.parts, run.name
+        if key not in self._kept:
+            self._kept[key] = PortReplay(study, [run])
+        return self._kept[key].signals(run, model.calibrated, model.effects, model.theta)
 
 
 class Stepped(NamedTuple):
@@ -218,7 +230,7 @@ def _limit(study: PortStudy, weights: Mapping[Port, float], model: Augmented) ->
         # What steps miss falls with their length, what that tells with its square.
         least = _BELOW * math.sqrt(_apart(weights, replay, own, extrapolated) / _UNSEEN)
         onward = 2 ** math.ceil(math.log2(min(max(least, 2.0), _ONWARD)))
-        found = _Limit(longer, shorter, onward)
+        found = _Limit(study, longer, shorter, onward)
         longer, given, parts = shorter, now, 2 * parts
     return found
 
@@ -230,10 +242,6 @@ def _finite(run: PortRun) -> bool:
 def _on_log(study: PortStudy, effect: Effect) -> bool:
     """Whether an effect acts at a compared output."""
     return isinstance(effect, PortEffect) and effect.port in study.compared
-
-
-def _signals(study: PortStudy, run: PortRun, model: Augmented) -> dict[Port, Array]:
-    return PortReplay(study, [run]).signals(run, model.calibrated, model.effects, model.theta)
 
 
 def _corrected(study: PortStudy, limit: _Limit, effects: tuple[Effect, ...], z: Array) -> PortStudy:
@@ -252,8 +260,7 @@ def _corrected(study: PortStudy, limit: _Limit, effects: tuple[Effect, ...], z: 
     )
     runs = []
     for run in study.runs:
-        coarse, without = _signals(study, run, model), limit.signals(run, model)
-        runs.append(replace(run, errors={port: without[port] - coarse[port] for port in coarse}))
+        runs.append(replace(run, errors=limit.errors(run, model)))
     return replace(study, runs=tuple(runs))
 
 
