@@ -13,9 +13,10 @@ from ..digests import file_digest
 from ..errors import OrchestratorError
 from ..formats import strict
 from ..provenance import origin, versions
+from .families import families_of
 from .finding import Finding
 from .study import Nominal
-from .verdict import Diagnosis, Runnable, Share, Verdict, Warned, Which, problems_of
+from .verdict import Diagnosis, Family, Runnable, Share, Verdict, Warned, Which, problems_of
 
 __all__ = ["Told", "content", "named_files", "provenance"]
 
@@ -57,6 +58,7 @@ def content(
         warned: what a reader should know of the logs; origins: see `provenance`.
     Raises: OrchestratorError if parts of it contradict each other.
     """
+    which = _which(finding)
     shares = sorted(told.where.items(), key=lambda item: -item[1])
     plain = strict(
         {
@@ -77,7 +79,8 @@ def content(
             case=case,
             verdict=Verdict(effects=list(finding.effects), places=list(finding.places)),
             where=[Share(place=place, share=share) for place, share in shares],
-            which=_which(finding),
+            which=which,
+            families=_families(which, finding),
             outside_place=finding.outside_place,
             doubtful_tolerances=finding.doubtful_tolerances,
             augmented=augmented,
@@ -120,6 +123,15 @@ def _which(finding: Finding) -> list[Which]:
             ties=list(one.ties),
         )
         for one in shown
+    ]
+
+
+def _families(which: list[Which], finding: Finding) -> list[Family]:
+    """Families of the answers that are told."""
+    found = families_of(which, finding.kin)
+    return [
+        Family(name=one.name, place=one.place, probability=whole, members=members)
+        for one, (whole, members) in found.items()
     ]
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .effect import Effect
+from .families import Kin
 from .study import Array, Nominal
 
 __all__ = ["NOMINAL", "Augmented", "Candidate", "Finding", "most_probable", "name_of"]
@@ -69,6 +70,7 @@ class Finding:
             docking rig, while no effect explains it; of other systems, with the answer's effects.
         misfit: mean square of what the answer leaves, normalised by the noise, by place.
         unjudged: why runs that no fit saw do not tell what answers leave; "" if they do, or there are none.
+        kin: what effects are told together with, by id.
     """
 
     candidates: tuple[Candidate, ...]
@@ -80,6 +82,7 @@ class Finding:
     doubtful_tolerances: bool = False
     misfit: Mapping[str, float] = field(default_factory=dict)
     unjudged: str = ""
+    kin: Mapping[str, Kin] = field(default_factory=dict)
 
     @property
     def answer(self) -> Augmented:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from .catalogue import catalogue
+from .families import Kin, kin_of, together
 from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chance_outside
 
 __all__ = [
     "MUCH",
     "TELLS",
     "at_ports",
+    "families_in_words",
     "given",
     "headline",
     "leaves_in_words",
@@ -35,11 +38,13 @@ _CLOSED = 0.7
 _STRAYS = 2.0
 # A share that is no more is rounding.
 _NOTHING = 1e-7
+# Forms of a cause that are less probable are not worth a word; and how many are named.
+_WORTH, _NAMED = 0.005, 6
 
 
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict in a sentence or two, and whether something outside the catalogue may act instead."""
-    text, outside = _answer(diagnosis), chance_outside(diagnosis.which)
+    text, outside = _answer(diagnosis) + _likelier(diagnosis), chance_outside(diagnosis.which)
     if "outside" in diagnosis.verdict.effects or outside < SUSPECTED or "outside the catalogue" in text:
         return text
     return f"{text} It may be something outside the catalogue instead ({percent(outside)})."
@@ -87,8 +92,13 @@ def _answer(diagnosis: Diagnosis) -> str:
         named = f"One of {listed_or([*effects, *first.ties])}"
         chance = f"together {percent(together)}; these logs cannot tell them apart"
     it = "them" if len(effects) > 1 else effects[0] if among else "it"
+    tied_ones, many = "them" if len(effects) > 1 else "it", len(effects) > 1
+    if (forms := _forms(diagnosis)) is not None:
+        it, both, tied_ones = both, " and ".join(forms.named), both
+        named = both if forms.named[0] in effects else both[0].upper() + both[1:]
+        chance, many = forms.chance, len(forms.named) > 1
     share = " part of" if leaves_much(diagnosis) else ""
-    text = f"{named} {'cause' if len(effects) > 1 else 'causes'}{share} the gap ({chance})"
+    text = f"{named} {'cause' if many else 'causes'}{share} the gap ({chance})"
     if gap is not None and _contradicted(gap):
         grows = f"by {percent(-gap.closure)} of it" if gap.closure is not None else "without bounds"
         if gap.within_floor:
@@ -104,10 +114,63 @@ def _answer(diagnosis: Diagnosis) -> str:
         text += f"; adding {it} closes {closed} of the gap on runs that no fit saw"
     text += "."
     if first.ties and not among:
-        text += (
-            f" These logs cannot tell {'them' if len(effects) > 1 else 'it'} from {listed_or(first.ties)}."
-        )
+        text += f" These logs cannot tell {tied_ones} from {listed_or(first.ties)}."
     return text
+
+
+class _Forms(NamedTuple):
+    """An answer that is told by the families of its effects: which form of them acts is not clear.
+
+    Attributes:
+        named: families, and effects of none; chance: their probability, and that of each form.
+    """
+
+    named: list[str]
+    chance: str
+
+
+def _forms(diagnosis: Diagnosis) -> _Forms | None:
+    """The answer by families, where these make clear what its own probability does not; None elsewhere."""
+    first, kin = given(diagnosis), kin_of(diagnosis.families)
+    whole, members = together(first.effects, diagnosis.which, kin)
+    if first.probability >= _SURE or whole < _SURE:
+        return None
+    own = dict.fromkeys(kin[name] for name in first.effects if name in kin)
+    told = [_listed_forms(one, {name: members[name] for name in members if kin[name] == one}) for one in own]
+    chance = f"probability {percent(whole)}; these logs do not tell which form: {'; '.join(told)}"
+    named = dict.fromkeys(str(kin.get(name, name)) for name in first.effects)
+    return _Forms(list(named), chance)
+
+
+def _likelier(diagnosis: Diagnosis) -> str:
+    """That some form of one cause is clear, though another answer than any of its forms is given."""
+    first = given(diagnosis)
+    for one in diagnosis.families:
+        if one.probability >= _SURE and not {*first.effects, *first.ties} & set(one.members):
+            forms = _listed_forms(Kin(one.name, one.place), one.members)
+            return (
+                f" Likelier is {one.name} at {one.place}, its forms taken together "
+                f"({percent(one.probability)}: {forms})."
+            )
+    return ""
+
+
+def families_in_words(diagnosis: Diagnosis) -> list[str]:
+    """How probable some form of one cause is where several may be it, whatever acts beside it."""
+    told = []
+    for one in diagnosis.families:
+        members = {name: value for name, value in one.members.items() if value >= _WORTH}
+        if len(members) > 1:
+            kin = Kin(one.name, one.place)
+            told.append(f"{kin}, {percent(one.probability)}; which: {_listed_forms(kin, members)}")
+    return told
+
+
+def _listed_forms(kin: Kin, members: Mapping[str, float]) -> str:
+    """Forms of a cause and their probabilities, without the place."""
+    worth = [one for one in members.items() if one[1] >= _WORTH] or list(members.items())
+    prefix = f"{kin.place}."
+    return ", ".join(f"{name.removeprefix(prefix)} {percent(value)}" for name, value in worth[:_NAMED])
 
 
 def leaves_much(diagnosis: Diagnosis) -> bool:

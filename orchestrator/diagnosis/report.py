@@ -13,7 +13,7 @@ from .caveats import caveats
 from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
-from .headline import TELLS, given, headline, leaves_in_words, listed_or, nats, percent
+from .headline import TELLS, families_in_words, given, headline, leaves_in_words, listed_or, nats, percent
 from .report_energy import energy, ledger
 from .study import Role, Study
 from .verdict import Diagnosis, Gap, HowFar
@@ -102,6 +102,7 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapp
     if len(diagnosis.answer_set) > _NAMED:
         more = len(diagnosis.answer_set) - _NAMED
         answers += f", and {more} more that the logs show too little of to exclude"
+    rows += [f"<p class=note>Together: {escape(one)}</p>" for one in families_in_words(diagnosis)]
     return "".join(rows) + (f"<p class=note>95 % answer set: {escape(answers)}</p>" if answers else "")
 
 

@@ -21,6 +21,7 @@ __all__ = [
     "WITHIN",
     "Diagnosis",
     "Experiment",
+    "Family",
     "Gap",
     "HowFar",
     "LedgerRow",
@@ -81,6 +82,20 @@ class Which(_Part):
     probability: Probability
     parameters: dict[str, Number]
     ties: list[str]
+
+
+class Family(_Part):
+    """Effects at one place that are forms of one cause, as laws of dry friction are.
+
+    Attributes:
+        probability: of all answers in which some of them acts, whatever acts beside it.
+        members: of those in which each acts, by id.
+    """
+
+    name: str
+    place: str
+    probability: Probability
+    members: dict[str, Probability]
 
 
 class Verdict(_Part):
@@ -187,6 +202,7 @@ class Diagnosis(_Part):
     verdict: Verdict
     where: list[Share]
     which: Annotated[list[Which], Field(min_length=1)]
+    families: list[Family] = []
     outside_place: str = ""
     answer_set: list[str]
     doubtful_tolerances: bool

@@ -52,7 +52,7 @@ def _choice(code: int, kernel: Kernel, otherwise: Callable[..., Any]) -> Callabl
     # numba calls machine code by names that are counted in each process anew: what two processes kept on disk
     # would call each other's functions of the same name.
     apply.__qualname__ = f"apply_{code}"
-    return register_jitable(apply)
+    return register_jitable(forceinline=True)(apply)
 
 
 @register_jitable

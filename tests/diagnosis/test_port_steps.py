@@ -14,7 +14,7 @@ from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import NOMINAL
 from orchestrator.diagnosis.ports import steps
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
-from orchestrator.diagnosis.ports.numerics import doubts, numerics
+from orchestrator.diagnosis.ports.numerics import doubts, doubts_of_answer, numerics
 from orchestrator.diagnosis.ports.player import Inserted, between
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay
@@ -70,6 +70,104 @@ def test_a_step_is_not_doubted_where_there_is_no_gap():
     assert doubts(told | {"gap": 0.12, "fraction": 0.5, "error": 0.06}) == []  # a gap that noise makes
     (said,) = doubts(told | {"gap": 2.0, "fraction": 0.5})
     assert "50 % of the gap and 10 times the noise" in said.what and "1 ms" in said.remedy
+
+
+def rubbing(folder, step=1e-3, level=20.0):
+    """A study of a mass with dry friction, moved by a voltage that is held.
+
+    Logs are of a solver of its own, whose friction stops the mass exactly, in steps of 10 us.
+    """
+    mass, damping, gain, fine = 95.1, 203.5, 35.15, 1e-5
+    folder.mkdir()
+    draw, runs, parts = np.random.default_rng(1), [], round(step / fine)
+    for number, (role, size) in enumerate((("train", 4.0), ("held-out", 3.5))):
+        times = step * np.arange(round(2.0 / step) + 1)
+        voltage = size * (np.sin(2 * np.pi * times) + 0.4 * np.sin(6.2 * np.pi * times + 0.5))
+        x = v = 0.0
+        rows = []
+        for time, volt in zip(times.tolist(), voltage.tolist(), strict=True):
+            rows.append((time, volt, x, v))
+            for _ in range(parts):
+                free = v + fine / mass * (gain * volt - damping * v)
+                now = np.copysign(max(abs(free) - fine / mass * level, 0.0), free)
+                x, v = x + 0.5 * fine * (v + now), now
+        noise = draw.standard_normal((len(rows), 2)) * [2e-6, 1e-4]
+        columns = np.array(rows) + np.column_stack([np.zeros((len(rows), 2)), noise])
+        text = "time [s],u [V],x [m],v [m/s]\n" + "\n".join(
+            ",".join(map(repr, row)) for row in columns.tolist()
+        )
+        (folder / f"run-{number}.csv").write_text(text + "\n")
+        runs.append({"file": f"run-{number}.csv", "role": role})
+    start = {"mass": "95.1 kg", "viscous_friction": "203.5 N.s/m", "force_per_voltage": f"{gain} N/V"}
+    start |= {"voltage": "0 V", "load": "0 N"}
+    motor = {
+        "run": {"master": "gauss-seidel", "step_size": f"{1e3 * step:g} ms", "stop_time": "2 s"},
+        "instances": {"drive": {"fmu": "LinearDrive", "start": start}},
+        "connections": [],
+    }
+    (folder / "motor.yaml").write_text(yaml.safe_dump(motor))
+    data = {
+        "format": "port-study/1",
+        "system": "motor.yaml",
+        "columns": {
+            "time": "time",
+            "drive.voltage": {"column": "u", "hold": True},
+            "drive.position": {"column": "x", "noise": "2 um", "feed": False},
+            "drive.velocity": {"column": "v", "noise": "0.1 mm/s", "feed": False},
+        },
+        "calibrated": {
+            "drive.mass": {"tolerance": "2 kg"},
+            "drive.viscous_friction": {"tolerance": "10 N.s/m"},
+        },
+        "settle": "50 ms",
+        "candidates": {"only": ["drive.coulomb", "drive.viscous"]},
+        "runs": runs,
+    }
+    (folder / "study.yaml").write_text(yaml.safe_dump(data))
+    return folder
+
+
+def test_what_the_answer_alone_makes_of_the_step_is_taken_off(tmp_path):
+    """As believed the model is exact in any steps; with dry friction it is not."""
+    path = rubbing(tmp_path / "case")
+    own = load_port_study(path)
+    assert numerics(own, {"nominal": NOMINAL})["fraction"] < 1e-9
+    alone = weigh_ports(own).finding
+    made = diagnose_ports(path, lambda stage: None, report=False)
+    assert alone.effects == tuple(made.diagnosis.verdict.effects) == ("drive.coulomb",)
+    assert made.study.parts > 1 and len(told(made)) == 1
+    before, after = alone.misfit["drive.position"], made.diagnosis.misfit["drive.position"]
+    assert before > 20.0 and after < 0.6 * before
+
+
+def test_a_step_that_the_answer_makes_much_of_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(steps, "_limit", lambda *_: None)
+    path = rubbing(tmp_path / "case")
+    made = diagnose_ports(path, lambda stage: None, report=False)
+    (said,) = [one for one in made.diagnosis.data if one.place == "numerics"]
+    assert said.what.startswith("with the answer, halving the step of 1 ms changes drive.position by ")
+    assert said.what.endswith("what is left, and the answer's numbers, may be the step's")
+    assert said.remedy.startswith("Set run.step_size to a part of 1 ms") and "hold" not in said.remedy
+    port = made.diagnosis.numerics.ports["drive.position"]
+    assert port["changes"] > 0.5 * port["leaves"] > 1.0
+
+
+def test_an_answer_whose_steps_hardly_matter_is_not_doubted():
+    told = {"error": 0.01, "gap": 1.0, "noise": 0.01, "step_size": 1e-3, "interval": 1e-3, "halved": True,
+            "models": {"nominal": 0.0, "answer": 0.01},
+            "ports": {"a.x": {"changes": 2.0, "leaves": 5.0}}}  # fmt: skip
+    assert doubts_of_answer(told) == []  # most of what is left is of something else
+    assert doubts_of_answer(told | {"ports": {"a.x": {"changes": 0.9, "leaves": 1.0}}}) == []  # noise
+    (said,) = doubts_of_answer(told | {"ports": {"a.x": {"changes": 3.0, "leaves": 5.0}}}, ["b.u"])
+    assert (
+        "a.x by 3 times its noise, where the answer leaves 5, and the signals by 1 % of the gap" in said.what
+    )
+    assert said.remedy.endswith(" Of what a digital controller gave (b.u), say `hold: true`.")
+    (said,) = doubts_of_answer(told | {"models": {"nominal": 0.0, "answer": 0.2}})
+    assert "20 % of the gap" in said.what
+    (said,) = doubts_of_answer(told | {"models": {"nominal": 0.0, "answer": None}, "ports": {}})
+    assert said.what.startswith("the answer runs away in steps of half of 1 ms")
+    assert doubts_of_answer(told | {"error": None, "models": {"nominal": None, "answer": None}}) == []
 
 
 def test_a_model_that_runs_away_in_shorter_steps_says_nothing_of_the_step(smooth, monkeypatch):

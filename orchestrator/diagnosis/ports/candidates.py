@@ -23,6 +23,7 @@ from ...errors import ConfigError, Problem, listed, nearest
 from ...fmi import Causality, Kind
 from ...system import Port
 from ..effect import Effect, Parameter
+from ..families import Kin
 from ..study import Array
 from .comb import Comb
 from .effect import PortEffect, Sizes, unit_at
@@ -34,6 +35,11 @@ __all__ = ["candidates"]
 # Levels between zero and a signal's peak, of the finest resolution that is looked for; and by how much of a
 # level, or of a period, what is farthest from the begin may be astray.
 _FINEST, _NEAR = 60, 0.25
+# Effects of connections that are told together.
+_KIN = {
+    **dict.fromkeys(("delay", "low-pass", "sample-and-hold"), "a lag"),
+    **dict.fromkeys(("dead-band", "backlash"), "a play or dead band"),
+}
 
 
 def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
@@ -176,7 +182,14 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
     combs = {"quantise": _resolutions(peak), "sample-and-hold": _periods(step)}
     return [
         PortEffect(
-            f"{port}.{name}", equation, "docs/effects.md", (one,), port=port, make=make, comb=combs.get(name)
+            f"{port}.{name}",
+            equation,
+            "docs/effects.md",
+            (one,),
+            port=port,
+            make=make,
+            kin=Kin(_KIN[name], str(port)) if name in _KIN else None,
+            comb=combs.get(name),
         )
         for name, (one, make, equation) in made.items()
     ]

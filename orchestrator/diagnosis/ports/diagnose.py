@@ -27,7 +27,7 @@ from .energy import energy, unclear
 from .experiments import next_experiment, no_experiment
 from .given import check_logs
 from .native import in_native_form
-from .numerics import doubts, numerics
+from .numerics import doubts, doubts_of_answer, numerics
 from .practice import Practise, parts_of, practise
 from .reader import load_port_study
 from .replay import candidates_of
@@ -93,6 +93,9 @@ def diagnose_ports(
     finding = weighed.finding
     study, forgetful = lasting(study, finding)
     told = _told(study, weighed, progress)
+    if finding.answer.effects and (not of_step or study.parts > configured.parts):
+        curved = [str(port) for port in study.fed if port not in study.held]
+        of_step = [*of_step, *doubts_of_answer(told.numerics, curved)]
     finding = _placed(study, finding, told.ledger)
     config, missing = augmented_config(study, finding)
     changed = _changed(study, finding.answer, missing)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ...effects import Effect as ConnectionEffect
 from ...system import Port
 from ..effect import Effect
+from ..families import Kin
 from ..study import Array
 from .comb import Comb
 from .player import Inserted
@@ -25,6 +26,7 @@ class PortEffect(Effect):
         make: the effect on connections that it is, of its parameters.
         reads: ports that the effect reads.
         family: effects of one family are forms of one cause, and are not combined; "" for none.
+        kin: what it is told together with, if anything; unlike a family's, such effects may be combined.
         comb: where to look for its one parameter, if runs tell it only from very near.
     """
 
@@ -32,6 +34,7 @@ class PortEffect(Effect):
     make: Callable[[Array], ConnectionEffect] | None = None
     reads: tuple[Port, ...] = ()
     family: str = ""
+    kin: Kin | None = None
     comb: Comb | None = None
 
     def __post_init__(self) -> None:

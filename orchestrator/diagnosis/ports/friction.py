@@ -9,6 +9,7 @@ import numpy as np
 from ...effects.offset import Offset
 from ...system import Instance, Port
 from ..effect import Effect, Parameter
+from ..families import Kin
 from . import laws
 from .conjugate import conjugates
 from .effect import PortEffect, Sizes, unit_at
@@ -19,6 +20,7 @@ __all__ = ["friction"]
 # Units of velocities, and those of the ways that go with them.
 _WAYS = {"m/s": "m", "rad/s": "rad"}
 _DRY = {"coulomb", "stribeck", "dahl", "lugre", "maxwell-slip", "presliding", "play", "presliding-backlash"}
+_WITH_SPEED = {"viscous", "one-sided", "drag"}
 
 
 def friction(study: PortStudy, instance: Instance, sizes: Sizes) -> list[Effect]:
@@ -73,6 +75,7 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
             make=make,
             reads=(read,),
             family=f"{port}: dry friction" if name in _DRY and (sign < 0 or name != "stribeck") else "",
+            kin=_kin(name, prefix, sign),
         )
 
     def per(unit: str, scale: float, name: str) -> tuple[Parameter, ...]:
@@ -124,3 +127,10 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
             "(1928)", (Parameter("play", way_unit, 0.3 * way, 0.0, 3 * way, (0.03 * way, 0.3 * way)), soft),
             lambda p: laws.ElasticSlip(distance=p[1], play=p[0])),
     ]  # fmt: skip
+
+
+def _kin(name: str, place: str, sign: int) -> Kin | None:
+    """What a law is told together with: one that is nested in another hardly differs from it."""
+    if name in _DRY:
+        return Kin("dry friction" if sign < 0 else "another form of dry friction", place)
+    return Kin("friction that grows with speed", place) if name in _WITH_SPEED else None

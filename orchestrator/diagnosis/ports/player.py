@@ -24,6 +24,7 @@ from ...signals import Layout, Signals, Wired
 from ...simulate import Grid, simulate
 from ...system import Connection, Instance, Leg, Link, Port, System, Wire
 from ..study import Array
+from .idle import without_idle
 from .playback import Playback, Release
 
 __all__ = ["Inserted", "Player", "between"]
@@ -165,13 +166,21 @@ class Player:
                 *(self._link(one) for one in at.get(port, ())),
             ]
             connections.append(Connection(own, port, wire=Wire((Leg(own),), tuple(links))))
-        return replace(
+        system = replace(
             self.system,
             connections=tuple(connections),
             instances=tuple(replace(one, start=begin[name]) for name, one in instances.items()),
             longest_step=None,
             bonds=(),
         )
+        replaced = {port for port in self.fed if port in logs}
+        unread = {port for port in replaced if self._is_log(port, logs)}
+        seen = {*self.compared, *(port for one in inserted for port in one.reads)} - unread
+        return without_idle(system, self._master, seen, replaced, unread)
+
+    def _is_log(self, port: Port, logs: Mapping[Port, Array]) -> bool:
+        """Whether a log takes the place of an output's signal itself, for all who look at it."""
+        return port in self.fed and port in logs and port not in self.compared and not self.is_input(port)
 
     def _passing(
         self,
@@ -269,7 +278,7 @@ class Player:
             for one in plain.wired
         ]  # fmt: skip
         for port in self.fed:
-            if port in logs and port not in self.compared and not self.is_input(port):
+            if self._is_log(port, logs):
                 # Who reads the port sees the log, not only who is connected to it.
                 link = _playback(logs[port], step)
                 wired.append(_extra(port, plain.index[port], plain.index[port], ((link.effect, _NONE),)))

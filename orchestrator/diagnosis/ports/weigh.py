@@ -19,6 +19,7 @@ from ..search import Search
 from ..study import Array
 from ..verdict import Warned
 from .apart import components
+from .effect import PortEffect
 from .noise import structured, understated
 from .replay import PortReplay, Weighted, candidates_of
 from .seek import sought
@@ -198,6 +199,7 @@ def _conclude(by: _Made, found: Search, answers: list[Answer], tempering: Temper
         recalibrated,
         strayed,
         misfit,
+        kin={one.id: one.kin for one in effects if isinstance(one, PortEffect) and one.kin is not None},
     )
     warned = tuple(understated(residuals))
     return Weighed(finding, effects, left, by.weights, tuple(answers), tempering, top.fit, share, warned)
