@@ -18,6 +18,8 @@ __all__ = ["COLOUR", "WHITE", "Colour", "coloured", "small_colour", "whitened"]
 # Coloured noise of a smaller deviation than this share of the white one is roughness of every rig, from some
 # log likelihood on [nats].
 COLOUR, _COLOURED = 0.4, 4.0
+# Of logarithms, whose exponential, and the square of that, are finite.
+_LARGEST = 300.0
 _COLOURS = tuple(itertools.product((0.1, 0.15, 0.2, 0.25), (0.7, 0.8, 0.87, 0.92, 0.95)))
 
 
@@ -64,9 +66,14 @@ def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float]
     none = np.empty(0)
     white = sum(_ar_likelihood(part, 0.0, 0.0, max(spread, 0.5 * noise), none) for part in parts)
 
+    def shape(x: Array) -> tuple[float, float, float]:
+        # A search may stray as far as it likes, where a process without memory is as likely as white noise.
+        deviation, forgets, rest = (math.exp(min(one, _LARGEST)) for one in (x[0], -x[1], x[2]))
+        return deviation, 1.0 / (1.0 + forgets), rest
+
     def cost(x: Array) -> float:
-        keep = 1.0 / (1.0 + math.exp(-x[1]))
-        return -sum(_ar_likelihood(part, math.exp(x[0]), keep, math.exp(x[2]), none) for part in parts)
+        deviation, keep, rest = shape(x)
+        return -sum(_ar_likelihood(part, deviation, keep, rest, none) for part in parts)
 
     best = min(
         (
@@ -76,9 +83,9 @@ def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float]
         ),
         key=lambda one: one.fun,
     )  # fmt: skip
-    keep = 1.0 / (1.0 + math.exp(-best.x[1]))
+    deviation, keep, _ = shape(best.x)
     # Two parameters more than white noise, each worth half the logarithm of the number of samples.
-    return float(-best.fun - white - math.log(size)), math.exp(best.x[0]), keep
+    return float(-best.fun - white - math.log(size)), deviation, keep
 
 
 def small_colour(parts: Sequence[Array]) -> Colour:

@@ -16,6 +16,7 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
+from orchestrator.diagnosis.colour import coloured
 from orchestrator.diagnosis.dropout import in_turn, lost_in_contact, piled
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
@@ -433,6 +434,12 @@ def test_a_clear_effect_is_found_in_its_size_beside_a_random_link():
     assert best.effects == ("link.clock-skew", "link.jitter")
     skew = dict(zip([one.id for one in best.fit.effects], best.fit.theta, strict=True))["link.clock-skew"]
     assert skew == pytest.approx(rig.hidden["link.clock-skew"]["skew"], rel=0.1)
+
+
+def test_a_force_without_any_noise_has_none_of_a_colour():
+    """As of a sensor that tells none below a threshold."""
+    _, deviation, keep = coloured([np.zeros(196), np.zeros(429)], 0.5)
+    assert 0.0 <= deviation < 1e-6 and 0.0 <= keep <= 1.0
 
 
 def test_samples_that_are_lost_in_turn_are_not_lost_by_chance():
