@@ -14,7 +14,7 @@ from .remainder import Remains
 from .study import Array
 from .unseen import Judge
 
-__all__ = ["follows_speed", "part_of_chain", "place_outside"]
+__all__ = ["part_of_chain", "place_outside", "wrong_times"]
 
 # Log evidence of a line, of samples that stay put or stand out, from which the sensor is where it comes from
 # [nats].
@@ -27,8 +27,9 @@ _PERIOD = 3.0
 _WAY = 0.5
 # Variances that residuals may have where a run is fastest, over that of the noise.
 _VARIANCES = np.geomspace(1e-2, 1e8, 60)
-# Log likelihood that it may cost to take residuals for those of commands at wrong times, by chance [nats].
-_CHANCE = 50.0
+# Log likelihood of commands at wrong times from which the link is where it comes from, and what it may cost
+# to take for them what keeps a period [nats].
+_WRONG, _CHANCE = 15.0, 50.0
 # Samples of a run that tell of its flights, or of its contacts.
 _FEWEST = 100
 
@@ -48,18 +49,18 @@ def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
         weighing, fitter = judge.every
         fit, _ = judge.carried(none)
     model, left = weighing.model, fitter.marginal.left(fit.residuals)
+    own = fit.calibrated, fit.effects, fit.theta
+    late = wrong_times(left[0::2], [model.replay(run, *own)[2] for run in range(len(model.runs))])
     # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
     # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
-    shaken = regular > _PERIOD and not odd > max(_CLEAR, regular)
-    if shaken and not along_way(model, left) > _WAY:
-        own = fit.calibrated, fit.effects, fit.theta
-        if follows_speed(left[0::2], [model.replay(run, *own)[2] for run in range(len(model.runs))]):
+    if late > (-_CHANCE if regular > _PERIOD else _WRONG) and not odd > max(_CLEAR, regular):
+        if not along_way(model, left) > _WAY:
             return "link"
     return part_of_chain(judge.leaves(none).every, left[1::2], touching(model, fit), odd)
 
 
-def follows_speed(channels: Sequence[Array], positions: Sequence[Array]) -> bool:
-    """Whether residuals of the encoder may be those of commands that come at wrong times.
+def wrong_times(channels: Sequence[Array], positions: Sequence[Array]) -> float:
+    """Log likelihood that residuals of the encoder are of commands at wrong times, over even ones [nats].
 
     Such are as large as the robot is fast: their variance goes with the square of the speed. What shakes or
     creeps goes on where it turns.
@@ -76,7 +77,7 @@ def follows_speed(channels: Sequence[Array], positions: Sequence[Array]) -> bool
         growing = 1.0 + np.outer(_VARIANCES, (speed / max(float(speed.max()), 1e-12)) ** 2)
         costs = 0.5 * np.sum(np.log(growing) + square / growing, axis=1)
         told += 0.5 * (len(r) * math.log(even) + float(np.sum(square)) / even) - float(costs.min())
-    return told > -_CHANCE
+    return told
 
 
 def part_of_chain(rest: Remains, forces: Sequence[Array], touching: Sequence[Array], odd: float) -> str:

@@ -8,7 +8,7 @@ import pytest
 from orchestrator.diagnosis.calibrate import simulated_study
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.outside_place import follows_speed, part_of_chain
+from orchestrator.diagnosis.outside_place import part_of_chain, wrong_times
 from orchestrator.diagnosis.practice import ODDITIES
 from orchestrator.diagnosis.remainder import Remains
 
@@ -24,16 +24,16 @@ def noise(seed: int) -> np.ndarray:
 
 def test_wrong_times_of_commands_show_in_proportion_to_the_speed():
     speed = np.gradient(WAY)
-    assert follows_speed([noise(1) + 5.0 * noise(2) * speed / speed.max()], [WAY])
+    assert wrong_times([noise(1) + 5.0 * noise(2) * speed / speed.max()], [WAY]) > 100.0
 
 
 @pytest.mark.parametrize("walk", [6.0 * np.sin(14.0 * T), np.cumsum(0.2 * noise(3)), 4.0 * noise(4)])
 def test_what_goes_on_where_the_robot_turns_is_not_of_commands_at_wrong_times(walk):
-    assert not follows_speed([noise(1) + walk], [WAY])
+    assert wrong_times([noise(1) + walk], [WAY]) < -100.0
 
 
 def test_noise_alone_tells_nothing_of_wrong_times():
-    assert follows_speed([noise(1)], [WAY])
+    assert abs(wrong_times([noise(1)], [WAY])) < 5.0
 
 
 def placed(force: np.ndarray, **rest: float) -> str:
