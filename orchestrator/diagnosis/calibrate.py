@@ -333,7 +333,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--bare", type=int, default=40, help="rigs that hide nothing, for the roughness")
     parser.add_argument("--forms", type=int, help="cases of one clear effect each; by default, two of each")
-    parser.add_argument("--kinds", type=int, help="known kinds outside the catalogue; by default, all")
+    parser.add_argument(
+        "--kinds",
+        metavar="N|all",
+        help="of the known kinds outside the catalogue, the first N, or all; by default, those of the "
+        "calibration that comes with the product",
+    )
     parser.add_argument("--seed", type=int, default=20261)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seen", type=Path, help="keep weighed cases here, and go on from those there")
@@ -347,6 +352,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if seen.get("made_of") != made_of:
             told = f"{options.seen} is of {seen.get('made_of')}, not of {made_of}"
             parser.error(f"--seen: {told}: name another file")
+    try:
+        kinds = _chosen_kinds(options.kinds)
+    except OrchestratorError as error:
+        parser.error(str(error))
     pool = pool_of(options.scheduler, options.jobs)
     if "roughness" not in seen:
         bare = _outcomes(pool, Work(strayed_by_number, payload=options.seed + 1), range(1, options.bare + 1))
@@ -371,13 +380,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     every = product(sorted(one.id for one in HARDWARE), _FORMS)
     plans = {number: (number, *one) for number, one in enumerate(islice(every, options.forms), start=1)}
     formed = weighed("forms", Work(_hiding, payload=(options.seed + 2, rough)), plans)
-    odd = weighed("odd", Work(_hiding, payload=(options.seed + 3, rough)), _known_kinds(options.kinds))
+    odd = weighed("odd", Work(_hiding, payload=(options.seed + 3, rough)), _of_kinds(kinds))
     leaves = learn_leaves([*cases, *formed])
     learned = learn([*cases, *odd], Calibration(form=_FORM, leaves=leaves, roughness=rough))
     learned.save(
         options.out,
         cases=len(cases),
         odd=len(odd),
+        kinds=kinds,
         bare=options.bare,
         forms=len(plans),
         seed=options.seed,
@@ -397,16 +407,37 @@ def _hiding(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int,
     return practise(*context, number, Plan(kind, ((HIDDEN | OUTSIDE)[name],), magnitude))
 
 
-def _known_kinds(count: int | None) -> dict[int, tuple[int, str, float]]:
-    """Cases of the challenge's known kinds outside the catalogue, from strong to nearly none.
-
-    What a kind's cases are does not depend on which others there are.
+def _chosen_kinds(asked: str | None) -> list[str]:
+    """Kinds outside the catalogue to practise on, of those that are known, by id.
 
     Args:
-        count: of kinds; all by default.
+        asked: "all", or how many; None for those of the calibration that comes with the product: it is then
+            learned alike when more are known.
+    Raises: OrchestratorError for anything else, and if one of those is not known.
+    """
+    known = sorted(name for name, kind in OUTSIDE.items() if kind.place not in SOFTWARE)
+    if asked is None:
+        learned = json.loads(FILE.read_text("utf-8"))["provenance"].get("kinds", known)
+        if strange := sorted(set(learned) - set(known)):
+            raise OrchestratorError(
+                f"{FILE.name}: learned from {', '.join(strange)}, which the challenge does not know: "
+                "--kinds all practises on those that it knows"
+            )
+        return list(learned)
+    if asked == "all":
+        return known
+    if not asked.isdecimal():
+        raise OrchestratorError(f"--kinds: {asked!r}; allowed: all, or 0 to {len(known)}")
+    return known[: int(asked)]
+
+
+def _of_kinds(kinds: Sequence[str]) -> dict[int, tuple[int, str, float]]:
+    """Cases of kinds outside the catalogue, from strong to nearly none.
+
+    What a kind's cases are does not depend on which others there are.
     """
     plans = {}
-    for name in islice((name for name in sorted(OUTSIDE) if OUTSIDE[name].place not in SOFTWARE), count):
+    for name in kinds:
         first = zlib.crc32(name.encode())
         rng = np.random.default_rng(first)
         for time in range(_TIMES):

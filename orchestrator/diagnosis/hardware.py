@@ -49,7 +49,7 @@ _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
 _ORDINARY = 3.0
 # Why what answers leave is not looked at in runs that no fit saw.
 _RANDOM = "which of their commands were lost or late is not known"
-_LIMITED = "they reach a limit that the train runs do not; give one of them the role train"
+_LIMITED = "they reach a limit that the train runs do not, or hardly do; give one of them the role train"
 
 
 def weigh_rig(
@@ -235,9 +235,8 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
 
 def _foreseen(judge: Judge, fit: Fit) -> Force:
     """What the force tells of all runs beside a fit to some."""
-    assert judge.every is not None
-    here, _ = judge.carried(fit)
-    return _force(judge.every.weighing.model, judge.every.fitter, here)
+    by, here, _ = judge.carried(fit)
+    return _force(by.weighing.model, by.fitter, here)
 
 
 def _coloured(force: Force) -> float:

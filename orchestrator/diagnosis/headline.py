@@ -88,9 +88,9 @@ def _answer(diagnosis: Diagnosis) -> str:
     tied = [one for one in diagnosis.which if len(one.effects) == 1 and one.effects[0] in first.ties]
     among = len(effects) == 1 and bool(tied) and first.probability < _SURE
     if among:
-        together = first.probability + sum(one.probability for one in tied)
+        whole = first.probability + sum(one.probability for one in tied)
         named = f"One of {listed_or([*effects, *first.ties])}"
-        chance = f"together {percent(together)}; these logs cannot tell them apart"
+        chance = f"together {percent(whole)}; these logs cannot tell them apart"
     it = "them" if len(effects) > 1 else effects[0] if among else "it"
     tied_ones, many = "them" if len(effects) > 1 else "it", len(effects) > 1
     if (forms := _forms(diagnosis)) is not None:

@@ -44,11 +44,8 @@ def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
         odd: log evidence of what only a sensor makes of a force, as a line [nats].
         regular: log likelihood that what is random in the link keeps a period [nats].
     """
-    weighing, fitter, fit = judge.weighing, judge.fitter, none
-    if judge.every is not None:
-        weighing, fitter = judge.every
-        fit, _ = judge.carried(none)
-    model, left = weighing.model, fitter.marginal.left(fit.residuals)
+    by, fit, _ = judge.carried(none)
+    model, left = by.weighing.model, by.fitter.marginal.left(fit.residuals)
     own = fit.calibrated, fit.effects, fit.theta
     late = wrong_times(left[0::2], [model.replay(run, *own)[2] for run in range(len(model.runs))])
     # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What

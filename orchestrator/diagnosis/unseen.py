@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from .benign import WAVY, Weighing, Weighted, force_weights, scatter, waves
 from .colour import Colour
 from .descent import cost_of
@@ -20,8 +22,10 @@ __all__ = ["Judge", "Leaves", "reckoned"]
 _MUCH, _MOST = 200.0, 0.5
 # A wave that is small in some runs may be a little larger in all.
 _WAVIER = 1.25 * WAVY
-# Where effects act that may not show at all in runs a little slower than others.
-_LIMITS = (Site.RATE, Site.LIMIT)
+# Where effects act that may not show at all in runs a little slower than others; and how many times more
+# further runs tell of such an effect than those that it was fitted to, where these do not tell its size well
+# enough.
+_LIMITS, _DEEPER = (Site.RATE, Site.LIMIT), 1e3
 
 
 class Leaves(NamedTuple):
@@ -50,11 +54,24 @@ class Leaves(NamedTuple):
         return self._replace(seen=self.seen._replace(**parts), every=self.every._replace(**parts))
 
 
-class _By(NamedTuple):
+class By(NamedTuple):
     """A weighing, and its fitter."""
 
     weighing: Weighing
     fitter: Fitter
+
+
+class Carried(NamedTuple):
+    """A fit on the runs that judge it.
+
+    Attributes:
+        by: by what it is judged.
+        fit: on these runs; chosen: see `any_law`, None where it saw all of them.
+    """
+
+    by: By
+    fit: Fit
+    chosen: Array | None
 
 
 @dataclass(frozen=True)
@@ -70,16 +87,16 @@ class Judge:
     weighing: Weighing
     fitter: Fitter
     colour: Colour
-    every: _By | None = None
+    every: By | None = None
     limited: bool = False
-    _carried: dict[int, tuple[Fit, Array]] = field(default_factory=dict, compare=False, repr=False)
+    _carried: dict[int, tuple[Fit, Carried]] = field(default_factory=dict, compare=False, repr=False)
     _leaves: dict[int, tuple[Fit, Leaves]] = field(default_factory=dict, compare=False, repr=False)
 
     def over(self, runs: Sequence[Run], best: Fit, louder: float, lost: bool) -> Judge:
         """A judge of further runs, too.
 
         No number is fitted to these: they show whether a model that was fitted to others foresees them. It
-        cannot where they reach a limit that the others do not.
+        cannot where they reach a limit that the others do not, or hardly do.
 
         Args:
             runs: all of them; best: the best fit; louder, lost: see `benign.force_weights`.
@@ -88,11 +105,9 @@ class Judge:
         weighing = replace(self.weighing, model=model, weights=weights, known={})
         fitter = weighing.fitter()
         here, derivatives = fitter.carried(best)
-        if _limited(weighing, fitter, here, derivatives):
+        if _limited(weighing, fitter, here, derivatives) or _deeper(weighing, here, self.weighing.model.runs):
             return replace(self, limited=True)
-        return Judge(
-            self.weighing, self.fitter, self.colour, _By(weighing, reckoned(weighing, here, _WAVIER))
-        )
+        return Judge(self.weighing, self.fitter, self.colour, By(weighing, reckoned(weighing, here, _WAVIER)))
 
     def leaves(self, fit: Fit) -> Leaves:
         """What a fit leaves unexplained."""
@@ -100,20 +115,19 @@ class Judge:
             self._leaves[id(fit)] = fit, self._left(fit)
         return self._leaves[id(fit)][1]
 
-    def carried(self, fit: Fit) -> tuple[Fit, Array]:
-        """A fit on all runs, if there are others than it saw: see `Fitter.carried`."""
-        assert self.every is not None
+    def carried(self, fit: Fit) -> Carried:
+        """A fit on all runs, or on those that it saw, if there are no others: see `Fitter.carried`."""
+        if self.every is None:
+            return Carried(By(self.weighing, self.fitter), fit, None)
         if id(fit) not in self._carried:
-            self._carried[id(fit)] = self.every.fitter.carried(fit)
-        return self._carried[id(fit)]
+            self._carried[id(fit)] = fit, Carried(self.every, *self.every.fitter.carried(fit))
+        return self._carried[id(fit)][1]
 
     def _left(self, fit: Fit) -> Leaves:
         seen = remains(self.weighing, self.fitter, fit, self.colour)
-        if self.every is None:
-            return Leaves(seen, seen, own_error(self.weighing, self.fitter, fit, seen.total))
-        here, chosen = self.carried(fit)
-        every = remains(*self.every, here, self.colour, chosen)
-        return Leaves(seen, every, own_error(*self.every, here, every.total))
+        by, here, chosen = self.carried(fit)
+        every = seen if self.every is None else remains(*by, here, self.colour, chosen)
+        return Leaves(seen, every, own_error(*by, here, every.total))
 
 
 def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) -> bool:
@@ -127,6 +141,30 @@ def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) 
     least = max(_MUCH, _MOST * (cost - len(base.r)))
     limits = [one for one in weighing.effects if one.site in _LIMITS and one not in here.effects]
     return any(cost - fitter.screen(one, [base])[0] > least for one in limits)
+
+
+def _deeper(weighing: Weighing, here: Fit, seen: Sequence[Run]) -> bool:
+    """Whether a fitted limit acts in further runs beyond all measure of what it does where it was fitted.
+
+    A servo at its limit forgets nothing: what the limit and the calibration are off by adds up there.
+
+    Args:
+        here: see `Fitter.carried`; seen: runs that it was fitted to.
+    """
+    plain = Fitter(Weighted(weighing.model, weighing.weights))
+    known = {id(run) for run in seen}
+    for place, effect in enumerate(here.effects):
+        if effect.site not in _LIMITS:
+            continue
+        others = here.effects[:place] + here.effects[place + 1 :]
+        without = plain.residuals(others, here.without(place))
+        told = [0.0, 0.0]
+        for index, (r, free) in enumerate(zip(here.residuals, without, strict=True)):
+            with np.errstate(over="ignore", invalid="ignore"):
+                told[id(weighing.model.runs[index // 2]) in known] += float(free @ free - r @ r)
+        if told[False] > _DEEPER * max(told[True], 1.0):
+            return True
+    return False
 
 
 def reckoned(weighing: Weighing, best: Fit, largest: float = WAVY) -> Fitter:

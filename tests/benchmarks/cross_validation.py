@@ -21,7 +21,15 @@ from types import SimpleNamespace
 from typing import cast
 
 from orchestrator.diagnosis.answers import Group
-from orchestrator.diagnosis.calibrate import _FORM, Practice, _known_kinds, _read, learn, learn_leaves
+from orchestrator.diagnosis.calibrate import (
+    _FORM,
+    Practice,
+    _chosen_kinds,
+    _of_kinds,
+    _read,
+    learn,
+    learn_leaves,
+)
 from orchestrator.diagnosis.calibration import Calibration
 from orchestrator.diagnosis.challenge.hidden import HARDWARE, HIDDEN
 from orchestrator.diagnosis.challenge.score import BANDS, Marked, _ece, _ece_exact, band
@@ -64,10 +72,12 @@ def main() -> None:
         [_read(data) for _, data in sorted(seen[kind].items(), key=lambda one: int(one[0]))]
         for kind in ("cases", "forms")
     )
-    names = sorted({name for _, name, _ in _known_kinds(None).values()})
+    practised = _of_kinds(_chosen_kinds("all")).values()
+    kept = [(name, str(number)) for number, name, _ in practised if str(number) in seen["odd"]]
+    names = sorted({name for name, _ in kept})
     odd: list[list[Practice]] = [[] for _ in range(_FOLDS)]
-    for number, name, _ in _known_kinds(None).values():
-        odd[names.index(name) % _FOLDS].append(_read(seen["odd"][str(number)]))
+    for name, number in kept:
+        odd[names.index(name) % _FOLDS].append(_read(seen["odd"][number]))
     every: list[Marked] = []
     strange: list[Marked] = []
     for fold in range(_FOLDS):
