@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from ctypes import c_uint8
 from dataclasses import replace
@@ -148,6 +149,36 @@ def test_an_error_within_the_integration_is_the_fmus(ball):
     name = {"1": "fmi1GetDerivatives", "2": "fmi2GetDerivatives", "3": "fmi3GetContinuousStateDerivatives"}
     assert caught.value.what == f"{name[instance.description.fmi_version[0]]} returned error"
     instance.free()
+
+
+def too_many(ball, monkeypatch, most, **start):
+    """The message of a step of 100 s that may take so many integration steps and events."""
+    monkeypatch.setattr("orchestrator.fmi.exchange._MOST_STEPS", most)
+    instance, _, y, _ = started(ball, **start)
+    with pytest.raises(StepError) as caught:
+        steps(instance, y, 1, 100.0)
+    instance.free()
+    assert (caught.value.time, caught.value.status) == (0.0, "not integrated")
+    # How far it comes is CVODE's matter.
+    return re.sub(r"only [\d.e-]+ s", "only X s", re.sub(r"[1-9]\d* were", "N were", str(caught.value)))
+
+
+def test_too_many_integration_steps_are_told_with_a_remedy(ball, monkeypatch):
+    assert too_many(ball, monkeypatch, 4, h=5.0) == (
+        "one at time 0 s: the step of 100 s came only X s far in 4 integration steps and events, the most "
+        "allowed; 0 were events\n"
+        "  Loosen instances.one.tolerance, or take a smaller step size; if neither helps, a derivative of "
+        "the FMU jumps or grows without bound there: make the jump an event, or give it a finite slope."
+    )
+
+
+def test_too_many_events_are_told_with_a_remedy(ball, monkeypatch):
+    assert too_many(ball, monkeypatch, 400) == (
+        "one at time 0 s: the step of 100 s came only X s far in 400 integration steps and events, the most "
+        "allowed; N were events\n"
+        "  Its events come without an end: give what switches in the FMU a hysteresis or a least time "
+        "between two events, or take a smaller step size if there are but many of them."
+    )
 
 
 def test_what_the_step_size_changes_is_within_the_tolerance(ball):

@@ -39,12 +39,14 @@ class Level:
         canonical: what the run's identity is made from: equal for "2 ms" and "0.002 s".
         text: as an override has it; of an FMU's file "files:" and its place below the folder of files.
         file: of an FMU, which has to travel.
+        source: the Python file of an effect, which has to travel.
     """
 
     shown: float | int | str | bool
     canonical: Any
     text: str
     file: Path | None = None
+    source: Path | None = None
 
 
 class Axis:
@@ -170,10 +172,19 @@ class Axis:
         return Level(float(exact), str(exact), str(value))
 
     def _read_plain(self, value: Scalar, place: str) -> Level | Problem:
-        # Of an effect's file, since a worker's folder is another.
-        text = as_text(move_value(self.target, value, lambda file: str(self._found(file).resolve())))
+        # An effect's file is beside the study or its system, wherever this process works.
+        source: list[Path] = []
+
+        def found(file: str) -> str:
+            source[:] = [self._found(file).resolve()]
+            return str(source[0])
+
+        text = as_text(move_value(self.target, value, found))
         if not isinstance(value, str):
             return Level(value, value, text)
+        if source:
+            # A file that is not there travels nowhere; what names it is refused with all else.
+            return Level(value, value, text, source=source[0] if source[0].is_file() else None)
         try:
             quantity = parse_quantity(value)
         except UnitError:

@@ -37,7 +37,7 @@ class Checked:
         block: its points.
         repeats: what each repeat of a point has besides.
         variants: the system with values of the design.
-        files: FMUs that the design varies.
+        files: FMUs, and Python files of effects, that the design varies.
         effects: values of axes over effects, with their paths.
     """
 
@@ -107,7 +107,8 @@ class _Check:
         if self._problems:
             raise self._error()
         levels = [(path, level) for path in self._axes for level in blocks.levels[path]]
-        files = tuple(level.file for _, level in levels if level.file is not None)
+        travelling = (file for _, level in levels for file in (level.file, level.source))
+        files = tuple(file for file in travelling if file is not None)
         effects = tuple(one for one in levels if self._axes[one[0]].effect)
         return Checked(self._model, prepared, self._axes, block, repeats, self._variants, files, effects)
 

@@ -23,6 +23,7 @@ from ..results import Results
 from ..run import Prepared, RunResult, prepare, run
 from ..system import Instance
 from ..workers import Failure, Retry
+from .axes import as_text
 from .derived import Derived
 from .models import RecordModel
 
@@ -148,7 +149,7 @@ class Context:
     def _prepared(self, others: tuple[tuple[str, str], ...]) -> Prepared:
         found = self._ready.get(others)
         if found is None:
-            texts = [f"{path}={_text(text, self._folder)}" for path, text in others]
+            texts = [f"{path}={_override(text, self._folder)}" for path, text in others]
             made = prepare(self._config, texts)
             everything = ChosenMeasure(
                 "of the study",
@@ -279,6 +280,10 @@ def _placed(data: Any, folder: Path) -> Any:
     if isinstance(data, list | tuple):
         return [_placed(one, folder) for one in data]
     return _text(data, folder) if isinstance(data, str) else data
+
+
+def _override(text: str, folder: Path) -> str:
+    return as_text(_text(text, folder)) if text.startswith(FILES) else text
 
 
 def _text(text: str, folder: Path) -> str:

@@ -22,7 +22,7 @@ class Packed:
     Attributes:
         config: plain values; FMUs and files of effects stand as FILES and their place.
         files: contents by place.
-        varied: places of the FMUs that the design varies, by path.
+        varied: places of the FMUs and files of effects that the design varies, by path.
     """
 
     config: dict[str, Any]
@@ -34,7 +34,7 @@ def pack(prepared: Prepared, varied: Iterable[Path]) -> Packed:
     """Pack a system.
 
     Args:
-        varied: FMUs that the design puts in place of its own.
+        varied: FMUs and files of effects that the design puts in place of its own.
     """
     config, files = prepared.config, dict[str, bytes]()
 

@@ -173,7 +173,11 @@ class Study:
             put_value(data, axis.target, level.canonical)
             if axis.effect:
                 data.setdefault("varied_effects", {})[path] = self._checked.variants.sources(path, level)
-            others.append((path, level.text))
+            text = level.text
+            if level.source is not None:
+                name = str(level.shown).rpartition(":")[2]
+                text = f"{FILES}{self._packed.varied[level.source]}:{name}"
+            others.append((path, text))
         key = digest_of(json.dumps(data, sort_keys=True).encode())
         return Task(key, tuple(starts), tuple(others)), point
 

@@ -187,9 +187,11 @@ class Exchange(CompiledInstance):
         close = max(_CLOSE * point.step_size, 8.0 * ulp(end))
         if self._integrator is not None:
             self._integrator.reset(time)
+        events = 0
         for _ in range(_MOST_STEPS):
             event = self._next_event
             if event is not None and event <= time + close:
+                events += 1
                 # Never before the event, be it by rounding: the FMU would not see it.
                 if self._handle_event(max(time, event)):
                     return StepStatus.TERMINATED
@@ -203,14 +205,32 @@ class Exchange(CompiledInstance):
                 if stop:
                     return StepStatus.TERMINATED
                 due = due or wanted
-            if due and self._handle_event(time):
-                return StepStatus.TERMINATED
+            if due:
+                events += 1
+                if self._handle_event(time):
+                    return StepStatus.TERMINATED
         raise StepError(
-            f"needs more than {_MOST_STEPS} integration steps and events for one step, it came to {time!r} s",
+            f"the step of {point.step_size:.12g} s came only {time - point.time:.3g} s far in {_MOST_STEPS} "
+            f"integration steps and events, the most allowed; {events} were events",
             instance=self.name,
             time=self._time,
             status="not integrated",
             log=self.log_lines(),
+            remedy=self._remedy(events),
+        )
+
+    def _remedy(self, events: int) -> str:
+        """What to do about a step that takes too many integration steps or `events`."""
+        # After an event the integration begins anew, with some short steps.
+        if 10 * events > _MOST_STEPS:
+            return (
+                "Its events come without an end: give what switches in the FMU a hysteresis or a least time "
+                "between two events, or take a smaller step size if there are but many of them."
+            )
+        return (
+            f"Loosen instances.{self.name}.tolerance, or take a smaller step size; if neither helps, a "
+            "derivative of the FMU jumps or grows without bound there: make the jump an event, or give it a "
+            "finite slope."
         )
 
     def _integrate(self, goal: float) -> tuple[float, bool]:

@@ -90,7 +90,7 @@ _HEADERS = {
 _INTERFACE = {"2.0": ("fmi2.c", "fmi2_absent.c"), "3.0": ("fmi3.c", "fmi3_absent.c")}
 # What a component that advances in steps has no use for; runtime/stepped/ stands in for it.
 _ONE_AT_A_TIME = threading.Lock()
-_CONTINUOUS = ("delay.c", "evaluate.c", "integrate.c", "step.c")
+_CONTINUOUS = ("delay.c", "evaluate.c", "integrate.c", "integrate.h", "step.c")
 
 
 def runtime_sources(fmi_version: FmiVersion, stepped: bool = False) -> dict[str, bytes]:

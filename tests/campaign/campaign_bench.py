@@ -7,6 +7,7 @@ from typing import Any
 
 from orchestrator import bundled
 from orchestrator.campaign import Study
+from orchestrator.config import load_config
 
 # 100 steps of compiled FMUs, one contact.
 QUICK = {
@@ -36,6 +37,17 @@ def quick(**changes: Any) -> Study:
         "derived": DERIVED,
     }
     return Study(values | changes)
+
+
+def through(effect: str, **options: Any) -> tuple[dict[str, Any], str]:
+    """The loop with an effect on the force, and the path of the effect."""
+    data = load_config("docking-1d-uncompensated").model.to_data()
+    data.pop("bonds", None)
+    number = next(n for n, one in enumerate(data["connections"]) if str(one).endswith("-> satellite.force"))
+    source, _, target = str(data["connections"][number]).partition("->")
+    entry = {"from": source.strip(), "to": target.strip(), "through": [{"effect": effect, **options}]}
+    data["connections"][number] = entry
+    return data, f"connections[{number}].through[0].effect"
 
 
 def with_mass_in(unit: str, path: Path, start: str, bounds: str = 'min="0"') -> Path:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 import workers_tasks
-from campaign_bench import quick
+from campaign_bench import quick, through
 
 from orchestrator.campaign import Store
 from orchestrator.digests import digest_of
@@ -134,3 +138,62 @@ def test_a_scheduler_that_does_not_answer_is_refused():
     pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
     with pytest.raises(ConfigError, match="no Dask scheduler answers at tcp:"):
         pool_of("tcp://127.0.0.1:9")
+
+
+_LAW = '''
+from typing import ClassVar
+from orchestrator.effects import Effect
+
+class Scaled(Effect):
+    """Part of the force."""
+    jittable: ClassVar[bool] = True
+
+    @staticmethod
+    def kernel(time, x, options, memory, commit):
+        return {factor} * x[0]
+'''
+
+
+def test_effects_from_files_that_a_design_varies_travel_to_workers_elsewhere(tmp_path):
+    """The worker has a working directory and a cache of its own, and the files are gone when it begins."""
+    distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+    # Files of one name, which their content tells apart; the folder's name needs quotes in a config.
+    here, there = tmp_path / "study #1", tmp_path / "there"
+    names = []
+    for factor in (0.5, 0.7, 0.9):
+        folder = here / str(factor)
+        folder.mkdir(parents=True)
+        (folder / "gain.py").write_text(_LAW.format(factor=factor))
+        names.append(f"{folder / 'gain.py'}:Scaled")
+
+    def study():
+        system, path = through(names[0])
+        return quick(system=system, design={"grid": {path: names}}, step_halving=False)
+
+    expected = study().run(tmp_path / "local", jobs=1)
+    assert expected.made == 3 and not expected.failed
+    assert len(set(expected.columns()["peak"])) == 3
+    there.mkdir()
+    loaded = study()
+    others = [text for task in loaded.tasks() for _, text in task.others]
+    assert len(set(others)) == 3 and all(text.startswith("files:") for text in others)
+    assert loaded.id and sum(place.endswith("/gain.py") for place in loaded.files) == 3
+    shutil.rmtree(here)
+    environment = os.environ | {
+        "XDG_CACHE_HOME": str(there / "cache"),
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", "--nthreads", "1", "--no-dashboard"]
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as made:
+        command += ["--local-directory", str(there), made.scheduler_address]
+        worker = subprocess.Popen(command, cwd=there, env=environment, stderr=subprocess.DEVNULL)
+        try:
+            swept = loaded.run(tmp_path / "remote", scheduler=made.scheduler_address)
+        finally:
+            worker.terminate()
+            worker.wait(30)
+    assert swept.made == 3 and not swept.failed, swept.examples
+    assert swept.table.equals(expected.table)
+    sent = sorted(Path(there, "cache").rglob("gain.py"))
+    assert sorted(digest_of(file.read_bytes()) for file in sent) == sorted(file.parent.name for file in sent)
+    assert len(sent) == 3

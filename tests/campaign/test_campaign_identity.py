@@ -6,11 +6,11 @@ import sys
 
 import pytest
 import yaml
-from campaign_bench import QUICK, one_body, quick, with_mass_in
+from campaign_bench import QUICK, one_body, quick, through, with_mass_in
 
 from orchestrator.campaign import Study
 from orchestrator.campaign import product as products
-from orchestrator.config import dump, load_config
+from orchestrator.config import dump
 from orchestrator.run import prepare
 
 _MODULE = '''
@@ -27,17 +27,6 @@ class Scaled(Effect):
         return {factor} * x[0]
 '''
 _ALIKE = _MODULE.format(imports="", factor=0.9)
-
-
-def through(effect, **options):
-    """The loop with an effect on the force, and the path of the effect."""
-    data = load_config("docking-1d-uncompensated").model.to_data()
-    data.pop("bonds", None)
-    number = next(n for n, one in enumerate(data["connections"]) if str(one).endswith("-> satellite.force"))
-    source, _, target = str(data["connections"][number]).partition("->")
-    entry = {"from": source.strip(), "to": target.strip(), "through": [{"effect": effect, **options}]}
-    data["connections"][number] = entry
-    return data, f"connections[{number}].through[0].effect"
 
 
 @pytest.fixture

@@ -350,3 +350,53 @@ def test_events_that_a_shorter_step_does_not_have_do_not_repeat_for_ever(size):
         assert instance.get("z") == pytest.approx(max(0.0, 1 - instance.time / 2) ** 2, abs=1e-5)
     assert abs(instance.get("z")) < 1e-12
     assert instance.texts == []
+
+
+@pytest.mark.parametrize("size", [0.01, 1e-4, 1e-5])
+def test_a_jump_without_an_event_that_holds_a_state_is_stepped_over_and_told(size):
+    # x' = -sign(x): error control alone takes steps of 1e-11 s, 1e7 of them for 1e-4 s.
+    instance = Instance("steep").initialise(x=2.5 * size, speed=1.0, width=0.0)
+    for step in range(1, 21):
+        instance.step(size)
+        exact = max(2.5 - step, 0.0) * size
+        assert instance.get("x") == pytest.approx(exact, abs=size / 4096 if step > 2 else 1e-12 * size)
+    assert len(instance.texts) == 1
+    assert instance.texts[0].startswith("a derivative jumps without an event at t = ")
+
+
+def test_a_saved_state_knows_that_a_jump_was_told_and_goes_on_to_the_bit():
+    instance = Instance("steep").initialise(x=0.005, speed=1.0, width=0.0)
+    instance.step(0.01)
+    state, time = instance.save(), instance.time
+    ends = []
+    for _ in range(2):
+        instance.restore(state, time)
+        instance.step(0.01)
+        ends.append(instance.get("x"))
+    assert ends[0] == ends[1]
+    assert len(instance.texts) == 1
+
+
+@pytest.mark.parametrize("size", [0.1, 0.01, 0.001])
+def test_dry_friction_without_an_event_sticks_slips_and_spares_what_is_smooth(size):
+    instance = Instance("slide").initialise(push=2.0, friction=1.0, rate=50.0)
+    loose, rate = math.asin(0.5), 50.0
+    for step in range(1, round(0.7 / size) + 1):
+        instance.step(size)
+        t = step * size
+        speed = 2 * (math.cos(loose) - math.cos(t)) - (t - loose) if t > loose else 0.0
+        assert instance.get("v") == pytest.approx(speed, abs=3e-4 * size)
+        if t < loose:
+            assert instance.get("x") == pytest.approx(0, abs=3e-5 * size)
+        decay = math.exp(-rate * t)
+        smooth = rate * (rate * (math.cos(t) - decay) + math.sin(t)) / (rate**2 + 1) + decay
+        assert instance.get("s") == pytest.approx(smooth, abs=1e-9)
+
+
+@pytest.mark.parametrize("width", [1e-6, 1e-8])
+def test_a_slope_that_can_be_resolved_is_no_jump(width):
+    instance = Instance("steep").initialise(x=5e-4, speed=1.0, width=width)
+    for _ in range(3):
+        instance.step(1e-3)
+    assert abs(instance.get("x")) < 1e-12
+    assert instance.texts == []

@@ -336,8 +336,8 @@ def test_chattering_is_an_error():
 
 @VERSIONS
 def test_a_communication_step_without_progress_is_an_error(version):
-    # x' = -sign(x) without an event: where x has come to 0, internal steps are as long as 1e-13 takes.
-    instance = Instance("steep", version).initialise(speed=1.0, width=0.0)
+    # A time constant of 1e-12 s, and a slope that is steep over less than ten tolerances of x only.
+    instance = Instance("steep", version).initialise(speed=1.0, width=1e-12)
     instance.step(0.9)
     assert status_of(instance, "doStep", 0.9, 0.2) == 3
     status, category, text = instance.messages[-1]

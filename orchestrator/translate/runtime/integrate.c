@@ -12,7 +12,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "runtime.h"
+#include "integrate.h"
 
 static const double C[7] = {0, 1.0 / 5, 3.0 / 10, 4.0 / 5, 8.0 / 9, 1, 1};
 static const double A[7][6] = {{0},
@@ -204,27 +204,45 @@ static double locate(Runtime *rt, int quarter, double end)
     return high;
 }
 
-/* Try the internal step from t0 to `end`. `*factor`: what to multiply the step size with, then or next
- * time. Accepted: x_new and k[6] hold the end, the discrete state disagrees there if `*event` is 1.
- * Without an event operand_stage and lag_stage belong to the end, too. */
-Verdict rt_attempt(Runtime *rt, double end, double *factor, int *event)
+/* Set out from t0 to `end`, with the operands as they are at t0 as the first guess. */
+static void set_out(Runtime *rt, double end)
 {
-    int worst, quarter = 0, at_end = 0, sampled = model_info.n_d || model_info.n_m;
-    double error;
-    *event = 0;
     rt->h = end - rt->t0;
     rt->stepping = 1;
     for (int j = 0; j < model_info.n_d; j++) {
         memset(rt->guess + 5 * j, 0, 5 * sizeof(double));
         rt->guess[5 * j] = rt->operand[j];
     }
+}
+
+double rt_step_error(Runtime *rt, double end)
+{
+    int worst;
+    set_out(rt, end);
+    return stages(rt, end) ? INFINITY : error_norm(rt, &worst);
+}
+
+Verdict rt_attempt(Runtime *rt, double end, double *factor, int *event)
+{
+    return rt_attempt_within(rt, end, 1, factor, event);
+}
+
+/* Try the internal step from t0 to `end`. `*factor`: what to multiply the step size with, then or next
+ * time. Accepted: x_new and k[6] hold the end, the discrete state disagrees there if `*event` is 1.
+ * Without an event operand_stage and lag_stage belong to the end, too. */
+Verdict rt_attempt_within(Runtime *rt, double end, double allowed, double *factor, int *event)
+{
+    int worst, quarter = 0, at_end = 0, sampled = model_info.n_d || model_info.n_m;
+    double error;
+    *event = 0;
+    set_out(rt, end);
     for (int iteration = 0;; iteration++) {
         double moved;
         rt->overlapped = 0;
         *factor = 0.2;
         if (stages(rt, end)) return STEP_REJECTED;
         error = error_norm(rt, &worst);
-        if (!(error <= 1)) {
+        if (!(error <= allowed) || isinf(error)) {
             if (isinf(error))
                 rt_fail(rt, RT_DISCARD, "state %s or its derivative is not finite", rt_state_name(worst));
             else
@@ -246,6 +264,7 @@ Verdict rt_attempt(Runtime *rt, double end, double *factor, int *event)
         }
     }
     *factor = error < 5.9e-6 ? 10 : 0.9 * pow(error, -0.2); /* 10: most a step may grow at once */
+    if (error > 1) *factor = 1;                             /* allowed: no measure of the next one */
     if (model_info.n_d) {
         double rough = history_factor(rt);
         if (rough < 0.9 && rt->h > ROUGH_SHARE * rt->step_size) {

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "runtime.h"
+#include "integrate.h"
 
 /* Events closer than NEAR communication steps are in close succession; so many of them are chattering. */
 static const double NEAR = 1e-8;
@@ -14,11 +14,21 @@ enum { MAX_NEAR_EVENTS = 100, MAX_LOCATIONS = 20 };
  * step further: 4e7 of them may make a communication step, some seconds at 0.1 us each for a model of one
  * state. A step is stable up to 3.3 time constants, and at worst half of them are repeated: what is stiff
  * gets through down to time constants of 1.5e-8 communication steps, and with no more than WINDOW internal
- * steps in a communication step always. Where a derivative jumps at a zero without an event, or is as steep,
- * steps get as short as a state takes for 1e-13 of its nominal value. A communication step would last for
- * minutes to years then; it ends after two windows at most. */
+ * steps in a communication step always. Where a derivative grows without bound or is as steep as a jump, if
+ * not quite one, steps get as short as a state takes for 1e-13 of its nominal value. A communication step
+ * would last for minutes to years then; it ends after two windows at most. */
 static const double LEAST_PROGRESS = 0.05;
 enum { WINDOW = 2000000 };
+
+/* Where a derivative jumps without an event and the solution cannot leave the jump, as x' = -sign(x) cannot
+ * leave 0, error control would keep x within 1e-13 of its nominal value, a step of 1e-12 s or so after the
+ * other. Internal steps there are JUMP_SHARE of the communication step, whatever their error, which is at
+ * most what the jump makes in one; it is told once. Looked for where all of SOME internal steps in a row,
+ * repeated ones counted too, were shorter than an eighth of that: a jump that is crossed takes fewer. */
+static const double JUMP_SHARE = 1.0 / 4096;
+enum { SOME = 997 }; /* prime: of steps that repeat a pattern, other ones are looked at each time */
+/* s.started from when a jump was told on; elsewhere any value but 0 means the same. */
+enum { JUMP_TOLD = 2 };
 
 enum { NO_LEVEL = 1000, EVENT = -1 };
 
@@ -117,13 +127,43 @@ static RtStatus stuck(Runtime *rt, double since, double h, double stop)
     return rt->trouble;
 }
 
+/* Whether the error of steps from t0 falls as their length does, from `longest` down to some tolerances. It
+ * falls so across a jump, from which the stages' derivatives differ by as much however short the step is;
+ * with its sixth power where all is smooth, if stiff. The first is told from the second. */
+static int jumps(Runtime *rt, double longest)
+{
+    double h = longest, before = rt_step_error(rt, rt->t0 + h);
+    int halvings = 0;
+    for (;; halvings++) {
+        double error = rt_step_error(rt, rt->t0 + (h /= 2));
+        if (error <= 8) break; /* the jump may lie beyond */
+        if (!(error > before / 4 && error < 0.75 * before)) return 0;
+        before = error;
+    }
+    return halvings >= 1;
+}
+
+/* Log once that a step of `h` at t0 was taken in spite of its error. */
+static RtStatus tell_jump(Runtime *rt, double h)
+{
+    if (rt->s.started == JUMP_TOLD) return RT_OK;
+    rt->s.started = JUMP_TOLD;
+    rt_log(rt, RT_WARNING,
+           "a derivative jumps without an event at t = %.9g s, and the solution stays at the jump (told once): "
+           "internal steps of %.3g s, 1/%g of the communication step, are taken there although %s; what the "
+           "jump makes in one of them is the error. Write the jump as an event (if, without noEvent), give it a "
+           "finite slope, or take shorter communication steps",
+           rt->t0, h, 1 / JUMP_SHARE, rt->trouble_text);
+    return RT_WARNING;
+}
+
 static RtStatus integrate(Runtime *rt, double target)
 {
     RtStatus worst = RT_OK;
-    double since = rt->s.time;
-    int misses = 0, tries = 0;
+    double since = rt->s.time, some_longest = 0, jump_step = JUMP_SHARE * rt->step_size;
+    int misses = 0, tries = 0, some = 0, at_jump = 0;
     while (rt->s.time < target) {
-        double stop, h, factor, floor;
+        double stop, h, factor, floor, allowed = 1;
         int whole, event, cut = 0, located = 0;
         RtStatus status;
         rt->t0 = rt->s.time;
@@ -134,6 +174,15 @@ static RtStatus integrate(Runtime *rt, double target)
             rt->s.first_stage_valid = 1;
         }
         stop = landing(rt, target);
+        if (some >= SOME) {
+            double longest = fmin(jump_step, stop - rt->t0);
+            if (!at_jump && some_longest < longest / 8 && jumps(rt, longest)) {
+                at_jump = 1;
+                rt->s.step_memory = longest;
+            }
+            some = 0;
+            some_longest = 0;
+        }
         h = stop - rt->t0;
         whole = h <= rt->s.step_memory;
         if (!whole) h = h < 2 * rt->s.step_memory ? h / 2 : rt->s.step_memory;
@@ -147,12 +196,41 @@ static RtStatus integrate(Runtime *rt, double target)
                 since = rt->t0;
                 tries = 1;
             }
-            verdict = rt_attempt(rt, end, &factor, &event);
+            some++;
+            verdict = rt_attempt_within(rt, end, allowed, &factor, &event);
+            if (verdict == STEP_REJECTED && at_jump) {
+                double tried = rt->h, error = rt_step_error(rt, end);
+                if (error > 1 && isfinite(error) && allowed == 1) {
+                    double eighth;
+                    whole = cut = 0;
+                    if (tried > 1.5 * jump_step) { /* rounding is in what was tried */
+                        h = rt->s.step_memory = fmax(factor * tried, jump_step);
+                        continue;
+                    }
+                    eighth = rt_step_error(rt, rt->t0 + tried / 8);
+                    if (eighth <= 1 && tried / 8 > floor) {
+                        /* Up to the jump error control holds. */
+                        h = tried / 8;
+                        continue;
+                    }
+                    if (eighth > 1 && error < 64 * eighth) {
+                        h = tried;
+                        allowed = INFINITY;
+                        status = tell_jump(rt, tried);
+                        if (status > worst) worst = status;
+                        continue;
+                    }
+                }
+                at_jump = 0;
+                allowed = 1;
+                rt->h = tried;
+            }
             if (verdict == STEP_ACCEPTED) {
                 /* A step cut short by a stop says only that the remembered size is not too large. */
                 double next = rt->h * factor;
                 if (!cut && (!whole || next > rt->s.step_memory)) rt->s.step_memory = next;
                 misses = event || !cut ? 0 : misses + 1;
+                some_longest = fmax(some_longest, rt->h);
                 status = accept(rt, end, event);
                 if (status > worst) worst = status;
                 if (status >= RT_DISCARD) return status;
