@@ -40,7 +40,7 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
         if not wrong:
             warned += _stuck(run)
     warned = told_once(warned, "{} more of this kind in this column")
-    refused = told_once(refused, "the same in {} more runs", Mistake)
+    refused = told_once(refused, "the same in {} more run{s}", Mistake)
     if not refused:
         refused += _twice(study) + _masses(study)
     if not refused:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..errors import needs
 
-__all__ = ["LogError", "Signal", "read_log"]
+__all__ = ["LogError", "Signal", "name_and_unit", "read_log"]
 
 Array = NDArray[np.float64]
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
@@ -70,7 +70,7 @@ def read_log(path: Path) -> dict[str, Signal]:
         raise LogError(f"cannot be read: {error}") from None
 
 
-def _named(header: str) -> tuple[str, str]:
+def name_and_unit(header: str) -> tuple[str, str]:
     """Name and unit of a header like `force [N]`; `opening [1]` has the unit 1, `q[1]` is an element."""
     match = re.fullmatch(r"\s*(.+?)(?:\s*\[([^\[\]]*[^\[\]\d][^\[\]]*)\]|\s+\[(1)\])\s*", header)
     return (match[1], match[2] or match[3]) if match else (header.strip(), "")
@@ -82,7 +82,7 @@ def _table(table: Any, line: int | None = None) -> dict[str, Signal]:
 
     found: dict[str, Signal] = {}
     for header, field, column in zip(table.column_names, table.schema, table.columns, strict=True):
-        name, unit = _named(header)
+        name, unit = name_and_unit(header)
         kept = field.metadata or {}
         unit = unit or kept.get(b"unit", b"").decode()
         if name in found:
@@ -123,7 +123,9 @@ def _csv(path: Path) -> dict[str, Signal]:
     first = raw.partition(b"\n")[0]
     # Units hold commas as little as names do: what stands in the header most often parts the columns.
     delimiter = max(",;\t", key=lambda one: first.count(one.encode()))
-    names = [_named(one.strip('"'))[0] for one in first.decode(errors="replace").strip().split(delimiter)]
+    names = [
+        name_and_unit(one.strip('"'))[0] for one in first.decode(errors="replace").strip().split(delimiter)
+    ]
     if names and all(_NUMBER.fullmatch(one) for one in names):
         told = ", ".join(names[:4])
         raise LogError(

@@ -16,7 +16,7 @@ from ..errors import Problem, listed, nearest
 from ..quantities import Measure, quantity
 from ..units import Unit, UnitError, convert, parse_unit
 from .log_checks import unmapped_clock, unread_rows
-from .logs import LogError, Signal, read_log
+from .logs import LogError, Signal, name_and_unit, read_log
 
 __all__ = ["Column", "Mapped", "columns_of", "read_mapping"]
 
@@ -30,7 +30,7 @@ class Column(BaseModel):
     """Where a signal is found in a log.
 
     Attributes:
-        column: its name in the log.
+        column: its name in the log, with or without the unit that stands behind it in a header.
         unit: of its values, in place of the unit that the log names.
         sign: -1 where the log counts the other way round.
         offset: added, after the sign, SI; given with its unit.
@@ -160,6 +160,7 @@ def columns_of(
     except LogError as error:
         problems.append(Problem(str(path), str(error)))
         return None
+    mapping = {name: _by_header(one, log) for name, one in mapping.items()}
     chosen = _chosen(path, log, mapping, problems)
     scaled = {
         name: _scaled(name, chosen[name], mapping[name], signals[name], path, problems) for name in chosen
@@ -207,6 +208,13 @@ def columns_of(
     return {name: scaled[name][numbers] for name, numbers in rows.items()} | {"time": time[taken]}
 
 
+def _by_header(one: Column, log: Mapping[str, Signal]) -> Column:
+    """A column that is called as it stands in the log's header, `force [N]`, by its name alone."""
+    name, unit = name_and_unit(one.column)
+    known = one.column not in log and name in log and log[name].unit == unit
+    return one.model_copy(update={"column": name}) if known else one
+
+
 def _chosen(
     path: Path, log: Mapping[str, Signal], mapping: Mapping[str, Column], problems: list[Problem]
 ) -> dict[str, Signal]:
@@ -215,7 +223,8 @@ def _chosen(
     for name, one in mapping.items():
         if one.column not in log:
             what = f"no column {one.column}"
-            problems.append(Problem(f"{path}: {name}", what, listed(log), nearest(one.column, log)))
+            meant = nearest(name_and_unit(one.column)[0], log)
+            problems.append(Problem(f"{path}: {name}", what, listed(log), meant))
         elif log[one.column].flaw:
             problems.append(Problem(f"{path}: {name}", log[one.column].flaw))
         else:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass, replace
 from itertools import permutations
 
 from ..errors import Problem
 from ..units import UnitError, convert, parse_unit
 
-__all__ = ["Mistake", "told_once", "wrong_factors", "wrong_scales"]
+__all__ = ["Mistake", "plural", "told_once", "wrong_factors", "wrong_scales"]
 
 # What the unit of a column is taken for, by mistake, and the factor that this makes.
 _FACTORS = {
@@ -90,11 +90,16 @@ def _corrected(unit: str | None) -> str:
     return "Correct the unit in its header, or give `unit` in a study file."
 
 
+def plural(things: Sized) -> str:
+    """What stands behind the word for things: "s" unless there is one."""
+    return "" if len(things) == 1 else "s"
+
+
 def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Problem) -> list[Problem]:
     """Problems, those of several runs that have the same column and remedy as one.
 
     Args:
-        more: what is said of further ones, with `{}` for how many.
+        more: what is said of further ones, with `{}` for how many and `{s}` for the plural.
         kind: of those that are told as one; others are told one by one.
     """
     kinds: dict[object, list[Problem]] = {}
@@ -102,6 +107,8 @@ def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Prob
         column = one.place.partition(": ")[2] or one.place
         kinds.setdefault((column, one.remedy) if isinstance(one, kind) else id(one), []).append(one)
     return [
-        replace(first, what=f"{first.what}; {more.format(len(others))}") if others else first
+        replace(first, what=f"{first.what}; {more.format(len(others), s=plural(others))}")
+        if others
+        else first
         for first, *others in kinds.values()
     ]

@@ -15,6 +15,7 @@ from .figures import figure_of
 from .finding import Augmented
 from .headline import TELLS, families_in_words, given, headline, leaves_in_words, listed_or, nats, percent
 from .report_energy import energy, ledger
+from .report_text import UNTOLD
 from .study import Role, Study
 from .verdict import Diagnosis, Gap, HowFar
 
@@ -180,7 +181,7 @@ def _next(diagnosis: Diagnosis) -> str:
         return "<p>No experiment is needed: no tie is left to break.</p>"
     text = f"<p><b>{escape(one.name)}</b></p><p>{escape(one.description)}</p>"
     if one.expected_evidence is not None and one.expected_evidence < TELLS:
-        return "<p>No experiment of the menu tells these answers apart.</p>"
+        return f"<p>{escape(UNTOLD[0].upper() + UNTOLD[1:])}.</p>"
     if one.between:
         text += f"<p class=note>Between {escape(listed_or(one.between))}"
         if one.expected_evidence is not None:

@@ -10,6 +10,12 @@ __all__ = ["text"]
 
 _LINES = 4
 
+# Where no experiment that was simulated would tell the likely answers apart.
+UNTOLD = (
+    "no experiment that was considered tells these answers apart; name what else can be run under "
+    "`experiments` of the study"
+)
+
 
 def text(made: Diagnosed) -> str:
     """What a command prints of a case."""
@@ -29,7 +35,7 @@ def text(made: Diagnosed) -> str:
         evidence = found.next_experiment.expected_evidence
         expected = "" if evidence is None else f" ({nats(evidence)} expected)"
         if evidence is not None and evidence < TELLS:
-            lines.append("  next: no experiment of the menu tells these answers apart")
+            lines.append(f"  next: {UNTOLD}")
         else:
             lines.append(f"  next: {found.next_experiment.name}{expected}")
             if found.next_experiment.leaves:

@@ -11,6 +11,7 @@ from typing import Any
 from orchestrator.errors import BuildError
 
 from .expressions import Json
+from .lexer import tokenise
 from .sources import DELAY, SourceTree
 
 # The representation carries no version, so its reader knows one release of the compiler.
@@ -20,6 +21,11 @@ _QUOTED = re.compile(r"[`']([A-Za-z_][\w.]*)[`']")
 _OFFSET = re.compile(r"start: BytePos\((\d+)\)")
 # Of a mistake as the compiler shows it: what it is, and line and column.
 _WHAT, _WHERE = re.compile("\u00d7 (.*)"), re.compile(r"\[[^\]\n]*:(\d+:\d+)\]")
+# Keywords that may stand between a name and a sign, where a ; is missing before them or not.
+_AFTER_NAMES = frozenset(
+    "and annotation break connect constrainedby der else elseif elsewhen external extends for if in loop not "
+    "or return then when while".split()
+)
 _DETAIL = re.compile(r'detail: "([^"]*)"')
 
 
@@ -95,8 +101,24 @@ def _syntax(tree: SourceTree, validate: Callable[[str], Iterable[Any]]) -> list[
             first = one.message.strip().split("EP001")[1:2] if one.rule == "syntax-error" else []
             what, where = (sought.search("".join(first)) for sought in (_WHAT, _WHERE))
             if what and where:
+                if named := _keywords_as_names(text, tree.shown(path)):
+                    found += named
+                    continue
                 missing = "; is a ; missing before it?" if " ;," in first[0] else ""
                 found.append(f"{tree.shown(path)}:{where[1]}: {what[1].strip()}{missing}")
+    return found
+
+
+def _keywords_as_names(text: str, shown: str) -> list[str]:
+    """Variables called by a keyword, as in `Real flow;`: the compiler tells of what stands beside them."""
+    tokens = tokenise(text, shown)
+    found = []
+    for kind, name, then in zip(tokens, tokens[1:], tokens[2:], strict=False):
+        declared = kind.kind == "name" and (then.kind == "string" or then.text in ("=", ";", ",", "(", "["))
+        if declared and name.kind == "keyword" and name.text not in _AFTER_NAMES:
+            column = name.start - text.rfind("\n", 0, name.start)
+            what = f"`{name.text}` is a keyword of Modelica and can name no variable; take another name"
+            found.append(f"{shown}:{name.line}:{column}: {what}")
     return found
 
 

@@ -86,6 +86,12 @@ def test_csv(study, tmp_path):
             tmp_path / f"{run.name}.csv", table, delimiter=",", header=header, comments="", fmt="%.17g"
         )
     same(study, load_study(write_study(study, tmp_path, ".csv", "{}_x", time="t")))
+    # As they stand in the header, with their units, too; another unit is no such column.
+    as_written = {name: f"{name}_x [{unit}]" for name, unit in lab_units().items()}
+    as_written["sensor_force"] = {"column": as_written["sensor_force"], "sign": -1}
+    same(study, load_study(write_study(study, tmp_path, ".csv", "", **as_written, time="t [ms]")))
+    with pytest.raises(ConfigError, match=r"time: no column t \[s\]\n  .*Did you mean t\?"):
+        load_study(write_study(study, tmp_path, ".csv", "", **as_written, time="t [s]"))
 
 
 def test_parquet(study, tmp_path):

@@ -332,3 +332,15 @@ def test_an_output_that_is_fed_for_want_of_a_noise_is_told(tmp_path):
     for meant in ({"feed": True}, {"noise": "5 mV", "feed": False}):
         places, assumed = told(meant)
         assert places == [] and "want of" not in assumed
+
+
+def test_the_title_of_what_was_found_tells_effects_only_where_there_are_any(tmp_path):
+    own = load_port_study(study(tmp_path))
+    (coulomb,) = (one for one in candidates_of(own) if one.id == "drive.coulomb")
+    rubbing = Augmented({}, (coulomb,), np.array([12.0, 1e-3]))
+    for model, names, said in (
+        (NOMINAL, (), "as calibrated by logs"),
+        (rubbing, (coulomb.id,), "with the effects found"),
+    ):
+        text, _ = augmented_config(own, Finding((), names, (), "", (), model))
+        assert yaml.safe_load(text)["title"].endswith(f", {said}")

@@ -219,7 +219,7 @@ def test_the_command(tmp_path, capsys):
     # The page of an earlier diagnosis would not be this one's; what is not ours stays.
     assert names == ["augmented.yaml", "diagnosis.json", "notes.txt"]
     data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert data["how_far"]["within_floor"] and set(data["left_out"]) == {"energy"}
+    assert data["how_far"]["within_floor"] and set(data["left_out"]) == {"energy", "ledger"}
 
 
 def test_logs_that_replay_exactly_need_no_effect(noiseless):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from ports_bench import COULOMB, POSITION, VELOCITY, VOLTAGE, answer, study, system
+from ports_bench import COULOMB, POSITION, VELOCITY, VOLTAGE, answer, friction, study, system
 
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
 from orchestrator.diagnosis.ports.apart import Apart, closed, components, estimates
@@ -108,6 +108,15 @@ def test_the_faulty_component_has_the_gap(rubbing, effects):
     # Friction acts all the way, both ways.
     by_phase = {name: sum(one["share"] for one in rows if one["phase"] == name) for name in PHASES}
     assert by_phase["forth"] > 0.2 and by_phase["back"] > 0.2
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_noise_leaves_by_chance_is_not_shared_out(tmp_path, seed):
+    """An excess that is none, shared out, was 200 % here and -100 % there."""
+    finding = Finding((Candidate((), 1.0, {}, (), 0.0, NOMINAL),), (), (), "", (), NOMINAL)
+    assert ledger(load_port_study(study(tmp_path / "none", seed=seed)), finding) == []
+    little = friction("Coulomb", level="4 N", width="1 mm/s")
+    assert ledger(load_port_study(study(tmp_path / "little", [little], seed=seed)), finding)
 
 
 def test_phases_of_motion(rubbing):

@@ -329,3 +329,11 @@ def test_that_recalibration_closes_as_much_is_told_beside_the_headline(closed, s
     assert bool(told) == said
     if said:
         assert "room.vent +12.0 tolerances" in told[0] and "97 %" in told[0]
+
+
+def test_what_to_do_where_no_experiment_tells_is_said():
+    """A study of ports has no menu: experiments are those that it names, and one more output logged."""
+    vain = {"name": "log drive.velocity", "description": "x", "expected_evidence": 0.1, "between": []}
+    found = made(next_experiment=vain)
+    told = "o experiment that was considered tells these answers apart; name what else can be run under"
+    assert told in page(found) and f"  next: n{told}" in text(Diagnosed(None, None, found))

@@ -178,8 +178,23 @@ def test_a_mistake_of_syntax_is_told_with_its_line(tmp_path):
     # Of the folder that it is given, the compiler only says that it cannot be read.
     path = bench.model_file(tmp_path, "model Model\nReal x;\nequation\nder(x) = -x\nend Model;\n")
     assert refused(path) == f"{path}:5:1: unexpected `end`; is a ; missing before it?"
+    path = bench.model_file(tmp_path, "model Model\nReal x, y;\nequation\ny = x\nder(x) = y;\nend Model;\n")
+    assert refused(path).startswith(f"{path}:5:1: unexpected `der`")
     path = bench.model_file(tmp_path, "model Model\nReal x = (1 + 2;\nend Model;\n")
     assert refused(path).startswith(f"{path}:2:16: unexpected `;`")
+
+
+@pytest.mark.parametrize(
+    ("declared", "told"),
+    [
+        ('output Real flow(unit="m3/s");', ["2:13: `flow`"]),  # here the compiler asks for a ; before it
+        ('Real flow;\nReal type "of it";', ["2:6: `flow`", "3:6: `type`"]),  # and here at the model's name
+    ],
+)
+def test_keywords_as_names_are_told_as_such(tmp_path, declared, told):
+    path = bench.model_file(tmp_path, f"model Model\n{declared}\nend Model;\n")
+    remedy = "is a keyword of Modelica and can name no variable; take another name"
+    assert refused(path).splitlines() == [f"{path}:{one} {remedy}" for one in told]
 
 
 def test_the_standard_library_is_told_to_be_missing(tmp_path):

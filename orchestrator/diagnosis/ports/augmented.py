@@ -56,7 +56,8 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
     if fmus:
         left_out |= to_instances(study, data, connections, placed)
     data["connections"] = [_short(one) for one in connections]
-    data["title"] = f"{data.get('title', config.name)}, with the effects found"
+    found = "with the effects found" if finding.answer.effects else "as calibrated by logs"
+    data["title"] = f"{data.get('title', config.name)}, {found}"
     return dump(data), left_out
 
 

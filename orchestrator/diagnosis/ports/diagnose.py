@@ -174,6 +174,8 @@ def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -
     elif not worked:
         left_out["energy"] = "at no interface were a force and the velocity along it both logged"
     rows = ledger(study, finding)
+    if not rows:
+        left_out["ledger"] = "residuals of components apart hold no more energy than noise leaves by chance"
     progress("how far")
     heldout = bool(study.of(Role.HELDOUT))
     if not heldout:

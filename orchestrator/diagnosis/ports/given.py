@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import Problem
 from ...system import Port
 from ..channels import clipped, frozen
-from ..mistakes import Mistake, told_once, wrong_factors, wrong_scales
+from ..mistakes import Mistake, plural, told_once, wrong_factors, wrong_scales
 from ..study import Array
 from ..verdict import Warned
 from .clocks import wrong_clocks
@@ -45,7 +45,7 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     given = {run.name: _signals(PortReplay(study, [run]), run) for run in study.runs}
     found = [_mistake(study, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    refused = told_once(mistakes, "the same in {} more runs") + _runaways(study, given)
+    refused = told_once(mistakes, "the same in {} more run{s}") + _runaways(study, given)
     # Beside a mistake of another kind nothing tells of clocks.
     late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
     return [*refused, *late], [
@@ -83,7 +83,7 @@ def _runaways(study: PortStudy, signals: Mapping[str, Signals]) -> list[Problem]
     if not found:
         return []
     (name, what), *more = found
-    what += f"; it does in {len(more)} more runs" if more else ""
+    what += f"; it does in {len(more)} more run{plural(more)}" if more else ""
     allowed = f"within {_AWAY:g} times what was measured, driven by the same inputs"
     remedy = "Check its parameters and what is fed; whether the coupling makes it so, a step smaller than "
     remedy += f"{float(study.prepared.grid.step_size):.4g} s tells."

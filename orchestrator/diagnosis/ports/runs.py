@@ -14,6 +14,7 @@ from ...system import Port
 from ..channels import logged_twice
 from ..log_checks import clock_slack, clock_told
 from ..mapping import columns_of
+from ..mistakes import plural
 from ..study import Array
 from .keys import Logged, Role, RunModel
 from .sheet import Sheet
@@ -108,7 +109,9 @@ def _once(problems: Sequence[Problem], logs: Sequence[str]) -> list[Problem]:
         key = id(one) if log is None else replace(one, place=one.place.removeprefix(log))
         kinds.setdefault(key, []).append(one)
     return [
-        replace(first, what=f"{first.what}; the same in {len(more)} more runs") if more else first
+        replace(first, what=f"{first.what}; the same in {len(more)} more run{plural(more)}")
+        if more
+        else first
         for first, *more in kinds.values()
     ]
 

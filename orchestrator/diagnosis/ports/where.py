@@ -23,6 +23,8 @@ __all__ = ["Shares", "lasting", "ledger", "no_shares", "shapley_shares", "where"
 _BANDS = (0.0, 0.002, 0.01, 0.05)
 # Runs of noise alone, from which the energy that noise leaves is told.
 _DRAWS, _SEED = 2, 20190611
+# Energies beyond the noise are shared out where they are more than so many times what they scatter by.
+_CHANCE = 3.0
 # Windows that the loop is closed in at most, and runs for that over all coalitions.
 _WINDOWS, _RUNS = 24, 400
 _MOST = 6
@@ -121,13 +123,14 @@ def ledger(study: PortStudy, finding: Finding) -> list[dict[str, Any]]:
     that.
 
     Returns: rows with component, phase, band, share, which add up to 1; negative where there is less than
-        noise leaves. Empty if no energy is in excess.
+        noise leaves. Empty if no more energy is in excess than noise leaves by chance.
     """
     base = finding.faultless(study.nominal)
     step = study.interval
     edges = (*(share / step for share in _BANDS), np.inf)
     rng = np.random.default_rng(_SEED)
     total: dict[tuple[str, str, int], float] = {}
+    chance = 0.0
     for run in _among(study):
         signals = estimates(study, run, finding.answer)
         names, labels = phases(study, run, signals)
@@ -138,15 +141,18 @@ def ledger(study: PortStudy, finding: Finding) -> list[dict[str, Any]]:
         for one in (_noisy(study, run, bare, rng) for _ in range(_DRAWS)):
             told = {port: one.logs.get(port, bare[port]) for port in bare}
             drawn.append(_energies(Apart(closed(study), one, told, base), grid))
-        for (name, port), energy in measured.items():
-            noise = np.mean([one[name, port] for one in drawn], axis=0)
+        for (name, port), (energy, _) in measured.items():
+            noise = np.mean([one[name, port].cells for one in drawn], axis=0)
+            scatter = float(np.mean([one[name, port].scatter for one in drawn]))
             if not np.isfinite(noise).all():
-                noise = white_cells(float(study.columns[port].noise or 0.0), *grid)
+                noise, scatter = white_cells(float(study.columns[port].noise or 0.0), *grid), 0.0
+            # What is taken off, a mean of draws, scatters too.
+            chance += scatter / float(noise.sum()) ** 2 * (1.0 + 1.0 / _DRAWS)
             for (phase, band), value in np.ndenumerate((energy - noise) / noise.sum()):
                 cell = name, names[phase], band
                 total[cell] = total.get(cell, 0.0) + float(value)
     whole = sum(total.values())
-    if not np.isfinite(whole) or whole <= 0.0:
+    if not np.isfinite(whole) or whole <= _CHANCE * chance**0.5:
         return []
     return [
         {"component": name, "phase": phase, "band": _band(edges, band), "share": value / whole}
@@ -168,7 +174,18 @@ class _Grid(NamedTuple):
     step: float
 
 
-def _energies(apart: Apart, grid: _Grid) -> dict[tuple[str, Port], Array]:
+class _Energy(NamedTuple):
+    """Energy of a port's residuals, see `cells`, and what the sum of it scatters by, squared.
+
+    Windows are taken up at measured signals, so that noise there goes through each as a whole: they tell what
+    the sum scatters by, and samples do not.
+    """
+
+    cells: Array
+    scatter: float
+
+
+def _energies(apart: Apart, grid: _Grid) -> dict[tuple[str, Port], _Energy]:
     """Energy of the residuals over all windows, one after the other, by component and compared port."""
     found: dict[Port, list[Array]] = {}
     for window in apart.windows:
@@ -177,7 +194,12 @@ def _energies(apart: Apart, grid: _Grid) -> dict[tuple[str, Port], Array]:
             if port in apart.study.compared and port in apart.run.logs:
                 found.setdefault(port, []).append(residuals[port][window.begin - window.lead :])
     names = {port: one.name for one in apart.components for port in one.ports}
-    return {(names[port], port): cells(np.concatenate(parts), *grid) for port, parts in found.items()}
+    return {
+        (names[port], port): _Energy(
+            cells(np.concatenate(parts), *grid), len(parts) * float(np.var([one @ one for one in parts]))
+        )
+        for port, parts in found.items()
+    }
 
 
 def _noisy(study: PortStudy, run: PortRun, bare: Mapping[Port, Array], draw: np.random.Generator) -> PortRun:
