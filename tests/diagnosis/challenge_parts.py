@@ -6,10 +6,11 @@ from functools import cache
 
 import numpy as np
 
+from orchestrator.diagnosis.challenge.contact import contact_force
 from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run
 from orchestrator.diagnosis.challenge.draw import TICKS as RUN_TICKS
 from orchestrator.diagnosis.challenge.knobs import knobs
-from orchestrator.diagnosis.challenge.plant import contact_force, fresh, integrate
+from orchestrator.diagnosis.challenge.plant import fresh, integrate
 from orchestrator.diagnosis.challenge.rig import COLUMNS, drive
 from orchestrator.diagnosis.challenge.series import draw_series
 from orchestrator.diagnosis.challenge.software import (

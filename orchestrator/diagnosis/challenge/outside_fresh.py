@@ -13,98 +13,97 @@ from .hidden import Hidden, between, signed
 __all__ = ["FRESH"]
 
 
-def _kick(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"kick": size * between(rng, 4.0, 15.0), "kick_time": between(rng, 8e-3, 3e-2)}
-
-
-def _resolver(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # What it errs by falls with the square of its bandwidth.
+def _brake(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "resolver": 2.0 * np.pi * between(rng, 20.0, 45.0) / max(size, 0.02) ** 0.5,
-        "resolver_xi": between(rng, 0.5, 1.0),
+        "brake": size * between(rng, 0.5, 1.8),
+        "brake_pitch": between(rng, 1e-3, 5e-3),
+        "brake_phase": 2.0 * np.pi * rng.random(),
     }
 
 
-def _clutch(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"clutch": size * between(rng, 7e-7, 2.8e-6), "clutch_force": between(rng, 15.0, 40.0)}
+def _loop(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"loop": min(size, 1.2) * between(rng, 6e-4, 1.5e-3)}
 
 
-def _whip(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _chuck(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"chuck": size * between(rng, 3e-5, 1.2e-4), "chuck_force": between(rng, 4.0, 15.0)}
+
+
+def _hammer(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {
-        "whip": size * between(rng, 5e-6, 2e-5),
-        "whip_omega": 2.0 * np.pi * between(rng, 6.0, 18.0),
-        "whip_xi": between(rng, 0.02, 0.1),
+        "hammer": size * between(rng, 5e-6, 2e-5),
+        "hammer_omega": 2.0 * np.pi * between(rng, 15.0, 50.0),
+        "hammer_force": between(rng, 10.0, 40.0),
     }
 
 
-def _agc(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # Made for microphones.
-    return {"agc": size * between(rng, 0.05, 0.2), "agc_time": between(rng, 0.02, 0.15)}
+def _tribo(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # At 20 mm/s it comes to some newtons.
+    time = between(rng, 0.05, 0.3)
+    return {"tribo": size * signed(rng) * between(rng, 0.5, 1.8) / (0.02 * time), "tribo_time": time}
 
 
-def _cut(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # As flow meters have it, lest they count what is nothing.
-    return {"cut": size * between(rng, 2.0, 7.0)}
+def _preload(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"preload": min(size, 1.2) * between(rng, 0.025, 0.09), "preload_force": between(rng, 8.0, 30.0)}
 
 
-def _ground(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"ground": size * signed(rng) * between(rng, 0.8, 3.0)}
+def _pulse(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"pulse": size * signed(rng) * between(rng, 2.0, 7.0), "pulse_time": between(rng, 5e-3, 2.5e-2)}
 
 
-def _hits(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"hits": size * between(rng, 0.03, 0.12)}
+def _ratchet(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ratchet": size * between(rng, 3.0, 9.0), "ratchet_pitch": between(rng, 8e-5, 3e-4)}
 
 
-def _snap(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # Within the first contact or the second.
-    return {"snap": min(size, 1.2) * between(rng, 0.08, 0.3), "snap_after": between(rng, 5.0, 18.0)}
+def _ejector(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ejector": size * between(rng, 2.0, 7.0), "ejector_after": between(rng, 1.5e-2, 7e-2)}
 
 
-def _vent(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"vent": size * between(rng, 2.0, 8.0), "vent_time": between(rng, 0.04, 0.3)}
+def _worked(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"worked": size * between(rng, 0.06, 0.25), "worked_time": between(rng, 0.3, 2.0)}
 
 
-def _frame_slips(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"frame_slip": size * between(rng, 2e-4, 8e-4), "frame_slip_rate": between(rng, 2.0, 8.0)}
+def _slots(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"slot": size * between(rng, 1.5e-3, 4.5e-3)}
 
 
-def _sparse(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"sparse": size * between(rng, 1.5e-5, 5e-5)}
+def _standby(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"standby": size * between(rng, 1.5e-3, 6e-3), "standby_every": float(rng.integers(3, 11))}
 
 
-def _joined(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"joined": size * between(rng, 0.03, 0.12), "joined_force": between(rng, 6.0, 25.0)}
+def _box(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"box": size * between(rng, 1.0, 3.5), "box_edge": between(rng, 2e-3, 4.5e-3)}
 
 
-def _fix(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"fix": size * between(rng, 2e-4, 8e-4), "fix_period": between(rng, 0.1, 0.4)}
+def _smoothed(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"smoothed": size * between(rng, 8e-4, 3e-3)}
 
 
-def _summed(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"summed": size * between(rng, 0.15, 0.6)}
+def _bound(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"lead_bound": between(rng, 0.5, 1.6) / max(size, 0.02) ** 0.7}
 
 
-def _blend(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"blend": min(size, 1.2) * between(rng, 0.2, 0.7)}
+def _debounce(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"debounce": float(round(size * between(rng, 6.0, 24.0)))}
 
 
 _ALL = (
-    Hidden("robot.reversal-kick", _kick),
-    Hidden("robot.tracking-converter", _resolver),
-    Hidden("structure.overload-clutch", _clutch),
-    Hidden("structure.bowing-rod", _whip),
-    Hidden("sensor.gain-control", _agc),
-    Hidden("sensor.low-cut", _cut),
-    Hidden("sensor.shared-ground", _ground),
-    Hidden("contact.uneven-hits", _hits, chance=True),
-    Hidden("contact.breaking-spring", _snap),
-    Hidden("contact.filling-seal", _vent),
-    Hidden("link.frame-slips", _frame_slips, chance=True),
-    Hidden("link.sparse-updates", _sparse),
-    Hidden("dynamics.joined-mass", _joined),
-    Hidden("dynamics.navigation-fix", _fix),
-    Hidden("controller.force-integral", _summed),
-    Hidden("controller.expected-force", _blend),
+    Hidden("robot.warped-brake", _brake),
+    Hidden("robot.slow-loop", _loop),
+    Hidden("structure.loose-chuck", _chuck),
+    Hidden("structure.air-hammer", _hammer),
+    Hidden("sensor.rubbed-cable", _tribo),
+    Hidden("sensor.lost-preload", _preload),
+    Hidden("sensor.switch-pulse", _pulse),
+    Hidden("contact.ratchet", _ratchet),
+    Hidden("contact.ejector", _ejector),
+    Hidden("contact.worked-rubber", _worked),
+    Hidden("link.time-slots", _slots),
+    Hidden("link.standby-sender", _standby),
+    Hidden("dynamics.keep-in-box", _box),
+    Hidden("dynamics.smoothed-force", _smoothed),
+    Hidden("controller.bounded-lead", _bound),
+    Hidden("controller.debounce", _debounce),
 )
 
 FRESH = {one.id: one for one in _ALL}

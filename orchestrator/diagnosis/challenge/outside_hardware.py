@@ -326,6 +326,57 @@ def _hook(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"hook": size * between(rng, 1.5, 6.0), "hook_reach": between(rng, 1e-4, 5e-4)}
 
 
+def _kick(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"kick": size * between(rng, 4.0, 15.0), "kick_time": between(rng, 8e-3, 3e-2)}
+
+
+def _resolver(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # What it errs by falls with the square of its bandwidth.
+    return {
+        "resolver": 2.0 * np.pi * between(rng, 20.0, 45.0) / max(size, 0.02) ** 0.5,
+        "resolver_xi": between(rng, 0.5, 1.0),
+    }
+
+
+def _clutch(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"clutch": size * between(rng, 7e-7, 2.8e-6), "clutch_force": between(rng, 15.0, 40.0)}
+
+
+def _whip(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {
+        "whip": size * between(rng, 5e-6, 2e-5),
+        "whip_omega": 2.0 * np.pi * between(rng, 6.0, 18.0),
+        "whip_xi": between(rng, 0.02, 0.1),
+    }
+
+
+def _agc(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # Made for microphones.
+    return {"agc": size * between(rng, 0.05, 0.2), "agc_time": between(rng, 0.02, 0.15)}
+
+
+def _cut(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # As flow meters have it, lest they count what is nothing.
+    return {"cut": size * between(rng, 2.0, 7.0)}
+
+
+def _ground(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ground": size * signed(rng) * between(rng, 0.8, 3.0)}
+
+
+def _hits(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"hits": size * between(rng, 0.03, 0.12)}
+
+
+def _snap(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # Within the first contact or the second.
+    return {"snap": min(size, 1.2) * between(rng, 0.08, 0.3), "snap_after": between(rng, 5.0, 18.0)}
+
+
+def _vent(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"vent": size * between(rng, 2.0, 8.0), "vent_time": between(rng, 0.04, 0.3)}
+
+
 HARDWARE_KINDS = (
     Hidden("sensor.clipping", _clip),
     Hidden("sensor.hum", _hum),
@@ -387,4 +438,14 @@ HARDWARE_KINDS = (
     Hidden("contact.foil", _foil),
     Hidden("contact.stiffening-paste", _thick),
     Hidden("contact.hook-tape", _hook),
+    Hidden("robot.reversal-kick", _kick),
+    Hidden("robot.tracking-converter", _resolver),
+    Hidden("structure.overload-clutch", _clutch),
+    Hidden("structure.bowing-rod", _whip),
+    Hidden("sensor.gain-control", _agc),
+    Hidden("sensor.low-cut", _cut),
+    Hidden("sensor.shared-ground", _ground),
+    Hidden("contact.uneven-hits", _hits, chance=True),
+    Hidden("contact.breaking-spring", _snap),
+    Hidden("contact.filling-seal", _vent),
 )

@@ -185,6 +185,30 @@ def _helped(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"helped": size * between(rng, 0.8, 3.0), "helped_rate": between(rng, 1e-3, 5e-3)}
 
 
+def _frame_slips(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"frame_slip": size * between(rng, 2e-4, 8e-4), "frame_slip_rate": between(rng, 2.0, 8.0)}
+
+
+def _sparse(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"sparse": size * between(rng, 1.5e-5, 5e-5)}
+
+
+def _joined(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"joined": size * between(rng, 0.03, 0.12), "joined_force": between(rng, 6.0, 25.0)}
+
+
+def _fix(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"fix": size * between(rng, 2e-4, 8e-4), "fix_period": between(rng, 0.1, 0.4)}
+
+
+def _summed(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"summed": size * between(rng, 0.15, 0.6)}
+
+
+def _blend(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"blend": min(size, 1.2) * between(rng, 0.2, 0.7)}
+
+
 SOFTWARE_KINDS = (
     Hidden("dynamics.thruster-bursts", _burst),
     Hidden("dynamics.wheel", _wheel),
@@ -222,4 +246,10 @@ SOFTWARE_KINDS = (
     Hidden("dynamics.rubbing-hinge", _rubbed),
     Hidden("controller.passivity", _passive),
     Hidden("controller.friction-compensation", _helped),
+    Hidden("link.frame-slips", _frame_slips, chance=True),
+    Hidden("link.sparse-updates", _sparse),
+    Hidden("dynamics.joined-mass", _joined),
+    Hidden("dynamics.navigation-fix", _fix),
+    Hidden("controller.force-integral", _summed),
+    Hidden("controller.expected-force", _blend),
 )

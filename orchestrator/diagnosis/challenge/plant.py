@@ -1,4 +1,4 @@
-"""Servo, structure, contact and sensor of the real rig between two ticks, by Runge-Kutta in fine steps.
+"""Servo, structure and sensor of the real rig between two ticks, by Runge-Kutta in fine steps; see `contact`.
 
 Written without a look at the model that diagnosis fits: forms of effects differ from it where a real rig's
 would (rounded onset of contact, soft limits, an exponential Stribeck curve, stiffness that decays).
@@ -11,14 +11,16 @@ import math
 import numpy as np
 
 from ...machine_code import njit
+from .contact import BEHIND, contact_force, depth_of, lifted, output
 
-__all__ = ["DRAWN", "MEMORY", "STATES", "contact_force", "integrate", "lifted", "output", "remember"]
+__all__ = ["DRAWN", "MEMORY", "STATES", "integrate", "remember"]
 
 # Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
 # that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'; hose h, h';
 # the sensor's element e, e'; by which share the servo's supply is used up; the rod's middle sideways y, y';
-# what the encoder's converter has tracked r, r'; the drive's current, as the acceleration that it asks for.
-STATES = 25
+# what the encoder's converter has tracked r, r'; the drive's current, as the acceleration that it asks for;
+# how the slide swings on its air y, y', over what it does by itself.
+STATES = 27
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
 # how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
@@ -29,178 +31,25 @@ _USUAL = 9
 # whether the foil is torn, and whether the tape holds; by how much the rod is shorter [m], and its slide
 # lifted [m]. Which way the servo last went, and the share of a kick that is left, by its way; by how much the
 # overload clutch has given way [m]; impulse that the front frame has borne [N.s]; logarithm of what the
-# stiffness of this contact is off by; how far the room before the port is filled.
-MEMORY = 30
+# stiffness of this contact is off by; how far the room before the port is filled. What the servo asks for
+# until its next cycle [m/s2], and when that begins [s]; where the rod sits in its chuck [m]; for how long it
+# has touched the front frame [s]; what has warmed the rubber of the front and of the rear frame (see
+# `_WORK`).
+MEMORY = 36
 _SWITCHING, _SEATING = 4e-3, 1.5e-3  # how long a servo's gain takes to change, a tip to slide [s]
-_REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
-_CUBIC_DEPTH = 1e-3
-# Of a loose plate: stiffness of the frame behind it over that of the whole, and its dampers' ratios.
-_BEHIND, _HUNG_XI, _BEHIND_XI = 11.0, 0.1, 0.2
-_FILM_REACH = 15.0  # gaps of a film beyond which it is none
-_MAGNET_REACH = 12.0  # the same of a magnet's
-_LATCH_WIDTH = 1.0 / 3.0  # of a latch's depth: from where it is hardest to its crest
-# Of its reach, over which a brush stiffens; rate over which it turns [m/s]; of its force, what it keeps on
-# the way out.
-_BRUSH_SHARE, _BRUSH_RATE, _BRUSH_OUT = 0.3, 2e-3, 0.2
+_HUNG_XI, _BEHIND_XI = 0.1, 0.2  # damping ratios of what holds a loose plate, and of the frame behind it
 DRAWN = 15.0  # what the drive asks for at full speed, as an acceleration [m/s2]
-_PAD_SPEED = 0.02  # at which a pad that stiffens with it is told how much [m/s]
-_FOIL_PLAIN = 0.4  # of the force at which a foil tears, what does not grow with the stretch's third power
 _TAPE_REACH = 6.0  # reaches of a tape's hooks beyond which the last has let go
 _WINDING = 2e-3  # how long a motor's current takes [s]
 _KICK_RATE = 5e-4  # from which on a servo is sure that it has turned [m/s]
 _CLUTCH_BACK = 0.75  # of the force at which an overload clutch gives way: where it comes back
 _WHIP_FORCE = 50.0  # at which a rod that bows is told by how much [N]
-_SEAL, _OPENING = 5e-5, 5e-3  # over which a seal opens [m], and how long what it held takes to leave [s]
-
-
-@njit(error_model="numpy")
-def output(p, s, memory):
-    """Position [m] and rate [m/s] of the robot's flange, which the encoder sees."""
-    x, v = s[0] + s[2], s[1] + s[3]
-    if p.backlash > 0.0:
-        half = 0.5 * p.backlash
-        if x - half > memory[0]:
-            x -= half
-        elif x + half < memory[0]:
-            x += half
-        else:
-            return memory[0], 0.0
-    return x, v
-
-
-@njit(error_model="numpy")
-def lifted(p, rate):
-    """By how much a slide floats on its oil at some rate [m/s], once it does [m]."""
-    return p.lift * (1.0 - math.exp(-abs(rate) / p.lift_rate)) if p.lift > 0.0 else 0.0
-
-
-@njit(error_model="numpy")
-def _contact_point(p, t, s, memory):
-    position, rate = output(p, s, memory)
-    if p.lost > 0.0:
-        position += memory[11]
-    stretch = 1.0 + p.scale + p.bend * position
-    point = stretch * position - p.offset + memory[5] + s[11]
-    rate = (stretch + p.bend * position) * rate + s[12]
-    if p.joint > 0.0:
-        point += p.joint * memory[9]
-    if p.clutch > 0.0:
-        point += memory[26]
-    if p.thread > 0.0:
-        # A spindle behind the encoder, its pitch uneven.
-        turned = 2.0 * math.pi * position / p.thread_pitch + p.thread_phase
-        point += p.thread * math.sin(turned)
-        rate *= 1.0 + 2.0 * math.pi * p.thread / p.thread_pitch * math.cos(turned)
-    if p.growth != 0.0:
-        # What warms grows.
-        left = math.exp(-t / p.growth_time)
-        point += p.growth * (1.0 - left)
-        rate += p.growth / p.growth_time * left
-    if p.lift > 0.0:
-        # Oil between slide and guide carries the more, the faster it goes; the tip rises with the slide.
-        point += memory[23]
-        rate += (lifted(p, s[1] + s[3]) - memory[23]) / p.lift_time
-    if p.floor > 0.0:
-        turned = p.floor_omega * t + memory[10]
-        point += p.floor * math.sin(turned)
-        rate += p.floor * p.floor_omega * math.cos(turned)
-    return point, rate
-
-
-@njit(error_model="numpy")
-def _depth(p, t, s, memory):
-    """Side (1 front, -1 rear), penetration [m] and its rate [m/s] of the nearer frame; negative if free."""
-    point, rate = _contact_point(p, t, s, memory)
-    short, shorter = memory[22], 0.0
-    if p.whip > 0.0:
-        short += p.whip * s[20] * s[20]  # whatever side it bows to
-        shorter = 2.0 * p.whip * s[20] * s[21]
-    if 2.0 * point > p.front + p.rear:
-        depth = point - p.front - memory[2] - s[7] - s[13] - memory[7] - memory[17] - short
-        return 1.0, depth, rate - s[8] - s[14] - shorter
-    return -1.0, p.rear - memory[2] - point - memory[7] - memory[18] - short, -rate - shorter
-
-
-@njit(error_model="numpy")
-def contact_force(p, t, s, memory):
-    """Force on the rod [N], negative at the front frame; side, effective penetration [m] and its rate."""
-    side, depth, rate = _depth(p, t, s, memory)
-    touch, pull = 1.0, 0.0
-    if p.adhesion > 0.0 and rate < 0.0:
-        pull = p.adhesion * math.exp(-((depth / p.adhesion_range) ** 2))
-    if p.film > 0.0 and depth > -_FILM_REACH * p.film_gap:
-        # What is squeezed out of a gap h resists as 1/h^3; the frame's roughness keeps it open.
-        pull -= p.film * rate / (1.0 + max(-depth, 0.0) / p.film_gap) ** 3
-    if p.magnet > 0.0 and side > 0.0 and depth > -_MAGNET_REACH * p.magnet_gap:
-        pull += p.magnet / (1.0 + max(-depth, 0.0) / p.magnet_gap) ** 2
-    if p.brush > 0.0 and depth > -p.brush_reach:
-        # Bristles before the frame, which drag once they are bent.
-        bent = 1.0 - math.exp(-(depth + p.brush_reach) / (_BRUSH_SHARE * p.brush_reach))
-        way = 0.5 * (1.0 + math.tanh(rate / _BRUSH_RATE))
-        pull -= p.brush * bent * (_BRUSH_OUT + (1.0 - _BRUSH_OUT) * way)
-    if p.foil > 0.0 and side > 0.0 and memory[20] == 0.0:
-        # Left on the port: the first that comes stretches it until it tears.
-        stretch = max((depth + p.foil_at) / p.foil_stretch, 0.0)
-        pull -= p.foil * stretch * (_FOIL_PLAIN + (1.0 - _FOIL_PLAIN) * stretch * stretch)
-    if p.hook > 0.0 and side > 0.0 and depth < 0.0 and memory[21] > 0.0:
-        # A tape whose hooks let go one by one.
-        stretch = -depth / p.hook_reach
-        pull += p.hook * stretch * math.exp(1.0 - stretch)
-    if p.vent > 0.0 and side > 0.0:
-        # A room that the rod seals, and into which gas leaks.
-        pull -= p.vent * memory[29] * math.exp(min(depth, 0.0) / _SEAL)
-    if p.onset > 0.0:
-        if depth < -50.0 * p.onset:
-            return side * pull, side, 0.0, 0.0
-        reach = math.sqrt(depth * depth + p.onset * p.onset)
-        touch = 0.5 * (1.0 + depth / reach)
-        depth = 0.5 * (depth + reach)
-    elif depth <= 0.0:
-        return side * pull, side, 0.0, 0.0
-    rate *= touch
-    k = p.k * (1.0 - side * p.asymmetry) * math.exp(-p.softening * t)
-    if p.thick > 0.0:
-        k *= 1.0 + p.thick * memory[19] / _PAD_SPEED  # a pad whose paste stiffens where it is struck
-    if memory[28] != 0.0:
-        k *= math.exp(memory[28])
-    if p.snap > 0.0 and side > 0.0 and memory[27] > p.snap_after:
-        k *= 1.0 - p.snap  # one of the frame's springs has broken
-    if p.plate > 0.0 and side > 0.0:
-        k *= _BEHIND / (_BEHIND - 1.0)  # in series with the frame behind the plate, as stiff as without it
-    spring = k * depth
-    if p.hertz != 0.0:
-        spring *= (depth / _REFERENCE_DEPTH) ** p.hertz
-    if p.plasticity > 0.0 and depth < memory[1]:
-        left = (depth - p.plasticity * memory[1]) / (1.0 - p.plasticity)
-        spring = k * memory[1] * (left / memory[1]) ** (1.0 + 0.3 * p.plasticity) if left > 0.0 else 0.0
-    if p.cubic != 0.0:
-        spring += k * p.cubic * depth * (depth / _CUBIC_DEPTH) ** 2
-    if p.second != 0.0:
-        beyond = depth - p.second_depth
-        spring += 0.5 * p.second * k * (beyond + math.sqrt(beyond * beyond + 1e-10))
-    if p.maxwell != 0.0:
-        spring += p.maxwell * k * s[4]
-    damper = (p.c + p.crossley * depth) * rate
-    if p.valve > 0.0 and rate > 0.0:
-        damper += p.valve * rate * rate  # oil through an orifice, which comes back through a valve
-    if p.compliance > 0.0:
-        # The mount's spring in series with spring and damper of the frame, to first order in the rate.
-        soft = 1.0 + k * p.compliance
-        spring, damper = spring / soft, damper / (soft * soft)
-    push = spring + damper
-    if p.slack > 0.0 and push > 0.0:
-        push -= k * p.slack * (1.0 - math.exp(-push / p.slack_force))
-    if p.friction != 0.0:
-        push *= 1.0 + p.friction * math.tanh(rate / p.friction_rate)
-    if p.latch > 0.0 and side > 0.0:
-        # A sprung pawl: pushed aside up to its crest, then it pulls in.
-        u = (p.latch_depth - depth) / (_LATCH_WIDTH * p.latch_depth)
-        push += p.latch * u * math.exp(0.5 * (1.0 - u * u))
-    if p.scrape > 0.0:
-        push *= 1.0 + memory[12]
-    if p.chatter > 0.0:
-        push *= 1.0 + p.chatter * math.sin(p.chatter_omega * (t - memory[16]))
-    return side * (pull - max(push, 0.0)), side, depth, rate
+_BRAKE_RATE = 5e-4  # over which a brake's friction turns [m/s]
+_CYCLE = 2e-4  # from which on a servo's cycle is one [s]
+_CHUCKED = 5e-4  # how long a rod takes to slide in its chuck [s]
+_EXCITED, _LOADED = 0.3, 4.0  # how fast a slide's swing grows, and by how much at most a load damps it
+_WORK = 0.1  # at which rubber that its work warms is told by how much [J]
+_OPENING = 5e-3  # how long what a seal held takes to leave [s]
 
 
 @njit(error_model="numpy")
@@ -208,6 +57,10 @@ def _derivative(p, t, s, memory, command, ds):
     x, v = s[0], s[1]
     force, side, depth, rate = contact_force(p, t, s, memory)
     a = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v + p.load * force
+    if p.loop > 0.0:
+        # Held; a cycle that is hardly longer than a step of integration, in part.
+        held = memory[30] + p.load * force
+        a += min(p.loop / _CYCLE, 1.0) * (held - a)
     if p.sag > 0.0:
         # What the drive draws lowers the voltage that it has; what damps the motor needs none.
         asked = p.omega * p.omega * (command - x - memory[3])
@@ -234,6 +87,10 @@ def _derivative(p, t, s, memory, command, ds):
         # A worn spot of the motor, where it pulls less.
         spot = math.exp(-(((x - p.pole_at) / p.pole_width) ** 2))
         a -= p.omega * p.omega * p.pole * spot * (command - x - memory[3])
+    if p.brake > 0.0:
+        # Not quite open, and its disc not flat: it drags once in each turn.
+        drags = max(math.sin(2.0 * math.pi * x / p.brake_pitch + p.brake_phase), 0.0)
+        a -= p.brake * drags * math.tanh(v / _BRAKE_RATE)
     if p.gear > 0.0:
         a -= p.gear * abs(force) * math.tanh(v / p.gear_rate)  # teeth rub the more, the more they carry
     if p.coulomb > 0.0:
@@ -278,6 +135,11 @@ def _derivative(p, t, s, memory, command, ds):
         ds[23] = w * w * (position - s[22])
     if p.ground != 0.0:
         ds[24] = (p.omega * p.omega * (command - x) - s[24]) / _WINDING
+    if p.hammer > 0.0:
+        # Air that carries a slide excites it, until a load or its own swing damps it.
+        w = p.hammer_omega
+        damped = s[25] * s[25] + min(abs(force) / p.hammer_force, _LOADED)
+        ds[25], ds[26] = s[26], _EXCITED * w * (1.0 - damped) * s[26] - w * w * s[25]
     if p.filter_time > 0.0:
         ds[6] = (s[5] - s[6]) / p.filter_time
     if p.wall_mass > 0.0:
@@ -305,7 +167,7 @@ def _plate(p, s, push):
     """Acceleration [m/s2] of a plate that hangs before the front frame, and rests against it where pushed."""
     w, behind = p.plate_omega, 0.0
     if s[13] > 0.0:
-        k = _BEHIND * p.k
+        k = BEHIND * p.k
         behind = max(k * s[13] + 2.0 * _BEHIND_XI * math.sqrt(k * p.plate) * s[14], 0.0)
     return (push - behind) / p.plate - w * w * (s[13] + p.plate_gap) - 2.0 * _HUNG_XI * w * s[14]
 
@@ -318,7 +180,7 @@ def remember(p, t, s, memory, step):
     if p.rate_limit > 0.0:
         s[1] = min(max(s[1], -p.rate_limit), p.rate_limit)
     if p.plasticity > 0.0 or p.maxwell != 0.0:
-        _, depth, _ = _depth(p, t, s, memory)
+        _, depth, _ = depth_of(p, t, s, memory)
         memory[1] = max(memory[1], depth) if depth > 0.0 else 0.0
         if depth <= 0.0:
             s[4] = 0.0
@@ -335,11 +197,11 @@ def remember(p, t, s, memory, step):
         _sit(p, t, s, memory, step)
     if p.guard > 0.0:
         _watch(p, t, s, memory, step)
-    if p.chatter > 0.0 and _depth(p, t, s, memory)[1] <= 0.0:
+    if p.chatter > 0.0 and depth_of(p, t, s, memory)[1] <= 0.0:
         memory[16] = t
     if p.pad > 0.0:
         # Foam that is dented by and by, and rises again as slowly.
-        side, depth, _ = _depth(p, t, s, memory)
+        side, depth, _ = depth_of(p, t, s, memory)
         for place in range(17, 19):
             near = side == (1.0 if place == 17 else -1.0)
             pressed = max(depth + memory[place], 0.0) if near and depth > 0.0 else 0.0
@@ -364,9 +226,23 @@ def remember(p, t, s, memory, step):
         force, side, _, _ = contact_force(p, t, s, memory)
         memory[27] += step * abs(force) if side > 0.0 else 0.0
     if p.vent > 0.0:
-        side, depth, _ = _depth(p, t, s, memory)
+        side, depth, _ = depth_of(p, t, s, memory)
         sealed = side > 0.0 and depth > 0.0
         memory[29] += step * ((1.0 - memory[29]) / p.vent_time if sealed else -memory[29] / _OPENING)
+    if p.chuck > 0.0:
+        # It slides where it is pushed hard enough, as far as its play goes.
+        force, _, _, _ = contact_force(p, t, s, memory)
+        beyond = force - min(max(force, -p.chuck_force), p.chuck_force)
+        memory[32] += step / _CHUCKED * beyond / p.k
+        memory[32] = min(max(memory[32], -p.chuck), p.chuck)
+    if p.ejector > 0.0:
+        side, depth, _ = depth_of(p, t, s, memory)
+        memory[33] = memory[33] + step if side > 0.0 and depth > 0.0 else 0.0
+    if p.worked > 0.0:
+        force, side, _, rate = contact_force(p, t, s, memory)
+        for place in range(34, 36):
+            taken = abs(force) * max(rate, 0.0) if side == (1.0 if place == 34 else -1.0) else 0.0
+            memory[place] += step * (taken / _WORK - memory[place] / p.worked_time)
     if p.joint > 0.0:
         # Friction between its plates takes up a part of the force before they move.
         force, _, _, _ = contact_force(p, t, s, memory)
@@ -376,7 +252,7 @@ def remember(p, t, s, memory, step):
 @njit(error_model="numpy")
 def _touch(p, t, s, memory):
     """What a contact finds and leaves: speed of the rod that comes, a foil's tear, hooks of a tape."""
-    side, depth, rate = _depth(p, t, s, memory)
+    side, depth, rate = depth_of(p, t, s, memory)
     if depth <= 0.0:
         memory[19] = max(rate, 0.0)
     if side > 0.0 and depth + p.foil_at > p.foil_stretch:
@@ -398,6 +274,14 @@ def _turn(p, s, memory, step):
 
 
 @njit(error_model="numpy")
+def _cycle(p, t, s, memory, command):
+    """A servo computes what it asks for once in each of its cycles."""
+    if t >= memory[31] - 1e-9:
+        memory[30] = p.omega * p.omega * (command - s[0]) - 2.0 * p.xi * p.omega * s[1]
+        memory[31] = p.loop * (math.floor((t + 1e-9) / p.loop) + 1.0)
+
+
+@njit(error_model="numpy")
 def _watch(p, t, s, memory, step):
     """A servo that takes a force for a collision yields for some time, once in each contact."""
     force, _, _, _ = contact_force(p, t, s, memory)
@@ -413,7 +297,7 @@ def _watch(p, t, s, memory, step):
 def _sit(p, t, s, memory, step):
     """A tip that stands askew slides into its seat once pushed hard enough, and is askew again when free."""
     force, _, _, _ = contact_force(p, t, s, memory)
-    _, depth, _ = _depth(p, t, s, memory)
+    _, depth, _ = depth_of(p, t, s, memory)
     if abs(force) > p.seat_force:
         memory[8] = 1.0
     elif depth + memory[7] < 0.0:
@@ -436,10 +320,12 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     size = times.shape[0]
     rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0 or p.hose > 0.0
     rare = rare or p.ring > 0.0 or p.sag > 0.0 or p.whip > 0.0 or p.resolver > 0.0
-    rare = rare or p.ground != 0.0
+    rare = rare or p.ground != 0.0 or p.hammer > 0.0
     states = STATES if rare else _USUAL
     for i in range(steps):
         t = begin + i * step
+        if p.loop > 0.0:
+            _cycle(p, t, s, memory, command)
         _derivative(p, t, s, memory, command, k1)
         for j in range(states):
             mid[j] = s[j] + 0.5 * step * k1[j]

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...machine_code import njit
+from .contact import contact_force, lifted, output
 from .knobs import knobs
-from .plant import DRAWN, contact_force, fresh, integrate, lifted, output, past
+from .plant import DRAWN, fresh, integrate, past
 from .series import HISTORY, TICK, Series
 from .software import compensate, first_controller, first_satellite, move_satellite
 
@@ -30,8 +31,10 @@ COLUMNS = (
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
 # Play of the hysteresis; instant of the last reading; force and charge then; tare, and whether it is
-# taken; whether the upper range is on; a smoothed force; level that the gain follows.
-_AMPLIFIER = 9
+# taken; whether the upper range is on; a smoothed force; level that the gain follows; charge of its cable
+# [N], and where the rod was then [m]; whether it has told of a contact, and what is left of that pulse [N].
+_AMPLIFIER = 13
+_TOLD, _OVER = 6.0, 2.0  # forces from which on a contact is told of, and below which its end is [N]
 _STOP_WIDTH = 5e-5  # over which a soft stop sets in [m]
 _LOUD = 100.0  # at which an amplifier that turns itself down is told by how much [N]
 _RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back
@@ -189,7 +192,9 @@ def _ticks(
     missing, before, pace, straight = 0.0, 0.0, speed * TICK, speed * TICK
     if p.busy > 0.0 or p.text > 0.0:
         arrival = arrival.copy()
+    s[25], s[26] = 2.0 * math.cos(floor), -2.0 * p.hammer_omega * math.sin(floor)
     reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
+    amplifier[10] = start
     for n in range(ticks):
         now = n * TICK
         if lost[n] != 0.0:
@@ -207,6 +212,8 @@ def _ticks(
         if (new and not held[n]) or n == 0:
             strained = past(times, sensed, count, now - p.tau_s - age - sampling[n]) * (1.0 + supply[n])
             beside = _beside(p, flange, rate, s[24])
+            if p.tribo != 0.0:
+                beside += _rubbed(p, now - amplifier[1], flange, amplifier)
             reading = _read(p, now, strained, memory, amplifier) + beside + zero[contact]
             reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
@@ -246,6 +253,10 @@ def _ticks(
                 straight = step
             else:
                 commands[HISTORY + n] = last + straight
+        if p.standby > 0.0 and n % round(p.standby_every) == 0:
+            # The computer that stands by sends, too, and runs behind.
+            going = logged[1, n + 1] if driven and n + 1 < ticks else satellite[1]
+            commands[HISTORY + n] -= p.standby * going
         if p.text > 0.0:
             arrival[HISTORY + n] += p.text * _characters(sent)
         if p.busy > 0.0 and abs(seen_force) > p.busy_force:
@@ -344,6 +355,14 @@ def _beside(p, position, rate, drawn):
 
 
 @njit(error_model="numpy")
+def _rubbed(p, since, position, amplifier):
+    """What a cable that rubs where it is bent reads [N], some time [s] after the reading before."""
+    amplifier[9] = amplifier[9] * math.exp(-since / p.tribo_time) + p.tribo * (position - amplifier[10])
+    amplifier[10] = position
+    return amplifier[9]
+
+
+@njit(error_model="numpy")
 def _read(p, now, value, memory, amplifier):
     """The sensor's reading [N] before noise; the amplifier's state is advanced."""
     if p.hysteresis != 0.0:
@@ -372,6 +391,18 @@ def _amplified(p, since, value, amplifier):
         elif abs(value) > p.tare_force and amplifier[5] == 0.0:
             amplifier[4], amplifier[5] = p.tare * value, 1.0
         value -= amplifier[4]
+    if p.preload > 0.0 and value > p.preload_force:
+        value -= p.preload * (value - p.preload_force)  # pulled off what it was screwed to
+    if p.pulse != 0.0:
+        # A switch that tells of contacts, its wire beside the sensor's.
+        amplifier[12] *= math.exp(-since / p.pulse_time)
+        if abs(value) > _TOLD and amplifier[11] == 0.0:
+            amplifier[11] = 1.0
+            amplifier[12] += p.pulse
+        elif abs(value) < _OVER and amplifier[11] == 1.0:
+            amplifier[11] = 0.0
+            amplifier[12] -= p.pulse
+        value += amplifier[12]
     if p.fringe > 0.0:
         value += p.fringe * math.sin(
             2.0 * math.pi * value / p.fringe_span

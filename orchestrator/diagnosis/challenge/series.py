@@ -78,7 +78,7 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(27)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(28)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
@@ -104,6 +104,7 @@ def draw_series(
     wall = get("wall_scatter", 0.0) * streams[8].standard_normal(_CONTACTS)
     arrival = _arrivals(values, ticks, streams[7], streams[10]) + _detour(values, ticks, streams[12])
     arrival += _queue(values, ticks, streams[16]) + _slips(values, ticks, streams[25])
+    arrival = _slots(arrival, get("slot", 0.0), streams[27])
     payload = _payload(values, ticks, streams[11])
     falsified = streams[13].random(ticks) < get("corrupt_rate", 0.0) * TICK
     stray = get("corrupt", 0.0) * falsified * np.where(streams[13].random(ticks) < 0.5, -1.0, 1.0)
@@ -188,6 +189,12 @@ def _slips(values: Mapping[str, float], ticks: int, stream: np.random.Generator)
         level += ways[i] if abs(level + ways[i]) <= _DEEPEST else -ways[i]
         levels[i:] = level
     return values.get("frame_slip", 0.0) * levels
+
+
+def _slots(arrival: Array, slot: float, stream: np.random.Generator) -> Array:
+    """When commands come that wait for the next slot of time [s] that is theirs."""
+    begin = stream.random()
+    return slot * (np.ceil(arrival / slot - begin) + begin) if slot > 0.0 else arrival
 
 
 def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.int64]:

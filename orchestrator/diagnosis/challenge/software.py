@@ -16,13 +16,13 @@ _LOOSE_XI = 0.2
 
 @njit(error_model="numpy")
 def first_satellite(speed):
-    """What the satellite is at the start, shape (10,).
+    """What the satellite is at the start, shape (11,).
 
     By place: position and velocity of itself and of what hangs on it; whether it fires; position and velocity
     of what is loose in it; for how long it still thrusts towards the port, and whether it has begun to;
-    velocity of what hangs on it by friction.
+    velocity of what hangs on it by friction; the force smoothed [N].
     """
-    return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed, 0.0, 0.0, speed])
+    return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed, 0.0, 0.0, speed, 0.0])
 
 
 @njit(error_model="numpy")
@@ -37,6 +37,9 @@ def move_satellite(p, mass, now, tick, force, extra, s):
     if p.timer > 0.0:
         # The time that has passed is read from a clock of coarse steps.
         dt = 0.25 * p.timer * (math.floor((now + tick) / p.timer) - math.floor(now / p.timer))
+    if p.smoothed > 0.0:
+        s[10] += tick / (tick + p.smoothed) * (force - s[10])  # lest noise move the satellite
+        force = s[10]
     if p.ignored > 0.0:
         force = math.copysign(max(abs(force) - p.ignored, 0.0), force)
     total = mass * (1.0 + p.mass)
@@ -51,6 +54,8 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         elif abs(s[1]) < 0.5 * p.thrust_speed:
             s[4] = 0.0
         extra -= math.copysign(p.thrust * s[4], s[1])
+    if p.box > 0.0 and abs(s[0]) > p.box_edge and s[0] * s[1] > 0.0:
+        extra -= math.copysign(p.box, s[0])  # its keeper of stations knows of no port
     if p.stuck != 0.0 and now >= p.stuck_from:
         # A valve that does not close, until its tank is empty.
         extra += p.stuck * math.exp(-(now - p.stuck_from) / p.stuck_time)
@@ -105,14 +110,14 @@ def move_satellite(p, mass, now, tick, force, extra, s):
 
 @njit(error_model="numpy")
 def first_controller(k, c, position, speed):
-    """What the controller remembers at the start, shape (20,).
+    """What the controller remembers at the start, shape (21,).
 
     By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
     since contact; whether the last force was doubted; a notch's low and band pass; how near
     it is to its next overrun; energy that this contact holds, and the most that it did [J]; impulse of this
-    contact [N.s].
+    contact [N.s]; ticks for which the force has been one of contact.
     """
-    s = np.zeros(20)
+    s = np.zeros(21)
     s[2], s[3], s[6], s[7], s[8], s[10] = position, speed, k, c, (0.15 * k) ** 2, 60.0**2
     return s
 
@@ -145,9 +150,13 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
     slope = (force - s[0]) / tick
     s[1] = 0.65 * s[1] + 0.35 * slope
     s[0], s[2] = force, position
-    ahead = force + (lead + p.lead) * s[1]
+    led = (lead + p.lead) * s[1]
+    if p.lead_bound > 0.0:
+        led = min(max(led, -p.lead_bound), p.lead_bound)  # lest noise be led, too
+    ahead = force + led
     earlier = s[11]
-    if abs(force) > 4.0:
+    s[20] = s[20] + 1.0 if abs(force) > 4.0 else 0.0
+    if s[20] > p.debounce:
         if s[4] < 0.5:
             s[4], s[5] = 1.0, position + force / max(s[6], 1000.0)
         if abs(ahead) > 15.0:
