@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .headline import MUCH, at_ports, leaves_much, listed_or, percent
+from .headline import MUCH, SPEAKS, at_ports, given, leaves_much, listed_or, percent
 from .verdict import Diagnosis
 
 __all__ = ["caveats"]
@@ -21,6 +21,7 @@ def caveats(diagnosis: Diagnosis) -> list[str]:
         _leaves(diagnosis),
         _elsewhere(diagnosis),
         _as_one(diagnosis),
+        _late(diagnosis),
         _unneeded(diagnosis) or _strayed(diagnosis),
     )
     return [one for one in told if one]
@@ -89,6 +90,22 @@ def _as_one(diagnosis: Diagnosis) -> str:
     )
 
 
+def _late(diagnosis: Diagnosis) -> str:
+    """That a column whose clock is late looks like a delay of what it logs; "" where none is named."""
+    first, logged = given(diagnosis), at_ports(diagnosis)
+    late = [
+        (port, value)
+        for effect in diagnosis.verdict.effects
+        for port, name in [effect.rsplit(".", 1)]
+        for value in [first.parameters.get(f"{effect}.{name}")]
+        if name == "delay" and port in logged and value is not None
+    ]
+    if not late:
+        return ""
+    told = _listed([f"of {port} late by {value:.4g} s" for port, value in late])
+    return f"A clock {told} would look alike: check how the column was logged first."
+
+
 def _unneeded(diagnosis: Diagnosis) -> str:
     """That other values of the calibrated numbers close the gap as well as an answer's effects; "" if not."""
     gap, effects = diagnosis.how_far, diagnosis.verdict.effects
@@ -100,13 +117,16 @@ def _unneeded(diagnosis: Diagnosis) -> str:
         return ""
     moved = _moved(diagnosis, "recalibrated")
     name = max(moved, key=lambda name: abs(moved[name]))
-    if abs(moved[name]) < _FAR:
-        return ""
-    return (
-        f"Other values of calibrated numbers alone close {percent(gap.recalibration_only)} of the gap, "
-        f"{name} {moved[name]:+.1f} tolerances from its own: if its tolerance can be that wrong, no effect "
-        "is needed."
-    )
+    numbers = "Other values of calibrated numbers alone"
+    stray = f"{name} {moved[name]:+.1f} tolerances from its own"
+    if abs(moved[name]) >= _FAR:
+        return (
+            f"{numbers} close {percent(gap.recalibration_only)} of the gap, {stray}: if its tolerance can be "
+            "that wrong, no effect is needed."
+        )
+    if gap.over_recalibration is not None and abs(gap.over_recalibration) <= SPEAKS:
+        return f"{numbers}, {stray}, do as well on runs that no fit saw: these do not confirm the answer."
+    return ""
 
 
 def _strayed(diagnosis: Diagnosis) -> str:

@@ -12,6 +12,7 @@ from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chanc
 
 __all__ = [
     "MUCH",
+    "SPEAKS",
     "TELLS",
     "at_ports",
     "families_in_words",
@@ -36,6 +37,8 @@ MUCH = 4.0
 _CLOSED = 0.7
 # Error over the noise, on runs that no fit saw, from which the model does not explain the logs.
 _STRAYS = 2.0
+# Log likelihood of runs that no fit saw, from which they speak for an answer, or against it [nats].
+SPEAKS = 3.0
 # A share that is no more is rounding.
 _NOTHING = 1e-7
 # Forms of a cause that are less probable are not worth a word; and how many are named.
@@ -106,6 +109,12 @@ def _answer(diagnosis: Diagnosis) -> str:
         text = (
             f"The runs that were fitted speak for {both} ({chance}), but on runs that no fit saw "
             f"the gap grows {grows} with {it}: do not rely on this answer"
+        )
+    elif gap is not None and (gap.over_recalibration or 0.0) < -SPEAKS:
+        by = nats(-gap.over_recalibration)
+        text = (
+            f"The runs that were fitted speak for {both} ({chance}), but runs that no fit saw are likelier "
+            f"by {by} with other values of calibrated numbers alone: do not rely on this answer"
         )
     elif gap is not None and gap.within_floor:
         text += "; on runs that no fit saw the gap is within the noise, so that they do not confirm it"

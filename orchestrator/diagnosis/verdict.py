@@ -129,8 +129,14 @@ class Gap(_Open):
 
 
 class HowFar(Gap):
-    """One contact ahead; and over whole runs."""
+    """One contact ahead; and over whole runs.
 
+    Attributes:
+        over_recalibration: log likelihood of runs that no fit saw, with the answer over other calibrated
+            numbers alone [nats]; of a docking rig, it is not worked out.
+    """
+
+    over_recalibration: Number | None = None
     full_run: Gap | None = None
 
 

@@ -52,6 +52,7 @@ def test_a_hidden_friction_is_found(tmp_path):
     assert found.which[0].parameters[f"{found.verdict.effects[0]}.level"] == pytest.approx(12.0, rel=0.05)
     # The gap on the run that no fit saw goes down to the noise; other masses and dampings do not get there.
     assert found.how_far.closure > 0.97 > found.how_far.recalibration_only
+    assert found.how_far.over_recalibration > 100.0
     assert sum(one.share for one in found.ledger) == pytest.approx(1.0, abs=1e-9)
     assert found.calibration["drive.mass"]["fitted"] == pytest.approx(95.1, abs=1.0)
     page = (tmp_path / "out" / "report.html").read_text()

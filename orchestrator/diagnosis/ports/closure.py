@@ -16,6 +16,7 @@ from ..study import Array
 from ..verdict import WITHIN
 from .repeats import repeats_of
 from .replay import PortReplay
+from .seek import carries
 from .study import PortRun, PortStudy, Role
 
 __all__ = ["how_far"]
@@ -30,7 +31,8 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
     Errors are relative: root mean square of log minus model over the standard deviation of the log, root mean
     square over the compared ports where the gap stands beyond the noise, or grows beyond it with the answer:
     a precise port would drown in the noise of others. Where it does at none, over all of them.
-    `noise_floor_from` tells where the noise floor is from; see `_Floor`.
+    `noise_floor_from` tells where the noise floor is from; see `_Floor`; `over_recalibration` is the log
+    likelihood of the answer over other calibrated numbers alone [nats].
     """
     models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}
     runs = study.of(Role.HELDOUT)
@@ -59,7 +61,21 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
     }
     told_by = "both" if len(repeated) > 1 else "repeats" if repeated == {True} else "specified"
     floor = float(np.sqrt(np.mean([one.floor for one in counted])))
-    return {**closure_of(joined, floor, 2), "noise_floor_from": told_by, "outputs": outputs}
+    over = _over(left["after"], left["recalibrated"])
+    told = {"noise_floor_from": told_by, "over_recalibration": over, "outputs": outputs}
+    return {**closure_of(joined, floor, 2), **told}
+
+
+def _over(answer: Sequence[Array], other: Sequence[Array]) -> float | None:
+    """Log likelihood of one model's residuals over another's, by channel; None where one runs away [nats].
+
+    Squares of a channel count by what those of the better model carry, as in fits.
+    """
+    total = 0.0
+    for r, without in zip(answer, other, strict=True):
+        with np.errstate(over="ignore", invalid="ignore"):
+            total += 0.5 * float(without @ without - r @ r) / min(carries(r), carries(without))
+    return total if math.isfinite(total) else None
 
 
 @dataclass(frozen=True)
