@@ -65,7 +65,7 @@ class Tally:
 
     The time left is what stages that are to come usually do, at the pace of this search so far. What is told
     of it runs down with the clock and follows what is expected slowly, so that no stage that is left out, or
-    made anew, makes it jump.
+    made anew, makes it jump. A search that begins anew is that of `steps`, and is told as such.
 
     Args:
         candidates: how many there are.
@@ -80,6 +80,7 @@ class Tally:
         self._lock = threading.Lock()
         self._at, self._own = 0, [0, 0]
         self._done = [0, 0]
+        self._again = False
         # Seconds that looks and fits took, as multiples of what is planned of each; rising.
         self._paces: tuple[list[float], list[float]] = [], []
         self._seconds = 0.0
@@ -92,6 +93,7 @@ class Tally:
         with self._lock:
             if PLAN[self._at].name == name and name != "candidates":
                 return  # the same with one effect more
+            self._again |= name == "candidates" and sum(self._done) > 0
             after = [at for at in range(self._at + 1, len(PLAN)) if PLAN[at].name == name]
             before = [at for at in range(self._at + 1) if PLAN[at].name == name]
             self._at = after[0] if after and name != "candidates" else (before or after)[-1]
@@ -158,7 +160,8 @@ class Tally:
             time = ""
             if len(self._paces[0]) >= min(2 * self._candidates, _FEWEST):
                 time = f", about {_time(self._steady(now))} left"
-        self._report(f"weigh {done}/{done + left} candidates and fits{time}")
+        again = " again, the step's own error taken off:" if self._again else ""
+        self._report(f"weigh{again} {done}/{done + left} candidates and fits{time}")
 
 
 def _typical(rising: Sequence[float]) -> float:
