@@ -124,21 +124,13 @@ def _weigh(
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
     colour = last.colour if sensor.coloured == 1.0 else WHITE
-    judge = Judge(weighing, fitter, colour)
+    judge, unjudged = _judging(Judge(weighing, fitter, colour), found, chance, sensor, lost is None)
     first, at_last = sensor.force, last
-    unjudged = ""
-    if len(model.study.runs) > len(model.runs):
-        if lost is None and chance.log_evidence == 0.0:
-            judge = judge.over(model.study.runs, found.best, sensor.louder, sensor.lost)
-        else:
-            unjudged = _RANDOM
-        unjudged = _LIMITED if judge.limited else unjudged
     if judge.every is not None:
         first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
         # Where more runs make a small colour an effect, or a line hides it, it is what it was.
         if sensor.coloured == 1.0 and _coloured(at_last) == 1.0 and at_last.line == 0.0:
-            colour = at_last.colour
-            judge = replace(judge, colour=colour)
+            judge = replace(judge, colour=at_last.colour)
     odd = min(first.line, at_last.line) + first.held + min(first.spiky, at_last.spiky)
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
@@ -231,6 +223,23 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
     if noises or waved is not None:
         fitter = weighing.fitter(waved)
     return _Sensor(force, noises, _coloured(force), louder, lost, fitter)
+
+
+def _judging(
+    judge: Judge, found: Search, chance: Arrivals, sensor: _Sensor, complete: bool
+) -> tuple[Judge, str]:
+    """A judge of all runs, if those that no fit saw can judge; else why they cannot, if there are any.
+
+    Args:
+        judge: of the runs that fits saw; complete: whether all commands are known to have arrived.
+    """
+    runs = judge.weighing.model.study.runs
+    if len(runs) == len(judge.weighing.model.runs):
+        return judge, ""
+    if not complete or chance.log_evidence != 0.0:
+        return judge, _RANDOM
+    judge = judge.over(runs, found.best, sensor.louder, sensor.lost)
+    return judge, _LIMITED if judge.limited else ""
 
 
 def _foreseen(judge: Judge, fit: Fit) -> Force:
