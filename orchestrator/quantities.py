@@ -32,25 +32,26 @@ def quantity(
     """A number in the unit of `measure`, or what is wrong with it.
 
     Args:
-        label: what takes it, for the message.
+        label: what takes it, for the message; empty where the place tells.
         value: a number, or text with number and unit.
         place: where it was written.
         difference: see `units.Quantity.exactly`.
     """
+    before, named = (f"{label}: ", f"{label} ") if label else ("", "")
     if isinstance(value, bool):
-        return Problem(place, f"{label} must be a number, got {str(value).lower()}")
+        return Problem(place, f"{named}must be a number, got {str(value).lower()}")
     if isinstance(value, int | float):
         if not measure.name or measure.unit == ONE:
             try:
                 return float(value)
             except OverflowError:  # of a whole number
-                return Problem(place, f"{label}: {value} is beyond double precision")
+                return Problem(place, f"{before}{value} is beyond double precision")
         allowed = f"a unit must be given, for zero too; its unit is {measure.name}"
-        return Problem(place, f"{label}: {value!r} has no unit", allowed, f"Write {value!r} {measure.name}.")
+        return Problem(place, f"{before}{value!r} has no unit", allowed, f"Write {value!r} {measure.name}.")
     if not isinstance(value, str):
-        return Problem(place, f"{label} must be a number, got {value!r}")
+        return Problem(place, f"{named}must be a number, got {value!r}")
     if measure.unit is None:
-        return _unknown_unit(label, measure, value, place)
+        return _unknown_unit(before, measure, value, place)
     try:
         # The unit's own name, too, is the FMU's to define: "dimensionless", "radian".
         own = {measure.name: measure.unit} if measure.name else {}
@@ -59,7 +60,7 @@ def quantity(
         allowed = f"its unit is {measure.name}"
         if measure.display_units:
             allowed += f", it also takes {listed(measure.display_units)}"
-        return Problem(place, f"{label}: cannot take {value!r}, {error}", allowed)
+        return Problem(place, f"{before}cannot take {value!r}, {error}", allowed)
 
 
 def infinite_quantity(value: object, measure: Measure) -> float | None:
@@ -79,7 +80,7 @@ def infinite_quantity(value: object, measure: Measure) -> float | None:
     return -math.inf if number == "-inf" else math.inf
 
 
-def _unknown_unit(label: str, measure: Measure, text: str, place: str) -> float | Problem:
+def _unknown_unit(before: str, measure: Measure, text: str, place: str) -> float | Problem:
     """A quantity for what has no unit declared, or one unknown here: only the same word will do."""
     number, _, unit = text.strip().partition(" ")
     try:
@@ -90,8 +91,8 @@ def _unknown_unit(label: str, measure: Measure, text: str, place: str) -> float 
     if measure.name:
         allowed = f"its unit, {measure.name}, is not known here: give the number in that unit"
         return Problem(
-            place, f"{label}: cannot take {text!r}", allowed, f"Write it as <number> {measure.name}."
+            place, f"{before}cannot take {text!r}", allowed, f"Write it as <number> {measure.name}."
         )
     return Problem(
-        place, f"{label}: cannot take {text!r}", "the FMU declares no unit for it", "Give a bare number."
+        place, f"{before}cannot take {text!r}", "the FMU declares no unit for it", "Give a bare number."
     )

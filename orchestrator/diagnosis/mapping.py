@@ -102,7 +102,7 @@ def _read(
         if entry.get(key) is None:
             continue
         place = places.text((*path, key))
-        size = quantity(key, Measure(measure, _known(measure)), entry[key], place, difference=True)
+        size = quantity("", Measure(measure, _known(measure)), entry[key], place, difference=True)
         if not isinstance(size, Problem) and key == "noise" and not size > 0.0:
             size = Problem(place, f"got {entry[key]!r}", "above 0", "Leave it out where nothing is compared.")
         if isinstance(size, Problem):

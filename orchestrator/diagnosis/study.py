@@ -218,7 +218,7 @@ def _experiments(data: Any, places: Places, problems: list[Problem]) -> tuple[di
         for key, value in entry.items():
             if key in _EXPERIMENT:
                 unit, where = _EXPERIMENT[key], places.text((*path, key))
-                size = quantity(key, Measure(unit, parse_unit(unit)), value, where)
+                size = quantity("", Measure(unit, parse_unit(unit)), value, where)
                 if isinstance(size, Problem):
                     problems.append(size)
                 elif not size > 0.0 or (key == "ticks" and (size != int(size) or size < 2)):

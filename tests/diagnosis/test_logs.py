@@ -212,7 +212,7 @@ def test_what_is_wrong_is_told_at_once(study, tmp_path):
     said = str(caught.value)
     assert "columns.sensor_farce: unknown" in said and "Did you mean sensor_force?" in said
     assert "no column for encoder_position" in said
-    assert "columns.desired_position.clock: clock: 0.002 has no unit" in said and "Write 0.002 s." in said
+    assert "columns.desired_position.clock: 0.002 has no unit" in said and "Write 0.002 s." in said
     assert "columns.sensor_force.sign: got 2\n  1 or -1" in said
     lines = path.read_text().splitlines()
     for name in ("sensor_farce", "desired_position.clock", "sensor_force.sign"):
@@ -365,7 +365,7 @@ def test_words_of_a_mapping_are_the_product_s_own():
         "study.yaml: columns.force.noise: got '-1 N'\n  above 0. Leave it out where nothing is compared.",
         "study.yaml: columns.force.nois: unknown key 'nois'\n  allowed: column, unit, sign, offset, clock, "
         "noise, feed, start, hold. Did you mean noise?",
-        "study.yaml: columns.way.noise: noise: cannot take '2 N', N [kg.m.s-2] cannot be converted to m [m]\n"
+        "study.yaml: columns.way.noise: cannot take '2 N', N [kg.m.s-2] cannot be converted to m [m]\n"
         "  its unit is m",
     ]
 

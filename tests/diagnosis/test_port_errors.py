@@ -92,7 +92,7 @@ TWENTIETH = "Leave it out for a twentieth of each run."
         (within(window="1.96 s"),
          "window: got '1.96 s'\n  up to 1.952 s, what run-2 holds after it settled. " + TWENTIETH),
         (within(settle="-1 s"), "settle: got '-1 s'\n  0 s or more"),
-        (within(settle=100), "settle: settle: 100 has no unit\n  a unit must be given, for zero too; "
+        (within(settle=100), "settle: 100 has no unit\n  a unit must be given, for zero too; "
          "its unit is s. Write 100 s."),
         (within(motion={"port": "drive.position", "rest": "0 mm/s"}), "motion.rest: got '0 mm/s'\n  above 0"),
         (within(motion={"port": "drive.position", "rest": "-1 mm/s"}),

@@ -82,7 +82,7 @@ class Sheet:
         Args:
             difference: see `units.Quantity.exactly`.
         """
-        found = quantity(str(path[-1]), measure, value, self.place(*path), difference)
+        found = quantity("", measure, value, self.place(*path), difference)
         if isinstance(found, Problem):
             self.problems.append(found)
             return None
