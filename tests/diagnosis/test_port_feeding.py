@@ -3,6 +3,7 @@ acts on a sum stands in the augmented system."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +25,7 @@ from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.verdict import AUGMENTED, EXPORTABLE
 from orchestrator.effects.gain import Gain
 from orchestrator.effects.offset import Offset
+from orchestrator.errors import ConfigError
 from orchestrator.run import run
 from orchestrator.simulate import simulate
 from orchestrator.system import Port
@@ -99,6 +101,22 @@ def test_candidates_do_not_depend_on_which_run_stands_first(moving, files):
         for a, b in zip(one.parameters, other.parameters, strict=True):
             assert (a.scale, *a.starts) == pytest.approx((b.scale, *b.starts), rel=1e-9), one.id
     assert {"drive.voltage.saturate", "drive.coulomb", "drive.load.offset"} <= {one.id for one in first}
+
+
+def test_of_a_signal_of_few_values_no_resolution_can_be_told(moving):
+    """It gives each of them an error of its own, as any law does."""
+    own = trained(moving, "run-0")
+    path = "drive.voltage.quantise"
+    assert path in {one.id for one in candidates_of(own)}
+    log = own.runs[0].logs[VOLTAGE]
+    for values, known in ((8, False), (9, True)):
+        log[:] = np.resize(np.linspace(-1.0, 1.0, values), len(log))
+        assert (path in {one.id for one in candidates_of(own)}) == known
+    log[:] = np.resize([-1.0, 1.0], len(log))
+    with pytest.raises(
+        ConfigError, match=r"no resolution can be told of signals of 8 values or fewer: drive\.v"
+    ):
+        candidates_of(replace(own, only=(path,)))
 
 
 def test_limits_that_cut_nothing_are_absent_from_all_train_runs(moving):

@@ -26,7 +26,7 @@ from ..effect import Effect, Parameter
 from ..families import Kin
 from ..study import Array
 from .comb import Comb
-from .effect import PortEffect, Sizes, unit_at
+from .effect import FEW_LEVELS, PortEffect, Sizes, unit_at
 from .friction import friction
 from .study import PortStudy
 
@@ -43,7 +43,7 @@ _KIN = {
 
 
 def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
-    """All candidates of a study, less those that its patterns strike.
+    """All candidates of a study, less those that its patterns strike, and what its signals cannot tell.
 
     Raises: ConfigError for patterns that fit none, or leave none.
     """
@@ -77,9 +77,21 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
         what = "`only` and `without` leave no candidate"
         remedy = "Strike fewer of them: where nothing can be blamed there is nothing to tell."
         problems.append(Problem(study.place("candidates"), what, f"some of {listed(names, 30)}", remedy))
+    told = tuple(one for one in found if one.id in kept and not _untold(one, sizes))
+    if kept and not told and not problems:
+        names = listed(sorted(kept), 10)
+        what = f"no resolution can be told of signals of {FEW_LEVELS} values or fewer: {names}"
+        problems.append(Problem(study.place("candidates"), what, remedy="Let others in."))
     if problems:
         raise ConfigError(problems)
-    return tuple(one for one in found if one.id in kept)
+    return told
+
+
+def _untold(effect: Effect, sizes: Sizes) -> bool:
+    """Whether it is a resolution of a signal of so few values that any error of these could be its doing."""
+    if not isinstance(effect, PortEffect) or effect.port is None or not effect.id.endswith(".quantise"):
+        return False
+    return 0 < sizes.levels.get(effect.port, 0) <= FEW_LEVELS
 
 
 def _fit(names: Sequence[str], patterns: Sequence[str]) -> list[str]:

@@ -14,7 +14,10 @@ from .comb import Comb
 from .player import Inserted
 from .study import PortStudy
 
-__all__ = ["PortEffect", "Sizes", "unit_at"]
+__all__ = ["FEW_LEVELS", "PortEffect", "Sizes", "unit_at"]
+
+# A resolution gives each value of a signal an error of its own: where they are no more, any law does so.
+FEW_LEVELS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +60,14 @@ class Sizes:
             force that moves some compared output by its spread.
         peak: largest magnitude; rate: largest change per time, per second.
         way: standard deviation of the integral over time, of velocities.
+        levels: how many values it takes, where these are no more than `FEW_LEVELS`; else more than that.
     """
 
     spread: Mapping[Port, float]
     peak: Mapping[Port, float]
     rate: Mapping[Port, float]
     way: Mapping[Port, float]
+    levels: Mapping[Port, int]
 
 
 def unit_at(study: PortStudy, port: Port) -> str:

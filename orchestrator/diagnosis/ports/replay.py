@@ -21,7 +21,7 @@ from ..fit import Fit
 from ..study import Array
 from .candidates import candidates
 from .conjugate import conjugates
-from .effect import PortEffect, Sizes
+from .effect import FEW_LEVELS, PortEffect, Sizes
 from .player import Inserted, Player
 from .starts import Begun
 from .study import PortRun, PortStudy, Role
@@ -244,13 +244,18 @@ def measure(study: PortStudy, *runs: PortRun) -> Sizes:
 
 
 class _Size(NamedTuple):
-    """How large a signal is in one run: see `Sizes`. Of one that is not finite there are no samples."""
+    """How large a signal is in one run: see `Sizes`. Of one that is not finite there are no samples.
+
+    Attributes:
+        levels: its values, if they are few, or one more than are.
+    """
 
     spread: float
     peak: float
     rate: float
     way: float
     samples: int
+    levels: frozenset[float] = frozenset()
 
 
 def _size(study: PortStudy, values: Array) -> _Size:
@@ -260,7 +265,8 @@ def _size(study: PortStudy, values: Array) -> _Size:
     rate = float(np.abs(np.diff(values)).max()) / study.interval * (1.0 + 1e-9)
     about = values[study.settled :] - values[study.settled :].mean()
     way = float(np.cumsum(about).std()) * study.interval
-    return _Size(float(about.std()), float(np.abs(values).max()), rate, way, len(about))
+    levels = frozenset(np.unique(values)[: FEW_LEVELS + 1].tolist())
+    return _Size(float(about.std()), float(np.abs(values).max()), rate, way, len(about), levels)
 
 
 def _sizes(found: Mapping[Port, Sequence[_Size]]) -> Sizes:
@@ -272,7 +278,8 @@ def _sizes(found: Mapping[Port, Sequence[_Size]]) -> Sizes:
         peak[port] = max(one.peak for one in runs)
         rate[port] = max(one.rate for one in runs)
         way[port] = _pooled([one.way for one in runs], lengths)
-    return Sizes(spread, peak, rate, way)
+    levels = {port: len(frozenset().union(*(one.levels for one in runs))) for port, runs in found.items()}
+    return Sizes(spread, peak, rate, way, levels)
 
 
 def _pooled(sizes: Sequence[float], lengths: Sequence[int]) -> float:
