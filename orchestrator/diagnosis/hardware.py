@@ -23,6 +23,7 @@ from .misfit import unexplained
 from .model import RigModel
 from .outside_place import place_outside
 from .remainder import KINDS, Remains
+from .rhythm import rhythm
 from .search import Search, each, search
 from .stochastic import Force, Noise, sensor_noise
 from .study import Array, Role, Study
@@ -121,6 +122,8 @@ def _weigh(
         losses = chance.losses
         told = Noise(PACKETS, (losses.chance,), losses.log_evidence, uneven=chance.regular)
         return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, told)
+    own = found.best.calibrated, found.best.effects, found.best.theta
+    turns = rhythm(left[0::2], [model.replay(run, *own)[2] for run in range(len(model.runs))])
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
     colour = last.colour if sensor.coloured == 1.0 else WHITE
@@ -139,6 +142,7 @@ def _weigh(
     answers, left, periodic, regular, by = _linked(judge, found, noises, chance, without)
     if lost is not None:
         regular = max(regular, lost.uneven)
+    periodic, regular = max(periodic, turns), max(regular, turns)
     answers = _doubted(weighing, tied(by, simplest(answers)))
     doubtful = doubt > max([_DOUBTED, *(one.gain - each * len(one.seen) for one in answers)])
     # Of doubtful tolerances roughness takes up much.

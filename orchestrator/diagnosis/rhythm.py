@@ -1,0 +1,49 @@
+"""Commands that come at wrong times by turns: what the encoder strays then keeps a period."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import median_filter
+from scipy.special import logsumexp
+
+from .study import Array
+
+__all__ = ["rhythm"]
+
+# Periods that are looked for [ticks]: what strays more slowly has other causes, and rounding of the encoder
+# makes something of nearly two ticks on every rig.
+_SHORTEST, _LONGEST = 2.25, 50.0
+# Bins of the spectrum about each, whose median tells what strays there without a period.
+_ABOUT = 129
+# Power of a line over that of noise, all about as likely beforehand.
+_POWERS = 2.0 ** np.arange(10)
+# Log evidence that may be chance [nats].
+_CHANCE = 5.0
+
+
+def rhythm(channels: Sequence[Array], positions: Sequence[Array]) -> float:
+    """Log evidence of a period that the encoder's residuals keep, as large as the robot is fast [nats].
+
+    A command that comes late by turns, or waits for its turn, moves the robot in proportion to its speed. The
+    period is that of all runs, the phase each run's own; what strays without one is told by the spectrum
+    about it. Little evidence is none.
+
+    Args:
+        channels: residuals over their noise, by run; positions: of the robot, of the same samples.
+    """
+    size = 1 << max(len(r) for r in channels).bit_length()
+    bins = slice(math.ceil(size / _LONGEST), math.floor(size / _SHORTEST))
+    told = np.zeros((bins.stop - bins.start, len(_POWERS)))
+    for r, x in zip(channels, positions, strict=True):
+        speed = np.abs(np.gradient(x))
+        if not np.isfinite(r).all() or not speed.max() > 0.0:
+            continue
+        power = np.abs(np.fft.rfft(speed * r, size)) ** 2
+        # The median of an exponential distribution is ln 2 of its mean.
+        about = median_filter(power, _ABOUT, mode="nearest") / math.log(2.0)
+        told += (power / about)[bins, None] * _POWERS / (1.0 + _POWERS) - np.log1p(_POWERS)
+    evidence = float(logsumexp(told)) - math.log(told.size)
+    return evidence if evidence > _CHANCE else 0.0
