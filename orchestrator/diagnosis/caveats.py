@@ -93,13 +93,12 @@ def _as_one(diagnosis: Diagnosis) -> str:
 def _late(diagnosis: Diagnosis) -> str:
     """That a column whose clock is late looks like a delay of what it logs; "" where none is named."""
     first, logged = given(diagnosis), at_ports(diagnosis)
-    late = [
-        (port, value)
-        for effect in diagnosis.verdict.effects
-        for port, name in [effect.rsplit(".", 1)]
-        for value in [first.parameters.get(f"{effect}.{name}")]
-        if name == "delay" and port in logged and value is not None
-    ]
+    late = []
+    for effect in diagnosis.verdict.effects:
+        port, _, name = effect.rpartition(".")
+        value = first.parameters.get(f"{effect}.delay")
+        if name == "delay" and port in logged and value is not None:
+            late.append((port, value))
     if not late:
         return ""
     told = _listed([f"of {port} late by {value:.4g} s" for port, value in late])
