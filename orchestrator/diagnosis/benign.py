@@ -26,6 +26,7 @@ __all__ = [
     "Widened",
     "along_way",
     "force_weights",
+    "positions",
     "repeating",
     "scatter",
     "settled",
@@ -107,6 +108,12 @@ def force_weights(runs: Sequence[Run], louder: float, lost: bool) -> list[Array]
 def repeating(samples: Array) -> Array:
     """Which samples repeat the one before, shape (n,)."""
     return np.concatenate([[False], np.diff(samples) == 0.0])
+
+
+def positions(model: RigModel, fit: Fit) -> list[Array]:
+    """Positions of the robot that a fit gives at each tick, by run [m]."""
+    own = fit.calibrated, fit.effects, fit.theta
+    return [model.replay(index, *own)[2] for index in range(len(model.runs))]
 
 
 def touching(model: RigModel, fit: Fit) -> list[Array]:

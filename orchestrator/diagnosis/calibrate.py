@@ -417,7 +417,7 @@ def _chosen_kinds(asked: str | None) -> list[str]:
     """
     known = sorted(name for name, kind in OUTSIDE.items() if kind.place not in SOFTWARE)
     if asked is None:
-        learned = json.loads(FILE.read_text("utf-8"))["provenance"].get("kinds", known)
+        learned = json.loads(FILE.read_text("utf-8"))["provenance"]["kinds"]
         if strange := sorted(set(learned) - set(known)):
             raise OrchestratorError(
                 f"{FILE.name}: learned from {', '.join(strange)}, which the challenge does not know: "

@@ -11,7 +11,7 @@ import numpy as np
 
 from .answers import Answer, Group, complete, simplest, strongest, tied
 from .arrival import JITTER, PACKETS
-from .benign import Weighing, Weighted, Widened, force_weights, touching, waves
+from .benign import Weighing, Weighted, Widened, force_weights, positions, touching, waves
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
 from .colour import WHITE
@@ -122,8 +122,7 @@ def _weigh(
         losses = chance.losses
         told = Noise(PACKETS, (losses.chance,), losses.log_evidence, uneven=chance.regular)
         return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, told)
-    own = found.best.calibrated, found.best.effects, found.best.theta
-    turns = rhythm(left[0::2], [model.replay(run, *own)[2] for run in range(len(model.runs))])
+    turns = rhythm(left[0::2], positions(model, found.best))
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
     colour = last.colour if sensor.coloured == 1.0 else WHITE

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .benign import along_way, touching
+from .benign import along_way, positions, touching
 from .fit import Fit
 from .misfit import answering, unexplained
 from .remainder import Remains
@@ -46,8 +46,7 @@ def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
     """
     by, fit, _ = judge.carried(none)
     model, left = by.weighing.model, by.fitter.marginal.left(fit.residuals)
-    own = fit.calibrated, fit.effects, fit.theta
-    late = wrong_times(left[0::2], [model.replay(run, *own)[2] for run in range(len(model.runs))])
+    late = wrong_times(left[0::2], positions(model, fit))
     # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
     # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
     if late > (-_CHANCE if regular > _PERIOD else _WRONG) and not odd > max(_CLEAR, regular):

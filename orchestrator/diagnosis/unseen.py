@@ -105,7 +105,9 @@ class Judge:
         weighing = replace(self.weighing, model=model, weights=weights, known={})
         fitter = weighing.fitter()
         here, derivatives = fitter.carried(best)
-        if _limited(weighing, fitter, here, derivatives) or _deeper(weighing, here, self.weighing.model.runs):
+        if _limited(weighing, fitter, here, derivatives) or _deeper(
+            weighing, fitter, here, self.weighing.model.runs
+        ):
             return replace(self, limited=True)
         return Judge(self.weighing, self.fitter, self.colour, By(weighing, reckoned(weighing, here, _WAVIER)))
 
@@ -143,21 +145,20 @@ def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) 
     return any(cost - fitter.screen(one, [base])[0] > least for one in limits)
 
 
-def _deeper(weighing: Weighing, here: Fit, seen: Sequence[Run]) -> bool:
+def _deeper(weighing: Weighing, fitter: Fitter, here: Fit, seen: Sequence[Run]) -> bool:
     """Whether a fitted limit acts in further runs beyond all measure of what it does where it was fitted.
 
     A servo at its limit forgets nothing: what the limit and the calibration are off by adds up there.
 
     Args:
-        here: see `Fitter.carried`; seen: runs that it was fitted to.
+        fitter: of the weighing; here: see `Fitter.carried`; seen: runs that it was fitted to.
     """
-    plain = Fitter(Weighted(weighing.model, weighing.weights))
     known = {id(run) for run in seen}
     for place, effect in enumerate(here.effects):
         if effect.site not in _LIMITS:
             continue
         others = here.effects[:place] + here.effects[place + 1 :]
-        without = plain.residuals(others, here.without(place))
+        without = fitter.residuals(others, here.without(place))
         told = [0.0, 0.0]
         for index, (r, free) in enumerate(zip(here.residuals, without, strict=True)):
             with np.errstate(over="ignore", invalid="ignore"):

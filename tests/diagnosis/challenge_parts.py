@@ -31,6 +31,7 @@ PLANT = {
     "rear": -0.005,
     "cutoff": 1250.0,
 }
+REAR = PLANT["rear"] - PLANT["front"]
 FORCE, ENCODER = COLUMNS.index("sensor_force"), COLUMNS.index("encoder_position")
 RUN = RUNS[0]
 
@@ -65,6 +66,11 @@ def moved(command, ticks, start=0.0, speed=0.0, **values):
 def pressed(now):
     """A command that goes 1 mm into the front frame and out again, within 0.2 s."""
     return 0.0045 + 0.0015 * np.sin(np.pi * min(now, 0.2) / 0.2) ** 2
+
+
+def twice(now):
+    """The same every 0.25 s."""
+    return pressed(now % 0.25)
 
 
 def pushed(force, tick=0, **values):

@@ -17,25 +17,20 @@ from orchestrator.diagnosis.challenge.software import (
 from tests.diagnosis.challenge_parts import (
     ENCODER,
     FORCE,
-    PLANT,
+    REAR,
     TICK,
     answers,
     driven,
     force_at,
     lags,
     moved,
-    pressed,
     pushed,
     series_of,
     smooth,
+    twice,
 )
 
-REAR = PLANT["rear"] - PLANT["front"]
 FAR = {"front": 1.0, "rear": -1.0}
-
-
-def twice(now):
-    return pressed(now % 0.25)
 
 
 def deep(now):

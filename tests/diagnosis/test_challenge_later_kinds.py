@@ -18,7 +18,7 @@ from orchestrator.diagnosis.challenge.software import (
 from tests.diagnosis.challenge_parts import (
     ENCODER,
     FORCE,
-    PLANT,
+    REAR,
     TICK,
     driven,
     force_at,
@@ -29,13 +29,8 @@ from tests.diagnosis.challenge_parts import (
     rates,
     series_of,
     smooth,
+    twice,
 )
-
-REAR = PLANT["rear"] - PLANT["front"]
-
-
-def twice(now):
-    return pressed(now % 0.25)
 
 
 def test_a_servo_kicks_once_it_has_turned():
