@@ -23,6 +23,10 @@ _RUNAWAY = 1e60
 _FAR = 20.0
 # Bases whose costs differ by less are much the same place: effects are screened from the better one alone.
 _ALIKE = 60.0
+# What a jagged parameter is moved by, normalised, where a model is carried to other runs, and the cost that
+# this may make on those that it was fitted to.
+_ASIDE, _OPEN = np.outer(10.0 ** np.arange(-6, -1), (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)).ravel(), 2.0
+_SWEEPS = 4
 # Normalised parameters that differ by less are the same.
 _SAME = 1e-9
 # A calibrated number of more tolerances than the first is not zero; it loses at most the second share of it.
@@ -241,15 +245,18 @@ class Fitter:
         _, log_determinant = np.linalg.slogdet(at.hessian)
         return self._fitted(effects, at.z, at.r, at.cost, float(log_determinant))
 
-    def carried(self, fit: Fit) -> tuple[Fit, Array]:
+    def carried(self, fit: Fit, by: Fitter) -> tuple[Fit, Array]:
         """A model that was fitted to other runs, as it does on these.
 
         Its numbers are known as well as those runs tell them; what they may miss by is made up for by one
-        linear step, if that does better. What they stray by stays as it was.
+        linear step, if that does better, and what no derivative tells, by what they leave open. What they
+        stray by stays as it was.
 
+        Args:
+            by: a fitter of those runs.
         Returns: it, and derivatives of the stacked residuals by its normalised parameters.
         """
-        z = fit.z
+        z = self._left_open(fit, by)
         r = self.stacked(fit.effects, z)
         jacobian = self.jacobian(fit.effects, z, r, range(len(z)))
         if np.isfinite(r).all():
@@ -262,6 +269,32 @@ class Fitter:
                 z, r = ahead, moved
         here = self._fitted(fit.effects, z, r, cost_of(r, z), fit.log_determinant)
         return replace(here, deviation=fit.deviation), jacobian
+
+    def _left_open(self, fit: Fit, by: Fitter) -> Array:
+        """Normalised parameters, of which jagged ones are moved to where they do best on these runs.
+
+        A command that the other runs round alike by many a step may be one that these round otherwise.
+
+        Args:
+            by: a fitter of the other runs; they are moved no farther than it hardly tells.
+        """
+        effects, z = fit.effects, fit.z
+        own = [one.jagged for effect in effects for one in effect.parameters]
+        jagged = len(self._names) + np.flatnonzero(own)
+        if not jagged.size:
+            return z
+        cost, most = self._cost(effects, z), by._cost(effects, z) + _OPEN
+        for place in _SWEEPS * [*jagged[::-1]]:
+            near = np.repeat(z[None], 2 * len(_ASIDE), axis=0)
+            near[:, place] += np.concatenate([-_ASIDE, _ASIDE])
+            for ahead in self._bounded(effects, near):
+                here = self._cost(effects, ahead)
+                if here < cost and by._cost(effects, ahead) < most:
+                    z, cost = ahead, here
+        return z
+
+    def _cost(self, effects: tuple[Effect, ...], z: Array) -> float:
+        return cost_of(self.stacked(effects, z), z)
 
     def _smooth(self, effects: tuple[Effect, ...]) -> Array:
         """Of which parameters derivatives tell."""

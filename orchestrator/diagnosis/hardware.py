@@ -46,6 +46,8 @@ _TOLD = 2.0
 # Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
 # them [nats], and the share of the evidence that has to stay.
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
+# Share of a coloured noise's scale below which it is another one.
+_QUIETER = 0.8
 # Not even wider tolerances make more strays than these ordinary.
 _ORDINARY = 3.0
 # Why what answers leave is not looked at in runs that no fit saw.
@@ -112,6 +114,10 @@ def _weigh(
     weighing = Weighing.of(model, [one for one in of_hardware() if one.id not in without], rough)
     sensor = _sensed(weighing, without)
     weighing, fitter, found = _searched(weighing, sensor.fitter)
+    quieter = _quieter(weighing, sensor, found, without)
+    if quieter is not None:
+        sensor = quieter
+        weighing, fitter, found = _searched(weighing, sensor.fitter)
     if not model.pull and _astray(fitter, found):
         return _weigh(model.followed(), without, rough, lost)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
@@ -218,14 +224,39 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
         quick = search(fitter, weighing.effects, longest=1)
         if quick.fits:
             force = _force(model, fitter, quick.fits[0])
+    return _heard(weighing, force, without, waved)
+
+
+def _quieter(weighing: Weighing, sensor: _Sensor, found: Search, without: Collection[str]) -> _Sensor | None:
+    """The force's noise as the best fit tells it, where that is clearly less than what was reckoned with.
+
+    Beside a model that lacks much, contacts are not where they were, and what they do is taken for noise.
+    """
+    if sensor.coloured == 1.0 or not found.best.effects:
+        return None
+    weights = force_weights(weighing.model.runs, 1.0, sensor.lost)
+    plain = replace(weighing, weights=weights, known={})
+    by = plain.fitter()
+    best = by.residuals(found.best.effects, found.best.z)
+    force = sensor_noise(weighing.model, by.marginal.left(best)[1::2], touching(weighing.model, found.best))
+    if _coloured(force) > _QUIETER * sensor.coloured:
+        return None
+    return _heard(weighing, force, without, None)
+
+
+def _heard(weighing: Weighing, force: Force, without: Collection[str], waved: Array | None) -> _Sensor:
+    """What the force tells; the weighing's weights are changed, so that its samples count by it.
+
+    Args:
+        waved: a small wave of the encoder's scale, see `benign.waves`.
+    """
+    model, weights = weighing.model, weighing.weights
     noises = [one for one in force.noises if one.id not in without]
     step = next((one.theta[0] for one in noises if one.id == "sensor.quantisation"), 0.0)
     coarse = math.hypot(1.0, step / math.sqrt(12.0) / model.noise[1])
     louder, lost = _coloured(force) * coarse, any(one.id == "sensor.dropout" for one in noises)
     weights[:] = force_weights(model.runs, louder, lost)
-    if noises or waved is not None:
-        fitter = weighing.fitter(waved)
-    return _Sensor(force, noises, _coloured(force), louder, lost, fitter)
+    return _Sensor(force, noises, _coloured(force), louder, lost, weighing.fitter(waved))
 
 
 def _judging(

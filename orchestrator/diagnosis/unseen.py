@@ -104,7 +104,7 @@ class Judge:
         model, weights = self.weighing.model.over(runs), force_weights(runs, louder, lost)
         weighing = replace(self.weighing, model=model, weights=weights, known={})
         fitter = weighing.fitter()
-        here, derivatives = fitter.carried(best)
+        here, derivatives = fitter.carried(best, self.fitter)
         if _limited(weighing, fitter, here, derivatives) or _deeper(
             weighing, fitter, here, self.weighing.model.runs
         ):
@@ -122,7 +122,7 @@ class Judge:
         if self.every is None:
             return Carried(By(self.weighing, self.fitter), fit, None)
         if id(fit) not in self._carried:
-            self._carried[id(fit)] = fit, Carried(self.every, *self.every.fitter.carried(fit))
+            self._carried[id(fit)] = fit, Carried(self.every, *self.every.fitter.carried(fit, self.fitter))
         return self._carried[id(fit)][1]
 
     def _left(self, fit: Fit) -> Leaves:

@@ -19,9 +19,16 @@ from .rig import FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array, drive
 __all__ = ["Imitation", "imitated", "visibility"]
 
 _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
+# First ticks of robot and sensor that do not count: how the robot moves as a log begins nobody has measured.
+_BEGIN = 20
 # Samples of which a spectrum is taken, and frequencies over which it is averaged.
 _WINDOW, _BAND = 64, 8
-_STEP = 0.1  # of a tolerance or a usual size, for differences
+# Of a tolerance or a usual size, for differences: small ones, and large ones for where small ones tell of a
+# dent alone.
+_STEP, _WIDE = 0.1, 2.0
+# Between these evidences it is sought more than once: below there is none, and above no search would lead
+# below; and what a further one must gain [nats].
+_OPEN, _SETTLED = (5.0, 100.0), 0.2
 _ROUNDS, _SHARES = 4, (1.0, 0.3, 0.1)
 # Blocks of a run, and which of them is the force; coloured noise that rigs have, over the white one, and what
 # a sample keeps of it (see `draw`).
@@ -80,8 +87,8 @@ class _Sight:
         velocity = np.hypot(_VELOCITY_DIGITS / np.sqrt(6.0), TICK / plan.mass * _FORCE_DIGITS / np.sqrt(12.0))
         return [
             out[1, : n - 1] / velocity,
-            out[2] / np.hypot(NOISE[0], POSITION_RESOLUTION / np.sqrt(12.0)),
-            _whitened(out[3] / self.force_noise, *self.colour),
+            out[2, _BEGIN:] / np.hypot(NOISE[0], POSITION_RESOLUTION / np.sqrt(12.0)),
+            _whitened(out[3, _BEGIN:] / self.force_noise, *self.colour),
             # Rounded inputs pass through the controller's differences: not all of its digits count.
             out[4] / np.hypot(3.0 * _FORCE_DIGITS, 0.02 * FORCE_RESOLUTION),
             out[5] / np.hypot(3.0 * _STIFFNESS_DIGITS, 0.02 * FORCE_RESOLUTION / 5e-4),
@@ -93,7 +100,7 @@ class _Place:
     """A rig, and how its knobs may stray.
 
     Attributes:
-        knobs: from where they stray; free: by what they may.
+        knobs: from where they stray, as the lab believes them; free: by what they may.
         at: how far they do; firm: what their strays cost, each of shape (free,).
     """
 
@@ -103,9 +110,15 @@ class _Place:
     firm: Array
 
     @staticmethod
-    def of(knobs: Mapping[str, float], free: Mapping[str, float]) -> _Place:
-        """As believed, with strays as usual."""
-        return _Place(knobs, free, np.zeros(len(free)), np.ones(len(free)))
+    def of(case: Case, knobs: Mapping[str, float]) -> _Place:
+        """A rig of a case, with the strays that it has."""
+        believed = dict.fromkeys(ROUGHNESS, 0.0)
+        believed |= {knob: case.lab.nominal[name] for name, knob in CALIBRATED.items()}
+        free = _usual(case)
+        strays = {knob: case.plain[knob] - believed[knob] for knob in free}
+        at = np.array([strays[knob] / size for knob, size in free.items()])
+        start = {knob: value - strays.get(knob, 0.0) for knob, value in knobs.items()}
+        return _Place(start, free, at, np.ones(len(free)))
 
     @property
     def strayed(self) -> dict[str, float]:
@@ -136,8 +149,9 @@ def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: 
     """Log evidence [nats] for the hidden effects over none, for one who knew their exact size.
 
     Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
-    difference of what is measured over its noise, and z what calibrated numbers may stray over their
-    tolerances, and roughness over its usual size, the evidence is half the least d'd + z'z: what either may
+    difference of what is measured over its noise, and z by what calibrated numbers stray from what the lab
+    believes over their tolerances, and roughness over its usual size, the evidence is half the least d'd +
+    z'z, less what that is with the effects: what either may
     explain does not count, nor what other hidden effects explain in other sizes and shapes than theirs. The
     noise of the force holds what they make of it. Of an effect
     that draws anew at each sample nobody knows the draws, but the spectrum at best: with r the power of noise
@@ -153,20 +167,21 @@ def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: 
     sight = _Sight(case, logs, case.plain if rest is None else rest.values)
     aim = sight.parts(case.values)
     target = np.concatenate(aim)
-    told, left, place = _least(sight, _Place.of(sight.without, _usual(case)), target)
+    place, own = _Place.of(case, sight.without), _own(sight, target)
     others = () if rest is None else tuple(one for one in rest.plan.effects if not one.chance)
     if rest is not None and others:
+        place = _least(sight, place, target, own)[2]
         for one in others:
             place = _with_any_size(place, place.knobs, rest.plain, rest.hidden[one.id])
-        told, left = min((told, left), _least(sight, place, target)[:2], key=lambda found: found[0])
+    told, left, _ = _least(sight, place, target, own)
     if not chance:
-        return told
+        return max(told - own, 0.0)
     lengths = [len(one) for one in aim]
-    own = sight.colour
+    colour = sight.colour
     total = 0.0
     for index, difference in enumerate(np.split(left, np.cumsum(lengths)[:-1])):
         force = index % _CHANNELS == _FORCE
-        total += _told_by_spectrum(difference, own if force else (0.0, 0.0), _COLOURS if force else ())
+        total += _told_by_spectrum(difference, colour if force else (0.0, 0.0), _COLOURS if force else ())
     return total
 
 
@@ -185,18 +200,29 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int 
     """
     sight = _Sight(case, logs, case.plain)
     target = sight.measured(case.values)
-    told, _, place = _least(sight, _Place.of(case.plain, _usual(case)), target)
-    best = Imitation(told, (), place)
+    told, _, place = _descended(sight, _Place.of(case, case.plain), target)
+    best, own = Imitation(told, (), place), _own(sight, target)
     found = []
     for _ in range(most):
         others = [one for one in rivals if one.id not in best.like]
-        best = _nearer(sight, target, best, others)
-        found.append(best)
+        best = _nearer(sight, target, best, others, own)
+        found.append(replace(best, beyond=max(best.beyond - own, 0.0)))
     return found
 
 
-def _nearer(sight: _Sight, target: Array, before: Imitation, rivals: Sequence[Hidden]) -> Imitation:
-    """An imitation with the further rival that brings it nearest."""
+def _own(sight: _Sight, target: Array) -> float:
+    """Half the least d'd + z'z of the rig as it is, with what is hidden."""
+    return _descended(sight, _Place.of(sight.case, sight.case.values), target)[0]
+
+
+def _nearer(
+    sight: _Sight, target: Array, before: Imitation, rivals: Sequence[Hidden], own: float
+) -> Imitation:
+    """An imitation with the further rival that brings it nearest.
+
+    Args:
+        own: see `_own`.
+    """
     place = before.place
     here = place.strayed
     plain, jacobian = _linear(sight, place)
@@ -219,13 +245,13 @@ def _nearer(sight: _Sight, target: Array, before: Imitation, rivals: Sequence[Hi
     best = before
     for _, rival, drawn in sorted(near, key=lambda one: one[0])[:_NEAREST]:
         beside = _with_any_size(place, changed(place.knobs, rival, drawn), place.knobs, drawn)
-        left, _, reached = _least(sight, beside, target)
+        left, _, reached = _descended(sight, beside, target)
         if left < best.beyond:
             best = Imitation(left, (*before.like, rival.id), reached)
     if best is before:
         return best
     # Once more from there, with derivatives of that place.
-    left, _, reached = _least(sight, best.place, target)
+    left, _, reached = _least(sight, best.place, target, own)
     return replace(best, beyond=min(left, best.beyond), place=reached)
 
 
@@ -259,25 +285,53 @@ def _usual(case: Case) -> dict[str, float]:
     return {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
 
 
-def _linear(sight: _Sight, place: _Place) -> tuple[Array, Array]:
-    """What is measured at a place, shape (measured,), and its derivatives, shape (measured, free)."""
+def _linear(sight: _Sight, place: _Place, by: float = _STEP) -> tuple[Array, Array]:
+    """What is measured at a place, shape (measured,), and its derivatives, shape (measured, free).
+
+    Args:
+        by: step of the differences.
+    """
 
     def measured(z: Array) -> Array:
         return sight.measured(replace(place, at=z).strayed)
 
     plain = measured(place.at)
-    steps = _STEP * np.eye(len(place.at))
-    return plain, np.stack([(measured(place.at + one) - plain) / _STEP for one in steps], axis=1)
+    steps = by * np.eye(len(place.at))
+    return plain, np.stack([(measured(place.at + one) - plain) / by for one in steps], axis=1)
 
 
-def _least(sight: _Sight, place: _Place, target: Array) -> tuple[float, Array, _Place]:
+def _least(sight: _Sight, place: _Place, target: Array, own: float) -> tuple[float, Array, _Place]:
     """Half the least d'd + z'z from a place on, see `visibility`.
 
-    Gauss-Newton steps with the derivatives of that place, shorter ones where they go too far.
+    What a drive's acceleration ripples with a command's steps, a tool passes on to the force, and a delay
+    of a small part of a tick moves samples along it: derivatives tell which way that goes, and not which way
+    a larger one would. So it is sought by small differences alone, and by large ones first, too.
 
+    Args:
+        own: see `_own`.
     Returns: it, d and the place there.
     """
-    plain, jacobian = _linear(sight, place)
+    best = _descended(sight, place, target)
+    low, high = _OPEN
+    if not own + low < best[0] < own + high:
+        return best
+    wide = _descended(sight, place, target, _WIDE)[2]
+    best = min(best, _descended(sight, wide, target), key=lambda one: one[0])
+    for _ in range(_ROUNDS):
+        further = _descended(sight, best[2], target)
+        if further[0] > best[0] - _SETTLED:
+            break
+        best = further
+    return best
+
+
+def _descended(sight: _Sight, place: _Place, target: Array, by: float = _STEP) -> tuple[float, Array, _Place]:
+    """The same by Gauss-Newton steps with the derivatives of that place, shorter ones where they go too far.
+
+    Args:
+        by: see `_linear`.
+    """
+    plain, jacobian = _linear(sight, place, by)
     inner = np.diag(place.firm) + jacobian.T @ jacobian
 
     def costs(at: Array, left: Array) -> float:

@@ -101,7 +101,7 @@ def _make_one(context: None, task: tuple[Path, Plan, int, int, float]) -> tuple[
     write_case(folder / name, case, logs)
     outside = plan.kind == "outside"
     evidence = _evidence(case, logs, tight)
-    alone, two = _beyond(case, logs, evidence) if outside else ((evidence, ""), (evidence, ""))
+    alone, two = _beyond(case, logs, evidence)
     return name, {
         "kind": plan.kind,
         "effects": ["outside"] if outside else [one.id for one in plan.effects],
@@ -130,17 +130,19 @@ def _evidence(case: Case, logs: list[Array], tight: float) -> float:
 
 
 def _beyond(case: Case, logs: list[Array], evidence: float) -> list[tuple[float, str]]:
-    """Evidence over the effect of the catalogue that is most like what is hidden outside it, and its id.
+    """Evidence over the effect of the catalogue that is most like what is hidden, and its id.
 
-    Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared.
+    What is outside the catalogue is compared with two effects together, too, of a pair both with one alone.
+    Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared, nor
+    is a single effect of the catalogue, for which the verdict states its ties.
 
-    Returns: that of one, and that of two together.
+    Returns: that of one, and that of two together; just the evidence where nothing is compared.
     """
-    (one,) = case.plan.effects
-    if one.chance or one.place in SOFTWARE:
+    effects, most = case.plan.effects, {"pair": 1, "outside": 2}.get(case.plan.kind, 0)
+    if not most or evidence == 0.0 or any(one.chance or one.place in SOFTWARE for one in effects):
         return [(evidence, "")] * 2
     rivals = [other for other in HARDWARE if not other.chance]
-    return [
-        (min(found.beyond, evidence), " + ".join(found.like))
-        for found in imitated(case, logs, rivals, most=2)
+    found = [
+        (min(one.beyond, evidence), " + ".join(one.like)) for one in imitated(case, logs, rivals, most=most)
     ]
+    return [*found, (evidence, "")][:2]

@@ -52,7 +52,7 @@ class Marked:
 
     @property
     def its_own(self) -> bool:
-        """Whether the logs could tell what is hidden from any single effect of the catalogue."""
+        """Whether the logs could tell all that is hidden from any single effect of the catalogue."""
         return self.truth.get("beyond", self.truth["evidence"]) >= CLEAR
 
     @property
@@ -199,6 +199,8 @@ def figures(marked: Sequence[Marked]) -> dict[str, Any]:
         "top_two": _rate(clear, lambda one: one.top_two),
         "pairs_across": _rate(across, lambda one: one.effect_right),
         "pairs_within": _rate(inner, lambda one: one.effect_right),
+        "pairs_across_own": _rate([one for one in across if one.its_own], lambda one: one.effect_right),
+        "pairs_within_own": _rate([one for one in inner if one.its_own], lambda one: one.effect_right),
         "pairs_one_named": _rate(pairs, lambda one: bool(one.verdict.effects & set(one.truth["effects"]))),
         "false_alarms": _rate(none, lambda one: bool(one.verdict.effects)),
         "outside_flagged": _rate(
@@ -336,7 +338,9 @@ _ROWS = (
     ("effect_right", "effect right (single, clear)"),
     ("top_two", "among the first two"),
     ("pairs_across", "both of a pair, two places"),
+    ("pairs_across_own", "the same, where none imitates both"),
     ("pairs_within", "both of a pair, one place"),
+    ("pairs_within_own", "the same, where none imitates both"),
     ("pairs_one_named", "at least one of a pair"),
     ("false_alarms", "false alarms (nothing hidden)"),
     ("outside_flagged", "outside flagged"),
