@@ -1,13 +1,11 @@
-"""What each of the fresh kinds outside the catalogue does, by itself."""
+"""What the newest kinds outside the catalogue that once were fresh do, each by itself."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.challenge.knobs import knobs
-from orchestrator.diagnosis.challenge.outside_fresh import FRESH
 from orchestrator.diagnosis.challenge.software import (
     compensate,
     first_controller,
@@ -267,10 +265,3 @@ def test_a_contact_counts_once_its_force_has_lasted():
     assert np.count_nonzero(np.abs(plain - forces) > 1e-9) == 12
     sooner = np.abs(answers(forces, desired, debounce=1.0) - forces) > 1e-9
     assert sooner.tolist() == [False] * 4 + [True] * 3 + [False] * 2 + [True] * 7
-
-
-def test_what_is_hardly_there_is_nearly_nothing():
-    for one in FRESH.values():
-        assert one.id not in HIDDEN
-        drawn = one.draw(np.random.default_rng(3), 1e-9)
-        assert all(np.isfinite(value) for value in drawn.values())
