@@ -132,7 +132,7 @@ def test_a_case_tells_nothing_of_its_truth(made):
 
 def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
     """Only making and scoring import the opener; outside of `challenge`, learning alone knows of kinds."""
-    parts = ("outside_hardware", "outside_software")
+    parts = tuple(f"outside_{part}" for part in ("robot", "sensor", "contact", "software"))
     users = {name: set() for name in ("seal", "outside", "outside_fresh", *parts)}
     for path in DIAGNOSIS.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

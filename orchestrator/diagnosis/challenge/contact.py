@@ -25,6 +25,7 @@ _SEAL = 5e-5  # over which a seal opens [m]
 _TOOTH = 0.8  # of a ratchet's pitch, what its pawl climbs
 _TOOTH_RATE = 1e-3  # over which a ratchet turns [m/s]
 _RELEASE, _STROKE = 3e-3, 3e-5  # how long an ejector takes to push [s], and over which its stroke ends [m]
+_HUNT_EDGE = 8.0  # how square a hunting axis moves: slope of its jumps over that of a sine
 _FOIL_PLAIN = 0.4  # of the force at which a foil tears, what does not grow with the stretch's third power
 
 
@@ -80,6 +81,17 @@ def _contact_point(p, t, s, memory):
         # Oil between slide and guide carries the more, the faster it goes; the tip rises with the slide.
         point += memory[23]
         rate += (lifted(p, s[1] + s[3]) - memory[23]) / p.lift_time
+    if p.hunt > 0.0:
+        # An axis across, which sticks, is wound up, jumps, and the same the other way.
+        turned = p.hunt_omega * t + memory[10]
+        side = math.tanh(_HUNT_EDGE * math.sin(turned))
+        point += p.hunt * side
+        rate += p.hunt * _HUNT_EDGE * p.hunt_omega * math.cos(turned) * (1.0 - side * side)
+    if p.yaw != 0.0:
+        # The slide turns in its guide the way that friction takes it; the rod is not in its middle.
+        speed = s[1] + s[3]
+        point -= p.yaw * memory[36]
+        rate -= p.yaw * (speed - abs(speed) * memory[36]) / p.yaw_length
     if p.floor > 0.0:
         turned = p.floor_omega * t + memory[10]
         point += p.floor * math.sin(turned)
@@ -97,6 +109,8 @@ def depth_of(p, t, s, memory):
         shorter = 2.0 * p.whip * s[20] * s[21]
     if 2.0 * point > p.front + p.rear:
         depth = point - p.front - memory[2] - s[7] - s[13] - memory[7] - memory[17] - short
+        if p.clay > 0.0:
+            depth += p.clay * math.exp(-memory[37] / p.clay_impulse)  # stuck on the port, and beaten flat
         return 1.0, depth, rate - s[8] - s[14] - shorter
     return -1.0, p.rear - memory[2] - point - memory[7] - memory[18] - short, -rate - shorter
 
@@ -126,6 +140,10 @@ def contact_force(p, t, s, memory):
         # A tape whose hooks let go one by one.
         stretch = -depth / p.hook_reach
         pull += p.hook * stretch * math.exp(1.0 - stretch)
+    if p.cup > 0.0 and side > 0.0 and memory[39] > 0.0:
+        # Pressed empty, it sucks on the way out, until its lip lets go.
+        back = max(memory[39] - depth, 0.0)
+        pull += p.cup * (1.0 - math.exp(-back / p.cup_reach)) * math.exp(min(depth, 0.0) / _SEAL)
     if p.vent > 0.0 and side > 0.0:
         # A room that the rod seals, and into which gas leaks.
         pull -= p.vent * memory[29] * math.exp(min(depth, 0.0) / _SEAL)
@@ -184,6 +202,8 @@ def contact_force(p, t, s, memory):
         tooth -= math.floor(tooth)
         climbed = tooth / _TOOTH if tooth < _TOOTH else (1.0 - tooth) / (1.0 - _TOOTH)
         push += 0.5 * p.ratchet * climbed * (1.0 + math.tanh(rate / _TOOTH_RATE))
+    if p.rope > 0.0:
+        push += p.rope * memory[38]  # strands of wire that rub against each other
     if p.ejector > 0.0 and side > 0.0 and memory[33] > p.ejector_after:
         # A spring that a switch releases some time after the touch; it is cocked again when all is free.
         since = memory[33] - p.ejector_after

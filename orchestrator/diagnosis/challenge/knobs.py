@@ -65,6 +65,9 @@ KNOBS = {
     "slot": "s",
     "standby": "s",
     "standby_every": "1",
+    "tracker": "1",
+    "wander": "s",
+    "wander_time": "s",
     # robot
     "rate_limit": "m/s",
     "acceleration_limit": "m/s2",
@@ -115,6 +118,8 @@ KNOBS = {
     "brake_pitch": "m",
     "brake_phase": "rad",
     "loop": "s",
+    "forward": "1",
+    "idle": "m/s2",
     # structure
     "compliance": "m/N",
     "scale": "1",
@@ -156,6 +161,10 @@ KNOBS = {
     "hammer": "m",
     "hammer_omega": "rad/s",
     "hammer_force": "N",
+    "hunt": "m",
+    "hunt_omega": "rad/s",
+    "yaw": "m",
+    "yaw_length": "m",
     # sensor
     "filter_time": "s",
     "drift": "N/s",
@@ -212,6 +221,10 @@ KNOBS = {
     "preload_force": "N",
     "pulse": "N",
     "pulse_time": "s",
+    "ghost": "N/m",
+    "buffer": "s",
+    "buffer_period": "s",
+    "buzz": "N",
     # contact
     "hertz": "1",
     "cubic": "1",
@@ -268,6 +281,12 @@ KNOBS = {
     "ejector_after": "s",
     "worked": "1",
     "worked_time": "s",
+    "clay": "m",
+    "clay_impulse": "N.s",
+    "rope": "N",
+    "rope_length": "m",
+    "cup": "N",
+    "cup_reach": "m",
     # dynamics
     "mass": "1",
     "mass_offset": "m",
@@ -312,6 +331,8 @@ KNOBS = {
     "box": "N",
     "box_edge": "m",
     "smoothed": "s",
+    "rezero": "1/s",
+    "corrected": "1/s2",
     # controller
     "lead": "s",
     "stiffness_gain": "1",
@@ -336,6 +357,8 @@ KNOBS = {
     "blend": "1",
     "lead_bound": "N",
     "debounce": "1",
+    "dull": "1",
+    "release": "1",
     # roughness alone
     "encoder_wave": "m",
     "encoder_pitch": "m",

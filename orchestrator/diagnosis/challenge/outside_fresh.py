@@ -13,97 +13,90 @@ from .hidden import Hidden, between, signed
 __all__ = ["FRESH"]
 
 
-def _brake(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {
-        "brake": size * between(rng, 0.5, 1.8),
-        "brake_pitch": between(rng, 1e-3, 5e-3),
-        "brake_phase": 2.0 * np.pi * rng.random(),
-    }
+def _forward(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"forward": size * between(rng, 0.15, 0.5)}
 
 
-def _loop(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"loop": min(size, 1.2) * between(rng, 6e-4, 1.5e-3)}
+def _idle(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"idle": size * between(rng, 0.9, 3.2)}
 
 
-def _chuck(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"chuck": size * between(rng, 3e-5, 1.2e-4), "chuck_force": between(rng, 4.0, 15.0)}
+def _hunt(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"hunt": size * between(rng, 4e-6, 1.5e-5), "hunt_omega": 2.0 * np.pi * between(rng, 1.2, 5.0)}
 
 
-def _hammer(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {
-        "hammer": size * between(rng, 5e-6, 2e-5),
-        "hammer_omega": 2.0 * np.pi * between(rng, 15.0, 50.0),
-        "hammer_force": between(rng, 10.0, 40.0),
-    }
+def _yaw(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"yaw": size * signed(rng) * between(rng, 8e-6, 3e-5), "yaw_length": between(rng, 5e-5, 3e-4)}
 
 
-def _tribo(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # At 20 mm/s it comes to some newtons.
-    time = between(rng, 0.05, 0.3)
-    return {"tribo": size * signed(rng) * between(rng, 0.5, 1.8) / (0.02 * time), "tribo_time": time}
+def _ghost(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"ghost": size * signed(rng) * between(rng, 120.0, 450.0)}
 
 
-def _preload(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"preload": min(size, 1.2) * between(rng, 0.025, 0.09), "preload_force": between(rng, 8.0, 30.0)}
+def _buffer(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"buffer": size * between(rng, 7e-4, 2.5e-3), "buffer_period": between(rng, 0.08, 0.6)}
 
 
-def _pulse(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"pulse": size * signed(rng) * between(rng, 2.0, 7.0), "pulse_time": between(rng, 5e-3, 2.5e-2)}
+def _buzz(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"buzz": size * between(rng, 0.7, 2.5)}
 
 
-def _ratchet(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"ratchet": size * between(rng, 3.0, 9.0), "ratchet_pitch": between(rng, 8e-5, 3e-4)}
+def _clay(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # Put on anew for each run.
+    return {"clay": size * between(rng, 1.5e-5, 6e-5), "clay_impulse": between(rng, 3.0, 15.0)}
 
 
-def _ejector(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"ejector": size * between(rng, 2.0, 7.0), "ejector_after": between(rng, 1.5e-2, 7e-2)}
+def _rope(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"rope": size * between(rng, 2.0, 7.0), "rope_length": between(rng, 5e-5, 3e-4)}
 
 
-def _worked(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"worked": size * between(rng, 0.06, 0.25), "worked_time": between(rng, 0.3, 2.0)}
+def _cup(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"cup": size * between(rng, 2.0, 7.0), "cup_reach": between(rng, 8e-5, 4e-4)}
 
 
-def _slots(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"slot": size * between(rng, 1.5e-3, 4.5e-3)}
+def _tracker(rng: np.random.Generator, size: float) -> dict[str, float]:
+    # What it errs by where all speeds up grows with the square of its memory [ticks].
+    memory = float(np.sqrt(size)) * between(rng, 2.5, 5.0)
+    return {"tracker": memory / (1.0 + memory)}
 
 
-def _standby(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"standby": size * between(rng, 1.5e-3, 6e-3), "standby_every": float(rng.integers(3, 11))}
+def _wander(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"wander": size * between(rng, 2e-4, 8e-4), "wander_time": between(rng, 0.06, 0.5)}
 
 
-def _box(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"box": size * between(rng, 1.0, 3.5), "box_edge": between(rng, 2e-3, 4.5e-3)}
+def _rezero(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"rezero": size * between(rng, 0.09, 0.35)}
 
 
-def _smoothed(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"smoothed": size * between(rng, 8e-4, 3e-3)}
+def _corrected(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"corrected": size * between(rng, 20.0, 80.0)}
 
 
-def _bound(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"lead_bound": between(rng, 0.5, 1.6) / max(size, 0.02) ** 0.7}
+def _dull(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"dull": min(size, 1.2) * between(rng, 0.4, 0.8)}
 
 
-def _debounce(rng: np.random.Generator, size: float) -> dict[str, float]:
-    return {"debounce": float(round(size * between(rng, 6.0, 24.0)))}
+def _release(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"release": float(round(size * between(rng, 5.0, 18.0)))}
 
 
 _ALL = (
-    Hidden("robot.warped-brake", _brake),
-    Hidden("robot.slow-loop", _loop),
-    Hidden("structure.loose-chuck", _chuck),
-    Hidden("structure.air-hammer", _hammer),
-    Hidden("sensor.rubbed-cable", _tribo),
-    Hidden("sensor.lost-preload", _preload),
-    Hidden("sensor.switch-pulse", _pulse),
-    Hidden("contact.ratchet", _ratchet),
-    Hidden("contact.ejector", _ejector),
-    Hidden("contact.worked-rubber", _worked),
-    Hidden("link.time-slots", _slots),
-    Hidden("link.standby-sender", _standby),
-    Hidden("dynamics.keep-in-box", _box),
-    Hidden("dynamics.smoothed-force", _smoothed),
-    Hidden("controller.bounded-lead", _bound),
-    Hidden("controller.debounce", _debounce),
+    Hidden("robot.feed-forward", _forward),
+    Hidden("robot.idle-switches", _idle),
+    Hidden("structure.hunting-axis", _hunt),
+    Hidden("structure.yawing-slide", _yaw),
+    Hidden("sensor.ghost-channel", _ghost),
+    Hidden("sensor.filling-buffer", _buffer),
+    Hidden("sensor.drive-noise", _buzz, chance=True),
+    Hidden("contact.clay", _clay),
+    Hidden("contact.wire-rope", _rope),
+    Hidden("contact.suction-cup", _cup),
+    Hidden("link.tracking-filter", _tracker),
+    Hidden("link.wandering-delay", _wander, chance=True),
+    Hidden("dynamics.force-rezeroed", _rezero),
+    Hidden("dynamics.drift-correction", _corrected),
+    Hidden("controller.dull-derivative", _dull),
+    Hidden("controller.late-release", _release),
 )
 
 FRESH = {one.id: one for one in _ALL}

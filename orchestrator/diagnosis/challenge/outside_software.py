@@ -209,6 +209,30 @@ def _blend(rng: np.random.Generator, size: float) -> dict[str, float]:
     return {"blend": min(size, 1.2) * between(rng, 0.2, 0.7)}
 
 
+def _slots(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"slot": size * between(rng, 1.5e-3, 4.5e-3)}
+
+
+def _standby(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"standby": size * between(rng, 1.5e-3, 6e-3), "standby_every": float(rng.integers(3, 11))}
+
+
+def _box(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"box": size * between(rng, 1.0, 3.5), "box_edge": between(rng, 2e-3, 4.5e-3)}
+
+
+def _smoothed(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"smoothed": size * between(rng, 8e-4, 3e-3)}
+
+
+def _bound(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"lead_bound": between(rng, 0.5, 1.6) / max(size, 0.02) ** 0.7}
+
+
+def _debounce(rng: np.random.Generator, size: float) -> dict[str, float]:
+    return {"debounce": float(round(size * between(rng, 6.0, 24.0)))}
+
+
 SOFTWARE_KINDS = (
     Hidden("dynamics.thruster-bursts", _burst),
     Hidden("dynamics.wheel", _wheel),
@@ -252,4 +276,10 @@ SOFTWARE_KINDS = (
     Hidden("dynamics.navigation-fix", _fix),
     Hidden("controller.force-integral", _summed),
     Hidden("controller.expected-force", _blend),
+    Hidden("link.time-slots", _slots),
+    Hidden("link.standby-sender", _standby),
+    Hidden("dynamics.keep-in-box", _box),
+    Hidden("dynamics.smoothed-force", _smoothed),
+    Hidden("controller.bounded-lead", _bound),
+    Hidden("controller.debounce", _debounce),
 )

@@ -13,14 +13,15 @@ import numpy as np
 from ...machine_code import njit
 from .contact import BEHIND, contact_force, depth_of, lifted, output
 
-__all__ = ["DRAWN", "MEMORY", "STATES", "integrate", "remember"]
+__all__ = ["DRAWN", "FORWARD", "MEMORY", "STATES", "integrate", "remember"]
 
 # Servo x, v; resonance q, q'; Maxwell z; sensor's filter and an extra one; a moving wall w, w'. Then those
 # that few rigs have: servo's integral; bristle of its friction; base b, b'; loose plate w, w'; hose h, h';
 # the sensor's element e, e'; by which share the servo's supply is used up; the rod's middle sideways y, y';
 # what the encoder's converter has tracked r, r'; the drive's current, as the acceleration that it asks for;
-# how the slide swings on its air y, y', over what it does by itself.
-STATES = 27
+# how the slide swings on its air y, y', over what it does by itself; the command as it was, from which the
+# drive has its rate.
+STATES = 28
 _USUAL = 9
 # Output of the play; deepest penetration of this contact; offset of the wall in this contact; creep; heat;
 # how far the mount slipped. Then how far the servo has gone over to its soft gain; how far the tip has slid
@@ -34,8 +35,9 @@ _USUAL = 9
 # stiffness of this contact is off by; how far the room before the port is filled. What the servo asks for
 # until its next cycle [m/s2], and when that begins [s]; where the rod sits in its chuck [m]; for how long it
 # has touched the front frame [s]; what has warmed the rubber of the front and of the rear frame (see
-# `_WORK`).
-MEMORY = 36
+# `_WORK`). Which way the slide is turned in its guide, from -1 to 1; impulse that has flattened what sticks
+# on the port [N.s]; which way a frame's ropes rub, from -1 to 1; to where a cup was pressed [m].
+MEMORY = 40
 _SWITCHING, _SEATING = 4e-3, 1.5e-3  # how long a servo's gain takes to change, a tip to slide [s]
 _HUNG_XI, _BEHIND_XI = 0.1, 0.2  # damping ratios of what holds a loose plate, and of the frame behind it
 DRAWN = 15.0  # what the drive asks for at full speed, as an acceleration [m/s2]
@@ -48,6 +50,9 @@ _BRAKE_RATE = 5e-4  # over which a brake's friction turns [m/s]
 _CYCLE = 2e-4  # from which on a servo's cycle is one [s]
 _CHUCKED = 5e-4  # how long a rod takes to slide in its chuck [s]
 _EXCITED, _LOADED = 0.3, 4.0  # how fast a slide's swing grows, and by how much at most a load damps it
+FORWARD = 1.5e-3  # how long a drive takes to tell the rate of its command [s]
+_STRAIGHT = 2e-3  # how long ropes take to be straight again [s]
+_CUP_REACH = 4e-4  # beyond which a cup has let go [m]
 _WORK = 0.1  # at which rubber that its work warms is told by how much [J]
 _OPENING = 5e-3  # how long what a seal held takes to leave [s]
 
@@ -61,6 +66,15 @@ def _derivative(p, t, s, memory, command, ds):
         # Held; a cycle that is hardly longer than a step of integration, in part.
         held = memory[30] + p.load * force
         a += min(p.loop / _CYCLE, 1.0) * (held - a)
+    if p.forward != 0.0:
+        # What damps it damps the less, the faster the command moves.
+        told = (command - s[27]) / FORWARD
+        a += 2.0 * p.xi * p.omega * p.forward * told
+        ds[27] = told
+    if p.idle > 0.0:
+        # While its switches change over, the drive gives nothing: small currents do not come about.
+        asked = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v
+        a -= p.idle * math.tanh(asked / p.idle)
     if p.sag > 0.0:
         # What the drive draws lowers the voltage that it has; what damps the motor needs none.
         asked = p.omega * p.omega * (command - x - memory[3])
@@ -243,6 +257,11 @@ def remember(p, t, s, memory, step):
         for place in range(34, 36):
             taken = abs(force) * max(rate, 0.0) if side == (1.0 if place == 34 else -1.0) else 0.0
             memory[place] += step * (taken / _WORK - memory[place] / p.worked_time)
+    if p.yaw != 0.0:
+        _, rate = output(p, s, memory)
+        memory[36] += step * (rate - abs(rate) * memory[36]) / p.yaw_length
+    if p.clay > 0.0 or p.rope > 0.0 or p.cup > 0.0:
+        _give(p, t, s, memory, step)
     if p.joint > 0.0:
         # Friction between its plates takes up a part of the force before they move.
         force, _, _, _ = contact_force(p, t, s, memory)
@@ -261,6 +280,21 @@ def _touch(p, t, s, memory):
         memory[21] = 1.0
     elif side < 0.0 or depth < -_TAPE_REACH * p.hook_reach:
         memory[21] = 0.0
+
+
+@njit(error_model="numpy")
+def _give(p, t, s, memory, step):
+    """What a contact does to clay on the port, to a frame's ropes and to a cup."""
+    force, side, _, _ = contact_force(p, t, s, memory)
+    _, depth, rate = depth_of(p, t, s, memory)
+    if side > 0.0 and depth > 0.0:
+        memory[37] += step * max(-force, 0.0)
+        memory[39] = max(memory[39], depth)
+    elif side < 0.0 or depth < -_CUP_REACH:
+        memory[39] = 0.0
+    if p.rope > 0.0:
+        rubs = (rate - abs(rate) * memory[38]) / p.rope_length
+        memory[38] += step * (rubs if depth > 0.0 else -memory[38] / _STRAIGHT)
 
 
 @njit(error_model="numpy")
@@ -320,7 +354,7 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
     size = times.shape[0]
     rare = p.integral != 0.0 or p.dahl > 0.0 or p.sway != 0.0 or p.plate > 0.0 or p.hose > 0.0
     rare = rare or p.ring > 0.0 or p.sag > 0.0 or p.whip > 0.0 or p.resolver > 0.0
-    rare = rare or p.ground != 0.0 or p.hammer > 0.0
+    rare = rare or p.ground != 0.0 or p.hammer > 0.0 or p.forward != 0.0
     states = STATES if rare else _USUAL
     for i in range(steps):
         t = begin + i * step

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ...machine_code import njit
 from .contact import contact_force, lifted, output
 from .knobs import knobs
-from .plant import DRAWN, fresh, integrate, past
+from .plant import FORWARD, fresh, integrate, past
+from .sensor import age_of, beside_force, digits, first_amplifier, read, rubbed
 from .series import HISTORY, TICK, Series
 from .software import compensate, first_controller, first_satellite, move_satellite
 
@@ -30,14 +31,8 @@ COLUMNS = (
 )
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
-# Play of the hysteresis; instant of the last reading; force and charge then; tare, and whether it is
-# taken; whether the upper range is on; a smoothed force; level that the gain follows; charge of its cable
-# [N], and where the rod was then [m]; whether it has told of a contact, and what is left of that pulse [N].
-_AMPLIFIER = 13
-_TOLD, _OVER = 6.0, 2.0  # forces from which on a contact is told of, and below which its end is [N]
+_FAST = 0.02  # at which it is told how loud the drive is [m/s]
 _STOP_WIDTH = 5e-5  # over which a soft stop sets in [m]
-_LOUD = 100.0  # at which an amplifier that turns itself down is told by how much [N]
-_RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back
 _SUBSTEPS = 40  # per tick
 _DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs
 
@@ -132,6 +127,7 @@ def _run(
         series.bridged,
         series.sampling,
         series.hits,
+        series.buzz,
         logged,
         TICK / substeps,
         out,
@@ -164,6 +160,7 @@ def _ticks(
     bridged,
     sampling,
     hits,
+    buzz,
     logged,
     longest,
     out,
@@ -188,13 +185,14 @@ def _ticks(
     s[15], s[16] = start, speed
     s[22], s[23] = start, speed
     s[24] = 2.0 * p.xi * p.omega * speed
-    memory[28] = hits[0]
+    memory[28], memory[36] = hits[0], math.copysign(1.0, speed)
     missing, before, pace, straight = 0.0, 0.0, speed * TICK, speed * TICK
     if p.busy > 0.0 or p.text > 0.0:
         arrival = arrival.copy()
     s[25], s[26] = 2.0 * math.cos(floor), -2.0 * p.hammer_omega * math.sin(floor)
-    reading, amplifier = 0.0, np.zeros(_AMPLIFIER)
-    amplifier[10] = start
+    tracked = np.array([commands[HISTORY - 1], speed * TICK])
+    s[27] = commands[active] - speed * FORWARD
+    reading, amplifier = 0.0, first_amplifier(start)
     for n in range(ticks):
         now = n * TICK
         if lost[n] != 0.0:
@@ -208,14 +206,16 @@ def _ticks(
         position += p.encoder_wave * math.sin(2.0 * math.pi * position / p.encoder_pitch) + encoder[n]
         if not driven:
             position = POSITION_RESOLUTION * round(position / POSITION_RESOLUTION)
-        age, new = _age(p, now, cycle)
+        age, new = age_of(p, now, TICK, cycle)
         if (new and not held[n]) or n == 0:
             strained = past(times, sensed, count, now - p.tau_s - age - sampling[n]) * (1.0 + supply[n])
-            beside = _beside(p, flange, rate, s[24])
+            beside = beside_force(p, flange, rate, s[24])
+            if p.buzz > 0.0:
+                beside += buzz[n] * abs(rate) / _FAST
             if p.tribo != 0.0:
-                beside += _rubbed(p, now - amplifier[1], flange, amplifier)
-            reading = _read(p, now, strained, memory, amplifier) + beside + zero[contact]
-            reading = _digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
+                beside += rubbed(p, now - amplifier[1], flange, amplifier)
+            reading = read(p, now, strained, memory, amplifier) + beside + zero[contact]
+            reading = digits(p, reading + force[n], 0.0 if driven else FORCE_RESOLUTION)
         out[2, n], out[3, n] = position, reading
         seen_force, seen_position, acting = reading, position, 0.0
         if driven:
@@ -226,6 +226,7 @@ def _ticks(
         if not missed[n]:
             compensate(p, k, lead, TICK, seen_force, seen_position, satellite[0], satellite[1], controller)
         out[4, n], out[5, n] = controller[11], controller[6]
+        satellite[11] = seen_position
         acting = logged[4, n] if driven else controller[11]
         move_satellite(p, mass, now, TICK, acting, body[n], satellite)
         sent = satellite[0]
@@ -257,6 +258,8 @@ def _ticks(
             # The computer that stands by sends, too, and runs behind.
             going = logged[1, n + 1] if driven and n + 1 < ticks else satellite[1]
             commands[HISTORY + n] -= p.standby * going
+        if p.tracker > 0.0:
+            commands[HISTORY + n] = _tracked(p, commands[HISTORY + n], tracked)
         if p.text > 0.0:
             arrival[HISTORY + n] += p.text * _characters(sent)
         if p.busy > 0.0 and abs(seen_force) > p.busy_force:
@@ -294,6 +297,16 @@ def _rounded(p, command):
 
 
 @njit(error_model="numpy")
+def _tracked(p, command, tracked):
+    """Where a filter that knows of position and rate [m per tick] takes the command to be."""
+    ahead = tracked[0] + tracked[1]
+    off = command - ahead
+    tracked[0] = ahead + (1.0 - p.tracker * p.tracker) * off
+    tracked[1] += (1.0 - p.tracker) ** 2 * off
+    return tracked[0]
+
+
+@njit(error_model="numpy")
 def _characters(command):
     """How many characters a command [m] takes as a text of whole micrometres."""
     count, left = 1, math.floor(abs(command) * 1e6 / 10.0)
@@ -326,112 +339,3 @@ def _stopped(p, command):
         return 0.0
     beyond = abs(command) - p.stop_at
     return math.copysign(0.5 * p.stop * (beyond + math.hypot(beyond, _STOP_WIDTH)), command)
-
-
-@njit(error_model="numpy")
-def _age(p, now, phase):
-    """How old the newest sample of a sensor with its own cycle is [s]; whether it is new at this tick."""
-    if p.cycle <= 0.0:
-        return 0.0, True
-    turns = now / p.cycle + phase
-    return p.cycle * (turns - math.floor(turns)), math.floor(turns) > math.floor(turns - TICK / p.cycle)
-
-
-@njit(error_model="numpy")
-def _beside(p, position, rate, drawn):
-    """What the sensor reads [N] of the rod's guide and of the motor.
-
-    Args:
-        position [m], rate [m/s]: of the rod; drawn: what the drive asks of the motor [m/s2].
-    """
-    extra = 0.0
-    if p.bushing > 0.0:
-        extra -= p.bushing * math.tanh(rate / p.bushing_rate)
-    if p.pickup != 0.0:
-        extra += p.pickup * math.sin(2.0 * math.pi * position / p.pickup_pitch + p.pickup_phase)
-    if p.ground != 0.0:
-        extra += p.ground * abs(drawn) / DRAWN  # the drive's current comes back by the sensor's ground
-    return extra
-
-
-@njit(error_model="numpy")
-def _rubbed(p, since, position, amplifier):
-    """What a cable that rubs where it is bent reads [N], some time [s] after the reading before."""
-    amplifier[9] = amplifier[9] * math.exp(-since / p.tribo_time) + p.tribo * (position - amplifier[10])
-    amplifier[10] = position
-    return amplifier[9]
-
-
-@njit(error_model="numpy")
-def _read(p, now, value, memory, amplifier):
-    """The sensor's reading [N] before noise; the amplifier's state is advanced."""
-    if p.hysteresis != 0.0:
-        played = min(max(amplifier[0], value - p.hysteresis_width), value + p.hysteresis_width)
-        value += p.hysteresis * (played - value)
-        amplifier[0] = played
-    value = _amplified(p, now - amplifier[1], value, amplifier)
-    amplifier[1] = now
-    reading = (1.0 + p.gain) * value * (1.0 + p.force_curve * abs(value)) + p.bias + memory[4]
-    # A drift that slows down, as of something that warms.
-    reading += p.drift * 20.0 * (1.0 - math.exp(-now / 20.0))
-    return reading
-
-
-@njit(error_model="numpy")
-def _amplified(p, since, value, amplifier):
-    """What an amplifier makes of a force [N] some time [s] after the one before."""
-    if p.leak > 0.0:
-        charge = amplifier[3] * math.exp(-p.leak * since) + value - amplifier[2]
-        amplifier[2], amplifier[3] = value, charge
-        value = charge
-    if p.tare > 0.0:
-        # Zeroed by a part of the reading that tells it of a contact, until the next.
-        if abs(value) < 0.25 * p.tare_force:
-            amplifier[4], amplifier[5] = 0.0, 0.0
-        elif abs(value) > p.tare_force and amplifier[5] == 0.0:
-            amplifier[4], amplifier[5] = p.tare * value, 1.0
-        value -= amplifier[4]
-    if p.preload > 0.0 and value > p.preload_force:
-        value -= p.preload * (value - p.preload_force)  # pulled off what it was screwed to
-    if p.pulse != 0.0:
-        # A switch that tells of contacts, its wire beside the sensor's.
-        amplifier[12] *= math.exp(-since / p.pulse_time)
-        if abs(value) > _TOLD and amplifier[11] == 0.0:
-            amplifier[11] = 1.0
-            amplifier[12] += p.pulse
-        elif abs(value) < _OVER and amplifier[11] == 1.0:
-            amplifier[11] = 0.0
-            amplifier[12] -= p.pulse
-        value += amplifier[12]
-    if p.fringe > 0.0:
-        value += p.fringe * math.sin(
-            2.0 * math.pi * value / p.fringe_span
-        )  # between two fringes of its light
-    if p.range_gain != 0.0:
-        if abs(value) > p.range_force:
-            amplifier[6] = 1.0
-        elif abs(value) < _RANGE_BACK * p.range_force:
-            amplifier[6] = 0.0
-        value *= 1.0 + p.range_gain * amplifier[6]
-    if p.calm > 0.0:
-        # Smooths what hardly moves, and lets steps pass.
-        off = value - amplifier[7]
-        amplifier[7] += off * (1.0 - p.calm * math.exp(-abs(off) / p.calm_step))
-        value = amplifier[7]
-    if p.agc > 0.0:
-        # Turns itself down where it is loud.
-        amplifier[8] += (1.0 - math.exp(-since / p.agc_time)) * (abs(value) - amplifier[8])
-        value /= 1.0 + p.agc * amplifier[8] / _LOUD
-    return value
-
-
-@njit(error_model="numpy")
-def _digits(p, reading, resolution):
-    if p.clip > 0.0:
-        reading = min(max(reading, -p.clip), p.clip)
-    if p.bit != 0.0 and math.floor((reading + p.bit_at) / p.bit_weight) % 2.0 == 1.0:
-        reading += p.bit  # one bit of its converter weighs too much
-    if abs(reading) < p.cut:
-        reading = 0.0  # what is that small is shown as none
-    step = max(p.force_step, resolution)
-    return step * round(reading / step) if step > 0.0 else reading

@@ -42,6 +42,7 @@ class Series:
         bridged: ticks whose command is lost and made up; sampling: by how much too early the sensor is read
             [s]; shape (n,).
         hits: logarithm of what the stiffness of each contact is off by, shape (400,).
+        buzz: what the drive adds to the force at full speed, shape (n,) [N].
     """
 
     arrival: Array
@@ -64,6 +65,7 @@ class Series:
     bridged: NDArray[np.bool_]
     sampling: Array
     hits: Array
+    buzz: Array
 
 
 def draw_series(
@@ -78,7 +80,7 @@ def draw_series(
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
-    streams = [np.random.default_rng(one) for one in seed.spawn(28)]
+    streams = [np.random.default_rng(one) for one in seed.spawn(31)]
     t = TICK * np.arange(ticks)
     scale = get("noise_scale", 0.0)
     encoder = scale * noise[0] * streams[0].standard_normal(ticks)
@@ -104,6 +106,7 @@ def draw_series(
     wall = get("wall_scatter", 0.0) * streams[8].standard_normal(_CONTACTS)
     arrival = _arrivals(values, ticks, streams[7], streams[10]) + _detour(values, ticks, streams[12])
     arrival += _queue(values, ticks, streams[16]) + _slips(values, ticks, streams[25])
+    arrival += _wandering(values, ticks, streams[28])
     arrival = _slots(arrival, get("slot", 0.0), streams[27])
     payload = _payload(values, ticks, streams[11])
     falsified = streams[13].random(ticks) < get("corrupt_rate", 0.0) * TICK
@@ -122,7 +125,10 @@ def draw_series(
     key = np.diff(np.floor(turns), prepend=-1.0) > 0.0
     bridged = _episodes(get("bridge_rate", 0.0), get("bridge", 0.0), ticks, streams[23])
     sampling = get("sampling", 0.0) * streams[24].random(ticks)
+    # Samples wait in a buffer that fills by and by, until it is emptied.
+    sampling += get("buffer", 0.0) * np.mod(t / get("buffer_period", 1.0) + streams[29].random(), 1.0)
     hits = get("hits", 0.0) * streams[26].standard_normal(_CONTACTS)
+    buzz = get("buzz", 0.0) * streams[30].standard_normal(ticks)
     return Series(
         arrival=arrival,
         encoder=encoder,
@@ -144,6 +150,7 @@ def draw_series(
         bridged=bridged,
         sampling=sampling,
         hits=hits,
+        buzz=buzz,
     )
 
 
@@ -189,6 +196,14 @@ def _slips(values: Mapping[str, float], ticks: int, stream: np.random.Generator)
         level += ways[i] if abs(level + ways[i]) <= _DEEPEST else -ways[i]
         levels[i:] = level
     return values.get("frame_slip", 0.0) * levels
+
+
+def _wandering(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:
+    """How much later commands come as the load of the network rises and falls."""
+    wander, length = values.get("wander", 0.0), HISTORY + ticks
+    if wander <= 0.0:
+        return np.zeros(length)
+    return wander * np.abs(_process(_kept(values.get("wander_time", 0.0)), length, stream))
 
 
 def _slots(arrival: Array, slot: float, stream: np.random.Generator) -> Array:

@@ -16,13 +16,14 @@ _LOOSE_XI = 0.2
 
 @njit(error_model="numpy")
 def first_satellite(speed):
-    """What the satellite is at the start, shape (11,).
+    """What the satellite is at the start, shape (13,).
 
     By place: position and velocity of itself and of what hangs on it; whether it fires; position and velocity
     of what is loose in it; for how long it still thrusts towards the port, and whether it has begun to;
-    velocity of what hangs on it by friction; the force smoothed [N].
+    velocity of what hangs on it by friction; the force smoothed [N]; where the rod was measured to be [m];
+    what is taken for the force of nothing [N].
     """
-    return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed, 0.0, 0.0, speed, 0.0])
+    return np.array([0.0, speed, 0.0, speed, 0.0, 0.0, speed, 0.0, 0.0, speed, 0.0, 0.0, 0.0])
 
 
 @njit(error_model="numpy")
@@ -40,6 +41,10 @@ def move_satellite(p, mass, now, tick, force, extra, s):
     if p.smoothed > 0.0:
         s[10] += tick / (tick + p.smoothed) * (force - s[10])  # lest noise move the satellite
         force = s[10]
+    if p.rezero > 0.0:
+        # A sensor's zero, as it is taken to be: what the force is on average.
+        s[12] += p.rezero * tick * (force - s[12])
+        force -= s[12]
     if p.ignored > 0.0:
         force = math.copysign(max(abs(force) - p.ignored, 0.0), force)
     total = mass * (1.0 + p.mass)
@@ -56,6 +61,8 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         extra -= math.copysign(p.thrust * s[4], s[1])
     if p.box > 0.0 and abs(s[0]) > p.box_edge and s[0] * s[1] > 0.0:
         extra -= math.copysign(p.box, s[0])  # its keeper of stations knows of no port
+    if p.corrected > 0.0:
+        extra += mass * p.corrected * (s[11] - s[0])  # led back to where the rod is, lest both drift apart
     if p.stuck != 0.0 and now >= p.stuck_from:
         # A valve that does not close, until its tank is empty.
         extra += p.stuck * math.exp(-(now - p.stuck_from) / p.stuck_time)
@@ -110,14 +117,15 @@ def move_satellite(p, mass, now, tick, force, extra, s):
 
 @njit(error_model="numpy")
 def first_controller(k, c, position, speed):
-    """What the controller remembers at the start, shape (21,).
+    """What the controller remembers at the start, shape (22,).
 
     By place: F_prev, g, x_prev, u, in contact, x0, k_est, c_est, p00, p01, p11, output; ticks
     since contact; whether the last force was doubted; a notch's low and band pass; how near
     it is to its next overrun; energy that this contact holds, and the most that it did [J]; impulse of this
-    contact [N.s]; ticks for which the force has been one of contact.
+    contact [N.s]; ticks for which the force has been one of contact, and for which it is still taken for
+    one once it is not.
     """
-    s = np.zeros(21)
+    s = np.zeros(22)
     s[2], s[3], s[6], s[7], s[8], s[10] = position, speed, k, c, (0.15 * k) ** 2, 60.0**2
     return s
 
@@ -148,7 +156,10 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
     if p.payload != 0.0:
         force += p.payload * (s[3] - before) / tick  # as if the sensor carried more than is known
     slope = (force - s[0]) / tick
-    s[1] = 0.65 * s[1] + 0.35 * slope
+    if p.dull > 0.0:
+        s[1] += 0.35 * (1.0 - p.dull) * (slope - s[1])  # its filter set for noisier sensors
+    else:
+        s[1] = 0.65 * s[1] + 0.35 * slope
     s[0], s[2] = force, position
     led = (lead + p.lead) * s[1]
     if p.lead_bound > 0.0:
@@ -156,7 +167,12 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
     ahead = force + led
     earlier = s[11]
     s[20] = s[20] + 1.0 if abs(force) > 4.0 else 0.0
-    if s[20] > p.debounce:
+    touching = s[20] > p.debounce
+    if touching:
+        s[21] = p.release
+    elif s[21] > 0.0:
+        s[21], touching = s[21] - 1.0, True  # lest it be taken for ended while it bounces
+    if touching:
         if s[4] < 0.5:
             s[4], s[5] = 1.0, position + force / max(s[6], 1000.0)
         if abs(ahead) > 15.0:
