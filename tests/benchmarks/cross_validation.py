@@ -21,27 +21,20 @@ from types import SimpleNamespace
 from typing import cast
 
 from orchestrator.diagnosis.answers import Group
-from orchestrator.diagnosis.calibrate import (
-    _FORM,
-    Practice,
-    _chosen_kinds,
-    _of_kinds,
-    _read,
-    learn,
-    learn_leaves,
-)
+from orchestrator.diagnosis.calibrate import _FORM, _chosen_kinds, _of_kinds, _read
 from orchestrator.diagnosis.calibration import Calibration
 from orchestrator.diagnosis.challenge.hidden import HARDWARE, HIDDEN
 from orchestrator.diagnosis.challenge.score import BANDS, Marked, _ece, _ece_exact, band
 from orchestrator.diagnosis.challenge.verdict import Answer, Verdict, answer_set
 from orchestrator.diagnosis.fit import Fit
+from orchestrator.diagnosis.learning import Practice, learn, learn_leaves
 from orchestrator.diagnosis.weigh import conclude
 
 _FOLDS = 5
 
 
 def of_hardware_alone(learned: Calibration) -> Calibration:
-    """What was learned, for cases that hide no effects of the software: see `calibrate._of_all`."""
+    """What was learned, for cases that hide no effects of the software: see `learning._of_all`."""
     more = math.log(len(HARDWARE) / len(HIDDEN))
     return replace(learned, hidden=learned.hidden + more, beside=learned.beside + more)
 

@@ -13,16 +13,10 @@ import pytest
 
 from orchestrator.diagnosis import calibrate
 from orchestrator.diagnosis.answers import Answer, complete
-from orchestrator.diagnosis.calibrate import (
-    Practice,
-    _outcomes,
-    _written,
-    learn_leaves,
-    learn_unseen,
-    main,
-)
+from orchestrator.diagnosis.calibrate import _outcomes, _written, main
 from orchestrator.diagnosis.calibration import FILE, Calibration, calibration
 from orchestrator.diagnosis.challenge.draw import SHARES
+from orchestrator.diagnosis.learning import Practice, learn_leaves, learn_unseen
 from orchestrator.errors import OrchestratorError
 from orchestrator.workers import Work, pool_of
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis import calibrate
+from orchestrator.diagnosis import learning
 from orchestrator.diagnosis.answers import Answer, Group, complete
 from orchestrator.diagnosis.any_law import any_law
 from orchestrator.diagnosis.benign import Weighing, touching
-from orchestrator.diagnosis.calibrate import Practice, learn_sure
 from orchestrator.diagnosis.calibration import SET, Calibration, own_gains
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
@@ -21,6 +20,7 @@ from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.colour import WHITE, Colour
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.learning import Practice, learn_sure
 from orchestrator.diagnosis.local import loudest, repeated
 from orchestrator.diagnosis.marginal import Marginal
 from orchestrator.diagnosis.misfit import in_contact, stretches, uneven, unexplained
@@ -330,7 +330,7 @@ def test_how_much_sets_hold_is_learned_from_what_stays_unseen(monkeypatch):
     found = []
     for pairs in (False, True):
         cases = [case(number, pairs) for number in range(360)]
-        monkeypatch.setattr(calibrate, "SHARES", Counter(one.kind for one in cases))  # as many as are planned
+        monkeypatch.setattr(learning, "SHARES", Counter(one.kind for one in cases))  # as many as are planned
         found.append(learn_sure(cases, Calibration())["sure"])
     seldom, often = found
     assert SET <= seldom < often <= 0.995

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.calibrate import simulated_study
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.outside_place import part_of_chain, wrong_times
-from orchestrator.diagnosis.practice import ODDITIES
+from orchestrator.diagnosis.practice import ODDITIES, simulated_study
 from orchestrator.diagnosis.remainder import Remains
 
 N = 3000

@@ -11,17 +11,13 @@ import pytest
 from scipy.signal import lfilter
 
 from orchestrator.diagnosis.answers import Answer, Group, weigh_software
-from orchestrator.diagnosis.calibrate import (
-    Practice,
-    learn,
-    loss,
-)
 from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.colour import WHITE, coloured, small_colour, whitened
 from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.learning import Practice, learn, loss
 from orchestrator.diagnosis.misfit import hum, unexplained
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.practice import simulated_study
