@@ -16,7 +16,10 @@ from .hidden import Hidden
 from .knobs import CALIBRATED
 from .rig import FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array, drive
 
-__all__ = ["Imitation", "imitated", "visibility"]
+__all__ = ["CLEAR", "Imitation", "imitated", "visibility"]
+
+# Evidence [nats] from which on an effect should be named.
+CLEAR = 10.0
 
 _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 # First ticks of robot and sensor that do not count: how the robot moves as a log begins nobody has measured.
@@ -26,9 +29,9 @@ _WINDOW, _BAND = 64, 8
 # Of a tolerance or a usual size, for differences: small ones, and large ones for where small ones tell of a
 # dent alone.
 _STEP, _WIDE = 0.1, 2.0
-# Between these evidences it is sought more than once: below there is none, and above no search would lead
-# below; and what a further one must gain [nats].
-_OPEN, _SETTLED = (5.0, 100.0), 0.2
+# Evidences between which it is sought more than once: below there is hardly any, and above no search leads
+# to none; and what a further one must gain [nats].
+_OPEN, _SETTLED = (0.5 * CLEAR, 10.0 * CLEAR), 0.2
 _ROUNDS, _SHARES = 4, (1.0, 0.3, 0.1)
 # Blocks of a run, and which of them is the force; coloured noise that rigs have, over the white one, and what
 # a sample keeps of it (see `draw`).

@@ -13,7 +13,7 @@ from ...errors import ConfigError, OrchestratorError, Problem, listed
 from ...run_folder import folder_at
 from ...workers import LocalPool, Work
 from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
-from .evidence import imitated, visibility
+from .evidence import CLEAR, imitated, visibility
 from .hidden import HARDWARE, HIDDEN, SOFTWARE
 from .outside import OUTSIDE
 from .outside_fresh import FRESH
@@ -22,6 +22,10 @@ from .seal import seal_truth
 from .write import write_case
 
 __all__ = ["KINDS", "Order", "make"]
+
+# With how many effects together what is hidden is compared, by kind of case; and evidence for the fainter of
+# a pair from which on no single effect imitates both [nats].
+_RIVALS, _SURE = {"pair": 1, "outside": 2}, 300.0
 
 # Kinds outside the catalogue, by which may be drawn.
 KINDS = {"known": OUTSIDE, "fresh": FRESH, "all": {**OUTSIDE, **FRESH}}
@@ -133,13 +137,15 @@ def _beyond(case: Case, logs: list[Array], evidence: float) -> list[tuple[float,
     """Evidence over the effect of the catalogue that is most like what is hidden, and its id.
 
     What is outside the catalogue is compared with two effects together, too, of a pair both with one alone.
-    Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared, nor
-    is a single effect of the catalogue, for which the verdict states its ties.
+    Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared,
+    nor is a single effect of the catalogue, for which the verdict states its ties, nor what is not clear
+    anyway, or a pair whose fainter effect is beyond doubt.
 
     Returns: that of one, and that of two together; just the evidence where nothing is compared.
     """
-    effects, most = case.plan.effects, {"pair": 1, "outside": 2}.get(case.plan.kind, 0)
-    if not most or evidence == 0.0 or any(one.chance or one.place in SOFTWARE for one in effects):
+    effects, most = case.plan.effects, _RIVALS.get(case.plan.kind, 0)
+    open_ = CLEAR <= evidence and (case.plan.kind != "pair" or evidence < _SURE)
+    if not most or not open_ or any(one.chance or one.place in SOFTWARE for one in effects):
         return [(evidence, "")] * 2
     rivals = [other for other in HARDWARE if not other.chance]
     found = [

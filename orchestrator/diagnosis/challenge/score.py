@@ -16,13 +16,12 @@ from scipy.stats import binomtest
 from ...errors import ConfigError, Problem
 from ..verdict import NAME, SUSPECTED, chance_outside
 from .cases import check_record
+from .evidence import CLEAR
 from .seal import note_opening, open_truth, truth_digest
 from .verdict import Verdict, names, read_verdict
 
 __all__ = ["BANDS", "CLEAR", "Marked", "figures", "score", "score_text"]
 
-# Evidence [nats] from which on an effect should be named.
-CLEAR = 10.0
 # By magnitude: name and lower bound.
 BANDS = (("strong", 0.5), ("medium", 0.2), ("weak", 0.08), ("faint", 0.0))
 _BINS = 10
