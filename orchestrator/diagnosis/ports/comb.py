@@ -13,6 +13,9 @@ __all__ = ["Comb"]
 # How many of the best values are looked at more closely, how often after the whole run was, and at how many
 # points at most; and what they must save of the sum of squares for that.
 _KEPT, _CLOSER, _POINTS, _WORTH = 3, 6, 100, 10.0
+# Values farther apart than so many times the comb's width have nothing in common; those that tell what chance
+# makes are smaller or larger than the one found by this factor at most; and points to count values by.
+_ALIEN, _AS_LARGE, _FINE = 4.0, 2.0, 400
 
 
 @dataclass(frozen=True)
@@ -25,11 +28,38 @@ class Comb:
             runs that long.
         reach: by what factor the right value may be larger than the best coarse one; above 1 where coarse
             ones are too far apart to meet it, and only tell whereabouts it is.
+        chance: whether values far apart do nothing alike, so that one of many may imitate by chance what it
+            has nothing to do with. Periods are not so: any about as long delays a signal as much. Then
+            `width` is the same at all times.
     """
 
     coarse: tuple[float, ...]
     width: Callable[[float, float], float]
     reach: float = 1.0
+    chance: bool = False
+
+    def tried(self, value: float) -> float:
+        """Among how many values apart one was sought: from the coarsest to the finest, or to it if finer."""
+        return float(self._counted(min(value, *self.coarse), max(value, *self.coarse))[1][-1])
+
+    def unrelated(self, value: float, count: int) -> list[float]:
+        """Values about as large as one that have nothing in common with it, evenly among all there are.
+
+        Args:
+            count: how many at most; fewer where there are no more.
+        """
+        values, counted = self._counted(value / _AS_LARGE, value * _AS_LARGE)
+        own = float(np.interp(value, values, counted))
+        places = counted[-1] * (np.arange(count) + 0.5) / count
+        found: list[float] = np.interp(places, counted, values)[np.abs(places - own) > _ALIEN].tolist()
+        return found
+
+    def _counted(self, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+        """Values from one to another, and how many apart there are up to each."""
+        values = np.geomspace(low, high, _FINE)
+        density = 1.0 / np.array([self.width(value, math.inf) for value in values.tolist()])
+        parts = 0.5 * (density[1:] + density[:-1]) * np.diff(values)
+        return values, np.concatenate([[0.0], np.cumsum(parts)])
 
     def best(
         self, cost: Callable[[float, int], float], ends: Sequence[tuple[int, float]], share: float = 0.0

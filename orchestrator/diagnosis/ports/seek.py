@@ -21,7 +21,7 @@ from .replay import PortReplay, Weighted
 from .study import PortRun
 from .wary import WaryFitter
 
-__all__ = ["carries", "sought"]
+__all__ = ["carries", "is_noise", "sought"]
 
 # What residuals that are but noise carry at most; see `carries`.
 _NOISE = 1.5
@@ -60,6 +60,11 @@ def carries(r: Array) -> float:
     return max(square * time, 1.0) if time > 1.5 or square > 1.5 else 1.0
 
 
+def is_noise(replay: PortReplay, fit: Fit) -> bool:
+    """Whether a fit leaves nothing but noise as specified, of any run and port."""
+    return max(map(carries, replay.of(fit))) <= _NOISE
+
+
 def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple[Fitter, Search]:
     """The effects, and up to four of them together, that explain logs best.
 
@@ -85,12 +90,9 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     share = _SHARE * max(1.0 - promised / cost, 0.0) if cost > 0.0 else 0.0
     effects = _combed(replay, effects, plain, workers, share)
 
-    def is_noise(fit: Fit) -> bool:
-        return max(map(carries, replay.of(fit))) <= _NOISE
-
     stage("white")
-    explored = search(white, effects, workers=workers, enough=is_noise)
-    if is_noise(explored.best):
+    explored = search(white, effects, workers=workers, enough=lambda fit: is_noise(replay, fit))
+    if is_noise(replay, explored.best):
         # Few effects were tried beside others.
         return _found(replay, effects, explored, explored.best, workers)
     best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)

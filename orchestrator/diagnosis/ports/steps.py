@@ -22,6 +22,7 @@ from ..tally import stage
 from ..verdict import Warned
 from .effect import PortEffect
 from .replay import PortReplay, Weighted
+from .seek import is_noise
 from .study import PortRun, PortStudy, Role
 from .tempering import Tempering
 from .wary import WaryFitter
@@ -96,12 +97,15 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     hardly depends on the effects, but for those at compared outputs, which act on it, too; so that one
     model's stands for all: that of the answer, of it less one of its effects, of none, or as believed,
     whichever explains the train runs best with its error taken off. If it explains them better than the
-    answer did before, all candidates are weighed so. Components that work at that very step, as digital
-    controllers do, explain less with another.
+    answer did before, all candidates are weighed so; at once where that is plain, see `_plainly`. Components
+    that work at that very step, as digital controllers do, explain less with another.
 
     A system whose steps are exact, as that of a linear one whose inputs are held, may miss something with
     the answer alone: dry friction switches from one sample to the next.
     """
+    if (plain := _plainly(study)) is not None:
+        onward, corrected = plain
+        return Stepped(onward, weigh_ports(corrected, tempering))
     weighed = weigh_ports(study, tempering)
     stage("step")
     top = weighed.top
@@ -132,11 +136,39 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     if not found[best] > before:
         worse = before - found[best]
         return Stepped(study, weighed, worse if math.isfinite(worse) else 0.0)
+    return Stepped(_onward(study, limit), weigh_ports(steady[best][0], tempering))
+
+
+def _onward(study: PortStudy, limit: _Limit) -> PortStudy:
+    """The study with the steps to go on with."""
     # FMUs may refuse steps that are shorter still than those by which the error was told.
     halvings = range(int(math.log2(limit.onward)), 0, -1)
     shorter = (with_steps(study, 2**number) for number in halvings)
-    onward = next(one for one in shorter if one is not None)
-    return Stepped(onward, weigh_ports(steady[best][0], tempering))
+    return next(one for one in shorter if one is not None)
+
+
+def _plainly(study: PortStudy) -> tuple[PortStudy, PortStudy] | None:
+    """The study with shorter steps, and that with the error of its step taken off, where it is plain at once
+    that the latter is right: with it the calibrated model leaves nothing but noise, without it it does not.
+
+    Then no answer can explain the logs better, whatever effects it holds, and none need be sought with the
+    error of the step in them, which takes most of the time.
+    """
+    replay = PortReplay(study, study.of(Role.TRAIN))
+    none = WaryFitter(replay).fit(())
+    if not math.isfinite(none.cost) or is_noise(replay, none):
+        return None
+    limit = _limit(study, dict.fromkeys(study.compared, 1.0), NOMINAL)
+    if limit is None:
+        return None
+    for z in (none.z, np.zeros_like(none.z)):
+        corrected = _corrected(study, limit, (), z)
+        if all(map(_finite, corrected.runs)):
+            without = PortReplay(corrected, corrected.of(Role.TRAIN))
+            fit = WaryFitter(without).fit(())
+            if math.isfinite(fit.cost) and is_noise(without, fit):
+                return _onward(study, limit), corrected
+    return None
 
 
 def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tuple[Effect, ...], Array]]:
