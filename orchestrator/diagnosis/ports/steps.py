@@ -15,13 +15,14 @@ from ...run import Prepared, prepare
 from ...system import Port
 from ..effect import Effect, by_effect
 from ..finding import NOMINAL, Augmented
+from ..fit import Fit
 from ..headline import nats
 from ..search import search
 from ..study import Array
-from ..tally import stage
+from ..tally import stage, twice
 from ..verdict import Warned
 from .effect import PortEffect
-from .replay import PortReplay, Weighted
+from .replay import PortReplay, Weighted, candidates_of
 from .seek import is_noise
 from .study import PortRun, PortStudy, Role
 from .tempering import Tempering
@@ -149,10 +150,11 @@ def _onward(study: PortStudy, limit: _Limit) -> PortStudy:
 
 def _plainly(study: PortStudy) -> tuple[PortStudy, PortStudy] | None:
     """The study with shorter steps, and that with the error of its step taken off, where it is plain at once
-    that the latter is right: with it the calibrated model leaves nothing but noise, without it it does not.
+    that the latter is right: with it a model of one effect or none leaves nothing but noise, without it none
+    of these does.
 
-    Then no answer can explain the logs better, whatever effects it holds, and none need be sought with the
-    error of the step in them, which takes most of the time.
+    Then no answer explains the logs better, whatever effects it holds, and none need be sought with the error
+    of the step in them, which takes most of the time.
     """
     replay = PortReplay(study, study.of(Role.TRAIN))
     none = WaryFitter(replay).fit(())
@@ -161,14 +163,33 @@ def _plainly(study: PortStudy) -> tuple[PortStudy, PortStudy] | None:
     limit = _limit(study, dict.fromkeys(study.compared, 1.0), NOMINAL)
     if limit is None:
         return None
-    for z in (none.z, np.zeros_like(none.z)):
-        corrected = _corrected(study, limit, (), z)
-        if all(map(_finite, corrected.runs)):
-            without = PortReplay(corrected, corrected.of(Role.TRAIN))
-            fit = WaryFitter(without).fit(())
-            if math.isfinite(fit.cost) and is_noise(without, fit):
-                return _onward(study, limit), corrected
-    return None
+    tried = [_corrected(study, limit, (), z) for z in (none.z, np.zeros_like(none.z))]
+    some = [_alone(one, ()) for one in tried if all(map(_finite, one.runs))]
+    if not some:
+        return None
+    without, fit = min(some, key=lambda one: one[1].cost)
+    if is_noise(without, fit):
+        return _onward(study, limit), without.study
+    if not fit.cost < none.cost:
+        return None
+    effects = candidates_of(study)
+    if is_noise(*_alone(study, effects)):
+        return None
+    without, fit = _alone(without.study, effects)
+    if not fit.effects or not is_noise(without, fit):
+        twice()
+        return None
+    corrected = _corrected(study, limit, fit.effects, fit.z)
+    steady = all(map(_finite, corrected.runs))
+    return _onward(study, limit), corrected if steady else without.study
+
+
+def _alone(study: PortStudy, effects: Sequence[Effect]) -> tuple[PortReplay, Fit]:
+    """The train runs of a study, and the best fit of one effect of some, or none, to them."""
+    replay = PortReplay(study, study.of(Role.TRAIN))
+    with threadpool_limits(limits=1, user_api="blas"):
+        workers = 2 if replay.player.parallel else 1
+        return replay, search(WaryFitter(replay), effects, longest=1, workers=workers).best
 
 
 def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tuple[Effect, ...], Array]]:
