@@ -13,6 +13,9 @@ __all__ = ["Comb"]
 # How many of the best values are looked at more closely, how often after the whole run was, and at how many
 # points at most; and what they must save of the sum of squares for that.
 _KEPT, _CLOSER, _POINTS, _WORTH = 3, 6, 100, 10.0
+# Of resolutions so many are kept at first, and half as many each time; and by how many times as many are
+# looked at where signals have few values.
+_FEW_VALUES, _DENSER = 16, 3
 # Values farther apart than so many times the comb's width have nothing in common; those that tell what chance
 # makes are smaller or larger than the one found by this factor at most; and points to count values by.
 _ALIEN, _AS_LARGE, _FINE = 4.0, 2.0, 400
@@ -71,24 +74,29 @@ class Comb:
 
         Args:
             cost: of a value, by so many samples of a run; of zero: without it.
-            ends: numbers of samples and the times that they take [s], rising.
+            ends: numbers of samples and the times that they take [s], rising. Of resolutions all of a run
+                alone, where only that has many values.
             share: of the cost of zero, that a coarse value must save to be looked at more closely.
         """
         values = np.array(self.coarse)
+        if self.chance and len(ends) == 1:
+            # Of a signal of few values one that falls on the wrong step costs as much as a wrong resolution.
+            values = 1.0 / np.linspace(1.0 / values[0], 1.0 / values[-1], _DENSER * len(values))
         gap = np.abs(np.gradient(values)) if len(values) > 1 else values / 2.0
         samples, time = ends[0]
         costs = [cost(value, samples) for value in values.tolist()]
         nothing = cost(0.0, samples)
         if not min(costs) < nothing - max(_WORTH, share * nothing):
             return []
-        best = _least(values, gap, costs)
+        kept = _FEW_VALUES if self.chance else _KEPT
+        best = _least(values, gap, costs, kept)
         if self.reach > 1.0:
             value, apart = best[0]
             near = [value - apart]
             while near[-1] < self.reach * value + apart:
                 near.append(near[-1] + self.width(near[-1], time))
             values = np.array(near)
-            best = _least(values, np.gradient(values), [cost(value, samples) for value in near])
+            best = _least(values, np.gradient(values), [cost(value, samples) for value in near], kept)
         for samples, time in [*ends, *ends[-1:] * _CLOSER]:
             near, gaps = [], []
             for value, apart in best:
@@ -98,14 +106,17 @@ class Comb:
                 gaps += [apart / count] * (2 * count + 1)
             inside = [place for place, value in enumerate(near) if value > 0.0]
             values, gap = np.array(near)[inside], np.array(gaps)[inside]
-            best = _least(values, gap, [cost(value, samples) for value in values.tolist()])
+            kept = max(kept // 2, _KEPT)
+            best = _least(values, gap, [cost(value, samples) for value in values.tolist()], kept)
         return [value for value, _ in best]
 
 
-def _least(values: np.ndarray, gap: np.ndarray, costs: Sequence[float]) -> list[tuple[float, float]]:
-    """The values of least cost, no two of them neighbours, each with the gap to its neighbours."""
+def _least(
+    values: np.ndarray, gap: np.ndarray, costs: Sequence[float], kept: int
+) -> list[tuple[float, float]]:
+    """So many values of least cost, no two of them neighbours, each with the gap to its neighbours."""
     found: list[tuple[float, float]] = []
     for place in np.argsort(costs, kind="stable").tolist():
-        if all(abs(values[place] - value) > apart for value, apart in found) and len(found) < _KEPT:
+        if all(abs(values[place] - value) > apart for value, apart in found) and len(found) < kept:
             found.append((float(values[place]), float(gap[place])))
     return found

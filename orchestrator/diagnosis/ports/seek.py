@@ -29,6 +29,8 @@ _NOISE = 1.5
 _LONGEST = 4
 # Values that fits begin from, of what runs tell only from very near.
 _STARTS = 2
+# Values of a logged signal that the begin of a run must hold for a resolution to be looked for in it.
+_MANY = 32
 # Of what the most promising effect promises to save of the cost: what such a value must save from afar.
 _SHARE = 0.1
 # Searches with better and better weights at most, and how much better they must be for another one.
@@ -128,7 +130,13 @@ def _combed(
             total = sum(float(r @ r) for r in left)
             return total if math.isfinite(total) else math.inf
 
-        return comb.best(cost, [(end, end * step) for end in parts], share)[:_STARTS]
+        ends = [end for end in parts if not comb.chance or many(parts[end], effect, end)]
+        return comb.best(cost, [(end, end * step) for end in ends or [*parts][-1:]], share)[:_STARTS]
+
+    def many(part: PortReplay, effect: Effect, end: int) -> bool:
+        # Of a signal that is held for long the begin of a run has few values, which many steps meet.
+        log = part.runs[0].logs.get(effect.port) if isinstance(effect, PortEffect) and effect.port else None
+        return log is None or len(np.unique(log[:end])) > _MANY
 
     return tuple(each(tallied(combed, False, workers), effects, workers))
 

@@ -93,7 +93,8 @@ class WaryFitter(Fitter):
             ahead[at] = value / scale
             return self.stacked(fit.effects, ahead)
 
-        saved = chance_saves(comb, float(fit.z[at]) * scale, trace, r, columns, z)
+        value = float(fit.z[at]) * scale
+        saved = chance_saves(comb, value, trace, (r, trace(value)), columns, z)
         _, rest = np.linalg.slogdet(columns.T @ columns + np.eye(len(z)))
         return max(saved - 0.5 * (fit.log_determinant - float(rest)), 0.0)
 
