@@ -17,7 +17,7 @@ from ..effect import Effect, by_effect
 from ..finding import NOMINAL, Augmented
 from ..fit import Fit
 from ..headline import nats
-from ..search import search
+from ..search import Search, search
 from ..study import Array
 from ..tally import stage, twice
 from ..verdict import Warned
@@ -164,32 +164,44 @@ def _plainly(study: PortStudy) -> tuple[PortStudy, PortStudy] | None:
     if limit is None:
         return None
     tried = [_corrected(study, limit, (), z) for z in (none.z, np.zeros_like(none.z))]
-    some = [_alone(one, ()) for one in tried if all(map(_finite, one.runs))]
-    if not some:
+    steady = [one for one in tried if all(map(_finite, one.runs))]
+    if not steady:
         return None
-    without, fit = min(some, key=lambda one: one[1].cost)
-    if is_noise(without, fit):
-        return _onward(study, limit), without.study
-    if not fit.cost < none.cost:
-        return None
+    found = [(one, _left(one, ())) for one in steady]
+    without, least = min(found, key=lambda one: one[1].cost)
+    if is_noise(PortReplay(without, without.of(Role.TRAIN)), least):
+        return _onward(study, limit), without
     effects = candidates_of(study)
-    if is_noise(*_alone(study, effects)):
+    if is_noise(replay, _singles(replay, WaryFitter(replay), effects).best):
         return None
-    without, fit = _alone(without.study, effects)
-    if not fit.effects or not is_noise(without, fit):
-        twice()
-        return None
-    corrected = _corrected(study, limit, fit.effects, fit.z)
-    steady = all(map(_finite, corrected.runs))
-    return _onward(study, limit), corrected if steady else without.study
+    again = PortReplay(without, without.of(Role.TRAIN))
+    for fit in _singles(again, WaryFitter(again), effects).fits[:_OTHERS]:
+        # What the step makes of the model with the effect may be a little else than of that without.
+        corrected = _corrected(study, limit, fit.effects, fit.z)
+        if all(map(_finite, corrected.runs)) and is_noise(
+            PortReplay(corrected, corrected.of(Role.TRAIN)), _left(corrected, fit.effects, fit.z)
+        ):
+            return _onward(study, limit), corrected
+    twice()
+    return None
 
 
-def _alone(study: PortStudy, effects: Sequence[Effect]) -> tuple[PortReplay, Fit]:
-    """The train runs of a study, and the best fit of one effect of some, or none, to them."""
-    replay = PortReplay(study, study.of(Role.TRAIN))
+def _left(study: PortStudy, effects: tuple[Effect, ...], z: Array | None = None) -> Fit:
+    """A fit to the train runs of a study, from normalised parameters on."""
+    fitter = WaryFitter(PortReplay(study, study.of(Role.TRAIN)))
+    count = len(fitter.nominal)
+    return fitter.fit(effects) if z is None else fitter.fit(effects, z[:count], z[count:])
+
+
+def _singles(replay: PortReplay, fitter: WaryFitter, effects: Sequence[Effect]) -> Search:
+    """Fits of single effects.
+
+    Args:
+        replay: what the fitter fits to, whatever it weighs.
+    """
     with threadpool_limits(limits=1, user_api="blas"):
         workers = 2 if replay.player.parallel else 1
-        return replay, search(WaryFitter(replay), effects, longest=1, workers=workers).best
+        return search(fitter, effects, longest=1, workers=workers)
 
 
 def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tuple[Effect, ...], Array]]:
@@ -200,9 +212,7 @@ def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tup
         return []
     replay = PortReplay(corrected, corrected.of(Role.TRAIN))
     fitter = WaryFitter(Weighted.of(replay, weighed.weights))
-    with threadpool_limits(limits=1, user_api="blas"):
-        workers = 2 if replay.player.parallel else 1
-        fits = search(fitter, weighed.effects, longest=1, workers=workers).fits
+    fits = _singles(replay, fitter, weighed.effects).fits
     return [(one.effects, one.z) for one in fits[:_OTHERS]]
 
 
