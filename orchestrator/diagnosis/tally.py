@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from time import monotonic
 from typing import NamedTuple, TypeVar
 
-__all__ = ["PLAN", "Tally", "stage", "tallied", "telling"]
+__all__ = ["PLAN", "Tally", "stage", "tallied", "telling", "twice"]
 
 _In, _Out = TypeVar("_In"), TypeVar("_Out")
 
@@ -65,7 +65,8 @@ class Tally:
 
     The time left is what stages that are to come usually do, at the pace of this search so far. What is told
     of it runs down with the clock and follows what is expected slowly, so that no stage that is left out, or
-    made anew, makes it jump. A search that begins anew is that of `steps`, and is told as such.
+    made anew, makes it jump. A search that begins anew is that of `steps`, and is told as such; the time that
+    it takes counts from when `twice` is told.
 
     Args:
         candidates: how many there are.
@@ -80,7 +81,7 @@ class Tally:
         self._lock = threading.Lock()
         self._at, self._own = 0, [0, 0]
         self._done = [0, 0]
-        self._again = False
+        self._again = self._twice = False
         # Seconds that looks and fits took, as multiples of what is planned of each; rising.
         self._paces: tuple[list[float], list[float]] = [], []
         self._seconds = 0.0
@@ -93,11 +94,16 @@ class Tally:
         with self._lock:
             if PLAN[self._at].name == name and name != "candidates":
                 return  # the same with one effect more
-            self._again |= name == "candidates" and sum(self._done) > 0
+            self._again |= name == "candidates" and self._at > 0
             after = [at for at in range(self._at + 1, len(PLAN)) if PLAN[at].name == name]
             before = [at for at in range(self._at + 1) if PLAN[at].name == name]
             self._at = after[0] if after and name != "candidates" else (before or after)[-1]
             self._own = [0, 0]
+
+    def twice(self) -> None:
+        """All is likely to be sought a second time."""
+        with self._lock:
+            self._twice = True
 
     def left(self) -> tuple[int, int]:
         """Looks and fits that the plan still holds."""
@@ -106,7 +112,8 @@ class Tally:
 
     def _left(self) -> list[_Planned]:
         """What is left of each stage; looks counted, not by candidate."""
-        now, *later = (one._replace(looks=one.looks * self._candidates) for one in PLAN[self._at :])
+        plan = [*PLAN[self._at :], *(PLAN[:-1] if self._twice and not self._again else ())]
+        now, *later = (one._replace(looks=one.looks * self._candidates) for one in plan)
         looks, fits = self._own
         own = now._replace(looks=max(now.looks - looks, 0.0), fits=max(now.fits - fits, 0.0))
         return [own, *later]
@@ -192,6 +199,13 @@ def stage(name: str) -> None:
     tally = _current.get()
     if tally is not None:
         tally.stage(name)
+
+
+def twice() -> None:
+    """All is likely to be sought a second time: see `Tally.twice`."""
+    tally = _current.get()
+    if tally is not None:
+        tally.twice()
 
 
 def tallied(function: Callable[[_In], _Out], fits: bool, workers: int) -> Callable[[_In], _Out]:

@@ -11,6 +11,7 @@ from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.fit import Fit, Fitter
 from orchestrator.diagnosis.ports import seek
 from orchestrator.diagnosis.ports.candidates import _apart, _periods, _resolutions
+from orchestrator.diagnosis.ports.chance import chance_saves
 from orchestrator.diagnosis.ports.conjugate import pairs
 from orchestrator.diagnosis.ports.effect import PortEffect
 from orchestrator.diagnosis.ports.study import PortRun, Role
@@ -124,6 +125,30 @@ def test_a_resolution_is_sought_in_a_run_that_has_the_port(last, monkeypatch):
     assert found.parameters[0].starts[0] == pytest.approx(0.0421, rel=1e-4)
 
 
+@pytest.mark.parametrize("hidden", [0.0377, 0.0533, 0.0711])
+def test_a_resolution_of_a_held_signal_is_sought_in_all_of_a_run(hidden, monkeypatch):
+    """Its begin has two values, which one step meets as well as the other."""
+    held_long = np.repeat(np.random.default_rng(9).uniform(0.3, 1.0, 16), 500)
+
+    class Held(Logs):
+        def residuals(self, calibrated, effects, theta):
+            log = self.runs[0].logs[self.other]
+            given = rounded(held_long, theta[-1] if len(theta) else 0.0)
+            return [(log - given[: len(log)]) / 1e-3]
+
+    monkeypatch.setattr(seek, "PortReplay", Held)
+    log = rounded(held_long, hidden) + 1e-3 * np.random.default_rng(5).standard_normal(len(TIME))
+    run = PortRun("only", Role.TRAIN, {Logs.read: held_long, Logs.other: log})
+    size = Parameter("resolution", "1", 1.0, 0.0, 3.0)
+    effect = PortEffect(
+        "a.read.quantise", "", "", (size,), port=Logs.read, make=lambda p: Gain(factor=p[0]),
+        comb=_resolutions(1.0),
+    )  # fmt: skip
+    base = SimpleNamespace(effects=(), theta=np.zeros(0), calibrated={})
+    (found,) = seek._combed(Held(None, [run]), [effect], base, 1)
+    assert found.parameters[0].starts[0] == pytest.approx(hidden, rel=5e-3)
+
+
 class Relay:
     """A replay of a switch with hysteresis: which samples differ is no smooth function of its width."""
 
@@ -166,6 +191,95 @@ def test_a_width_is_found_over_dents(start):
     assert fit.calibrated["level"] == pytest.approx(1.02, abs=3e-3)
     # Steps along derivatives alone stay where they began.
     assert Fitter(replay).fit((effect,), None, np.array([start])).cost > 2.0 * truth
+
+
+class Rounding:
+    """A replay of a signal that passes as it is, or rounded; the log holds more than it.
+
+    Args:
+        signal: shape (n,); more: what the log holds besides noise, shape (n,).
+    """
+
+    tolerances = {"level": (1.0, 0.05)}  # noqa: RUF012
+
+    def __init__(self, signal, more):
+        self.signal = signal
+        self.log = signal + more + 1e-3 * np.random.default_rng(8).standard_normal(len(signal))
+
+    def residuals(self, calibrated, effects, theta):
+        given = rounded(self.signal, theta[0] if effects else 0.0)
+        return [(self.log - calibrated["level"] * given) / 1e-3]
+
+    def gain(self, fitter):
+        """Log evidence of the resolution of least cost over none [nats]."""
+        peak = float(np.abs(self.signal).max())
+        comb = _resolutions(peak)
+        size = Parameter("resolution", "1", 0.1 * float(self.signal.std()), 0.0, jagged=True)
+        effect = PortEffect(
+            "a.b.quantise", "", "", (size,), port=Port("a", "b"), make=lambda p: Gain(factor=p[0]), comb=comb
+        )
+
+        def cost(value, samples):
+            (r,) = self.residuals({"level": 1.0}, (effect,), np.array([value]))
+            return float(r[:samples] @ r[:samples])
+
+        steps = (peak / np.arange(20.0, 150.0, 0.25)).tolist()
+        best = min(steps, key=lambda value: cost(value, len(self.signal)))
+        found = comb.best(cost, [(len(self.signal), 1.0)])
+        fits = [fitter.fit((effect,), None, np.array([value / size.scale])) for value in (best, *found)]
+        return max(fit.log_evidence for fit in fits) - fitter.fit(()).log_evidence
+
+
+def levels(count):
+    """A signal that holds each of so many values for some time, and which of them it is."""
+    draw = np.random.default_rng(count)
+    which = np.repeat(np.arange(count), 100)
+    return draw.uniform(0.3, 1.0, count)[which], which
+
+
+def test_a_resolution_pays_for_having_been_sought():
+    """Of a signal of 22 values some of the many steps meet what anything does that goes along with these."""
+    signal, which = levels(22)
+    blamed = []
+    for seed in range(6):
+        more = 3e-3 * np.random.default_rng(seed).standard_normal(22)[which]
+        replay = Rounding(signal, more)
+        assert replay.gain(WaryFitter(replay)) < 0.0
+        blamed.append(replay.gain(Fitter(replay)) > 100.0)
+    # Laplace's volume alone takes them for found.
+    assert all(blamed)
+
+
+@pytest.mark.parametrize("count", [22, 200])
+def test_a_resolution_that_is_there_is_worth_its_price(count):
+    signal, _ = levels(count)
+    for step in (0.031, 0.0173):
+        replay = Rounding(signal, rounded(signal, step) - signal)
+        paid, alone = replay.gain(WaryFitter(replay)), replay.gain(Fitter(replay))
+        assert alone > 1e4 and paid == pytest.approx(alone, abs=50.0)
+
+
+def test_white_noise_makes_no_step_dearer_than_its_volume():
+    """What the best of M steps saves of white noise is the logarithm of M."""
+    comb = _resolutions(1.0)
+    r = np.random.default_rng(2).standard_normal(len(TIME))
+    none = np.zeros((len(r), 0))
+
+    def trace(value):
+        return r + rounded(SWING, value) - SWING
+
+    saved = chance_saves(comb, 0.1, trace, (r, r), none, np.zeros(0))
+    assert saved == pytest.approx(np.log(comb.tried(0.1)), rel=0.5)
+    assert comb.tried(0.1) == pytest.approx(240, rel=0.02)
+    assert comb.tried(1.0 / 120.0) == pytest.approx(480, rel=0.02)
+
+
+def test_unrelated_steps_are_as_large_and_not_the_same():
+    comb = _resolutions(1.0)
+    found = np.array(comb.unrelated(0.1, 48))
+    assert len(found) > 20 and (found > 0.05).all() and (found < 0.2).all()
+    # Largest values of the signal fall a step beside those of the step found, or farther.
+    assert (np.abs(1.0 / found - 10.0) > 0.99).all()
 
 
 class Pit:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 from orchestrator.diagnosis.cli import _Bar
 from orchestrator.diagnosis.search import each
-from orchestrator.diagnosis.tally import Tally, stage, tallied, telling
+from orchestrator.diagnosis.tally import Tally, stage, tallied, telling, twice
 
 
 class Clock:
@@ -107,3 +107,23 @@ def test_how_far_a_search_is_stands_in_lines_where_there_is_no_terminal(capsys):
     hidden.set_postfix_str = shown.append
     bar.stage("weigh 7/100 candidates and fits, about 9 s left")
     assert shown == ["weigh 7/100 candidates and fits, about 9 s left"]
+
+
+def test_a_second_search_counts_from_when_it_is_likely():
+    clock, told = Clock(), []
+    with telling(Tally(10, told.append, clock)):
+        each(tallied(lambda _: clock.work(1.0), False, 1), range(20), 1)
+        once = seconds(told[-1])
+        twice()
+        stage("candidates")
+        each(tallied(lambda _: clock.work(1.0), False, 1), range(20), 1)
+        # Told slowly, lest it jump: 5 x 10 looks and 60 fits more at least.
+        assert "again" not in told[-1] and seconds(told[-1]) > 1.2 * once
+        stage("step")
+        each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
+        before = int(re.search(r"/(\d+)", told[-1])[1])
+        stage("candidates")
+        each(tallied(lambda _: clock.work(1.0), False, 1), range(1), 1)
+        assert "again" in told[-1]
+        # All of it was counted, but for how the step does in the second one.
+        assert abs(int(re.search(r"(\d+) cand", told[-1])[1]) - before) <= 26

@@ -63,6 +63,22 @@ def test_what_the_step_is_too_long_for_is_no_effect(smooth):
     assert made.diagnosis.numerics.fraction < own["fraction"]
 
 
+def test_nothing_is_sought_with_the_error_of_the_step_where_it_is_all_there_is(smooth, monkeypatch):
+    """Else the whole search is made first, and again without that error, for the same answer."""
+    alone, weighed = load_port_study(smooth), []
+    monkeypatch.setattr(steps, "weigh_ports", lambda *args: weighed.append(args) or weigh_ports(*args))
+    at_once = weighed_without_step(alone, Tempering())
+    assert len(weighed) == 1 and at_once.study.parts > 1
+    monkeypatch.setattr(steps, "_plainly", lambda study: None)
+    later = weighed_without_step(alone, Tempering())
+    assert len(weighed) == 3 and later.study.parts == at_once.study.parts
+    first, second = (
+        {one.effects: one.probability for one in found.weighed.finding.candidates}
+        for found in (at_once, later)
+    )
+    assert first[()] == pytest.approx(second[()], abs=0.01) and first[()] > 0.9
+
+
 def test_a_step_is_not_doubted_where_there_is_no_gap():
     told = {"error": 1.0, "gap": 0.0, "noise": 0.1, "fraction": None, "step_size": 1e-3, "interval": 1e-3,
             "halved": True}  # fmt: skip
@@ -209,16 +225,19 @@ def test_what_acts_at_a_log_acts_on_the_error_of_the_step_too(smooth, parts):
     assert 0.2 < np.mean(counts - without) < 0.6
 
 
-def test_a_hidden_effect_is_found_behind_the_error_of_the_step(tmp_path):
-    folder = study(tmp_path / "case", [COULOMB], finer=20, candidates=FEW)
+def test_a_hidden_effect_is_found_behind_the_error_of_the_step(tmp_path, monkeypatch):
+    folder, weighed = study(tmp_path / "case", [COULOMB], finer=20, candidates=FEW), []
+    monkeypatch.setattr(steps, "weigh_ports", lambda *args: weighed.append(args) or weigh_ports(*args))
     made = diagnose(folder, tmp_path / "out")
+    # With that error it leaves more than noise, without it nothing else: all is weighed once.
+    assert len(weighed) == 1
     assert made.diagnosis.verdict.effects == ["drive.coulomb"] and len(told(made)) == 1
     # The system with the effect runs with the steps that it was found with, and comes close to the machine.
     augmented = load_config(tmp_path / "out" / "augmented.yaml")
-    steps = round(STEP / float(made.study.prepared.grid.step_size))
+    parts = round(STEP / float(made.study.prepared.grid.step_size))
     results = run(augmented, overrides=["path.stroke=170 mm", "path.frequency=0.5 Hz"], halving=False).results
     log = np.loadtxt(folder / "run-2.csv", delimiter=",", skiprows=1)[:, 2]
-    position = np.asarray(results["drive.position"])[::steps][: len(log)]
+    position = np.asarray(results["drive.position"])[::parts][: len(log)]
     assert np.std(position[50:] - log[50 : len(position)]) < 3e-6
 
 

@@ -99,6 +99,26 @@ def test_a_sign_or_unit_that_the_study_gives_is_to_be_corrected_there(tmp_path):
     assert problem.remedy.endswith("The study file says `unit: mm`: correct that.")
 
 
+def test_a_tolerance_as_large_as_its_value_is_told(tmp_path):
+    folder = study(tmp_path)
+    data = yaml.safe_load((folder / "study.yaml").read_text())
+
+    def told(**tolerances: str) -> list[str]:
+        data["calibrated"] = {f"drive.{name}": {"tolerance": one} for name, one in tolerances.items()}
+        (folder / "study.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
+        warned = check_logs(load_port_study(folder))[1]
+        return [f"{one.place}: {one.what}. {one.remedy}" for one in warned if "calibrated" in one.place]
+
+    assert told(mass="90 kg", viscous_friction="200 N.s/m") == []
+    (said,) = told(mass="2 kg", viscous_friction="407 N.s/m")
+    assert said.endswith(
+        "calibrated.drive.viscous_friction.tolerance: 407 N.s/m is 200 % of the value and leaves its sign "
+        "open; expected, as one standard deviation: below 203.5 N.s/m. Give what the calibration is known "
+        "to; a number of which nothing is known is a candidate, under `candidates: {parameters: ...}`."
+    )
+    assert len(told(mass="100 kg", viscous_friction="407 N.s/m")) == 2
+
+
 def test_runs_that_were_driven_otherwise_repeat_nothing(tmp_path):
     folder = study(tmp_path)
     data = yaml.safe_load((folder / "study.yaml").read_text())

@@ -77,7 +77,7 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
         what = "`only` and `without` leave no candidate"
         remedy = "Strike fewer of them: where nothing can be blamed there is nothing to tell."
         problems.append(Problem(study.place("candidates"), what, f"some of {listed(names, 30)}", remedy))
-    told = tuple(one for one in found if one.id in kept and not _untold(one, sizes))
+    told = tuple(one for one in found if one.id in kept and not _untold(one))
     if kept and not told and not problems:
         names = listed(sorted(kept), 10)
         what = f"no resolution can be told of signals of {FEW_LEVELS} values or fewer: {names}"
@@ -87,11 +87,8 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
     return told
 
 
-def _untold(effect: Effect, sizes: Sizes) -> bool:
-    """Whether it is a resolution of a signal of so few values that any error of these could be its doing."""
-    if not isinstance(effect, PortEffect) or effect.port is None or not effect.id.endswith(".quantise"):
-        return False
-    return 0 < sizes.levels.get(effect.port, 0) <= FEW_LEVELS
+def _untold(effect: Effect) -> bool:
+    return isinstance(effect, PortEffect) and effect.untold
 
 
 def _fit(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
@@ -192,6 +189,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
         ),
     }
     combs = {"quantise": _resolutions(peak), "sample-and-hold": _periods(step)}
+    untold = {"quantise": 0 < sizes.levels.get(port, 0) <= FEW_LEVELS}
     return [
         PortEffect(
             f"{port}.{name}",
@@ -202,6 +200,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
             make=make,
             kin=Kin(_KIN[name], str(port)) if name in _KIN else None,
             comb=combs.get(name),
+            untold=untold.get(name, False),
         )
         for name, (one, make, equation) in made.items()
     ]
@@ -210,7 +209,7 @@ def _effects(study: PortStudy, port: Port, sizes: Sizes) -> list[Effect]:
 def _resolutions(peak: float) -> Comb:
     """Of a signal with that peak: so near that its largest values fall on the right step."""
     levels = _NEAR * np.arange(1, round(_FINEST / _NEAR) + 1)
-    return Comb(tuple((peak / levels).tolist()), lambda value, time: _NEAR * value**2 / peak)
+    return Comb(tuple((peak / levels).tolist()), lambda value, time: _NEAR * value**2 / peak, chance=True)
 
 
 def _periods(step: float) -> Comb:

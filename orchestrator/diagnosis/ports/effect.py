@@ -31,6 +31,7 @@ class PortEffect(Effect):
         family: effects of one family are forms of one cause, and are not combined; "" for none.
         kin: what it is told together with, if anything; unlike a family's, such effects may be combined.
         comb: where to look for its one parameter, if runs tell it only from very near.
+        untold: whether its signal takes so few values that any error of these could be its doing.
     """
 
     port: Port | None = None
@@ -39,6 +40,7 @@ class PortEffect(Effect):
     family: str = ""
     kin: Kin | None = None
     comb: Comb | None = None
+    untold: bool = False
 
     def __post_init__(self) -> None:
         if (self.port is None) != (self.make is None) or (self.port is None and not self.changes):

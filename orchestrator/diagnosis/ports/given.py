@@ -18,6 +18,7 @@ from .clocks import wrong_clocks
 from .repeats import unlike
 from .replay import PortReplay
 from .study import PortRun, PortStudy, Role
+from .tolerances import wide
 
 __all__ = ["check_logs"]
 
@@ -36,7 +37,7 @@ _DRIVEN = 0.3
 
 
 def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
-    """Check the logs of a study.
+    """Check the logs of a study, and the tolerances that they are held against.
 
     Returns: a column with a wrong sign or unit, two that were exchanged, or some whose clock is off, if that
         explains nearly all that the model misses, and runs in which the model runs away: they forbid a
@@ -50,6 +51,7 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
     return [*refused, *late], [
         *_stuck(study, given),
+        *wide(study),
         *doubtful,
         *_unasked(study),
         *_unlike(study),

@@ -21,7 +21,7 @@ from .replay import PortReplay, Weighted
 from .study import PortRun
 from .wary import WaryFitter
 
-__all__ = ["carries", "sought"]
+__all__ = ["carries", "is_noise", "sought"]
 
 # What residuals that are but noise carry at most; see `carries`.
 _NOISE = 1.5
@@ -29,6 +29,8 @@ _NOISE = 1.5
 _LONGEST = 4
 # Values that fits begin from, of what runs tell only from very near.
 _STARTS = 2
+# Values of a logged signal that the begin of a run must hold for a resolution to be looked for in it.
+_MANY = 32
 # Of what the most promising effect promises to save of the cost: what such a value must save from afar.
 _SHARE = 0.1
 # Searches with better and better weights at most, and how much better they must be for another one.
@@ -60,6 +62,11 @@ def carries(r: Array) -> float:
     return max(square * time, 1.0) if time > 1.5 or square > 1.5 else 1.0
 
 
+def is_noise(replay: PortReplay, fit: Fit) -> bool:
+    """Whether a fit leaves nothing but noise as specified, of any run and port."""
+    return max(map(carries, replay.of(fit))) <= _NOISE
+
+
 def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple[Fitter, Search]:
     """The effects, and up to four of them together, that explain logs best.
 
@@ -85,12 +92,9 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     share = _SHARE * max(1.0 - promised / cost, 0.0) if cost > 0.0 else 0.0
     effects = _combed(replay, effects, plain, workers, share)
 
-    def is_noise(fit: Fit) -> bool:
-        return max(map(carries, replay.of(fit))) <= _NOISE
-
     stage("white")
-    explored = search(white, effects, workers=workers, enough=is_noise)
-    if is_noise(explored.best):
+    explored = search(white, effects, workers=workers, enough=lambda fit: is_noise(replay, fit))
+    if is_noise(replay, explored.best):
         # Few effects were tried beside others.
         return _found(replay, effects, explored, explored.best, workers)
     best = min((explored.none, *explored.fits), key=lambda fit: fit.cost)
@@ -126,7 +130,13 @@ def _combed(
             total = sum(float(r @ r) for r in left)
             return total if math.isfinite(total) else math.inf
 
-        return comb.best(cost, [(end, end * step) for end in parts], share)[:_STARTS]
+        ends = [end for end in parts if not comb.chance or many(parts[end], effect, end)]
+        return comb.best(cost, [(end, end * step) for end in ends or [*parts][-1:]], share)[:_STARTS]
+
+    def many(part: PortReplay, effect: Effect, end: int) -> bool:
+        # Of a signal that is held for long the begin of a run has few values, which many steps meet.
+        log = part.runs[0].logs.get(effect.port) if isinstance(effect, PortEffect) and effect.port else None
+        return log is None or len(np.unique(log[:end])) > _MANY
 
     return tuple(each(tallied(combed, False, workers), effects, workers))
 

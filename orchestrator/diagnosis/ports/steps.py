@@ -15,13 +15,15 @@ from ...run import Prepared, prepare
 from ...system import Port
 from ..effect import Effect, by_effect
 from ..finding import NOMINAL, Augmented
+from ..fit import Fit
 from ..headline import nats
-from ..search import search
+from ..search import Search, search
 from ..study import Array
-from ..tally import stage
+from ..tally import stage, twice
 from ..verdict import Warned
 from .effect import PortEffect
-from .replay import PortReplay, Weighted
+from .replay import PortReplay, Weighted, candidates_of
+from .seek import is_noise
 from .study import PortRun, PortStudy, Role
 from .tempering import Tempering
 from .wary import WaryFitter
@@ -96,12 +98,15 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     hardly depends on the effects, but for those at compared outputs, which act on it, too; so that one
     model's stands for all: that of the answer, of it less one of its effects, of none, or as believed,
     whichever explains the train runs best with its error taken off. If it explains them better than the
-    answer did before, all candidates are weighed so. Components that work at that very step, as digital
-    controllers do, explain less with another.
+    answer did before, all candidates are weighed so; at once where that is plain, see `_plainly`. Components
+    that work at that very step, as digital controllers do, explain less with another.
 
     A system whose steps are exact, as that of a linear one whose inputs are held, may miss something with
     the answer alone: dry friction switches from one sample to the next.
     """
+    if (plain := _plainly(study)) is not None:
+        onward, corrected = plain
+        return Stepped(onward, weigh_ports(corrected, tempering))
     weighed = weigh_ports(study, tempering)
     stage("step")
     top = weighed.top
@@ -132,11 +137,71 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     if not found[best] > before:
         worse = before - found[best]
         return Stepped(study, weighed, worse if math.isfinite(worse) else 0.0)
+    return Stepped(_onward(study, limit), weigh_ports(steady[best][0], tempering))
+
+
+def _onward(study: PortStudy, limit: _Limit) -> PortStudy:
+    """The study with the steps to go on with."""
     # FMUs may refuse steps that are shorter still than those by which the error was told.
     halvings = range(int(math.log2(limit.onward)), 0, -1)
     shorter = (with_steps(study, 2**number) for number in halvings)
-    onward = next(one for one in shorter if one is not None)
-    return Stepped(onward, weigh_ports(steady[best][0], tempering))
+    return next(one for one in shorter if one is not None)
+
+
+def _plainly(study: PortStudy) -> tuple[PortStudy, PortStudy] | None:
+    """The study with shorter steps, and that with the error of its step taken off, where it is plain at once
+    that the latter is right: with it a model of one effect or none leaves nothing but noise, without it none
+    of these does.
+
+    Then no answer explains the logs better, whatever effects it holds, and none need be sought with the error
+    of the step in them, which takes most of the time.
+    """
+    replay = PortReplay(study, study.of(Role.TRAIN))
+    none = WaryFitter(replay).fit(())
+    if not math.isfinite(none.cost) or is_noise(replay, none):
+        return None
+    limit = _limit(study, dict.fromkeys(study.compared, 1.0), NOMINAL)
+    if limit is None:
+        return None
+    tried = [_corrected(study, limit, (), z) for z in (none.z, np.zeros_like(none.z))]
+    steady = [one for one in tried if all(map(_finite, one.runs))]
+    if not steady:
+        return None
+    found = [(one, _left(one, ())) for one in steady]
+    without, least = min(found, key=lambda one: one[1].cost)
+    if is_noise(PortReplay(without, without.of(Role.TRAIN)), least):
+        return _onward(study, limit), without
+    effects = candidates_of(study)
+    if is_noise(replay, _singles(replay, WaryFitter(replay), effects).best):
+        return None
+    again = PortReplay(without, without.of(Role.TRAIN))
+    for fit in _singles(again, WaryFitter(again), effects).fits[:_OTHERS]:
+        # What the step makes of the model with the effect may be a little else than of that without.
+        corrected = _corrected(study, limit, fit.effects, fit.z)
+        if all(map(_finite, corrected.runs)) and is_noise(
+            PortReplay(corrected, corrected.of(Role.TRAIN)), _left(corrected, fit.effects, fit.z)
+        ):
+            return _onward(study, limit), corrected
+    twice()
+    return None
+
+
+def _left(study: PortStudy, effects: tuple[Effect, ...], z: Array | None = None) -> Fit:
+    """A fit to the train runs of a study, from normalised parameters on."""
+    fitter = WaryFitter(PortReplay(study, study.of(Role.TRAIN)))
+    count = len(fitter.nominal)
+    return fitter.fit(effects) if z is None else fitter.fit(effects, z[:count], z[count:])
+
+
+def _singles(replay: PortReplay, fitter: WaryFitter, effects: Sequence[Effect]) -> Search:
+    """Fits of single effects.
+
+    Args:
+        replay: what the fitter fits to, whatever it weighs.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):
+        workers = 2 if replay.player.parallel else 1
+        return search(fitter, effects, longest=1, workers=workers)
 
 
 def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tuple[Effect, ...], Array]]:
@@ -147,9 +212,7 @@ def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tup
         return []
     replay = PortReplay(corrected, corrected.of(Role.TRAIN))
     fitter = WaryFitter(Weighted.of(replay, weighed.weights))
-    with threadpool_limits(limits=1, user_api="blas"):
-        workers = 2 if replay.player.parallel else 1
-        fits = search(fitter, weighed.effects, longest=1, workers=workers).fits
+    fits = _singles(replay, fitter, weighed.effects).fits
     return [(one.effects, one.z) for one in fits[:_OTHERS]]
 
 

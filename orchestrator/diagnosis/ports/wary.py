@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +13,9 @@ from ..descent import cost_of
 from ..effect import Effect
 from ..fit import Base, Fit, Fitter
 from ..study import Array
+from .chance import chance_saves
+from .comb import Comb
+from .effect import PortEffect
 
 __all__ = ["WaryFitter"]
 
@@ -62,7 +66,41 @@ class WaryFitter(Fitter):
             if found.cost > aim:
                 break
         assert found is not None
-        return found
+        return found if found.cost > aim else self._paying(found)
+
+    def _paying(self, fit: Fit) -> Fit:
+        """A fit whose volume is as small as chance makes it where values were sought among many: see
+        `chance_saves`. For less Laplace's has paid."""
+        for place, effect in enumerate(fit.effects):
+            comb = effect.comb if isinstance(effect, PortEffect) else None
+            if comb is None or not comb.chance or not fit.z[self._first(fit.effects, place)]:
+                continue
+            fit = replace(fit, log_determinant=fit.log_determinant + 2.0 * self._unpaid(fit, place, comb))
+        return fit
+
+    def _unpaid(self, fit: Fit, place: int, comb: Comb) -> float:
+        """What chance saves beyond what the volume of a fit pays for one of its effects [nats]."""
+        effect, at = fit.effects[place], self._first(fit.effects, place)
+        others, z = fit.effects[:place] + fit.effects[place + 1 :], fit.without(place)
+        r = self.stacked(others, z)
+        if not np.isfinite(r).all():
+            return 0.0  # without it the model runs away, which is not what chance mends
+        columns = self.jacobian(others, z, r, range(len(z)))
+        scale = effect.parameters[0].scale
+
+        def trace(value: float) -> Array:
+            ahead = fit.z.copy()
+            ahead[at] = value / scale
+            return self.stacked(fit.effects, ahead)
+
+        value = float(fit.z[at]) * scale
+        saved = chance_saves(comb, value, trace, (r, trace(value)), columns, z)
+        _, rest = np.linalg.slogdet(columns.T @ columns + np.eye(len(z)))
+        return max(saved - 0.5 * (fit.log_determinant - float(rest)), 0.0)
+
+    def _first(self, effects: tuple[Effect, ...], place: int) -> int:
+        """Where the parameters of an effect begin."""
+        return len(self.nominal) + sum(len(one.parameters) for one in effects[:place])
 
     def _column(self, effects: tuple[Effect, ...], z: Array, r: Array, place: int) -> Array:
         """See `Fitter`; by the effects' parameters over a share of them."""
