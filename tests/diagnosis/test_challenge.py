@@ -273,6 +273,10 @@ def test_figures_of_verdicts_made_by_hand():
     assert found["place_right"]["count"] == 3
     assert found["pairs_within"]["rate"] == 1.0 and found["pairs_across"]["rate"] == 0.0
     assert found["pairs_one_named"]["rate"] == 1.0
+    imitated = marked("pair", [*bias, *drift], [(gain, 1.0, ())], beyond=3.0)
+    again = figures([*cases, imitated])
+    assert again["pairs_within"]["rate"] == 0.5 and again["pairs_within_own"]["rate"] == 1.0
+    assert again["pairs_across_own"]["of"] == 1
     assert found["false_alarms"]["rate"] == 0.5
     assert found["outside_flagged"]["rate"] == 1.0 and found["outside_false"]["rate"] == 0.0
     # Missed by their 95 % sets: both masses, and the pair of which one was named.

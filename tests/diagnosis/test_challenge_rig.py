@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -21,7 +22,7 @@ from orchestrator.diagnosis.challenge.draw import (
     tolerances,
 )
 from orchestrator.diagnosis.challenge.evidence import imitated, visibility
-from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED
+from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED, Hidden
 from orchestrator.diagnosis.challenge.knobs import CALIBRATED
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.challenge.outside_fresh import FRESH
@@ -226,6 +227,46 @@ def test_what_is_hidden_beside_noise_tells_no_more_than_the_noise_lets_it():
         case, rest = draw_case(plan, 3, 4), draw_case(replace(plan, effects=beside), 3, 4)
         told.append(visibility(case, [make_run(case, index) for index in range(3)], rest))
     assert told[0] > 5.0 * told[1] > 0.0
+
+
+def test_what_an_effect_shows_counts_from_what_the_lab_believes():
+    """A sensor whose offset is what its lab takes it for tells nothing, though the offset is an effect."""
+    bare = draw_case(Plan("none", (), 0.0), 5, 2)
+    width = tolerances(bare.lab)["force_bias"]
+    strays = (bare.plain["bias"] - bare.lab.nominal["force_bias"]) / width
+
+    def told(by):
+        effect = Hidden("sensor.bias", lambda rng, size: {"bias": by * width})
+        case = draw_case(Plan("single", (effect,), 1.0), 5, 2)
+        return visibility(case, [make_run(case, index) for index in range(3)])
+
+    assert abs(strays) > 0.3 and told(-strays) == 0.0
+    for by in (6.0, -6.0):
+        # Half the square of what the lab would have to be off by, less that of what it is off by.
+        assert told(by) == pytest.approx(0.5 * (strays + by) ** 2 - 0.5 * strays**2, rel=0.1)
+
+
+def test_what_shows_in_the_first_ticks_alone_is_no_evidence(monkeypatch):
+    """How the robot moved before a log began nobody has measured."""
+
+    case = draw_case(Plan("none", (), 0.0), 5, 1)
+    logs = [make_run(case, index) for index in range(3)]
+    begun = replace(case, values={**case.values, "cold": 3.0, "cold_time": 3e-3})
+    assert visibility(begun, logs) < 1.0
+    monkeypatch.setattr(evidence, "_BEGIN", 0)
+    assert visibility(begun, logs) > 20.0
+
+
+def test_a_dent_of_the_derivatives_hides_no_imitation(monkeypatch):
+    """What the force of a tool ripples by hides, nearby, that a later sensor does what a low-pass does."""
+    filtered = Hidden("sensor.low-pass", lambda rng, size: {"filter_time": 2.335e-4})
+    inertia = Hidden("sensor.tool-inertia", lambda rng, size: {"tool": 1.294})
+    plan = Plan("pair", (filtered, inertia), 0.3)
+    case, rest = draw_case(plan, 7, 8), draw_case(replace(plan, effects=(inertia,)), 7, 8)
+    logs = [make_run(case, index) for index in range(3)]
+    told = visibility(case, logs, rest)
+    monkeypatch.setattr(evidence, "_OPEN", (math.inf, math.inf))
+    assert 0.0 < told < 0.7 * visibility(case, logs, rest)
 
 
 def test_of_a_pair_the_other_effect_may_have_any_size():

@@ -9,12 +9,12 @@ from threadpoolctl import threadpool_limits
 from orchestrator.diagnosis.arrival import random_arrival
 from orchestrator.diagnosis.benign import Weighing
 from orchestrator.diagnosis.calibration import calibration
-from orchestrator.diagnosis.catalogue import catalogue
+from orchestrator.diagnosis.catalogue import catalogue, of_hardware
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN, Hidden
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose
 from orchestrator.diagnosis.fit import Fitter
-from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.hardware import _sensed, weigh_rig
 from orchestrator.diagnosis.links import Arrivals
 from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
@@ -86,6 +86,20 @@ def test_what_halved_sub_steps_change_of_a_limited_servo_is_its_own_error():
     assert bounded == 1e3  # no more than is left
     (followed,) = told("robot.rate-limit", 1e9)
     assert followed < 5.0
+
+
+def test_what_contacts_do_that_are_elsewhere_is_no_noise_of_the_force():
+    """Of a servo at its limit the model without effects has the contacts wrong, and so what is flight."""
+    pair = tuple(HIDDEN[name] for name in ("robot.backlash", "robot.rate-limit"))
+    own, _ = simulated_study(6, 4, plan=Plan("pair", pair, 0.95))
+    model = RigModel(own, own.of(Role.TRAIN))
+    weighing = Weighing.of(model, of_hardware(), calibration().roughness)
+    first = _sensed(weighing, ())
+    assert first.coloured > 3.0
+    group = weigh_rig(own)
+    best = max(group.answers, key=lambda one: one.gain)
+    assert best.effects == tuple(one.id for one in pair) and best.odd == 0.0
+    assert calibration().probabilities(group.answers, group.outside)[-1] < 0.3
 
 
 def losses_of(name, size):

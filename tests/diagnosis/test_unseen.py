@@ -13,6 +13,7 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.colour import WHITE
+from orchestrator.diagnosis.descent import cost_of
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
@@ -21,6 +22,7 @@ from orchestrator.diagnosis.parts import Parts
 from orchestrator.diagnosis.practice import bare_study, simulated_study
 from orchestrator.diagnosis.remainder import Remains
 from orchestrator.diagnosis.report_text import text
+from orchestrator.diagnosis.search import search
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.unseen import Judge
 from orchestrator.diagnosis.weigh import conclude
@@ -97,14 +99,31 @@ def test_an_effect_that_was_fitted_foresees_them():
 def test_a_model_carried_to_other_runs_goes_one_step_and_strays_as_before(bare):
     train, every = (Fitter(RigModel(bare, runs)) for runs in (bare.of(Role.TRAIN), bare.runs))
     fit = train.fit((catalogue()["sensor.gain"],))
-    here, derivatives = every.carried(fit)
+    here, derivatives = every.carried(fit, train)
     r = every.stacked(fit.effects, fit.z)
     assert derivatives.shape == (r.size, len(fit.z))
     assert here.cost < r @ r + fit.z @ fit.z and len(here.residuals) == 2 * len(bare.runs)
     assert here.deviation == fit.deviation and np.abs(here.z - fit.z).max() > 0.0
     # What is best already stays: but for the noise of derivatives, there is no step to take.
-    again, _ = train.carried(fit)
+    again, _ = train.carried(fit, train)
     assert again.cost == pytest.approx(fit.cost, abs=0.3)
+
+
+def test_what_no_derivative_tells_moves_within_what_the_train_runs_leave_open():
+    """Of the phase of rounded commands runs tell a range, within which others are rounded otherwise."""
+    study, _ = simulated_study(6, 3, plan=Plan("single", (HIDDEN["robot.command-quantisation"],), 0.9))
+    train, every = (Fitter(RigModel(study, runs)) for runs in (study.of(Role.TRAIN), study.runs))
+    fit = search(train, [catalogue()["robot.command-quantisation"]], longest=1).best
+    count = len(fit.deviation)
+    here, _ = every.carried(fit, train)
+
+    def cost(fitter, z):
+        return cost_of(fitter.stacked(fit.effects, z), z)
+
+    moved = np.concatenate([fit.z[:count], here.z[count:]])
+    assert 0.0 < np.abs(moved - fit.z).max() < 0.1
+    assert cost(every, moved) < cost(every, fit.z) - 20.0
+    assert cost(train, moved) < fit.cost + 2.0
 
 
 def test_what_a_fit_leaves_is_looked_at_once(bare, monkeypatch):
