@@ -154,13 +154,12 @@ def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: 
     Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
     difference of what is measured over its noise, and z by what calibrated numbers stray from what the lab
     believes over their tolerances, and roughness over its usual size, the evidence is half the least d'd +
-    z'z, less what that is with the effects: what either may
-    explain does not count, nor what other hidden effects explain in other sizes and shapes than theirs. The
-    noise of the force holds what they make of it. Of an effect
-    that draws anew at each sample nobody knows the draws, but the spectrum at best: with r the power of noise
-    and what is left of d over that of noise alone, it tells r - 1 - ln r at each frequency (Whittle, J. R.
-    Stat. Soc. B 15, 1953); the noise of the force may be as coloured as that of any rig. The force is
-    whitened by the noise that the rig's sensor has.
+    z'z, less what that is with the effects: what either may explain does not count, nor what other hidden
+    effects explain in other sizes and shapes than theirs. The noise of the force holds what they make of it.
+    Of an effect that draws anew at each sample nobody knows the draws, but the spectrum at best: with r the
+    power of noise and what is left of d over that of noise alone, it tells r - 1 - ln r at each frequency
+    (Whittle, J. R. Stat. Soc. B 15, 1953); the noise of the force may be as coloured as that of any rig. The
+    force is whitened by the noise that the rig's sensor has.
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
