@@ -231,13 +231,13 @@ def test_what_is_hidden_beside_noise_tells_no_more_than_the_noise_lets_it():
 
 def test_what_an_effect_shows_counts_from_what_the_lab_believes():
     """A sensor whose offset is what its lab takes it for tells nothing, though the offset is an effect."""
-    bare = draw_case(Plan("none", (), 0.0), 5, 2)
+    bare = draw_case(Plan("none", (), 0.0), 5, 5)
     width = tolerances(bare.lab)["force_bias"]
     strays = (bare.plain["bias"] - bare.lab.nominal["force_bias"]) / width
 
     def told(by):
         effect = Hidden("sensor.bias", lambda rng, size: {"bias": by * width})
-        case = draw_case(Plan("single", (effect,), 1.0), 5, 2)
+        case = draw_case(Plan("single", (effect,), 1.0), 5, 5)
         return visibility(case, [make_run(case, index) for index in range(3)])
 
     assert abs(strays) > 0.3 and told(-strays) == 0.0

@@ -7,7 +7,7 @@ import pytest
 
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.challenge.outside_fresh import FRESH
+from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.practice import simulated_study
 from orchestrator.diagnosis.rhythm import rhythm
@@ -47,7 +47,7 @@ def test_runs_that_do_not_move_or_run_away_tell_nothing():
 
 
 def test_commands_that_wait_for_their_turn_are_not_what_chance_delays():
-    late, _ = simulated_study(71, 1, plan=Plan("outside", (FRESH["link.time-slots"],), 0.3))
+    late, _ = simulated_study(71, 1, plan=Plan("outside", (OUTSIDE["link.time-slots"],), 0.3))
     chance, _ = simulated_study(71, 2, plan=Plan("single", (HIDDEN["link.jitter"],), 0.5))
     assert (found := weigh_rig(late)).outside > 10.0 and found.place == "link"
     assert weigh_rig(chance).outside == 0.0
