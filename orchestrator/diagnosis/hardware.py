@@ -237,8 +237,8 @@ def _quieter(weighing: Weighing, sensor: _Sensor, found: Search, without: Collec
     weights = force_weights(weighing.model.runs, 1.0, sensor.lost)
     plain = replace(weighing, weights=weights, known={})
     by = plain.fitter()
-    best = by.residuals(found.best.effects, found.best.z)
-    force = sensor_noise(weighing.model, by.marginal.left(best)[1::2], touching(weighing.model, found.best))
+    residuals = by.residuals(found.best.effects, found.best.z)
+    force = _force(weighing.model, by, replace(found.best, residuals=tuple(residuals)))
     if _coloured(force) > _QUIETER * sensor.coloured:
         return None
     return _heard(weighing, force, without, None)
