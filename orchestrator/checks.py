@@ -14,7 +14,7 @@ from .errors import Problem, listed, nearest
 from .fmi import Causality, Fmu, Interface, Kind, ModelDescription, Value, Variable
 from .quantities import Measure, quantity
 from .system import Instance, Port
-from .units import convert
+from .units import UnitError, convert
 
 __all__ = [
     "connection",
@@ -73,7 +73,10 @@ def connection(
             if v.unit is not None and v.unit.same_dimension(one.unit)
         ]
         return [Problem(place, what, f"units differ; {inputs}", _suggest(fitting, target.instance))]
-    gain, offset = convert(one.unit, other.unit)
+    try:
+        gain, offset = convert(one.unit, other.unit)
+    except UnitError as error:
+        return [Problem(place, what, str(error))]
     note = ""
     if (gain, offset) != (1.0, 0.0):
         shift = f" + {offset!r}" if offset else ""

@@ -229,7 +229,10 @@ def _converted(
     if not one.unit.same_dimension(other.unit):
         allowed = f"{taker} is [{other.unit.base()}], not [{one.unit.base()}]"
         return Problem(place, what, allowed, "A gain with a unit changes the unit: {gain: 2 N/m}.")
-    return *convert(one.unit, other.unit), True
+    try:
+        return *convert(one.unit, other.unit), True
+    except UnitError as error:
+        return Problem(place, what, str(error))
 
 
 class _Judge:
@@ -314,7 +317,7 @@ class _Judge:
     def legs(self, ports: list[Port]) -> tuple[list[Leg], Measure]:
         """The summands, in the unit of the first."""
         legs: list[Leg] = []
-        first = Measure()
+        first, total = Measure(), 0.0
         for number, (port, (_, given)) in enumerate(zip(ports, self._ends.sources, strict=True)):
             measure = self._measure(port)
             try:
@@ -330,7 +333,12 @@ class _Judge:
                     what = f"gain of {port} in {unit_name}: the unit of {port} is not known"
                     self._problems.append(Problem(self.place, what, remedy="Give a bare number."))
                     continue
+                if measure.unit.offset:
+                    what = f"gain of {port} in {unit_name}: {measure.name} has an offset"
+                    self._problems.append(Problem(self.place, what, remedy="Give a bare number."))
+                    continue
                 measure = times_unit(measure, unit)
+            total += factor
             if not legs:
                 first = measure
                 legs.append(Leg(port, factor))
@@ -341,7 +349,12 @@ class _Judge:
                 self._problems.append(converted)
                 continue
             gain, offset, _ = converted
-            legs.append(Leg(port, gain * factor if factor != 1.0 else gain, offset))
+            legs.append(
+                Leg(port, gain * factor, offset * factor) if factor != 1.0 else Leg(port, gain, offset)
+            )
+        if first.unit is not None and first.unit.offset and abs(total) < 1e-12:
+            # The difference of two temperatures: origins cancel.
+            first = first._replace(unit=first.unit.of_differences())
         return legs, first
 
     def links(

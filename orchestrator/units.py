@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 
@@ -33,12 +33,15 @@ class Unit:
         name: as written.
         exponents: of kg, m, s, A, K, mol, cd, rad.
         factor, offset: value in base units = factor * value + offset.
+        difference: whether values are differences of two quantities, so that no origin counts: 1 degC is 1 K
+            (FMI's relativeQuantity). The offset is then 0.
     """
 
     name: str = field(compare=False)
     exponents: tuple[int, ...] = _NO_DIMENSION
     factor: Fraction = Fraction(1)
     offset: Fraction = Fraction(0)
+    difference: bool = False
 
     def same_dimension(self, other: Unit) -> bool:
         """Whether values can be converted between the two units."""
@@ -52,6 +55,10 @@ class Unit:
             if power
         ]
         return ".".join(parts) or "1"
+
+    def of_differences(self) -> Unit:
+        """The unit for differences of values in this one."""
+        return replace(self, offset=Fraction(0), difference=True)
 
     def __str__(self) -> str:
         return self.name
@@ -69,12 +76,12 @@ class Quantity:
         """The value in `unit`, not rounded. Raises: UnitError if the dimensions differ.
 
         Args:
-            difference: whether it is one of two values, which scales begin anywhere alike: 1 degC is 1 K.
+            difference: whether it is a difference of two values, so that no origin counts: 1 degC is 1 K.
         """
+        shift = Fraction(0) if difference or unit.difference else _shift(self.unit, unit)
         if not self.unit.same_dimension(unit):
-            raise UnitError(f"{self.unit} [{self.unit.base()}] cannot be converted to {unit} [{unit.base()}]")
-        begin = 0 if difference else self.unit.offset - unit.offset
-        return (self.value * self.unit.factor + begin) / unit.factor
+            raise UnitError(_not_convertible(self.unit, unit))
+        return (self.value * self.unit.factor + shift) / unit.factor
 
     def to(self, unit: Unit, difference: bool = False) -> float:
         """The value in `unit`, rounded once; as `exactly`."""
@@ -84,12 +91,29 @@ class Quantity:
 def convert(source: Unit, target: Unit) -> tuple[float, float]:
     """Gain and offset of target_value = gain * source_value + offset.
 
-    Raises: UnitError if the dimensions differ.
+    Raises: UnitError if the dimensions differ, or if one holds differences and the other has an origin.
     """
     if not source.same_dimension(target):
-        raise UnitError(f"{source} [{source.base()}] cannot be converted to {target} [{target.base()}]")
+        raise UnitError(_not_convertible(source, target))
     gain = source.factor / target.factor
-    return _to_float(gain), _to_float((source.offset - target.offset) / target.factor)
+    return _to_float(gain), _to_float(_shift(source, target) / target.factor)
+
+
+def _not_convertible(source: Unit, target: Unit) -> str:
+    return f"{source} [{source.base()}] cannot be converted to {target} [{target.base()}]"
+
+
+def _shift(source: Unit, target: Unit) -> Fraction:
+    """How far apart the origins of two units are, in base units."""
+    if source.difference != target.difference and source.name == target.name:
+        return Fraction(0)  # not all exporters declare what is a difference
+    if source.difference != target.difference and (source.offset or target.offset):
+        relative, absolute = (source, target) if source.difference else (target, source)
+        raise UnitError(
+            f"{source} cannot be converted to {target}: {relative} is a unit of differences here, "
+            f"{absolute} has an origin"
+        )
+    return source.offset - target.offset
 
 
 def _to_float(value: Fraction) -> float:
@@ -170,11 +194,13 @@ _PREFIXES = {
     "d": -1, "c": -2, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15, "a": -18,
 }  # fmt: skip
 
-_FACTOR = re.compile(r"([A-Za-zµμΩ°%]+|1)(?:\^?([+-]?\d+))?")
+_FACTOR = re.compile(r"((?:delta_)?[A-Za-zµμΩ°%]+|1)(?:\^?([+-]?\d+))?")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*)?", re.DOTALL)
 
 
 def _symbol(symbol: str, text: str) -> Unit:
+    if symbol.startswith("delta_"):
+        return replace(_symbol(symbol.removeprefix("delta_"), text).of_differences(), name=symbol)
     symbol = _ALIASES.get(symbol, symbol)
     if symbol in _PLAIN:
         return _PLAIN[symbol]
@@ -206,6 +232,8 @@ def _product(text: str, whole: str) -> tuple[list[int], Fraction, list[Unit]]:
 def parse_unit(text: str) -> Unit:
     """Read a unit's name: "N/mm", "N.s/m", "N s/mm", "kg.m2", "rad/s", "W/(m2.K)", "deg", "1", "%".
 
+    "delta_degC" is the unit of differences of temperatures in degC; "delta_" may precede any unit.
+
     Factors are joined by a dot, an asterisk or a space; one division at most, as in Modelica, and a
     denominator of several factors stands in parentheses, since "N/m.s" can be read in two ways.
 
@@ -231,11 +259,12 @@ def parse_unit(text: str) -> Unit:
         factor /= divisor
         units += others
     if len(units) > 1 and any(unit.offset for unit in units):
-        raise UnitError(f"unit {text!r} holds a unit with an offset; use K for temperature differences")
+        raise UnitError(f"unit {text!r} holds a unit with an offset; use K or delta_degC")
     offset = units[0].offset if len(units) == 1 else Fraction(0)
     if offset and units[0] != Unit(stripped, tuple(exponents), factor, offset):
-        raise UnitError(f"unit {text!r} is a power of a unit with an offset; use K")
-    return Unit(stripped, tuple(exponents), factor, offset)
+        raise UnitError(f"unit {text!r} is a power of a unit with an offset; use K or delta_degC")
+    difference = len(units) == 1 and units[0].difference
+    return Unit(stripped, tuple(exponents), factor, offset, difference)
 
 
 def parse_quantity(text: str) -> Quantity:

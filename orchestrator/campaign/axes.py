@@ -192,7 +192,11 @@ class Axis:
         if not self.unit and quantity.unit != ONE:
             self.unit = quantity.unit.name  # of the first value that has one
         try:
-            shown = quantity.to(parse_unit(self.unit)) if self.unit else float(quantity.value)
+            unit = parse_unit(self.unit) if self.unit else None
+            if unit is not None and unit.offset != quantity.unit.offset:
+                # Whether the option is a difference is for the option to know.
+                raise UnitError(f"{self.unit} has another origin")
+            shown = quantity.to(unit) if unit is not None else float(quantity.value)
         except UnitError as error:
             return Problem(place, f"{self.path}: cannot take {value!r}, {error}", f"values in {self.unit}")
         return Level(shown, _exact(quantity), text)
@@ -222,8 +226,10 @@ def as_text(value: Scalar) -> str:
 
 
 def _exact(quantity: Quantity) -> str:
-    value = quantity.value * quantity.unit.factor + quantity.unit.offset
-    return f"{value} {quantity.unit.base()}"
+    """What a value is, whatever the unit that it is written in."""
+    value, offset = quantity.value * quantity.unit.factor, quantity.unit.offset
+    # 5 degC is 278.15 K or, as a difference, 5 K.
+    return f"{value} {quantity.unit.base()}" + (f" from {offset}" if offset else "")
 
 
 def axis_of(

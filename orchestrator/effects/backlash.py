@@ -20,7 +20,9 @@ class Backlash(Effect):
     main: ClassVar[str] = "width"
     jittable: ClassVar[bool] = True
 
-    width: Annotated[float, OfSignal()] = Field(ge=0, description="The whole play.", allow_inf_nan=False)
+    width: Annotated[float, OfSignal(difference=True)] = Field(
+        ge=0, description="The whole play.", allow_inf_nan=False
+    )
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:

@@ -28,9 +28,16 @@ class Pure(NamedTuple):
 
 
 class OfSignal(NamedTuple):
-    """Marks an option in the unit of the signal, or that per another: Annotated[float, OfSignal("s")]."""
+    """Marks an option in the unit of the signal, or that per another: Annotated[float, OfSignal("s")].
+
+    Attributes:
+        per: the unit that the signal's unit is divided by; empty if there is none.
+        difference: whether the option is a difference of two values, such as a width or an offset: 1 degC
+            is then 1 K.
+    """
 
     per: str = ""
+    difference: bool = False
 
 
 class Effect(BaseModel):

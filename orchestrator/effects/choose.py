@@ -150,7 +150,8 @@ def create_effect(
             wanted = _measure(marks[0], measure)
             number: float | Problem | None = infinite_quantity(value, wanted)
             if number is None:
-                number = quantity(f"{name}: {key}", wanted, value, place(key))
+                difference = isinstance(marks[0], OfSignal) and marks[0].difference
+                number = quantity(f"{name}: {key}", wanted, value, place(key), difference)
             if isinstance(number, Problem):
                 problems.append(number)
             else:

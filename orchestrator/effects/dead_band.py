@@ -17,7 +17,7 @@ class DeadBand(Effect):
     main: ClassVar[str] = "threshold"
     jittable: ClassVar[bool] = True
 
-    threshold: Annotated[float, OfSignal()] = Field(
+    threshold: Annotated[float, OfSignal(difference=True)] = Field(
         ge=0, description="Half the width of the band.", allow_inf_nan=False
     )
 

@@ -25,7 +25,7 @@ class Noise(Seeded):
     main: ClassVar[str] = "deviation"
     jittable: ClassVar[bool] = True
 
-    deviation: Annotated[float, OfSignal()] = Field(
+    deviation: Annotated[float, OfSignal(difference=True)] = Field(
         ge=0, description="Standard deviation.", allow_inf_nan=False
     )
     period: Annotated[float, Pure("s")] = Field(

@@ -17,7 +17,9 @@ class Offset(Effect):
     main: ClassVar[str] = "value"
     jittable: ClassVar[bool] = True
 
-    value: Annotated[float, OfSignal()] = Field(description="What is added.", allow_inf_nan=False)
+    value: Annotated[float, OfSignal(difference=True)] = Field(
+        description="What is added.", allow_inf_nan=False
+    )
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:

@@ -18,7 +18,7 @@ class Quantise(Effect):
     main: ClassVar[str] = "resolution"
     jittable: ClassVar[bool] = True
 
-    resolution: Annotated[float, OfSignal()] = Field(
+    resolution: Annotated[float, OfSignal(difference=True)] = Field(
         ge=0, description="Distance of two values.", allow_inf_nan=False
     )
 

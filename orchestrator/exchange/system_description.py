@@ -105,7 +105,10 @@ class _Units:
         if not name:
             return ""
         if name in self._known:
-            return name if self._known[name] == unit else ""
+            known = self._known[name]
+            if known is not None and unit is not None and unit.difference != known.difference:
+                known, unit = known.of_differences(), unit.of_differences()
+            return name if known == unit else ""
         self._known[name] = unit
         if self.element is None:
             self.element = ET.Element("UnitDefinitions")
@@ -146,6 +149,8 @@ def _outer(parent: ET.Element, second: bool, reference: int, one: Outer, unit: s
     if one.type == "Real":
         if unit:
             values["unit"] = unit
+            if variable.unit is not None and variable.unit.difference:
+                values["relativeQuantity"] = "true"
         if one.causality is not Causality.PARAMETER and variable.nominal not in (0.0, 1.0):
             values["nominal"] = repr(float(variable.nominal))
     if one.type != "Boolean" and one.causality is not Causality.OUTPUT:

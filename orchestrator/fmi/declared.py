@@ -85,6 +85,9 @@ def read_variable(
             unit = parse_unit(unit_name)
         except UnitError:
             unit = None
+    shown = display_units.get(unit_name, {})
+    if unit is not None and _relative(item, declared):
+        unit, shown = unit.of_differences(), {name: one.of_differences() for name, one in shown.items()}
     kind = _kind(item.type)
     low = item.min if item.min is not None else getattr(declared, "min", None)
     high = item.max if item.max is not None else getattr(declared, "max", None)
@@ -98,7 +101,7 @@ def read_variable(
         initial=Initial(item.initial) if item.initial else None,
         unit=unit,
         unit_name=unit_name,
-        display_units=display_units.get(unit_name, {}),
+        display_units=shown,
         start=_start(item.start, kind, tuple(item.shape or ())),
         nominal=_nominal(item.nominal, getattr(declared, "nominal", None)),
         minimum=number(low),
@@ -109,6 +112,12 @@ def read_variable(
         negated=negated,
         intermediate=intermediate,
     )
+
+
+def _relative(item: Any, declared: Any) -> bool:
+    """Whether offsets of units are no part of a variable's values (FMI 2.0.4, 2.2.3: relativeQuantity)."""
+    own = item.relativeQuantity
+    return bool(getattr(declared, "relativeQuantity", False) if own is None else own)
 
 
 def _items(declared: Any) -> dict[str, int]:

@@ -160,11 +160,23 @@ def read_description(path: Path, interface: Interface | None = None) -> ModelDes
         for item in root.findall("ModelVariables/*[@intermediateUpdate]")
         if item.get("intermediateUpdate") in ("true", "1")
     )
+    _add_relative_quantities(raw, root)
     found = _reduce(raw, chosen, _directional(root, chosen), deviations, negated, within)
     clocks = [v.name for v in found.variables.values() if v.kind is Kind.CLOCK]
     if clocks:
         raise FmuError(f"{path}: uses clocks, which are not supported: {listed(clocks, 5)}")
     return found
+
+
+def _add_relative_quantities(raw: Any, root: Any) -> None:
+    """Set relativeQuantity of variables, which fmpy looks for among an element's children."""
+    given = {}
+    for item in root.findall("ModelVariables/*"):
+        for element in (item, item.find("Real")):
+            if element is not None and "relativeQuantity" in element.attrib:
+                given[item.get("name")] = element.get("relativeQuantity") in ("true", "1")
+    for item in raw.modelVariables:
+        item.relativeQuantity = given.get(item.name)
 
 
 def _choose(path: Path, raw: Any, wanted: Interface | None) -> Interface:

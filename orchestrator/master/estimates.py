@@ -221,10 +221,7 @@ def _allowed(system: System, name: str, text: str) -> float:
     unit = system.variable(port).unit
     quantity = parse_quantity(text)
     if unit is not None:
-        # A difference: an offset of the unit is no part of it.
-        if not quantity.unit.same_dimension(unit):
-            raise UnitError(f"{quantity.unit} [{quantity.unit.base()}] cannot be converted to {unit}")
-        value = float(quantity.value * quantity.unit.factor / unit.factor)
+        value = quantity.to(unit, difference=True)
     elif quantity.unit == ONE:
         value = float(quantity.value)
     else:

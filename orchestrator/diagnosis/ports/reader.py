@@ -12,7 +12,7 @@ import numpy as np
 from ...checks import in_range
 from ...config import take_as_meant
 from ...errors import ConfigError, Problem, in_order, listed, nearest
-from ...fmi import Causality, Kind
+from ...fmi import Causality, Kind, Variable
 from ...quantities import Measure
 from ...run import Prepared, prepare
 from ...system import Port
@@ -153,7 +153,7 @@ class _Reader:
     def study(self) -> PortStudy | None:
         """The study; None if something is wrong, which is told."""
         sheet, model = self.sheet, self.model
-        units = {name: one.unit_name or "1" for name, one in self.ports.items()} | {"time": "s"}
+        units = {name: _column_unit(one) for name, one in self.ports.items()} | {"time": "s"}
         mapping, fed, compared = self._columns(units)
         nominal = self._nominal()
         candidates, priors = self._candidates()
@@ -361,3 +361,9 @@ class _Reader:
             if tolerance is not None and value is not None:
                 found[name] = Nominal(value, tolerance)
         return found
+
+
+def _column_unit(port: Variable) -> str:
+    """The unit that a column is converted to; of a temperature difference without an origin."""
+    temperature = port.unit is not None and port.unit.difference and port.unit.base() == "K"
+    return f"delta_{port.unit_name}" if temperature else port.unit_name or "1"

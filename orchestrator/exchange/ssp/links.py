@@ -13,7 +13,7 @@ from ...effects.offset import Offset
 from ...fmi import ModelDescription, Variable
 from ...run import Prepared
 from ...system import Connection
-from ...units import convert
+from ...units import UnitError, convert
 
 __all__ = ["Link", "links_of"]
 
@@ -94,5 +94,8 @@ def _judged(
     )
     suppress = False
     if one.unit is not None and other.unit is not None:
-        suppress = not one.unit.same_dimension(other.unit) or convert(one.unit, other.unit) != (1.0, 0.0)
+        try:
+            suppress = convert(one.unit, other.unit) != (1.0, 0.0)
+        except UnitError:  # effects change the dimension, or what has an origin into a difference
+            suppress = True
     return Link(connection, one, other, factor, offset, suppress, table)

@@ -18,7 +18,7 @@ from typing import Any
 
 from ...errors import ConfigError, Problem, listed
 from ...fmi import Kind
-from ...units import Unit, convert
+from ...units import Unit, UnitError, convert
 from . import annotations
 from .archive import open_package
 from .code import take_code
@@ -217,7 +217,10 @@ def _linear(course: Course, source: Node, sink: Node) -> list[dict[str, Any]]:
     name = "" if source.variable is None else source.variable.unit_name
     if one is not None and other is not None:
         if one.same_dimension(other):
-            gain, shift = convert(one, other)
+            try:
+                gain, shift = convert(one, other)
+            except UnitError as error:
+                raise CourseError(str(error)) from None
         elif one.offset or other.offset:
             raise CourseError("a unit with an offset cannot become another quantity")
         else:

@@ -11,7 +11,7 @@ from ...config import Scalar
 from ...errors import Problem, listed, nearest
 from ...fmi import Kind, Variable
 from ...quantities import Measure, quantity
-from ...units import ONE, Unit, UnitError, convert, parse_unit
+from ...units import ONE, Quantity, Unit, UnitError, convert, parse_unit
 from .model import Transformation
 from .network import Given, Node
 
@@ -108,8 +108,7 @@ def _real(given: Given, variable: Variable, text: str, change: Transformation | 
         if change is None and _means(name, unit, variable):
             return f"{text.strip()} {name}"
         if unit != own:
-            exact = Fraction(str(plain)) * unit.factor + unit.offset - own.offset
-            value = float(exact / own.factor)
+            value = Quantity(Fraction(str(plain)), unit).to(own)
     if change is not None:
         value = change.factor * value + change.offset
     if not math.isfinite(value):
@@ -165,7 +164,10 @@ class Course:
                         f"units differ, {self.unit_name} [{unit.base()}] and {node.unit_name} "
                         f"[{node.unit.base()}], and their conversion is not suppressed"
                     )
-                self._affine(*convert(unit, node.unit))
+                try:
+                    self._affine(*convert(unit, node.unit))
+                except UnitError as error:
+                    raise CourseError(str(error)) from None
             self.unit, self.unit_name = node.unit, node.unit_name
         elif suppress:
             self.unit, self.unit_name = None, ""
