@@ -44,8 +44,9 @@ def run_each(
             problems += error.problems
             of = f"{config}: " if len(configs) > 1 else ""
             unchecked += [f"{of}{one}" for one in error.unchecked]
-    counts = Counter(one.config.name for one in prepared)
-    twice = [name for name, count in counts.items() if count > 1]
+    # Where case does not count in names of files, two folders would be one.
+    counts = Counter(one.config.name.casefold() for one in prepared)
+    twice = list({one.config.name: None for one in prepared if counts[one.config.name.casefold()] > 1})
     if twice and out is not None:
         problems.append(
             Problem("", f"several systems are called {listed(twice)}", "one folder for each name")

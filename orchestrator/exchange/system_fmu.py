@@ -148,12 +148,12 @@ def _system(inside: Inside) -> str:
 
 
 def _folders(inside: Inside) -> list[str]:
-    """Folders of the FMUs below resources/: their files' names, made distinct."""
+    """Folders of the FMUs below resources/: their files' names, made distinct, whatever their case."""
     folders: list[str] = []
     for path in inside.fmus:
         name = re.sub(r"[^A-Za-z0-9_-]", "_", path.stem)
         number, found = 2, f"fmus/{name}"
-        while found in folders:
+        while found.casefold() in (one.casefold() for one in folders):
             found, number = f"fmus/{name}_{number}", number + 1
         folders.append(found)
     return folders

@@ -56,20 +56,39 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
         session = rumoca.Session(roots=[str(folder)])
         try:
             compiled = session.load(str(folder / tree.main), model=model)
-            flat = json.loads(compiled.to_json("flat"))
+            flat = json.loads(tree.restored(compiled.to_json("flat")))
             files = json.loads(compiled.to_json("dae"))["source_map"]["files"]
         except rumoca.RumocaError as error:
             if wrong := _syntax(tree, rumoca.validate_source):
                 raise BuildError("\n".join(wrong)) from error
-            text = str(error).replace(f"{folder}/", tree.label).replace(DELAY, "delay")
+            text = tree.restored(str(error)).replace(f"{folder}/", tree.label).replace(DELAY, "delay")
             raise BuildError(_refusal(tree, model, text)) from error
         except BaseException as error:
             # A panic of the compiler is no Exception, and its class cannot be imported.
             if type(error).__name__ != "PanicException":
                 raise
-            raise BuildError(_refusal(tree, model, _panic_text(tree, model, str(error)))) from None
+            raise BuildError(
+                _refusal(tree, model, _panic_text(tree, model, tree.restored(str(error))))
+            ) from None
         prefix = f"{folder.as_posix()}/"
-        return flat, {number: path.replace("\\", "/").removeprefix(prefix) for number, path, _ in files}
+        paths = {number: path.replace("\\", "/").removeprefix(prefix) for number, path, _ in files}
+        if tree.renamed:
+            _restore_offsets(flat, paths, tree)
+        return flat, paths
+
+
+def _restore_offsets(json: Any, paths: dict[int, str], tree: SourceTree) -> None:
+    """Have all spans of a representation count in the source files, not in those that the compiler saw."""
+    if isinstance(json, dict):
+        path = paths.get(json.get("source"), "") if isinstance(json.get("source"), int) else ""
+        for key, value in json.items():
+            if path and key in ("start", "end") and isinstance(value, int):
+                json[key] = tree.restore_offset(path, value)
+            else:
+                _restore_offsets(value, paths, tree)
+    elif isinstance(json, list):
+        for item in json:
+            _restore_offsets(item, paths, tree)
 
 
 def _refusal(tree: SourceTree, model: str, text: str) -> str:
@@ -126,6 +145,7 @@ def _panic_text(tree: SourceTree, model: str, text: str) -> str:
     detail, offset = _DETAIL.search(text), _OFFSET.search(text)
     what = detail[1] if detail else text
     path = tree.classes[model].file
-    if offset and int(offset[1]) < len(tree.texts[path].encode()):
-        return f"{tree.place(path, int(offset[1]))}: {what}"
+    at = tree.restore_offset(path, int(offset[1])) if offset else -1
+    if 0 <= at < len(tree.texts[path].encode()):
+        return f"{tree.place(path, at)}: {what}"
     return what

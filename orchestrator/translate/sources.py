@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -21,6 +22,15 @@ DELAY = "dE1ay"
 _DELAY_DECLARATION = (
     f"function {DELAY} input Real u; input Real T; input Real Tmax = -1; output Real y;"
     f' external "C" y = {DELAY}(u, T, Tmax); end {DELAY};\n'
+)
+# Names of the language: a variable that differs from one of them in case only is not taken for it.
+_PREDEFINED = frozenset(
+    "Real Integer Boolean String StateSelect AssertionLevel Modelica Complex time der start fixed min max "
+    "nominal unit displayUnit quantity stateSelect unbounded abs sign sqrt div mod rem ceil floor integer "
+    "sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 size ndims fill zeros ones linspace "
+    "sum product transpose identity diagonal cat scalar vector matrix symmetric cross skew outerProduct "
+    "initial terminal noEvent smooth sample pre edge change reinit delay assert terminate semiLinear "
+    "homotopy inStream actualStream".split()
 )
 _BEFORE_DECLARED = frozenset({"]", "Real", "Integer", "Boolean", "String", "function"})
 
@@ -61,6 +71,61 @@ class SourceTree:
         """Every class by its qualified name; their files are paths within `root`."""
         return find_classes(self.texts, self.label)
 
+    @cached_property
+    def renamed(self) -> dict[str, str]:
+        """Names that differ from another one in case only, and what the compiler sees in their place.
+
+        Modelica distinguishes case (Language Specification 2.3.1); the compiler does not where it evaluates
+        ranges and dimensions.
+        """
+        used = {
+            token.text
+            for path, text in self.texts.items()
+            for token in tokenise(text, self.shown(path))
+            if token.kind == "name" and token.text[0] != "'"
+        }
+        classes = {part for name in self.classes for part in name.split(".")}
+        groups: dict[str, list[str]] = {}
+        for name in sorted(used - classes - _PREDEFINED):
+            groups.setdefault(name.casefold(), []).append(name)
+        taken, renamed = {name.casefold() for name in used}, {}
+        for names in groups.values():
+            for name in names[1:]:
+                number = 1
+                while (new := f"{name}_case{number}").casefold() in taken:
+                    number += 1
+                taken.add(new.casefold())
+                renamed[name] = new
+        return renamed
+
+    def restored(self, text: str) -> str:
+        """A text of the compiler's with the names of the source files."""
+        if not self.renamed:
+            return text
+        names = {new: old for old, new in self.renamed.items()}
+        return re.sub(rf"\b({'|'.join(names)})\b", lambda found: names[found[1]], text)
+
+    def restore_offset(self, path: str, offset: int) -> int:
+        """The byte offset in a source file of a byte offset in the file that the compiler saw."""
+        shift = 0
+        for start, longer in self._shifts.get(path, ()):
+            if start + shift >= offset:
+                break
+            shift += min(longer, offset - start - shift)
+        return offset - shift
+
+    @cached_property
+    def _shifts(self) -> dict[str, list[tuple[int, int]]]:
+        """Per file, byte offsets of the ends of renamed names, and by how much these became longer."""
+        found: dict[str, list[tuple[int, int]]] = {}
+        for path, text in self.texts.items() if self.renamed else ():
+            for token in tokenise(text, self.shown(path)):
+                if token.text in self.renamed:
+                    end = len(text[: token.start + len(token.text)].encode())
+                    longer = len(self.renamed[token.text]) - len(token.text)
+                    found.setdefault(path, []).append((end, longer))
+        return found
+
     def model_name(self, model: str | None) -> str:
         """Qualified name of the model to build.
 
@@ -98,7 +163,9 @@ class SourceTree:
 
     @contextmanager
     def marked_copy(self) -> Iterator[Path]:
-        """Write the files to a temporary folder with every delay() renamed; yields the folder.
+        """Write the files to a temporary folder for the compiler; yields the folder.
+
+        Every delay() and every name of `renamed` has another name there.
 
         Raises: BuildError if a file already uses the name that stands for delay().
         """
@@ -137,6 +204,9 @@ class SourceTree:
         letters = list(text)
         for token in self.delay_calls(path):
             letters[token.start : token.start + len(DELAY)] = DELAY
+        for token in reversed(tokenise(text, self.shown(path)) if self.renamed else ()):
+            if token.text in self.renamed:
+                letters[token.start : token.start + len(token.text)] = self.renamed[token.text]
         return "".join(letters)
 
 

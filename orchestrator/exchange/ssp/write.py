@@ -139,16 +139,27 @@ class _Writer:
         self.counts = [len(links) for links in self._links]
 
     def _place_files(self) -> None:
-        """A path in the package for each FMU; one for instances of the same."""
-        taken: dict[str, str] = {}
+        """A path in the package for each FMU, one for instances of the same, and for each instance's values.
+
+        No two paths differ in case only: on Windows and macOS they would name one file.
+        """
+        taken: dict[str, tuple[str, str]] = {}
         for name, file in self.files.items():
             total = annotations.checksum(file)
             stem = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)
             place, number = f"resources/{stem}.fmu", 2
-            while taken.get(place, total) != total:
+            while taken.get(place.casefold(), (total, place)) != (total, place):
                 place, number = f"resources/{stem}-{number}.fmu", number + 1
-            taken[place] = total
+            taken[place.casefold()] = (total, place)
             self._places[name] = place
+        self._values: dict[str, str] = {}
+        used: set[str] = set()
+        for one in self._prepared.system.instances:
+            place, number = f"resources/{one.name}.ssv", 2
+            while place.casefold() in used:
+                place, number = f"resources/{one.name}-{number}.ssv", number + 1
+            used.add(place.casefold())
+            self._values[one.name] = place
 
     def take_code(self, file: str) -> str:
         """Take a Python file into the package. Returns: its place there."""
@@ -164,7 +175,7 @@ class _Writer:
         content = {MAIN: self._document(carried)}
         for instance in self._prepared.system.instances:
             if instance.start:
-                content[f"resources/{instance.name}.ssv"] = self._parameters(instance)
+                content[self._values[instance.name]] = self._parameters(instance)
         content |= self.code
         with zipfile.ZipFile(path, "w") as archive:
             for name, data in content.items():
@@ -260,7 +271,7 @@ class _Writer:
                     self._node(connector, "ssc:Dimension", size=str(size))
         if instance.start:
             bindings = self._node(node, "ssd:ParameterBindings")
-            self._node(bindings, "ssd:ParameterBinding", source=f"resources/{instance.name}.ssv")
+            self._node(bindings, "ssd:ParameterBinding", source=self._values[instance.name])
 
     @staticmethod
     def _shape(description: ModelDescription, name: str) -> list[int]:
