@@ -45,7 +45,9 @@ def quantity(
             try:
                 return float(value)
             except OverflowError:  # of a whole number
-                return Problem(place, f"{before}{value} is beyond double precision")
+                return Problem(
+                    place, f"{before}about 1e{math.log10(abs(value)):.0f} is beyond double precision"
+                )
         allowed = f"a unit must be given, for zero too; its unit is {measure.name}"
         return Problem(place, f"{before}{value!r} has no unit", allowed, f"Write {value!r} {measure.name}.")
     if not isinstance(value, str):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -62,6 +63,9 @@ def time_problems(
     return problems
 
 
+MOST_STEPS = 10**12
+
+
 @dataclass(frozen=True)
 class Grid:
     """Equidistant communication points: time = start + index * step size, each rounded once.
@@ -86,6 +90,14 @@ class Grid:
             raise ConfigError(problems)
         start, stop, step = run.times()
         count = (stop - start) / step
+        if count > MOST_STEPS:
+            what = f"step_size {run.step_size} makes more than {MOST_STEPS:.0e} steps"
+            raise ConfigError([Problem(place, what, remedy="Take a larger step or an earlier stop_time.")])
+        if math.ulp(max(abs(float(start)), abs(float(stop)))) > step:
+            what = (
+                f"step_size {run.step_size} is below the resolution of times near stop_time {run.stop_time}"
+            )
+            raise ConfigError([Problem(place, what, remedy="Take a larger step, or begin at 0 s.")])
         if count.denominator != 1:
             below = count.numerator // count.denominator
             near = [f"{float(start + n * step)!r} s" for n in (below, below + 1) if n > 0]

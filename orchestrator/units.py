@@ -120,7 +120,10 @@ def _to_float(value: Fraction) -> float:
     try:
         return float(value)
     except OverflowError:
-        raise UnitError(f"{value.numerator // value.denominator:.3e} is beyond double precision") from None
+        exponent = math.log10(abs(value.numerator)) - math.log10(value.denominator)
+        raise UnitError(
+            f"about {'-' if value < 0 else ''}1e{exponent:.0f} is beyond double precision"
+        ) from None
 
 
 def _unit(
@@ -194,6 +197,8 @@ _PREFIXES = {
     "d": -1, "c": -2, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15, "a": -18,
 }  # fmt: skip
 
+_LONGEST_NUMBER = 1000
+_LARGEST_POWER = 30
 _FACTOR = re.compile(r"((?:delta_)?[A-Za-zµμΩ°%]+|1)(?:\^?([+-]?\d+))?")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*)?", re.DOTALL)
 
@@ -221,7 +226,9 @@ def _product(text: str, whole: str) -> tuple[list[int], Fraction, list[Unit]]:
         if match is None:
             raise UnitError(f"cannot read {part!r} in unit {whole!r}")
         unit = _symbol(match[1], whole)
-        power = int(match[2] or 1)
+        power = int(match[2] or 1) if len(match[2] or "") < 4 else _LARGEST_POWER + 1
+        if abs(power) > _LARGEST_POWER:
+            raise UnitError(f"the power of {match[1]} in unit {whole[:40]!r} is above {_LARGEST_POWER}")
         units.append(unit)
         factor *= unit.factor**power
         exponents = [total + power * own for total, own in zip(exponents, unit.exponents, strict=True)]
@@ -276,7 +283,16 @@ def parse_quantity(text: str) -> Quantity:
     if match is None:
         raise UnitError(f"{text!r} is not a number with a unit")
     unit = parse_unit(match[2]) if match[2] else ONE
-    return Quantity(Fraction(match[1]), unit, text.strip())
+    return Quantity(_fraction(match[1]), unit, text.strip())
+
+
+def _fraction(text: str) -> Fraction:
+    """A number as written, exactly. Raises: UnitError if it is far beyond double precision."""
+    exponent = re.split("[eE]", text)[1:] or ["0"]
+    if len(text) > _LONGEST_NUMBER or len(exponent[0].lstrip("+-0")) > 3:
+        shown = text if len(text) <= 30 else f"{text[:20]}... ({len(text)} characters)"
+        raise UnitError(f"{shown} is beyond double precision")
+    return Fraction(text)
 
 
 def quantity_in(
@@ -301,7 +317,7 @@ def quantity_in(
         raise UnitError(f"{text!r} has no unit")
     declared = (display_units or {}).get(match[2].strip())
     if declared is not None:
-        return Quantity(Fraction(match[1]), declared).to(unit, difference)
+        return Quantity(_fraction(match[1]), declared).to(unit, difference)
     quantity = parse_quantity(text)
     if quantity.unit.same_dimension(unit):
         return quantity.to(unit, difference)

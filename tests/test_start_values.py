@@ -70,7 +70,15 @@ def lone(name: str, value, **attributes) -> str | float:
             "  allowed: at least -3.4028235e+38 and at most 3.4028235e+38; its type is Float32"),
         (3.4028235e38, {"type": "Float32"}, 3.4028235e38),
         (1e39, {}, 1e39),
-        (10**400, {}, f"one.p (no unit): {10**400} is beyond double precision"),
+        ("1e400 s", {"unit_name": "s"}, "one.p [s]: cannot take '1e400 s', about 1e400 is beyond "
+            "double precision\n  its unit is s"),
+        ("-1e400 s", {"unit_name": "s"}, "one.p [s]: cannot take '-1e400 s', about -1e400 is beyond double "
+            "precision\n  its unit is s"),
+        ("1e99999 s", {"unit_name": "s"}, "one.p [s]: cannot take '1e99999 s', 1e99999 is beyond double "
+            "precision\n  its unit is s"),
+        ("1 s999999999", {"unit_name": "s"}, "one.p [s]: cannot take '1 s999999999', the power of s in unit "
+            "'s999999999' is above 30\n  its unit is s"),
+        (10**400, {}, "one.p (no unit): about 1e400 is beyond double precision"),
         (math.nan, {}, "one.p (no unit) must be a finite number, got nan"),
         (-math.inf, {"unit_name": "1", "minimum": -math.inf},
             "one.p [1] must be a finite number, got -inf"),

@@ -33,7 +33,7 @@ def checked_time(value: Any) -> str:
         quantity = parse_quantity(str(value))
         if quantity.unit == ONE:
             raise UnitError(f"{value!r} has no unit; write it as in '{value} s' or '{value} ms'")
-        quantity.exactly(_SECOND)
+        quantity.to(_SECOND)
     except UnitError as error:
         raise ValueError(str(error)) from None
     return str(value)

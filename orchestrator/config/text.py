@@ -19,6 +19,9 @@ __all__ = ["Path", "Place", "Places", "compose", "copied", "dump", "flow", "pars
 
 Path = tuple[str | int, ...]
 
+# What aliases may stand for, digits of a number, and levels of lists and mappings.
+MOST_ALIASED, MOST_DIGITS, DEEPEST = 100_000, 1000, 100
+
 
 @dataclass(frozen=True)
 class Place:
@@ -110,13 +113,58 @@ def compose(text: str, source: str) -> tuple[Any, Places, list[tuple[Path, Probl
     problems: list[tuple[Path, Problem]] = []
     try:
         node = yaml.compose(text, Loader=_BaseLoader)
+        if node is not None:
+            _check_extent(node, source)
         value = None if node is None else _construct(node, (), places, problems, ())
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = Place(source, mark.line + 1 if mark is not None else 0)
         what = " ".join(str(getattr(error, "problem", None) or error).split())
         raise ConfigError([Problem(str(place), f"not YAML: {what}")]) from error
+    except RecursionError:
+        raise ConfigError([_too_deep(Place(source))]) from None
     return value, places, problems
+
+
+def _too_deep(place: Place) -> Problem:
+    return Problem(str(place), "lists and mappings within each other", f"at most {DEEPEST} levels")
+
+
+def _check_extent(root: Any, source: str) -> None:
+    """Refuse what aliases or nesting make larger than any config: each alias is a copy of what it names.
+
+    Raises: ConfigError.
+    """
+    sizes: dict[int, tuple[int, int]] = {}  # values that a node stands for, and its levels
+    waiting, written = [root], 0
+    while waiting:
+        node = waiting[-1]
+        if id(node) in sizes and sizes[id(node)][0] >= 0:
+            waiting.pop()
+            continue
+        if isinstance(node, yaml.ScalarNode):
+            parts = []
+        elif isinstance(node, yaml.SequenceNode):
+            parts = node.value
+        else:
+            parts = [one for pair in node.value for one in pair]
+        if id(node) not in sizes:
+            written += 1
+            sizes[id(node)] = (-1, 0)  # begun; met again within itself it counts as nothing
+            waiting += [one for one in parts if id(one) not in sizes]
+            continue
+        inner = [sizes[id(one)] for one in parts]
+        sizes[id(node)] = (
+            1 + sum(max(count, 0) for count, _ in inner),
+            1 + max((level for _, level in inner), default=0),
+        )
+        if sizes[id(node)][1] > DEEPEST:
+            raise ConfigError([_too_deep(Place(source, node.start_mark.line + 1))])
+        waiting.pop()
+    count = sizes[id(root)][0]
+    if count - written > MOST_ALIASED:
+        what = f"its aliases stand for {count - written if count < 10**15 else 'more than 1e15'} values"
+        raise ConfigError([Problem(source, what, f"at most {MOST_ALIASED}", "Write out what is meant.")])
 
 
 def _construct(
@@ -129,6 +177,10 @@ def _construct(
         problems.append((path, Problem(places.text(path), "an alias that contains itself")))
         return None
     if isinstance(node, yaml.ScalarNode):
+        if len(node.value) > MOST_DIGITS and _scalar_tag(node.value) in ("int", "float"):
+            what = f"a number of {len(node.value)} characters"
+            problems.append((path, Problem(places.text(path), what, f"at most {MOST_DIGITS}")))
+            return None
         return _scalar(node)
     above = (*above, id(node))
     if isinstance(node, yaml.SequenceNode):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
+from ..progress import Share
 
 __all__ = ["add_arguments", "main"]
 
@@ -153,26 +154,24 @@ class _Bar:
             self._bar.set_description(case)
 
     def stage(self, name: str) -> None:
-        """A stage begins; the one before it is over. How far practice or weighing is, is no stage."""
-        stage, _, share = name.partition(" ")
-        if share and stage in ("practice", "weigh"):
+        """A stage begins, and the one before it is over; or, with a `Share`, it goes on."""
+        if isinstance(name, Share):
             if self._bar is not None:
                 self._bar.set_postfix_str(name)
             else:
-                self._tenths(stage, name)
+                self._tenths(name)
             return
         if self._bar is not None:
             self._bar.update(1 if self._stages else 0)
             self._bar.set_postfix_str(name)
         self._stages += 1
 
-    def _tenths(self, stage: str, name: str) -> None:
+    def _tenths(self, share: Share) -> None:
         """A line for each tenth."""
-        done, _, count = name.split()[1].partition("/")
-        tenth = stage, 10 * int(done) // max(int(count), 1)
+        tenth = share.stage, 10 * share.done // max(share.total, 1)
         if self._shown and tenth != self._told:
             self._told = tenth
-            print(f"orchestrator: {name}", file=sys.stderr, flush=True)
+            print(f"orchestrator: {share}", file=sys.stderr, flush=True)
 
     def end(self, stages: int) -> None:
         """A case is over, whether all its stages were gone through or not."""

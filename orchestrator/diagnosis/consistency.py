@@ -171,7 +171,10 @@ def _force_of_velocity(study: Study, run: Run) -> _Broken | None:
     row = int(np.argmax(np.abs(force)))
     # The noise of the sensor passes through from tick to tick, and tells the clocks apart to a tick.
     changes, pushes = np.diff(body), np.diff(force)
-    passed, at_once = _line(pushes, changes)
+    # A body that swings on the satellite follows later: the second differences show the rigid part alone.
+    passed, at_once = max(
+        _line(pushes, changes), _line(np.diff(pushes), np.diff(changes)), key=lambda line: line[1]
+    )
     # What else pushes the satellite, as a cable does, is slow.
     alike = _MASS[0] <= slope <= _MASS[1] and correlation >= 0.8
     if not alike and not (_MASS[0] <= passed <= _MASS[1] and at_once >= 0.9):

@@ -10,6 +10,7 @@ from time import perf_counter
 from typing import Any
 
 from ..errors import ConfigError, Problem
+from ..progress import Share
 from ..run_folder import folder_at
 from ..whole_file import write_text
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
@@ -119,7 +120,9 @@ def _any_system(
 
     cases, whole = practice[0], None if out is None else Path(out)
     kept = None if whole is None else whole / _PRACTISED
-    order = Practise(*practice, kept, lambda done: progress(f"practice {done}/{cases}")) if cases else None
+    order = (
+        Practise(*practice, kept, lambda done: progress(Share("practice", done, cases))) if cases else None
+    )
     made = diagnose_ports(path, progress, report and out is not None, order)
     diagnosed = Diagnosed(made.study, made.finding, made.diagnosis)
     if whole is None:

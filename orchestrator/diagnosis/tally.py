@@ -11,6 +11,8 @@ from contextvars import ContextVar
 from time import monotonic
 from typing import NamedTuple, TypeVar
 
+from ..progress import Share
+
 __all__ = ["PLAN", "Tally", "stage", "tallied", "telling", "twice"]
 
 _In, _Out = TypeVar("_In"), TypeVar("_Out")
@@ -168,7 +170,8 @@ class Tally:
             if len(self._paces[0]) >= min(2 * self._candidates, _FEWEST):
                 time = f", about {_time(self._steady(now))} left"
         again = " again, the step's own error taken off:" if self._again else ""
-        self._report(f"weigh{again} {done}/{done + left} candidates and fits{time}")
+        text = f"weigh{again} {done}/{done + left} candidates and fits{time}"
+        self._report(Share("weigh", done, done + left, text))
 
 
 def _typical(rising: Sequence[float]) -> float:

@@ -17,7 +17,7 @@ __all__ = ["Gain", "split"]
 def split(value: Any) -> tuple[float, str]:
     """A number and the name of its unit, "1" if it has none. Raises: UnitError."""
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value), ONE.name
+        return parse_quantity(str(value)).to(ONE), ONE.name
     quantity = parse_quantity(str(value))
     return float(quantity.value), quantity.unit.name
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
+from extent import all_or
 from logged import logged_study, with_column
 from scipy.signal import lfilter
 
@@ -55,6 +57,33 @@ def test_a_good_log_passes(good):
 )
 def test_an_effect_is_no_bad_data(effect, theta):
     assert told(logged_study((catalogue()[effect],), theta)) == ([], [])
+
+
+def _sizes(effect):
+    """Parameters of an effect at twice their usual size, with either sign, over the fits' first shapes."""
+    choices = []
+    for one in effect.parameters:
+        if one.shape:
+            shapes = sorted(one.starts)
+            choices.append(shapes if len(effect.parameters) < 3 else shapes[:: max(len(shapes) // 4, 1)])
+        else:
+            both = (2.0 * one.scale, -2.0 * one.scale) if one.low < 0.0 else (2.0 * one.scale,)
+            choices.append([min(max(size, one.low), one.high) for size in both])
+    return list(product(*choices))
+
+
+@pytest.mark.parametrize("effect", catalogue().values(), ids=catalogue())
+def test_no_effect_of_the_catalogue_at_twice_its_usual_size_is_bad_data(effect):
+    sizes = _sizes(effect)
+    for theta in sizes[:: all_or(max(len(sizes) // 24, 1), 1)]:
+        refused, _ = told(logged_study((effect,), theta))
+        assert refused == [], theta
+
+
+@pytest.mark.parametrize(("share", "hertz"), [(0.185, 3.83), (0.3, 3.83), (0.37, 3.5)])
+def test_a_body_that_swings_on_the_satellite_is_no_bad_data(share, hertz):
+    found = logged_study((catalogue()["dynamics.appendage"],), (share, 2.0 * np.pi * hertz))
+    assert told(found) == ([], [])
 
 
 @pytest.mark.parametrize(("sign", "fits"), [(1.0, True), (-1.0, False)])

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from orchestrator.diagnosis.cli import _Bar
 from orchestrator.diagnosis.search import each
 from orchestrator.diagnosis.tally import Tally, stage, tallied, telling, twice
+from orchestrator.progress import Share
 
 
 class Clock:
@@ -60,6 +61,7 @@ def test_looks_and_fits_are_counted():
         assert told[-1].startswith("weigh 33/49 candidates and fits")
         stage("candidates")  # weighed anew, all is to be done once more
         each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
+        assert (told[-1].stage, told[-1].done, told[-1].total) == ("weigh", 43, 194)
         again = "weigh again, the step's own error taken off: 43/194 candidates and fits"
         assert told[-1].startswith(again)
     before = len(told)
@@ -97,16 +99,19 @@ def test_how_far_a_search_is_stands_in_lines_where_there_is_no_terminal(capsys):
     bar = _Bar(8, shown=True)
     bar.stage("weigh")
     for done in range(0, 101, 2):
-        bar.stage(f"weigh {done}/100 candidates and fits, about 9 s left")
+        text = f"weigh again, the error taken off: {done}/100 candidates and fits, about 9 s left"
+        bar.stage(Share("weigh", done, 100, text))
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 11
-    assert lines[3] == "orchestrator: weigh 30/100 candidates and fits, about 9 s left"
+    assert lines[3] == (
+        "orchestrator: weigh again, the error taken off: 30/100 candidates and fits, about 9 s left"
+    )
     assert bar._stages == 1
     hidden = SimpleNamespace(update=None)
     bar._bar, shown = hidden, []
     hidden.set_postfix_str = shown.append
-    bar.stage("weigh 7/100 candidates and fits, about 9 s left")
-    assert shown == ["weigh 7/100 candidates and fits, about 9 s left"]
+    bar.stage(Share("practice", 7, 100))
+    assert shown == ["practice 7/100"]
 
 
 def test_a_second_search_counts_from_when_it_is_likely():

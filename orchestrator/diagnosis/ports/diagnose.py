@@ -9,8 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import yaml
-
+from ...config.text import compose
 from ...errors import ConfigError
 from ...formats import strict
 from ...run import instance_fmus
@@ -238,7 +237,7 @@ def _configs(file: Path, key: str = "system") -> list[Path]:
     """The config that a file names, and those which that extends; bundled ones come with the product."""
     if file.suffix.lower() in (".ssp", ".ssd"):
         return []  # these extend nothing
-    name = yaml.safe_load(file.read_text(encoding="utf-8")).get(key)
+    name = compose(file.read_text(encoding="utf-8"), file.name)[0].get(key)
     options = [] if name is None else [file.parent / name, *([Path(name)] if key == "system" else [])]
     found = [one for one in options if one.is_file()][:1]
     return [*found, *(base for one in found for base in _configs(one, "extends"))]

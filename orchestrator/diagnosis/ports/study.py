@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import yaml
-
 from ...config import Places
+from ...config.text import compose
+from ...errors import ConfigError
 from ...fmi import Causality, CompiledFmu
 from ...run import Prepared
 from ...system import Connection, Port
@@ -174,7 +174,7 @@ def is_port_study(path: Path) -> bool:
     if not file.is_file() or (path.is_dir() and (path / "case.yaml").is_file()):
         return False
     try:
-        data = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError, OSError):
+        data, _, _ = compose(file.read_text(encoding="utf-8"), file.name)
+    except (ConfigError, UnicodeDecodeError, OSError):
         return False
     return isinstance(data, dict) and data.get("format") == FORMAT
