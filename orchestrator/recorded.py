@@ -112,7 +112,7 @@ class Results:
         small = 8 * columns.rows * len(columns) <= _SMALL
         results = Results.__new__(Results)
         results._hold(
-            dict(columns) if small else columns,
+            columns.several(columns) if small else columns,
             units,
             about.get("parameters") if parameters is None else parameters,
             about.get("provenance") if provenance is None else provenance,

@@ -7,7 +7,7 @@ one that is cut off. Any reader of Arrow streams (pandas, polars, R, Julia) read
 from __future__ import annotations
 
 import mmap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -27,6 +27,8 @@ _END = b"\xff\xff\xff\xff\0\0\0\0"  # how an Arrow stream ends
 _EVEN = 512
 # A reader gives back the memory of the file that it has looked at after about so much of it [B].
 _RELEASED_EVERY = 4 << 20
+# Columns that are read ahead take no more memory than this [B].
+_AHEAD = 32 << 20
 
 
 class StreamWriter:
@@ -149,6 +151,9 @@ def typed(column: Array, kind: np.dtype[Any]) -> Array:
 class StreamedColumns(Mapping[str, Array]):
     """The columns of such a file, each read when it is asked for, and forgotten when nobody holds it.
 
+    A pass over the file costs in proportion to its width, however few columns it reads. So columns that are
+    asked for one after another are read ahead: twice as many in each pass, up to a fixed size in memory.
+
     Attributes:
         rows: of the whole blocks that the file holds.
         units, types: of the columns.
@@ -171,21 +176,44 @@ class StreamedColumns(Mapping[str, Array]):
         self.units = {one.name: (one.metadata or {}).get(b"unit", b"").decode() for one in schema}
         self.metadata = {key.decode(): text.decode() for key, text in (schema.metadata or {}).items()}
         self.types = {one.name: np.dtype(one.type.to_pandas_dtype()) for one in schema}
+        self._number = {name: number for number, name in enumerate(self._names)}
         self._held: WeakValueDictionary[str, Array] = WeakValueDictionary()
+        # Columns that were read ahead, the number of the next one to read, how many the last pass read.
+        self._ahead: dict[str, Array] = {}
+        self._next, self._latest = 0, 0
         self.rows = sum(batch.num_rows for batch in self._batches([0]))
 
     def __getitem__(self, name: str) -> Array:
         column = self._held.get(name)
         if column is None:
-            number = self._names.index(name) if name in self._names else -1
-            if number < 0:
-                raise KeyError(name)
-            column, end = np.empty(self.rows, self.types[name]), 0
-            for batch in self._batches([number]):
-                begin, end = end, end + batch.num_rows
-                column[begin:end] = batch.column(0).to_numpy(zero_copy_only=False)
-            self._held[name] = column
+            column = self._ahead.pop(name, None)
+        if column is None:
+            column = self._read(self._number[name])
+        self._held[name] = column
         return column
+
+    def _read(self, number: int) -> Array:
+        """A column by its number; those behind it are read ahead where the reads are in order."""
+        wanted = 2 * self._latest if number == self._next else 1
+        count = max(min(wanted, _AHEAD // (8 * max(self.rows, 1)), len(self._names) - number), 1)
+        columns = self.several(self._names[number : number + count])
+        self._next, self._latest = number + count, count
+        column = columns.pop(self._names[number])
+        self._ahead = columns
+        return column
+
+    def several(self, names: Iterable[str]) -> dict[str, Array]:
+        """Columns by name, in one pass over the file. Raises: KeyError for one that there is not."""
+        # The reader gives columns in the file's order.
+        numbers = sorted(self._number[name] for name in dict.fromkeys(names))
+        chosen = [self._names[number] for number in numbers]
+        columns = [np.empty(self.rows, self.types[name]) for name in chosen]
+        end = 0
+        for batch in self._batches(numbers):
+            begin, end = end, end + batch.num_rows
+            for column, part in zip(columns, batch.columns, strict=True):
+                column[begin:end] = part.to_numpy(zero_copy_only=False)
+        return dict(zip(chosen, columns, strict=True))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._names)

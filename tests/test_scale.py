@@ -13,6 +13,7 @@ from benchmarks.systems import STEP_SIZE, Case, build, ring
 from orchestrator.errors import ConfigError
 from orchestrator.fmi import archive, compiled
 from orchestrator.run import prepare, run
+from orchestrator.stream import StreamedColumns
 
 STEPS = 10
 
@@ -81,6 +82,24 @@ def test_the_work_grows_in_proportion(what, fmu):
         prepared = prepare(config)
         found.append(calls(lambda: prepare(config) if what == "check" else run(prepared, halving=False)))  # noqa: B023
     assert found[1] < 11 * found[0]
+
+
+def test_results_are_gone_through_equally_often_at_any_width(fmu, monkeypatch, tmp_path):
+    """A pass costs in proportion to the width: one for each signal would cost its square."""
+    reader = StreamedColumns._reader
+    found = []
+    for size in (20, 200):
+        passes = []
+
+        def counted(self, numbers, passes=passes):
+            passes.append(numbers)
+            return reader(self, numbers)
+
+        monkeypatch.setattr(StreamedColumns, "_reader", counted)
+        made = run(large_config(size, fmu, STEPS), out=tmp_path / str(size))
+        assert len(made.results.signals) == size * PORTS
+        found.append(len(passes))
+    assert 0 < found[0] == found[1] < 20
 
 
 def test_a_mistake_in_a_large_system_is_told_alone(fmu):

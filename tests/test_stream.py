@@ -19,7 +19,7 @@ import pytest
 from doubles import mass, spring
 from unruly import unruly_fmu
 
-from orchestrator import recorded
+from orchestrator import recorded, stream
 from orchestrator.__main__ import main
 from orchestrator.assembly import Part, assemble
 from orchestrator.errors import OrchestratorError
@@ -240,6 +240,63 @@ def test_a_killed_run_leaves_readable_results(loop, seed, tmp_path, capsys):
     assert main(["export-results", str(out), "--format", "csv"]) == 0
     assert capsys.readouterr().out == f"{rows} rows written to {out}: results.csv\n"
     assert len((out / "results.csv").read_text().splitlines()) == rows + 1
+
+
+# Wide files.
+
+
+def wide(path, width, rows=8):
+    """A file of so many columns, whose number stands in them."""
+    writer = StreamWriter(path, {"time": np.float64, **{f"c{n}": np.float64 for n in range(width)}}, {})
+    writer.write(np.arange(rows, dtype=float), np.repeat(np.arange(width, dtype=float)[:, None], rows, 1))
+    writer.close()
+    return path
+
+
+@pytest.fixture
+def passes(monkeypatch):
+    """How often a file of columns was gone through."""
+    seen = []
+    reader = StreamedColumns._reader
+
+    def counted(self, numbers):
+        seen.append(numbers)
+        return reader(self, numbers)
+
+    monkeypatch.setattr(StreamedColumns, "_reader", counted)
+    return seen
+
+
+@pytest.mark.parametrize("width", [40, 2000])
+def test_columns_in_order_take_few_passes(width, tmp_path, passes):
+    found = StreamedColumns(wide(tmp_path / "x.arrow", width))
+    for number, name in enumerate(name for name in found if name != "time"):
+        assert np.array_equal(found[name], np.full(8, number))
+    assert len(passes) <= 3 + np.log2(width)
+
+
+def test_columns_in_any_order_are_right(tmp_path):
+    found = StreamedColumns(wide(tmp_path / "x.arrow", 60))
+    for number in np.random.default_rng(1).integers(0, 60, 300):
+        for name in (number, number + 1, number + 2):
+            if name < 60:
+                assert np.array_equal(found[f"c{name}"], np.full(8, name))
+    assert {name: column[0] for name, column in found.several(["c7", "c3", "c7"]).items()} == {
+        "c3": 3,
+        "c7": 7,
+    }
+    with pytest.raises(KeyError):
+        found.several(["c3", "d3"])
+
+
+def test_reading_ahead_keeps_within_its_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(stream, "_AHEAD", 10 * 8 * 8)  # ten columns of eight rows
+    found = StreamedColumns(wide(tmp_path / "x.arrow", 200))
+    most = 0
+    for name in found:
+        found[name]
+        most = max(most, len(found._ahead))
+    assert 0 < most < 10
 
 
 # Memory.

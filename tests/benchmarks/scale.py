@@ -1,6 +1,9 @@
 """Time to check, load and step large systems: rings of FMUs with 10 ports each.
 
     python -m tests.benchmarks.scale [--rounds N]
+    python -m tests.benchmarks.scale --whole [--steps N]
+
+With `--whole` a run is timed as users make it: check, run, repeat with half the step size, files and figures.
 
 The median of the rounds is printed; each round takes all sizes in turn.
 """
@@ -8,6 +11,7 @@ The median of the rounds is printed; each round takes all sizes in turn.
 from __future__ import annotations
 
 import argparse
+import shutil
 import tempfile
 from collections import defaultdict
 from collections.abc import Sequence
@@ -23,6 +27,7 @@ from .systems import STEP_SIZE, Case, build, ring
 PORTS = 10
 SIZES = (10, 100, 1000)
 STEPS = 100
+WHOLE = (200, 1000, 2000)
 
 
 def large_config(instances: int, fmu: Path, steps: int, **options: Any) -> dict[str, Any]:
@@ -40,15 +45,33 @@ def large_config(instances: int, fmu: Path, steps: int, **options: Any) -> dict[
     }
 
 
+def whole(fmu: Path, folder: Path, steps: int) -> None:
+    """Time runs with all that belongs to them, and print."""
+    print(f"instances  signals  check [s]  run with half the step size, files, figures of {steps} steps [s]")
+    for size in WHOLE:
+        begin = perf_counter()
+        prepared = prepare(large_config(size, fmu, steps))
+        checked = perf_counter()
+        run(prepared, out=folder / "out")
+        print(f"{size:9}  {size * PORTS:7}  {checked - begin:9.2f}  {perf_counter() - checked:.1f}")
+        shutil.rmtree(folder / "out")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=3, help="of which the median is taken")
-    rounds = parser.parse_args(arguments).rounds
+    parser.add_argument("--whole", action="store_true", help="time whole runs instead")
+    parser.add_argument("--steps", type=int, default=1000, help="of a whole run")
+    options = parser.parse_args(arguments)
+    rounds = options.rounds
     times: dict[int, list[tuple[float, float, float]]] = defaultdict(list)
     with tempfile.TemporaryDirectory() as folder:
         fmu = build(Case("", 2, PORTS, True, ring(2, PORTS)), Path(folder)).fmu
         run(large_config(2, fmu, 1), halving=False)  # imports
+        if options.whole:
+            whole(fmu, Path(folder), options.steps)
+            return
         for _ in range(rounds):
             for size in SIZES:
                 begin = perf_counter()
