@@ -62,8 +62,8 @@ class Measure(Protocol):
         system's name."""
 
 
-# Numbers that are compared at a time.
-_NUMBERS = 1 << 18
+# Numbers that are compared at a time, and the fewest rows: each costs a call for each signal.
+_NUMBERS, _ROWS = 1 << 18, 256
 
 # Name in configs -> where it lives; imported when asked for.
 _MEASURES = {
@@ -150,7 +150,7 @@ def signal_changes(results: Results, halved: Results) -> dict[str, dict[str, flo
     """
     names = list(results.signals)
     apart, low, high = np.zeros(len(names)), np.full(len(names), np.inf), np.full(len(names), -np.inf)
-    rows = max(_NUMBERS // (len(names) + 1), 1)
+    rows = max(_NUMBERS // (len(names) + 1), _ROWS)
     for chunk, other in zip(results.chunks(rows), halved.chunks(2 * rows), strict=False):
         for index, name in enumerate(names):
             before = chunk[name].astype(float)

@@ -12,6 +12,8 @@ from benchmarks.systems import STEP_SIZE, Case, build, ring
 
 from orchestrator.errors import ConfigError
 from orchestrator.fmi import archive, compiled
+from orchestrator.measures import signal_changes
+from orchestrator.results import Results
 from orchestrator.run import prepare, run
 from orchestrator.stream import StreamedColumns
 
@@ -100,6 +102,16 @@ def test_results_are_gone_through_equally_often_at_any_width(fmu, monkeypatch, t
         assert len(made.results.signals) == size * PORTS
         found.append(len(passes))
     assert 0 < found[0] == found[1] < 20
+
+
+def test_the_comparison_with_half_the_step_grows_in_proportion():
+    found = []
+    for width in (1000, 10_000):
+        columns = {f"s{n}": np.zeros(300) for n in range(width)}
+        once = Results(np.arange(300.0), columns)
+        halved = Results(np.arange(600.0), {name: np.ones(600) for name in columns})
+        found.append(calls(lambda: signal_changes(once, halved)))  # noqa: B023
+    assert found[1] < 11 * found[0]
 
 
 def test_a_mistake_in_a_large_system_is_told_alone(fmu):
