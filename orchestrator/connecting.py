@@ -315,9 +315,8 @@ class _Judge:
         return Measure(variable.unit_name, variable.unit, variable.display_units)
 
     def legs(self, ports: list[Port]) -> tuple[list[Leg], Measure]:
-        """The summands, in the unit of the first."""
-        legs: list[Leg] = []
-        first, total = Measure(), 0.0
+        """The summands, in the unit of the first that is no difference, or else of the first."""
+        read: list[tuple[Port, float, Measure]] = []
         for number, (port, (_, given)) in enumerate(zip(ports, self._ends.sources, strict=True)):
             measure = self._measure(port)
             try:
@@ -338,21 +337,37 @@ class _Judge:
                     self._problems.append(Problem(self.place, what, remedy="Give a bare number."))
                     continue
                 measure = times_unit(measure, unit)
-            total += factor
-            if not legs:
-                first = measure
+            read.append((port, factor, measure))
+        if not read:
+            return [], Measure()
+        values = [one for one in read if one[2].unit is None or not one[2].unit.difference]
+        lead, _, first = (values or read)[0]
+        # Of values, not of differences: a sum of 1 gives a value, a sum of 0 a difference.
+        total = sum(factor for _, factor, _ in values)
+        legs: list[Leg] = []
+        shifted = False
+        for port, factor, measure in read:
+            if port is lead and not legs:
                 legs.append(Leg(port, factor))
                 continue
-            what = f"cannot add {port} [{measure.name}] to {ports[0]} [{first.name}]"
-            converted = _converted(measure, first, self.place, what, str(ports[0]))
+            own = first
+            if measure.unit is not None and measure.unit.difference and first.unit is not None:
+                own = first._replace(unit=first.unit.of_differences())
+            what = f"cannot add {port} [{measure.name}] to {lead} [{first.name}]"
+            converted = _converted(measure, own, self.place, what, str(lead))
             if isinstance(converted, Problem):
                 self._problems.append(converted)
                 continue
             gain, offset, _ = converted
+            shifted |= offset != 0.0
             legs.append(
                 Leg(port, gain * factor, offset * factor) if factor != 1.0 else Leg(port, gain, offset)
             )
-        if first.unit is not None and first.unit.offset and abs(total) < 1e-12:
+        if shifted and min(abs(total), abs(total - 1.0)) > 1e-9:
+            what = f"cannot add {listed(map(str, ports))}: the origins of their units differ"
+            allowed = f"gains whose sum is 1 (a value) or 0 (a difference), got {total:g}"
+            self._problems.append(Problem(self.place, what, allowed))
+        if values and first.unit is not None and (first.unit.offset or shifted) and abs(total) < 1e-12:
             # The difference of two temperatures: origins cancel.
             first = first._replace(unit=first.unit.of_differences())
         return legs, first

@@ -10,7 +10,9 @@ import pytest
 import yaml
 
 from orchestrator.__main__ import main
+from orchestrator.errors import ConfigError
 from orchestrator.results import read_results
+from orchestrator.run import run
 from orchestrator.units import UnitError, convert, parse_quantity, parse_unit
 
 UNITS = """<UnitDefinitions>
@@ -145,3 +147,42 @@ def test_units_of_differences():
     assert parse_quantity("3 delta_degC/min").exactly(parse_unit("K/s")) == Fraction(1, 20)
     with pytest.raises(UnitError, match="delta_degC is a unit of differences here, degC has an origin"):
         parse_quantity("5 delta_degC").exactly(celsius)
+
+
+@pytest.mark.parametrize(
+    ("sources", "target", "right"),
+    [
+        (["k.y_T", {"port": "c.y_T", "gain": -1}], "into.d", 6.85),
+        (["k.y_T", "c.y_d"], "into.kelvin", 304.0),
+        (["c.y_d", "k.y_T"], "into.celsius", 30.85),
+        ([{"port": "k.y_T", "gain": 0.5}, {"port": "c.y_T", "gain": 0.5}], "into.kelvin", 296.575),
+    ],
+)
+def test_sums_of_values_and_differences_in_any_order(sources, target, right, tmp_path):
+    found = summed(sources, target, tmp_path)
+    assert found == pytest.approx(right, rel=1e-12)
+
+
+def test_a_sum_that_depends_on_the_origins_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="gains whose sum is 1"):
+        summed(["k.y_T", "c.y_T"], "into.kelvin", tmp_path)
+
+
+def summed(sources, target, folder):
+    """The value that an input gets, of T = 300 K in k, and T = 20 degC and a difference d = 4 degC in c."""
+    relative = 'unit="degC" relativeQuantity="true"'
+    echo(folder / "K.fmu", parameters={"T": 'unit="K"'})
+    echo(folder / "C.fmu", parameters={"T": 'unit="degC"', "d": relative})
+    units = {"kelvin": 'unit="K"', "celsius": 'unit="degC"', "d": relative}
+    name = target.partition(".")[2]
+    echo(folder / "Into.fmu", inputs={name: units[name]})
+    config = {
+        "run": {"master": "jacobi", "step_size": "0.1 s", "stop_time": "0.2 s"},
+        "instances": {
+            "k": {"fmu": str(folder / "K.fmu"), "start": {"T": "300 K"}},
+            "c": {"fmu": str(folder / "C.fmu"), "start": {"T": "20 degC", "d": "4 degC"}},
+            "into": {"fmu": str(folder / "Into.fmu")},
+        },
+        "connections": [{"from": sources, "to": target}],
+    }
+    return run(config, halving=False).results[f"into.y_{name}"][-1]
