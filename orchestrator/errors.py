@@ -16,6 +16,7 @@ __all__ = [
     "Interrupted",
     "OrchestratorError",
     "Problem",
+    "SimulationEnded",
     "StepError",
     "close",
     "error_data",
@@ -122,6 +123,14 @@ class StepError(OrchestratorError):
         """From process to process with all that it knows."""
         known = {name: getattr(self, name) for name in ("instance", "time", "status", "log", "remedy")}
         return partial(type(self), **known), (self.what,)
+
+
+class SimulationEnded(StepError):
+    """An FMU asked to end the simulation, which is a regular end of a run.
+
+    Attributes:
+        time: when it asked [s].
+    """
 
 
 class Interrupted(OrchestratorError):

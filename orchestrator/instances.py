@@ -24,6 +24,9 @@ from .wires import Wires
 
 __all__ = ["Curve", "Instances", "instantiate"]
 
+# Part of a step within which an end of the simulation counts as being at the step's end.
+_CLOSE = 1e-9
+
 
 class Curve(NamedTuple):
     """How all signals run over a step, for what is fed with more than a held value.
@@ -58,6 +61,8 @@ class Instances:
         memory: what a master keeps from one step to the next, so that one master serves several runs.
         wires: evaluates connections with effects; None if there are none.
         culprits: names who gave a number that is not finite.
+        ender: the instance that asked to end the simulation at the end of its latest step, by index; None
+            where none did.
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -66,6 +71,7 @@ class Instances:
         self.running: list[FmuInstance] = []
         self.started = 0
         self.memory: dict[Any, Any] = {}
+        self.ender: int | None = None
         self.noted_inputs: NDArray[np.intp] | None = None
         self._values = np.zeros(layout.size)
         self._finite = np.empty(layout.size, np.bool_)
@@ -226,6 +232,8 @@ class Instances:
             for order, slope in enumerate(slopes or (), 1):
                 one.write_input_derivatives(order, slope)
             status = self._do_step(index, point, slopes)
+            if status is StepStatus.TERMINATED and self.is_complete(index, point):
+                self.ender, status = index, StepStatus.OK
             if status <= StepStatus.WARNING:
                 one.read_outputs()
                 if self.layout.text_outputs[index]:
@@ -237,6 +245,11 @@ class Instances:
             raise
         self._elapsed[index] += perf_counter_ns() - begin
         return status
+
+    def is_complete(self, index: int, point: Point) -> bool:
+        """Whether an instance that asks to end the simulation finished the step from `point` before."""
+        reached, end = self.running[index].last_successful_time(), point.time + point.step_size
+        return reached is not None and reached >= end - max(_CLOSE * point.step_size, 8.0 * ulp(end))
 
     def _do_step(self, index: int, point: Point, slopes: Sequence[Array] | None) -> StepStatus:
         one, count, every = self.running[index], self._parts[index], self._every[index]
@@ -285,6 +298,7 @@ class Instances:
         saved = [(self.running[index], self.running[index].save_state()) for index in indices]
 
         def back() -> None:
+            self.ender = None
             for one, state in saved:
                 one.restore_state(state)
             if remembered is not None:

@@ -152,9 +152,13 @@ def signal_changes(results: Results, halved: Results) -> dict[str, dict[str, flo
     apart, low, high = np.zeros(len(names)), np.full(len(names), np.inf), np.full(len(names), -np.inf)
     rows = max(_NUMBERS // (len(names) + 1), _ROWS)
     for chunk, other in zip(results.chunks(rows), halved.chunks(2 * rows), strict=False):
+        shared = min(
+            chunk["time"].size, -(-other["time"].size // 2)
+        )  # an FMU may have ended one of them before the other
         for index, name in enumerate(names):
-            before = chunk[name].astype(float)
-            apart[index] = max(apart[index], abs(other[name][::2].astype(float) - before).max())
+            before = chunk[name][:shared].astype(float)
+            after = other[name][::2][:shared].astype(float)
+            apart[index] = max(apart[index], abs(after - before).max(initial=0.0))
             low[index], high[index] = min(low[index], before.min()), max(high[index], before.max())
     spread = high - low
     return {

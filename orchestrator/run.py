@@ -207,6 +207,8 @@ def _run_once(
         "instance_time": report.instance_time,
         "log": report.log,
     }
+    if report.ended is not None:
+        statistics["ended"] = {"instance": report.ended.instance, "time": report.ended.time}
     if pace is not None:
         statistics["realtime"] = pace.summary()
     if report.external:

@@ -16,12 +16,13 @@ import numpy as np
 
 from .config import RunModel
 from .config.base import exact_time
-from .errors import ConfigError, Problem
+from .errors import ConfigError, Problem, SimulationEnded
 from .fmi import Array, Point
 from .instance_pool import InstancePool
 from .instances import Instances, instantiate
 from .ledger import Ledger, Step
 from .master import MasterAlgorithm
+from .master.base import ended
 from .native import choose_loop, schedule
 from .pacing import Pace
 from .signals import Layout, Signals
@@ -174,6 +175,7 @@ class Report:
         loop: which one ran, "python" or "native".
         stepping_time: wall time of the loop itself, without loading and initialising [s].
         external: what links to external programs counted, by instance.
+        ended: the end that an FMU asked for before the last communication point; None where none did.
     """
 
     instance_time: dict[str, float] = field(default_factory=dict)
@@ -181,6 +183,7 @@ class Report:
     loop: str = ""
     stepping_time: float = 0.0
     external: dict[str, Any] = field(default_factory=dict)
+    ended: SimulationEnded | None = None
     _begun: float | None = field(default=None, repr=False)
 
     def stepping_begins(self) -> None:
@@ -241,6 +244,9 @@ def simulate(
 ) -> None:
     """Run a system.
 
+    A run ends before its last communication point where an FMU asks for it. The last point is then the one at
+    which it asks, or the one before if it asks within a step.
+
     Observers see every communication point, before the step that begins there: values belong to that instant.
     The native loop shows them up to 16384 points at once, after the steps that begin there.
 
@@ -279,6 +285,8 @@ def simulate(
                     else:
                         report.stepping_begins()
                         _loop(instances, master, grid, observers, stop, signals, ledger or None, pace)
+            except SimulationEnded as end:
+                report.ended = end
             finally:
                 report.stepping_ends()
             instances.terminate()
@@ -315,11 +323,18 @@ def _loop(
         if stop.requested:
             raise KeyboardInterrupt
         if not point.last:
+            _end_if_asked(instances, point)
             signals, info = master.step(instances.system, instances, point, signals)
             info.raise_on_failure(point)
             if ledger is not None:
                 given = instances.given(ledger.books.inputs)
                 parts = info.parts or (Step(point.step_size, signals.values, given),)
+
+
+def _end_if_asked(instances: Instances, point: Point) -> None:
+    """Raises: SimulationEnded if an instance asked for it at the end of its latest step."""
+    if instances.ender is not None:
+        raise ended(instances.running[instances.ender].name, point, point.time)
 
 
 def _loop_natively(
@@ -366,3 +381,5 @@ def _loop_natively(
         paced(time)
     if stop.requested:
         raise KeyboardInterrupt
+    if not point.last:
+        _end_if_asked(instances, point)

@@ -42,6 +42,11 @@ def remarks(summary: Mapping[str, Any]) -> list[str]:
     """What a reader has to be told: energy from the coupling, missed deadlines, lost datagrams, warnings."""
     numerics, run = summary.get("numerics") or {}, summary.get("run") or {}
     lines = _created(summary.get("coupling") or {}, numerics.get("coupling") or {})
+    if ended := run.get("ended"):
+        lines.append(
+            f"{ended['instance']} ended the simulation at {ended['time']:.12g} s, "
+            f"before the stop time of {run['stop_time']:.12g} s."
+        )
     lines += _punctuality(run.get("realtime"))
     for name, link in run.get("external", {}).items():
         lines.append(

@@ -53,6 +53,7 @@ class FakeFmu:
         step: changes the values over a step, given (values, time, step size); may return a status.
         output: outputs as a function of the values.
         extra: further variables.
+        reached: what instances give as their last successful time [s].
     """
 
     name: str = "Fake"
@@ -68,6 +69,7 @@ class FakeFmu:
         default_factory=lambda: Capabilities(save_state=True, variable_step_size=True)
     )
     path: None = None
+    reached: float | None = None
 
     def __post_init__(self) -> None:
         made = [
@@ -170,7 +172,7 @@ class FakeInstance:
         return tuple(self.log)
 
     def last_successful_time(self) -> float | None:
-        return None
+        return self.fmu.reached
 
 
 def gain(factor: float = 1.0, unit_in: str = "", unit_out: str = "", **changes: Any) -> FakeFmu:

@@ -64,7 +64,9 @@ class Kept:
             self.error = (str(error), error.instance, error.time, error.status, error.log)
         self.results = self.recorder.results()
         values = {name: column.tobytes() for name, column in self.results.signals.items()}
-        self.seen = (self.results.time.tobytes(), values, self.error, self.report.log)
+        ended = self.report.ended
+        self.ended = ended and (ended.instance, ended.time)
+        self.seen = (self.results.time.tobytes(), values, self.error, self.ended, self.report.log)
 
 
 def both(system, master: str, steps: int = 2500, **options) -> Kept:
@@ -93,7 +95,7 @@ def test_bits_are_the_same_across_chunks_units_and_types(master, version, units)
 def test_failures_are_the_same(way, steps_before, master, version):
     at = float(Fraction(1, 3) + steps_before * Fraction(1, 700))
     kept = both(ring(version, way=WAYS.index(way), at=at), master)
-    assert kept.error is not None and kept.error[1] == "two"
+    assert (kept.error or (None, *(kept.ended or ("",))))[1] == "two"
     assert steps_before < len(kept.results) <= steps_before + 2
 
 
@@ -127,7 +129,7 @@ def test_failures_in_steps_of_their_own_are_the_same(way, steps_before, ratio, m
     sick = Part("two", fmu, {"way": WAYS.index(way), "at": at}, ratio=Fraction(ratio))
     parts = [Part("one", fmu), sick, Part("three", fmu, {"rate": "0.1 mm"})]
     kept = both(assemble(parts, ["three.level -> one.rate", "one.level -> two.rate"]), master, 1500)
-    assert kept.error is not None and kept.error[1] == "two"
+    assert (kept.error or (None, *(kept.ended or ("",))))[1] == "two"
 
 
 @every_master
@@ -148,8 +150,24 @@ def test_plain_systems_take_the_short_way_to_the_same(way, steps_before, master)
         assert len(Tables.of(instances, native, schedule(instances, create_master(master)), 0.1).plan) == 3
     kept = both(system, master)
     assert not never or len(np.unique(kept.results["two.level"])) > 2400
-    assert kept.error is None if never else kept.error[1] == "two"
+    assert kept.error is None if never else (kept.error or (None, *kept.ended))[1] == "two"
     assert never or steps_before < len(kept.results) <= steps_before + 2
+
+
+@every_master
+@every_version
+@pytest.mark.parametrize("who", ["one", "two", "three"])
+@pytest.mark.parametrize("steps_before", [0, 1, 1300])
+def test_an_fmu_that_ends_the_simulation_after_a_step_has_all_finish_it(steps_before, who, master, version):
+    begin = Fraction(1, 3) + steps_before * Fraction(1, 700)
+    fmu = load_fmu(unruly_fmu(version))
+    starts = {"one": {}, "two": {}, "three": {"rate": "0.1 mm"}}
+    starts[who] |= {"way": WAYS.index("ends"), "at": float(begin)}
+    parts = [Part(name, fmu, start) for name, start in starts.items()]
+    kept = both(assemble(parts, ["three.level -> one.rate", "one.level -> two.rate"]), master, 2000)
+    assert kept.error is None and kept.ended == (who, kept.results.time[-1])
+    assert len(kept.results) == steps_before + 2
+    assert all(kept.results[f"{name}.count"][-1] == steps_before + 1 for name in starts)
 
 
 @curved_or_not

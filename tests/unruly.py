@@ -16,6 +16,7 @@ import fmpy
 SOURCE = Path(__file__).parent / "fmu_sources" / "unruly.c"
 WAYS = (
     "nothing", "warn", "discards", "fails", "terminates", "nan level", "set fails", "get fails", "complains",
+    "ends",
 )  # fmt: skip
 
 _UNITS = """<UnitDefinitions>

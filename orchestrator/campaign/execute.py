@@ -205,6 +205,8 @@ class Context:
         ran = summary.get("run") or {}
         names = ("loop", "steps", "simulated_time", "wall_time", "stepping_time")
         parts = {key: summary[key] for key in summary if key not in _APART}
+        if ended := ran.get("ended"):
+            parts["ended"] = {"time": ended["time"]}
         return replace(
             row,
             derived=summary.get("derived"),

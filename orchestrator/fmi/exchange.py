@@ -34,8 +34,11 @@ class Exchange(CompiledInstance):
     _SET_TIME = _GET_STATES = _SET_STATES = _DERIVATIVES = _INDICATORS = _NOMINALS = ""
 
     _integrator: Integrator | None = None
+    _reached: float | None = None
     _next_event: float | None = None
     _running = False
+    # Whether the FMU asked to end the simulation when its inputs changed, or at the start.
+    _wants_end = False
     _sent: Array | None = None
 
     def __init__(self, *arguments: Any) -> None:
@@ -95,7 +98,7 @@ class Exchange(CompiledInstance):
                 f"proposes none\n  Give instances.{self.name}.tolerance, for example 1e-6."
             )
         self._time = start_time
-        self._settle()
+        self._wants_end = self._settle()
         self._running = True
         states, indicators = self._sizes()
         if states or indicators:
@@ -131,7 +134,7 @@ class Exchange(CompiledInstance):
     def reset(self) -> None:
         """See CompiledInstance.reset."""
         self._drop_integrator()
-        self._running, self._sent = False, None
+        self._running, self._wants_end, self._sent = False, False, None
         self._course.hold()
         super().reset()
 
@@ -154,7 +157,7 @@ class Exchange(CompiledInstance):
             return
         self._enter_event_mode()
         super().set_values(values)
-        self._settle()
+        self._wants_end |= self._settle()
 
     def write_inputs(self) -> None:
         """See FmuInstance.write_inputs; inputs that stay as they are cause no event."""
@@ -166,7 +169,7 @@ class Exchange(CompiledInstance):
         if self._u.size:
             self._enter_event_mode()
             super().write_inputs()
-            self._settle()
+            self._wants_end |= self._settle()
         self._sent = self._u.copy()
 
     def write_input_derivatives(self, order: int, values: Array) -> None:
@@ -181,7 +184,9 @@ class Exchange(CompiledInstance):
 
     def do_step(self, point: Point) -> StepStatus:
         """See FmuInstance.do_step."""
-        self._time = time = point.time
+        self._time = self._reached = time = point.time
+        if self._wants_end:
+            return StepStatus.TERMINATED
         self._course.begin(time)
         end = point.time + point.step_size
         close = max(_CLOSE * point.step_size, 8.0 * ulp(end))
@@ -193,13 +198,15 @@ class Exchange(CompiledInstance):
             if event is not None and event <= time + close:
                 events += 1
                 # Never before the event, be it by rounding: the FMU would not see it.
-                if self._handle_event(max(time, event)):
+                self._reached = max(time, event)
+                if self._handle_event(self._reached):
                     return StepStatus.TERMINATED
                 continue
             if time >= end - close:
                 return StepStatus.OK
             goal = end if event is None or event > end + close else min(event, end)
             time, due = self._integrate(goal)
+            self._reached = time
             if self.description.completed_step:
                 wanted, stop = self._completed_step()
                 if stop:
@@ -260,7 +267,7 @@ class Exchange(CompiledInstance):
 
     def last_successful_time(self) -> float | None:
         """See FmuInstance.last_successful_time."""
-        return None
+        return self._reached
 
     # States: what the FMU holds, and what is held here.
 
@@ -271,6 +278,7 @@ class Exchange(CompiledInstance):
     def restore_state(self, state: Any) -> None:
         """See FmuInstance.restore_state."""
         inner, self._next_event, self._sent = state
+        self._wants_end = False
         super().restore_state(inner)  # type: ignore[misc]
 
     def free_state(self, state: Any) -> None:

@@ -58,6 +58,8 @@ class Fmi3Instance(CompiledInstance):
     _EXIT, _TERMINATE, _FREE = "fmi3ExitInitializationMode", "fmi3Terminate", "fmi3FreeInstance"
     _INSTANTIATE, _RESET = "fmi3InstantiateCoSimulation", "fmi3Reset"
     _stepping = False
+    # Whether the FMU asked to end the simulation when its inputs changed, or at the start.
+    _wants_end = False
     _intermediate: Intermediate | None = None
 
     def _instantiate(self) -> None:
@@ -140,14 +142,14 @@ class Fmi3Instance(CompiledInstance):
         """See FmuInstance.exit_initialisation."""
         super().exit_initialisation()
         if self.handling.event_mode:
-            self._update_discrete_states()
+            self._wants_end = self._update_discrete_states()
             self._call("fmi3EnterStepMode")
             self._stepping = True
 
     def reset(self) -> None:
         """See CompiledInstance.reset."""
         super().reset()
-        self._stepping = False
+        self._stepping = self._wants_end = False
 
     def write_inputs(self) -> None:
         """See FmuInstance.write_inputs; discrete inputs may change in event mode only."""
@@ -169,7 +171,7 @@ class Fmi3Instance(CompiledInstance):
             return
         self._call("fmi3EnterEventMode")
         yield
-        self._update_discrete_states()
+        self._wants_end |= self._update_discrete_states()
         self._call("fmi3EnterStepMode")
 
     def do_step(self, point: Point) -> StepStatus:
@@ -177,6 +179,9 @@ class Fmi3Instance(CompiledInstance):
         self._time = point.time
         time, length = point.time, point.step_size
         end = point.time + point.step_size
+        if self._wants_end:
+            self._reached.value = time
+            return StepStatus.TERMINATED
         worst = StepStatus.OK
         between = self._intermediate
         if between is not None:
@@ -285,6 +290,7 @@ class Fmi3Instance(CompiledInstance):
     def restore_state(self, state: c_void_p) -> None:
         """See FmuInstance.restore_state."""
         self._call("fmi3SetFMUState", state)
+        self._wants_end = False
 
     def free_state(self, state: c_void_p) -> None:
         """See FmuInstance.free_state."""

@@ -21,7 +21,7 @@ from ..errors import Problem, listed, nearest
 from ..fmi import Causality, Point
 from ..run import Prepared, prepare
 from ..signals import Layout, Signals
-from ..simulate import Grid, simulate
+from ..simulate import Grid, Report, simulate
 from ..system import Connection, Leg, Link, Port, System, Wire
 from .tones import Measured, Tones
 from .transfer import Array
@@ -154,7 +154,10 @@ def _once(prepared: Prepared, drive: _Drive, periods: int, settle: int, part: in
             rows[:, first:last] = values[: last - first, places].T
 
     grid = Grid(begin, step, (settle + periods) * steps)
-    simulate(system, prepared.master, grid, [Observer()], loop=prepared.config.model.run.loop)
+    report = Report()
+    simulate(system, prepared.master, grid, [Observer()], report, loop=prepared.config.model.run.loop)
+    if report.ended is not None:
+        raise report.ended
     measured = []
     for row in rows:
         answer = row.reshape(settle + periods, steps)[settle:]

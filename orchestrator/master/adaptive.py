@@ -198,6 +198,10 @@ class Adaptive(Master):
             if number == 1:
                 break
             done += size
+            if instances.ender is not None:  # before the communication point, which no other instance reaches
+                reached = point.time + done
+                name = instances.running[instances.ender].name
+                return signals, StepInfo(StepStatus.TERMINATED, name, reached)
         return signals, StepInfo(iterations=count, residual=worst, parts=tuple(parts))
 
     @staticmethod

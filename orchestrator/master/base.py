@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..config import Places, validation_problems
-from ..errors import ConfigError, Problem, StepError, listed, nearest
+from ..errors import ConfigError, Problem, SimulationEnded, StepError, listed, nearest
 from ..fmi import Point, StepStatus
 from ..instances import Instances
 from ..ledger import Step
@@ -24,6 +24,7 @@ __all__ = [
     "MasterAlgorithm",
     "StepInfo",
     "create_master",
+    "ended",
     "failure",
     "master_names",
     "need_rollback",
@@ -53,22 +54,22 @@ class StepInfo:
     parts: tuple[Step, ...] = ()
 
     def raise_on_failure(self, point: Point) -> None:
-        """Raises: StepError if an instance did not finish the step that began at `point`."""
+        """Do nothing if all instances finished the step that began at `point`.
+
+        Raises: StepError if one did not; SimulationEnded if it asked to end the simulation within the step.
+        """
         if self.status <= StepStatus.WARNING:
             return
         if self.status is StepStatus.TERMINATED:
-            what, remedy = "asks to end the simulation", ""
-        else:
-            reached = f", it came to {self.reached!r} s" if self.reached is not None else ""
-            what = f"refused a step of {point.step_size!r} s{reached}"
-            remedy = "Take a smaller step size."
+            raise ended(self.instance, point, self.reached, self.log)
+        reached = f", it came to {self.reached!r} s" if self.reached is not None else ""
         raise StepError(
-            what,
+            f"refused a step of {point.step_size!r} s{reached}",
             instance=self.instance,
             time=point.time,
             status=self.status.name.lower(),
             log=self.log,
-            remedy=remedy,
+            remedy="Take a smaller step size.",
         )
 
 
@@ -180,6 +181,15 @@ def create_master(
         raise ConfigError(
             validation_problems(error, known, ("run", "master") if places else (), found)
         ) from None
+
+
+def ended(instance: str, point: Point, reached: float | None, log: tuple[str, ...] = ()) -> SimulationEnded:
+    """The end that an instance asked for within the step that began at `point`; it came to `reached` [s]."""
+    begin, end = point.time, point.time + point.step_size
+    time = begin if reached is None else min(max(begin, reached), end)
+    return SimulationEnded(
+        "asks to end the simulation", instance=instance, time=time, status="terminated", log=log
+    )
 
 
 def failure(instances: Instances, index: int, status: StepStatus) -> StepInfo:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StepError
-from ..fmi import Array, Point
+from ..fmi import Array, Point, StepStatus
 from ..fmi.running import CompiledInstance
 from ..instances import Instances
 from ..master import MasterAlgorithm
@@ -95,7 +95,8 @@ def run_native(
                 if latest is not None:
                     one.stand_at(latest)
         if native.failed:
-            native.raise_failure(Point(index, float(times[done]), float(grid.step_size)))
+            native.end(Point(index, float(times[done]), float(grid.step_size)))
+            return index + 1
         native.timed_every = _TIMED_EVERY if took < done * len(native.running) * _SHORT else 1
         size = min(2 * size, largest) if took < _LONGEST else max(size // 2, 1)
     return index
@@ -118,7 +119,8 @@ class _Native:
     """Instances in machine code, and what it tells of the steps that it took.
 
     Attributes:
-        running: the instances; columns: where signals are recorded, shape (layout.size, at least a chunk).
+        running: the instances; planned: their order.
+        columns: where signals are recorded, shape (layout.size, at least a chunk).
         run: the kernel; timed_every: one in so many steps is timed.
         elapsed: time that steps took, per instance [ns]; begun: when the last step of each began [s];
             outcome: by `Outcome`.
@@ -126,6 +128,7 @@ class _Native:
 
     instances: Instances
     running: list[CompiledInstance]
+    planned: Schedule
     tables: Tables
     step_size: float
     columns: Array
@@ -145,9 +148,8 @@ class _Native:
         tables = Tables.of(instances, calls, planned, step_size)
         run = getattr(kernel, kernel_of(bool(len(tables.wiring.paths)), tables.curves.order > 0))
         elapsed, outcome = np.zeros(len(running), np.int64), np.zeros(len(Outcome), np.int64)
-        return _Native(
-            instances, running, tables, step_size, columns, run, elapsed, np.zeros(len(running)), outcome
-        )
+        begun = np.zeros(len(running))
+        return _Native(instances, running, planned, tables, step_size, columns, run, elapsed, begun, outcome)
 
     def take(self, first: int, times: Array) -> int:
         """Take the steps that begin at `times`, shape (n,) [s], the first at point `first`: how many."""
@@ -199,9 +201,30 @@ class _Native:
             self.instances.add_elapsed([round(factor * part) for part in self.elapsed.tolist()])
             self.elapsed[:] = 0
 
-    def raise_failure(self, point: Point) -> None:
-        """Tell of a failed step what the interpreter's loop would. Raises: StepError."""
-        _raise(self.instances, self.tables, self.outcome, point, self.begun)
+    def end(self, point: Point) -> None:
+        """Do about a failed step what the interpreter's loop would.
+
+        Raises: StepError, unless an instance finished its step and then asked to end the simulation: then the
+            instances after it finish theirs.
+        """
+        who = int(self.outcome[Outcome.WHO])
+        status = _judged(self.instances, self.tables, self.outcome, point, self.begun)
+        instances, planned = self.instances, self.planned
+        # Effects, curves and slow instances keep what they remember in the machine code alone.
+        simple = not self.tables.curves.order and not len(self.tables.wiring.paths)
+        simple &= all(one.ratio.numerator == 1 for one in instances.system.instances)
+        if not (simple and status is StepStatus.TERMINATED and instances.is_complete(who, point)):
+            failure(instances, who, status).raise_on_failure(point)
+            raise AssertionError("a step that did not fail ended the native loop")
+        instances.ender = who
+        self.running[who].read_outputs()
+        order = list(planned.order)
+        for index in order[order.index(who) + 1 :]:
+            if planned.late:
+                instances.transfer(index)
+            later = instances.advance(index, point)
+            if later > StepStatus.WARNING:
+                failure(instances, index, later).raise_on_failure(point)
 
 
 def _latest(ratio: Fraction, grid: Grid, steps: int) -> float | None:
@@ -226,10 +249,10 @@ def _own(ratio: Fraction, point: Point, begun: float, part: int) -> Point:
     return point if parts == 1 else Point(point.index * parts + part, begin, point.step_size / parts)
 
 
-def _raise(
+def _judged(
     instances: Instances, tables: Tables, outcome: NDArray[np.int64], point: Point, begun: Array
-) -> None:
-    """Tell of a failed step what the interpreter's loop would. Raises: StepError."""
+) -> StepStatus:
+    """The status of a failed step. Raises: StepError, as the interpreter's loop does."""
     who, phase, row, status, part = outcome.tolist()
     if phase == Phase.FINITE:
         instances.signals(point.time + point.step_size)
@@ -249,9 +272,7 @@ def _raise(
         one.stand_at(own.time)
         if phase == Phase.GET:
             one.fail_block(tables.blocks[row], status)
-        judged = one.judge_step(status, own)
+        return one.judge_step(status, own)
     except StepError as error:
         instances.culprits.blame_inputs(who, point, error)
         raise
-    failure(instances, who, judged).raise_on_failure(point)
-    raise AssertionError("a step that did not fail ended the native loop")

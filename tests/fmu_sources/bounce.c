@@ -16,7 +16,7 @@
 typedef struct {
     double time, h, v, u, restitution, next;
     int count, mode; /* 0: before continuous time, 1: event mode, 2: continuous time */
-    int fail;        /* derivatives return an error from h below 0.2 on */
+    int fail;        /* 1: derivatives return an error from h below 0.2 on; 2: asks to end at the third time event */
 } Ball;
 enum { OK, WARNING, DISCARD, ERROR };
 
@@ -41,10 +41,11 @@ static void handle_events(Ball *b) {
         b->next = 0.25 * (b->count + 1);
     }
 }
+static bool ends(const Ball *b) { return b->fail == 2 && b->count >= 3; }
 static int derivatives(Ball *b, double *dx) {
     dx[0] = b->v;
     dx[1] = b->u;
-    return b->fail && b->h < 0.2 ? ERROR : OK;
+    return b->fail == 1 && b->h < 0.2 ? ERROR : OK;
 }
 /* Above 0 where it stands still or rises, so that the ball that has just bounced crosses nothing. */
 static double indicator(Ball *b) { return b->h == 0.0 && b->v > 0.0 ? 1.0 : b->h; }
@@ -101,6 +102,7 @@ static void note(Ball *b, Info *i) {
     memset(i, 0, sizeof *i);
     i->converged = i->upcoming = 1;
     i->next = b->next;
+    i->terminate = ends(b);
 }
 API void *NAME(InstantiateModel)(const char *name, const char *guid) { return make(); }
 API void NAME(FreeModelInstance)(Ball *b) { free(b); }
@@ -158,6 +160,7 @@ API int fmi2NewDiscreteStates(Ball *b, Info *i) {
     handle_events(b);
     i->defined = 1;
     i->next = b->next;
+    i->terminate = ends(b);
     return OK;
 }
 API int fmi2EnterContinuousTimeMode(Ball *b) { b->mode = 2; return OK; }
@@ -194,7 +197,8 @@ API int fmi3UpdateDiscreteStates(Ball *b, bool *more, bool *stop, bool *nominals
                                  double *next) {
     if (b->mode != 1) return ERROR;
     handle_events(b);
-    *more = *stop = *nominals = *values = false;
+    *more = *nominals = *values = false;
+    *stop = ends(b);
     *defined = true;
     *next = b->next;
     return OK;

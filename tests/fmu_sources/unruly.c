@@ -9,7 +9,7 @@
 
 #define API __attribute__((visibility("default")))
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
-enum { NOTHING, WARN, DISCARDS, FAILS, TERMINATES, NAN_LEVEL, SET_FAILS, GET_FAILS, COMPLAINS };
+enum { NOTHING, WARN, DISCARDS, FAILS, TERMINATES, NAN_LEVEL, SET_FAILS, GET_FAILS, COMPLAINS, ENDS };
 
 #if VERSION == 2
 typedef void (*Logger)(void *, const char *, int, const char *, const char *, ...);
@@ -26,7 +26,7 @@ typedef void (*Logger)(void *, int, const char *, const char *);
 typedef struct {
     double real[4];
     int32_t way, count;
-    double time;
+    double time, reached;
     Logger logger;
     void *environment;
 } Model;
@@ -76,6 +76,7 @@ static int get_int(Model *m, const uint32_t *r, size_t n, int32_t *v) {
 static int step(Model *m, double time, double h) {
     m->count++;
     m->time = time;
+    m->reached = due(m, ENDS) ? time + h : time;
     if (m->way == COMPLAINS && !isfinite(m->real[0])) {
         tell(m, ERROR, "the rate is no number");
         return ERROR;
@@ -111,16 +112,16 @@ API int fmi2GetReal(void *m, const uint32_t *r, size_t n, double *v) { return ge
 API int fmi2SetInteger(void *m, const uint32_t *r, size_t n, const int32_t *v) { return set_int(m, r, n, v); }
 API int fmi2GetInteger(void *m, const uint32_t *r, size_t n, int32_t *v) { return get_int(m, r, n, v); }
 API int fmi2GetBooleanStatus(void *v, int kind, int *value) {
-    *value = due(v, TERMINATES);
+    *value = due(v, TERMINATES) || due(v, ENDS);
     return OK;
 }
 API int fmi2GetRealStatus(void *v, int kind, double *value) {
-    *value = ((Model *)v)->time;
+    *value = ((Model *)v)->reached;
     return OK;
 }
 API int fmi2DoStep(void *v, double time, double h, int no_rollback) {
     int status = step(v, time, h);
-    return due(v, TERMINATES) ? DISCARD : status;
+    return due(v, TERMINATES) || due(v, ENDS) ? DISCARD : status;
 }
 #else
 API const char *fmi3GetVersion(void) { return "3.0"; }
@@ -145,8 +146,8 @@ API int fmi3DoStep(void *v, double time, double h, bool no_rollback, bool *event
                    double *reached) {
     int status = step(v, time, h);
     *event = *early = false;
-    *terminate = due(v, TERMINATES);
-    *reached = time;
+    *terminate = due(v, TERMINATES) || due(v, ENDS);
+    *reached = ((Model *)v)->reached;
     return status;
 }
 #endif
