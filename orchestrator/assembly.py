@@ -101,6 +101,7 @@ def judge_system(
         folder=config.folder,
         bonds=None if model.bonds == "auto" else model.bonds,
         gaps=gaps,
+        keep=model.run.unconnected == "keep",
     )
     return judged
 
@@ -118,6 +119,7 @@ def assemble(
     step_size: float | None = None,
     folder: Path | None = None,
     bonds: Sequence[BondModel] | None = None,
+    keep: bool = True,
 ) -> System:
     """Check parts and connections and make a system of them.
 
@@ -134,6 +136,7 @@ def assemble(
             breaks direct feedthrough. None: not known, and no delay does.
         folder: what relative paths of effects start from; the working directory if not given.
         bonds: power bonds as a config declares them; None: those that units and graph leave no doubt about.
+        keep: whether inputs that nothing feeds keep the start value that their FMU declares.
     Raises: ConfigError with all problems.
     """
     judged = Judged(problems=list(problems))
@@ -150,6 +153,7 @@ def assemble(
         folder=folder or Path.cwd(),
         bonds=bonds,
         gaps=Gaps(),
+        keep=keep,
     )
     return judged.sound()
 
@@ -168,6 +172,7 @@ def _assemble(
     folder: Path,
     bonds: Sequence[BondModel | None] | None,
     gaps: Gaps,
+    keep: bool = True,
 ) -> None:
     """Judge parts and connections, and make a system of what is right; see `assemble`.
 
@@ -175,6 +180,7 @@ def _assemble(
         judged: what is found, and the system, is put here.
         record: signals to record, and where each was asked for.
         gaps: what of connections (None: all), start values and dependencies is not known.
+        keep: whether inputs that nothing feeds keep the start value that their FMU declares.
     """
     found, notes = judged.problems, list[str]()
     descriptions = {part.name: part.fmu.description for part in parts}
@@ -202,12 +208,15 @@ def _assemble(
         checked.append(made)
     fed |= {name for part in parts for name in given_perhaps(part, gaps)}
     unsure: set[str] = set()  # instances whose direct feedthrough is not known
-    instances = [settle(part, starts[part.name], wired, fed, places, found, notes, unsure) for part in parts]
+    instances = [
+        settle(part, starts[part.name], wired, fed, places, found, notes, unsure, keep) for part in parts
+    ]
+    notes += _kept(instances)
     unread = {one.name for one in parts if not gaps.whole("instances", one.name, "feedthrough")}
     for part in parts:
         notes += remarks(part, places)
         if all(gaps.knows("instances", part.name, key) for key in ("tolerance", "interface")):
-            found += checks.integration(part.name, part.fmu, places)
+            notes += checks.integration(part.name, part.fmu, places)
     together = [one for one in parts if gaps.knows("instances", one.name, "isolate")]
     found += checks.shared_process(((part.name, part.fmu) for part in together), places)
     wanted = dict(record or {})
@@ -236,6 +245,19 @@ def _assemble(
         bonds=bonded,
         held=frozenset(rounds.held),
     )
+
+
+def _kept(instances: Sequence[Instance]) -> list[str]:
+    """One line that counts the inputs that nothing feeds."""
+    names = [f"{one.name}.{name}" for one in instances for name in one.unconnected]
+    if not names:
+        return []
+    many = len(names) > 1
+    subject = f"{len(names)} inputs have" if many else f"input {names[0]} has"
+    return [
+        f"{subject} no connection and keep{'' if many else 's'} the start value that the FMU declares; "
+        "`orchestrator check -v` lists such inputs, `run.unconnected: error` refuses them"
+    ]
 
 
 def _may_hold(connection: Connection) -> bool:

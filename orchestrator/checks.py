@@ -11,7 +11,16 @@ from pathlib import Path
 
 from .config import Places, Scalar
 from .errors import Problem, listed, nearest
-from .fmi import Causality, Fmu, Interface, Kind, ModelDescription, Value, Variable
+from .fmi import (
+    DEFAULT_TOLERANCE,
+    Causality,
+    Fmu,
+    Kind,
+    ModelDescription,
+    Value,
+    Variable,
+    integration_tolerance,
+)
 from .quantities import Measure, quantity
 from .system import Instance, Port
 from .units import UnitError, convert
@@ -269,15 +278,15 @@ def shared_process(fmus: Iterable[tuple[str, Fmu]], places: Places) -> list[Prob
     return problems
 
 
-def integration(name: str, fmu: Fmu, places: Places) -> list[Problem]:
-    """A model-exchange FMU for whose integration no tolerance is known."""
-    description = fmu.description
-    tolerance = getattr(getattr(fmu, "handling", None), "tolerance", None) or description.tolerance
-    if description.interface is not Interface.MODEL_EXCHANGE or not description.states or tolerance:
+def integration(name: str, fmu: Fmu, places: Places) -> list[str]:
+    """A note on a model-exchange FMU for which neither the config nor the FMU names a tolerance."""
+    description, asked = fmu.description, getattr(getattr(fmu, "handling", None), "tolerance", None)
+    if asked or description.tolerance or not description.states or integration_tolerance(fmu) is None:
         return []
-    what = f"no tolerance for the integration of {name}, a model-exchange FMU"
-    remedy = f"Give instances.{name}.tolerance, for example 1e-6; a tenth of it should change nothing much."
-    return [Problem(places.text(("instances", name)), what, "it is relative; the FMU proposes none", remedy)]
+    return [
+        f"{places.text(('instances', name))}: {name} is integrated with the relative tolerance "
+        f"{DEFAULT_TOLERANCE:g}, since its FMU proposes none; instances.{name}.tolerance sets another"
+    ]
 
 
 def step_size(instances: Iterable[Instance], size: Fraction, places: Places) -> list[Problem]:

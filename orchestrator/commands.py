@@ -82,6 +82,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator check`."""
     add_config(parser)
+    parser.add_argument("-v", "--verbose", action="store_true", help="list the inputs without a connection")
     add_json(parser)
 
 
@@ -150,6 +151,11 @@ def check(args: argparse.Namespace) -> int:
 
     prepared = prepare(args.config, args.overrides)
     system, run = prepared.system, prepared.config.model.run
+    unconnected = {
+        f"{one.name}.{name}": one.variable(name).written(one.start[name])
+        for one in system.instances
+        for name in sorted(one.unconnected)
+    }
     told = {
         "exit_code": 0,
         "name": prepared.config.name,
@@ -160,6 +166,7 @@ def check(args: argparse.Namespace) -> int:
         "step_size": float(prepared.grid.step_size),
         "master": run.master_name,
         "bonds": [str(bond) for bond in system.bonds],
+        "unconnected": unconnected,
         "notes": list(prepared.notes),
     }
     if tell(args, told):
@@ -174,6 +181,9 @@ def check(args: argparse.Namespace) -> int:
     print(f"{prepared.grid.steps} steps of {run.step_size} to {run.stop_time}, {run.master_name}")
     for bond in system.bonds:
         print(f"power bond {bond}")
+    if args.verbose:
+        for port, value in unconnected.items():
+            print(f"no connection: {port} = {value}")
     for note in prepared.notes:
         print(f"note: {note}")
     return 0

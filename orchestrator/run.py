@@ -12,6 +12,7 @@ from typing import Any, BinaryIO, cast
 from . import checks
 from .config import Config
 from .errors import ConfigError, Interrupted, OrchestratorError, error_data, listed
+from .fmi import integration_tolerance
 from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
@@ -207,6 +208,9 @@ def _run_once(
         "instance_time": report.instance_time,
         "log": report.log,
     }
+    tolerances = {one.name: integration_tolerance(one.fmu) for one in prepared.system.instances}
+    if known := {name: value for name, value in tolerances.items() if value is not None}:
+        statistics["tolerance"] = known
     if report.ended is not None:
         statistics["ended"] = {"instance": report.ended.instance, "time": report.ended.time}
     if pace is not None:

@@ -55,11 +55,13 @@ def settle(
     problems: list[Problem],
     notes: list[str],
     unsure: set[str],
+    keep: bool = True,
 ) -> Instance:
     """Start values and dependencies of a part, and its inputs that nothing feeds.
 
     Inputs in `fed` that are not in `wired` have a connection, or a start value, with a problem of its own.
-    Parts whose stated dependencies are wrong are added to `unsure`.
+    Parts whose stated dependencies are wrong are added to `unsure`. `keep`: whether inputs that nothing feeds
+    keep the start value that their FMU declares.
     """
     path = ("instances", part.name)
     description = part.fmu.description
@@ -70,14 +72,18 @@ def settle(
             problems.append(result)
         else:
             start[name] = result
-    if unfed := _without_value(part, given, wired, fed, places, problems, notes):
-        problems.append(_unfed(part.name, unfed, places.text(path)))
+    unfed = _without_value(part, given, wired, fed, places, problems, notes)
+    kept = {one.name: one.start for one in unfed if keep and one.start is not None}
+    if wanting := [one for one in unfed if one.name not in kept]:
+        problems.append(_unfed(part.name, wanting, places.text(path)))
     told = len(problems)
     feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
     if len(problems) > told:
         unsure.add(part.name)
     assumed = description.assumed - part.feedthrough.keys()
-    return Instance(part.name, part.fmu, start, feedthrough, initial, part.ratio, assumed)
+    return Instance(
+        part.name, part.fmu, {**start, **kept}, feedthrough, initial, part.ratio, assumed, frozenset(kept)
+    )
 
 
 def _without_value(
@@ -120,7 +126,7 @@ def _without_value(
 
 
 def _unfed(name: str, inputs: Sequence[Variable], place: str) -> Problem:
-    """Inputs of an instance that get no value. An FMU's own start value is no sign that it is meant."""
+    """Inputs of an instance that get no value."""
     one = len(inputs) == 1
     labels = listed(f"{name}.{variable}" for variable in inputs)
     what = f"input{'' if one else 's'} {labels} {'is' if one else 'are'} not connected and "

@@ -44,6 +44,7 @@ class Instance:
     Attributes:
         ratio: its own step size over the communication step size: n or 1/n.
         assumed: outputs whose dependencies neither the FMU nor the config declares.
+        unconnected: inputs without a connection that keep the start value that the FMU declares.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Instance:
     initial_feedthrough: Mapping[str, tuple[str, ...]]
     ratio: Fraction = Fraction(1)
     assumed: frozenset[str] = frozenset()
+    unconnected: frozenset[str] = frozenset()
 
     def variable(self, name: str) -> Variable:
         """A variable of the FMU."""

@@ -264,7 +264,7 @@ def test_bonds_are_not_blamed_for_connections_with_problems():
 
 
 def test_inputs_that_nothing_feeds_are_told_beside_what_else_is_wrong():
-    error = told(changed(UNFED, ("master:", "mister: 3, master:")))
+    error = told(changed(UNFED, ("master:", "mister: 3, unconnected: error, master:")))
     assert lines(error) == [
         "run.mister: unknown key 'mister'",
         "instances.robot: input robot.command [m] is not connected and has no start value",

@@ -114,8 +114,18 @@ def test_a_start_value_for_a_connected_input():
     )
 
 
-def test_an_unconnected_mandatory_input():
-    assert refusal([Part("satellite", SATELLITE, {"force": "0 N"})]) == (
+def test_an_input_without_a_connection_keeps_the_start_value_that_its_fmu_declares():
+    system = assemble([Part("satellite", SATELLITE, {"force": "0 N"})])
+    (satellite,) = system.instances
+    assert satellite.unconnected == {"torque"} and satellite.start["torque"] == 0.0
+    assert system.notes == (
+        "input satellite.torque has no connection and keeps the start value that the FMU declares; "
+        "`orchestrator check -v` lists such inputs, `run.unconnected: error` refuses them",
+    )
+
+
+def test_inputs_without_a_connection_are_refused_where_that_is_asked_for():
+    assert refusal([Part("satellite", SATELLITE, {"force": "0 N"})], keep=False) == (
         "docking.yaml: instances.satellite: "
         "input satellite.torque [N.m] is not connected and has no start value\n"
         "  Connect it, or give it a constant value under instances.satellite.start, as the FMU's own: "

@@ -109,7 +109,7 @@ def test_all_problems_are_told_at_once():
         "config: run.record_every: input should be greater than or equal to 1, got 0",
         "config: run.stpe: unknown key 'stpe'",
         "  allowed: master, step_size, stop_time, start_time, record, record_every, loop, "
-        "realtime. "
+        "unconnected, realtime. "
         "Did you mean stop_time or master?",
         "config: instances.one.start.x: {'a': 1} is no start value",
         "  a number, a quantity such as 6 ms, true, false or text, of an array a list of those",

@@ -218,18 +218,19 @@ def test_a_model_exchange_fmu_runs_from_a_config(ball, tmp_path):
     assert np.allclose(results["ball.h"], 1.0 - 0.5 * GRAVITY * results.time**2, rtol=0.0, atol=1e-5)
 
 
-def test_no_tolerance_is_refused_before_anything_runs(ball):
+def test_without_a_tolerance_a_stated_one_is_taken(ball):
     config = {
         "run": {"master": "jacobi", "step_size": "10 ms", "stop_time": "0.4 s"},
-        "instances": {"ball": {"fmu": str(ball), "start": {"u": -GRAVITY}}},
+        "instances": {"ball": {"fmu": str(ball)}},
     }
-    with pytest.raises(ConfigError) as caught:
-        prepare(config)
-    assert str(caught.value) == (
-        "config: instances.ball: no tolerance for the integration of ball, a model-exchange FMU\n"
-        "  it is relative; the FMU proposes none. Give instances.ball.tolerance, for example 1e-6; "
-        "a tenth of it should change nothing much."
+    made = run(config, halving=False)
+    assert made.summary["run"]["tolerance"] == {"ball": 1e-6}
+    assert any(
+        "ball is integrated with the relative tolerance 1e-06, since its FMU proposes none" in note
+        for note in made.summary["notes"]
     )
+    named = {**config, "instances": {"ball": {"fmu": str(ball), "tolerance": 1e-8}}}
+    assert run(named, halving=False).summary["run"]["tolerance"] == {"ball": 1e-8}
 
 
 # FMI 1.0.
@@ -347,7 +348,8 @@ def test_elements_of_arrays_are_connected(tmp_path):
     assert results["b.y[1]"].tolist() == [2.0 * 1 + 3.0 * 4] * 3
     assert results["b.y[2]"].tolist() == [5.0 * 1 + 6.0 * 4] * 3
     with pytest.raises(ConfigError, match=r"input b\.u\[3\] \(no unit\) is not connected"):
-        prepare({**config, "connections": ["a.y[1] -> b.u[2]"]})
+        strict = {**config["run"], "unconnected": "error"}
+        prepare({**config, "run": strict, "connections": ["a.y[1] -> b.u[2]"]})
 
 
 @pytest.mark.parametrize("event_mode", [False, True])

@@ -47,6 +47,11 @@ class RunModel(Model):
         "masters jacobi and gauss-seidel can use; results are the same. auto: whichever is faster.",
     )
 
+    unconnected: Literal["keep", "error"] = Field(
+        "keep",
+        description="Inputs without a connection and without a value under `start` keep the start value that "
+        "their FMU declares, or are errors.",
+    )
     realtime: RealtimeModel | None = Field(
         None, description="Pace the run by the clock; as fast as it goes if not given."
     )
@@ -116,8 +121,8 @@ class InstanceModel(Model):
         None,
         gt=0,
         lt=1,
-        description="Relative tolerance of the integration of a model-exchange FMU; by default the "
-        "FMU's own.",
+        description="Relative tolerance of the integration of a model-exchange FMU; by default that of "
+        "the FMU's default experiment, else 1e-6.",
     )
     event_mode: bool = Field(
         False,

@@ -2,11 +2,12 @@
 
 from .compiled import CompiledFmu, load_fmu
 from .description import Capabilities, ModelDescription, read_description
-from .handling import Handling, Interface
+from .handling import DEFAULT_TOLERANCE, Handling, Interface, integration_tolerance
 from .instance import Array, Fmu, FmuInstance, Point, StepStatus
 from .variable import Causality, Initial, Kind, Value, Variability, Variable
 
 __all__ = [
+    "DEFAULT_TOLERANCE",
     "Array",
     "Capabilities",
     "Causality",
@@ -23,6 +24,7 @@ __all__ = [
     "Value",
     "Variability",
     "Variable",
+    "integration_tolerance",
     "load_fmu",
     "read_description",
 ]

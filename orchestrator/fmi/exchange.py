@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FmuError, StepError
+from ..errors import StepError
 from .course import Course
+from .handling import DEFAULT_TOLERANCE
 from .instance import Array, Point, StepStatus
 from .running import CompiledInstance, NativeCalls
 from .solver import Integrator, Model
@@ -91,12 +92,7 @@ class Exchange(CompiledInstance):
 
     def _begin(self, start_time: float) -> None:
         """After initialisation: settle the discrete states and set the integrator up."""
-        tolerance = self.handling.tolerance or self.description.tolerance
-        if tolerance is None:
-            raise FmuError(
-                f"{self.path}: instance {self.name} has no tolerance for its integration, and the FMU "
-                f"proposes none\n  Give instances.{self.name}.tolerance, for example 1e-6."
-            )
+        tolerance = self.handling.tolerance or self.description.tolerance or DEFAULT_TOLERANCE
         self._time = start_time
         self._wants_end = self._settle()
         self._running = True

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
-__all__ = ["Handling", "Interface"]
+if TYPE_CHECKING:
+    from .instance import Fmu
+
+__all__ = ["DEFAULT_TOLERANCE", "Handling", "Interface", "integration_tolerance"]
+
+# Relative, of the integration of a model-exchange FMU for which nobody names one.
+DEFAULT_TOLERANCE = 1e-6
 
 
 class Interface(StrEnum):
@@ -22,8 +29,9 @@ class Handling:
     Attributes:
         any_step: whether it takes any constant step size, although it does not declare so.
         interface: None: co-simulation where the FMU offers it, else model exchange.
-        tolerance: relative tolerance of the integration; None: the FMU's own. In model exchange the absolute
-            tolerance of a state is this times its nominal value. A co-simulation FMU is told it, and does
+        tolerance: relative tolerance of the integration; None: that of the FMU's default experiment, else
+            `DEFAULT_TOLERANCE`. In model exchange the absolute tolerance of a state is this times its nominal
+            value. A co-simulation FMU is told it, and does
             with it what it will; FMI 1.0 has no call for that.
         event_mode: whether an FMI 3.0 co-simulation FMU returns at its events to have them handled, instead
             of handling them within its steps.
@@ -37,3 +45,11 @@ class Handling:
     event_mode: bool = False
     isolated: bool = False
     time_limit: float | None = None
+
+
+def integration_tolerance(fmu: Fmu) -> float | None:
+    """The relative tolerance with which a model-exchange FMU is integrated; None for any other FMU."""
+    if fmu.description.interface is not Interface.MODEL_EXCHANGE:
+        return None
+    asked = getattr(getattr(fmu, "handling", None), "tolerance", None)
+    return asked or fmu.description.tolerance or DEFAULT_TOLERANCE

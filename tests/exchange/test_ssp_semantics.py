@@ -95,9 +95,7 @@ def test_components_connections_and_default_experiment(tmp_path):
         "robot.position -> contact.position",
         "robot.velocity -> contact.velocity",  # start and end do not say which feeds which
     ]
-    assert got.data["instances"]["robot"]["start"] == {"command": "0 m"}
-    notes = [note for note in got.notes if "that nothing feeds" in note]
-    assert len(notes) == 1 and "their FMUs' own start values: robot.command = 0 m" in notes[0]
+    assert "start" not in got.data["instances"]["robot"]
 
 
 def test_a_linear_transformation_works_after_the_conversion_of_units(tmp_path):
@@ -145,7 +143,7 @@ def test_parameters_of_higher_systems_and_later_bindings_count(tmp_path):
     high = bindings(binding({"arm.robot.tau_m": real("2"), "of.nothing": real("5")}))
     got = read(package(tmp_path / "X.ssp", system("rig", inner, before=high), FMUS), tmp_path)
     assert got.data["instances"]["arm_robot"]["start"] == {
-        "tau_m": "2 s", "xi_n": 0.3, "omega_n": "7 rad/s", "command": "0 m",
+        "tau_m": "2 s", "xi_n": 0.3, "omega_n": "7 rad/s",
     }  # fmt: skip
     assert any("parameters of no variable, ignored" in note and "of.nothing" in note for note in got.notes)
 
@@ -226,7 +224,7 @@ def test_a_component_may_be_a_system_of_another_file(kind, tmp_path):
     got = read(package(tmp_path / "X.ssp", root, files), tmp_path)
     assert got.data["connections"] == ["one_robot.position -> contact.position"]
     delay = "9 s" if kind == "variant" else "1 s"
-    expected = {"xi_n": 0.6, "tau_m": delay, "command": "0 m"}
+    expected = {"xi_n": 0.6, "tau_m": delay}
     assert got.data["instances"]["one_robot"]["start"] == expected
     if kind == "fragment":
         assert got.data["instances"]["arm_robot"]["start"]["xi_n"] == 0.1

@@ -95,7 +95,6 @@ def read_ssp(path: Path, folder: Path, variant: str = MAIN, *, with_code: bool =
     descriptions = {names[at]: leaf.description for at, leaf in network.leaves.items()}
     annotations.apply(read.data, document, read.files, descriptions, notes, package.label)
     read.code = take_code(read.data, package, f"{package.label}: {file}", with_code=with_code)
-    _fill(read.data, descriptions, notes, package.label)
     _remedies(read, document)
     return read
 
@@ -304,35 +303,6 @@ def _start(
         problems.append(values)
     else:
         found[names[path]].update({one: v for one, v in values.items() if (path, one) not in fed})
-
-
-def _fill(data: dict[str, Any], descriptions: Mapping[str, Any], notes: list[str], label: str) -> None:
-    """Inputs that nothing feeds stay at the FMU's own start value; configs say so."""
-    fed, filled = set(), dict[str, Any]()
-    for one in data.get("connections", ()):
-        text = one["to"] if isinstance(one, dict) else one.partition("->")[2]
-        fed.add(text.strip())
-    for name, description in descriptions.items():
-        start = data["instances"][name].get("start", {})
-        for variable in description.inputs:
-            port = f"{name}.{variable.name}"
-            known = port in fed or port.rpartition("[")[0] in fed or variable.name in start
-            if (
-                known
-                or variable.start is None
-                or variable.shape
-                or not variable.settable
-                or variable.elements > 1
-            ):
-                continue
-            value: Any = variable.start
-            if variable.kind is Kind.REAL:
-                value = variable.written(float(value))
-            data["instances"][name].setdefault("start", {})[variable.name] = value
-            filled[port] = value
-    if filled:
-        told = listed((f"{port} = {value}" for port, value in filled.items()), 12)
-        notes.append(f"{label}: inputs that nothing feeds stay at their FMUs' own start values: {told}")
 
 
 def _remedies(read: Read, document: Document) -> None:
