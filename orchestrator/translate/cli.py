@@ -11,12 +11,12 @@ from orchestrator.errors import BuildError
 from orchestrator.whole_file import replaceable
 
 from .build import BuildReport
-from .package import PLATFORMS
+from .package import PLATFORMS, this_platform
 
-_DESCRIPTION = """Make a co-simulation FMU from a Modelica model, with C sources and binaries for Linux,
-Windows and macOS, or from a Python model: in its Python form (pythonfmu), or in its native form,
-C sources and binaries made from the same code. Needs the extra `build`
-(pip install 'orchestrator[build]'), no C compiler."""
+_DESCRIPTION = """Make a co-simulation FMU from a Modelica model, with C sources and a binary for this
+machine, or from a Python model: in its Python form (pythonfmu), or in its native form, C sources and a
+binary made from the same code. For a release give --platforms all: binaries for Linux, Windows and macOS.
+Needs the extra `build` (pip install 'orchestrator[build]'), no C compiler."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,8 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     compiled.add_argument(
         "--platforms",
         metavar="LIST",
-        default="all",
-        help=f"some of {','.join(PLATFORMS)}; or all, or none for sources only (default: %(default)s)",
+        default="this",
+        help=f"some of {','.join(PLATFORMS)}; or this, the platform of this machine; or all, or none for "
+        "sources only (default: %(default)s)",
     )
     modelica.add_argument(
         "--compiler",
@@ -68,18 +69,16 @@ def main(args: argparse.Namespace) -> int:
         raise BuildError(f"{file}: no such file; give the .mo or .py file of a model")
     output: Path = args.output or Path(f"{(args.model or file.stem).rpartition('.')[2]}.fmu")
     replaceable(output, (".fmu",), "--output")
-    platforms = {"all": tuple(PLATFORMS), "none": ()}.get(
-        args.platforms, tuple(name.strip() for name in args.platforms.split(","))
-    )
     if file.suffix == ".py" and args.form == "native":
         from .native_form import build_native_fmu
 
-        _print(build_native_fmu(file, output, fmi_version=args.fmi, platforms=platforms), args.json)
+        chosen = _platforms(args.platforms)
+        _print(build_native_fmu(file, output, fmi_version=args.fmi, platforms=chosen), args.json)
         return 0
     if file.suffix == ".py":
         from .python_fmu import build_python_fmu
 
-        if args.fmi != "2.0" or args.platforms != "all":
+        if args.fmi != "2.0" or args.platforms not in ("this", "all"):
             raise BuildError(
                 f"{file}: --fmi and --platforms are for compiled FMUs; the Python form is of FMI 2.0, for "
                 "Linux and Windows. Take --form native."
@@ -99,11 +98,22 @@ def main(args: argparse.Namespace) -> int:
         raise BuildError(f"{file}: --form is for Python models; Modelica models are always compiled")
     from .build import build
 
+    # An installed OpenModelica compiles for this machine, whatever that is.
+    chosen = () if (args.compiler, args.platforms) == ("omc", "this") else _platforms(args.platforms)
     report = build(
-        file, output, model=args.model, fmi_version=args.fmi, platforms=platforms, compiler=args.compiler
+        file, output, model=args.model, fmi_version=args.fmi, platforms=chosen, compiler=args.compiler
     )
     _print(report, args.json)
     return 0
+
+
+def _platforms(text: str) -> tuple[str, ...]:
+    """Keys of `PLATFORMS` for what --platforms was given. Raises: BuildError if there is none for "this"."""
+    if text == "this":
+        return (this_platform(),)
+    if text in ("all", "none"):
+        return tuple(PLATFORMS) if text == "all" else ()
+    return tuple(name.strip() for name in text.split(","))
 
 
 def _print(report: BuildReport, as_json: bool) -> None:

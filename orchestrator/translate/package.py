@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import platform as host
 import re
 import shutil
 import struct
@@ -60,6 +61,23 @@ PLATFORMS: Mapping[str, Platform] = {
     # FMI 2.0 knows one folder for both kinds of Mac; a universal binary serves them.
     "aarch64-darwin": Platform("aarch64-macos", "darwin64", "aarch64-darwin", ".dylib", _MAC_FLAGS),
 }
+
+
+def this_platform() -> str:
+    """The key of `PLATFORMS` that stands for this machine.
+
+    Raises: BuildError if binaries cannot be made for it.
+    """
+    machine = host.machine().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
+    name = f"{machine}-{host.system().lower()}"
+    if name not in PLATFORMS:
+        raise BuildError(
+            f"--platforms: binaries cannot be made for this machine, {name}; "
+            f"name some of {', '.join(PLATFORMS)}, or give all, or none for C sources only"
+        )
+    return name
+
 
 _FLAGS = (
     "-std=c99",

@@ -407,6 +407,9 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     ]
     assert lines[2].startswith("  checked at 40 random points, largest relative residual ")
     assert fmpy.read_model_description("ForceSensor.fmu").fmiVersion == "3.0"
+    command[command.index("--platforms") : command.index("--fmi")] = []
+    assert main(command) == 0
+    assert f"  binaries: {HERE}" in capsys.readouterr().out.splitlines()
     Path("model.txt").write_text("")
     assert main(["build", "model.txt"]) == 1
     assert capsys.readouterr().err == (

@@ -303,12 +303,24 @@ def test_an_unknown_part_of_the_representation_is_refused(tmp_path, monkeypatch)
     )
 
 
+def test_a_machine_without_binaries_is_told_what_to_build_for(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("platform.machine", lambda: "riscv64")
+    monkeypatch.setattr("platform.system", lambda: "Linux")
+    model = tmp_path / "M.mo"
+    model.write_text("model M\n  output Real y;\nequation\n  y = time;\nend M;\n")
+    command = ["build", str(model), "-o", str(tmp_path / "M.fmu")]
+    assert main(command) == 1
+    told = capsys.readouterr().err
+    assert "binaries cannot be made for this machine, riscv64-linux; name some of x86_64-linux," in told
+    assert main([*command, "--platforms", "none"]) == 0
+
+
 @pytest.mark.parametrize("arguments", [["none.mo"], ["none.py"], ["none.py", "--form", "native"]])
 def test_a_missing_model_is_told_before_what_a_build_needs(tmp_path, monkeypatch, capsys, arguments):
     def missing():
         raise BuildError("CasADi is not installed")
 
-    for place in ("build", "native_form"):
+    for place in ("native_form", "build"):  # native_form takes its own from build
         monkeypatch.setattr(f"orchestrator.translate.{place}.need_casadi", missing)
     file, *more = arguments
     assert main(["build", str(tmp_path / file), *more]) == 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import shutil
 import tempfile
 import weakref
@@ -96,13 +95,12 @@ def _in_python(fmu: object) -> bool:
 def _build(context: None, task: tuple[str, str]) -> None:
     """Build the native form of an FMU for this machine, in a process of its own. Raises: BuildError."""
     from ...translate.native_form import build_native_fmu
+    from ...translate.package import this_platform
 
     fmu, built = map(Path, task)
     script = built.with_suffix(".py")
     script.write_text(memory_told(own_source(fmu)), encoding="utf-8")
-    machine, system = platform.machine().lower(), platform.system().lower()
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(machine, machine)
-    build_native_fmu(script, built, platforms=[f"{machine}-{system}"])
+    build_native_fmu(script, built, platforms=[this_platform()])
 
 
 def _alike(one: CompiledFmu, other: CompiledFmu) -> bool:
