@@ -34,6 +34,11 @@ COMMANDS: dict[str, tuple[str, str | None, str]] = {
         "commands:add_check_arguments",
         "commands:check",
     ),
+    "new": (
+        "write a config to start from, of FMUs",
+        "exchange.cli:add_new_arguments",
+        "exchange.cli:new_main",
+    ),
     "stability": (
         "margins, critical delays, characteristic roots and growth of a docking system's loop",
         "commands:add_stability_arguments",

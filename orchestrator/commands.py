@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
+    from .config import Config
     from .prepared import Prepared
 
 __all__ = [
@@ -37,7 +38,7 @@ def add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:
         "config",
         nargs="+" if several else None,
         metavar="NAME|CONFIG",
-        help="a bundled system, a YAML file, or a .ssp or .ssd file",
+        help="a bundled system, a YAML file, an .fmu file, or a .ssp or .ssd file",
     )
     parser.add_argument(
         "--set",
@@ -45,7 +46,28 @@ def add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:
         default=[],
         metavar="PATH=VALUE",
         dest="overrides",
-        help='change a value, for example robot.tau_m="6 ms" or run.step_size="50 us"; may be given again',
+        help='change a value, for example robot.tau_m="6 ms" or run.step_size="50 us", of a single FMU '
+        "start.k=3; may be given again",
+    )
+
+
+def _add_requests(parser: argparse.ArgumentParser) -> None:
+    """Declare what a run is asked for besides its config; see `_asked`."""
+    parser.add_argument(
+        "--input",
+        metavar="CSV",
+        help="a file of signals over time: time [s], and a column for each input that it feeds, as force [N]",
+    )
+    for key in ("stop-time", "step-size"):
+        parser.add_argument(
+            f"--{key}", metavar="TIME", help=f"short for --set run.{key.replace('-', '_')}=..."
+        )
+    parser.add_argument(
+        "--record",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help='record further variables, for example "der(*)" or "robot.*"; may be given again',
     )
 
 
@@ -57,6 +79,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator run`."""
     add_config(parser, several=True)
+    _add_requests(parser)
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -82,6 +105,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `orchestrator check`."""
     add_config(parser)
+    _add_requests(parser)
     parser.add_argument("-v", "--verbose", action="store_true", help="list the inputs without a connection")
     add_json(parser)
 
@@ -108,6 +132,22 @@ def tell(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
     return True
 
 
+def _asked(
+    args: argparse.Namespace, configs: Sequence[str], overrides: Sequence[str] = ()
+) -> tuple[Sequence[str | Config], list[str]]:
+    """The configs that a command names, and the overrides that are still to be made."""
+    overrides = [*args.overrides, *overrides]
+    for key, value in (("stop_time", args.stop_time), ("step_size", args.step_size)):
+        if value is not None:
+            plain = value.strip().lstrip("+-").replace(".", "", 1).replace("e", "", 1).replace("-", "", 1)
+            overrides.append(f"run.{key}={value} s" if plain.isdigit() else f"run.{key}={value}")
+    if not args.input and not args.record:
+        return configs, overrides
+    from .requested import requested
+
+    return [requested(one, overrides, inputs=args.input, record=args.record) for one in configs], []
+
+
 def run(args: argparse.Namespace) -> int:
     """Run systems, and compare them where there are several. Returns: the exit code, as all below."""
     from .compare import run_each
@@ -119,7 +159,7 @@ def run(args: argparse.Namespace) -> int:
         "figures": not args.no_figures,
         "progress": not args.quiet and not args.json,
     }
-    overrides = list(args.overrides)
+    overrides: list[str] = []
     if args.realtime or args.speed is not None:
         overrides.append(f"run.realtime.speed={1.0 if args.speed is None else args.speed!r}")
 
@@ -129,7 +169,8 @@ def run(args: argparse.Namespace) -> int:
             for note in one.notes:
                 print(f"{named}note: {note}", file=sys.stderr)
 
-    for result in run_each(args.config, out=args.out, overrides=overrides, begin=begin, **options):
+    configs, overrides = _asked(args, args.config, overrides)
+    for result in run_each(configs, out=args.out, overrides=overrides, begin=begin, **options):
         failed = (result.summary.get("numerics") or {}).get("error")
         folder = None if result.folder is None else str(result.folder)
         if tell(args, {"exit_code": 0, "folder": folder, "files": result.files, "summary": result.summary}):
@@ -149,7 +190,8 @@ def check(args: argparse.Namespace) -> int:
     """Tell what a config connects, without running it."""
     from .run import prepare
 
-    prepared = prepare(args.config, args.overrides)
+    (config,), overrides = _asked(args, [args.config])
+    prepared = prepare(config, overrides)
     system, run = prepared.system, prepared.config.model.run
     unconnected = {
         f"{one.name}.{name}": one.variable(name).written(one.start[name])

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from .config import Config
 from .errors import ConfigError, Problem, listed
 from .folder_lock import locked
 from .measures import COMPARISONS
@@ -17,7 +18,7 @@ __all__ = ["run_each"]
 
 
 def run_each(
-    configs: Sequence[str | Path],
+    configs: Sequence[str | Path | Config],
     *,
     out: Path | str | None = None,
     overrides: Iterable[str] = (),
@@ -28,8 +29,8 @@ def run_each(
     """Run systems one after the other; all are checked before the first runs.
 
     Args:
-        configs: bundled names or paths. With more than one, `out` gets a folder for each, named after
-            the system, and the figures in which their common measures compare them.
+        configs: bundled names, paths or configs that were read. With more than one, `out` gets a folder for
+            each, named after the system, and the figures in which their common measures compare them.
         out, overrides, figures, options: see `orchestrator.run.run`; overrides hold for every system.
         begin: called with each system before it runs.
     Yields: the result of each system as it ends.
@@ -42,7 +43,8 @@ def run_each(
             prepared.append(prepare(config, overrides))
         except ConfigError as error:
             problems += error.problems
-            of = f"{config}: " if len(configs) > 1 else ""
+            name = config.name if isinstance(config, Config) else config
+            of = f"{name}: " if len(configs) > 1 else ""
             unchecked += [f"{of}{one}" for one in error.unchecked]
     # Where case does not count in names of files, two folders would be one.
     counts = Counter(one.config.name.casefold() for one in prepared)

@@ -11,8 +11,9 @@ from typing import Any
 from . import bundled
 from .config import Absent, Config, Draft, InstanceModel, Scalar
 from .config.base import exact_time
-from .errors import FmuError, Problem, listed, nearest
-from .external import ExternalFmu
+from .connecting import Ends
+from .errors import ConfigError, FmuError, Problem, listed, nearest
+from .external import SUFFIX, ExternalFmu, SignalFmu, targets_of
 from .fmi import Fmu, Handling, Interface, load_fmu
 
 __all__ = ["Part", "Parts", "parts_of"]
@@ -63,6 +64,7 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
     model = config.model
     parts: list[Part] = []
     unsettled: set[str] = set()
+    ratios: dict[str, Fraction] = {}  # of files of signals
     known: dict[tuple[str, str | None, Handling], Fmu | None] = {}
     for name, instance in model.instances.items():
         if not gaps.knows("instances", name):
@@ -70,12 +72,16 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
         ratio = _ratio(name, draft, problems)
         if ratio is None:
             unsettled.add(name)
+        if Path(instance.fmu).suffix.lower() == SUFFIX:
+            ratios[name] = ratio or Fraction(1)
+            continue
         choice = instance.fmu, instance.form, _handling(instance)
         if choice not in known:
             known[choice] = _find_fmu(*choice, config, ("instances", name), problems)
         fmu = known[choice]
         if fmu is not None:
             parts.append(Part(name, fmu, instance.start, instance.feedthrough, ratio or Fraction(1)))
+    _add_signals(parts, ratios, config, problems)
     for name, one in model.external.items():
         if gaps.knows("external", name):
             parts.append(Part(name, ExternalFmu(name, one)))
@@ -86,6 +92,37 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
     if gaps.further("instances") or gaps.further("external"):
         absent = absent.but(there)
     return Parts(parts, absent, frozenset(unsettled))
+
+
+def _add_signals(
+    parts: list[Part], ratios: Mapping[str, Fraction], config: Config, problems: list[Problem]
+) -> None:
+    """Add the instances that play files of signals back, where the config has them.
+
+    Args:
+        ratios: their own step sizes over the communication step size, by name.
+    """
+    if not ratios:
+        return
+    variables = {
+        f"{part.name}.{one.name}": one for part in parts for one in part.fmu.description.variables.values()
+    }
+    links = [Ends.of(0, one) for one in config.model.connections if one is not None]
+    ends = [(source, link.target) for link in links for source, _ in link.sources]
+    for name, ratio in ratios.items():
+        place, file = config.places.text(("instances", name, "fmu")), config.model.instances[name].fmu
+        path = config.folder / file
+        if not path.is_file():
+            problems.append(Problem(place, f"no file {path}", "a CSV file of signals over time"))
+            continue
+        try:
+            fmu = SignalFmu(path, targets_of(name, ends, variables))
+        except ConfigError as error:
+            problems += error.problems
+            continue
+        parts.append(Part(name, fmu, ratio=ratio))
+    order = {name: n for n, name in enumerate(config.model.instances)}
+    parts.sort(key=lambda part: order[part.name])
 
 
 def _ratio(name: str, draft: Draft, problems: list[Problem]) -> Fraction | None:

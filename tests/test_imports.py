@@ -16,7 +16,7 @@ PACKAGE = ROOT / "orchestrator"
 LAYERS = [
     "errors", "digests", "whole_file", "bundled", "provenance", "machine_code", "units", "quantities",
     "effects", "config", "fmi", "graph", "fixed_point", "system", "bonds", "checks", "arrays", "loops",
-    "connecting", "histogram", "external", "parts", "settling", "assembly", "signals", "wires",
+    "connecting", "histogram", "external", "parts", "requested", "settling", "assembly", "signals", "wires",
     "initialisation", "culprits", "instance_pool", "instances", "ledger", "master", "native", "pacing",
     "simulate", "stream", "formats", "recorded", "results", "progress", "measures", "plotting", "page",
     "folder_lock", "workers", "run_folder", "prepared", "run", "compare", "table", "commands",

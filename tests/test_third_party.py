@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from third_party import fetch
 
+from orchestrator.__main__ import main
 from orchestrator.errors import FmuError
 from orchestrator.fmi import Interface, load_fmu
+from orchestrator.results import read_results
 from orchestrator.run import run
 
 REFERENCE = [
@@ -131,6 +133,25 @@ def test_an_fmu_that_asks_to_end_ends_the_run_with_its_results(version, instance
     kept = single(path, 0.2, 60, **instance)
     assert kept.time[-1] == 9.0
     assert kept["one.counter"].tolist() == np.minimum(1 + np.floor(kept.time + 1e-9), 10).tolist()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_file_feeds_inputs_of_every_type(version, fmus, tmp_path):
+    path = usable(fmus[f"reference/fmi{version}/Feedthrough.fmu"])
+    kinds = ("Float64_continuous", "Int32", "Boolean", "Enumeration")
+    header = ",".join(f"{kind}_input" for kind in kinds)
+    (tmp_path / "s.csv").write_text(f"time,{header},String_input\n0,0,1,false,1,a\n1,2,5,true,Option 2,b\n")
+    out = tmp_path / "out"
+    assert (
+        main(["run", str(path), "--input", str(tmp_path / "s.csv"), "--out", str(out), "--no-figures"]) == 0
+    )
+    results = read_results(out)
+    after = results.time >= 1.0 - 1e-9
+    expected = (np.minimum(2.0 * results.time, 2.0), np.where(after, 5, 1), after, np.where(after, 2, 1))
+    for kind, values in zip(kinds, expected, strict=True):
+        given, taken = results[f"input.{kind}_input"], results[f"Feedthrough.{kind}_output"]
+        assert np.allclose(given, values), kind
+        assert np.array_equal(taken[1:], given[1:]), kind
 
 
 def chain(fmus, master, drive):

@@ -24,7 +24,7 @@ def file_of(folder: pathlib.Path, own: pathlib.Path) -> Callable[[str], str]:
         file = folder / text
         if file.is_file():
             return str(file.resolve())
-        is_path = "/" in text or "\\" in text or text.endswith((".fmu", ".py"))
+        is_path = "/" in text or "\\" in text or text.endswith((".fmu", ".py", ".csv"))
         return str(file.absolute()) if is_path and not (own / text).is_file() else text
 
     return moved

@@ -23,6 +23,7 @@ __all__ = ["Config", "Draft", "json_schema", "load_config", "read_config"]
 # Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It
 # gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
 _FOREIGN = dict.fromkeys((".ssp", ".ssd"), "..exchange.ssp.load:load_ssp")
+_FOREIGN[".fmu"] = "..exchange.lone:load_lone_fmu"
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,8 @@ def load_config(
     """Read and check a config.
 
     Args:
-        source: name of a bundled system, path of a YAML, .ssp or .ssd file, plain values, or a config to be
-            changed.
+        source: name of a bundled system, path of a YAML, .fmu, .ssp or .ssd file, plain values, or a config
+            to be changed.
         overrides: changes such as "robot.tau_m=6 ms", "run.step_size=50 us" or "measures.docking.robot=a".
         folder: where they were written, from which relative paths in them start; None: the working directory.
             Files that are not there are looked for in the config's own.

@@ -81,7 +81,10 @@ class RunModel(Model):
 class InstanceModel(Model):
     """One running FMU."""
 
-    fmu: str = Field(description="Name of a bundled FMU, or path of a .fmu file relative to the config.")
+    fmu: str = Field(
+        description="Name of a bundled FMU, or path of a .fmu file relative to the config, or of a .csv "
+        "file, whose columns are outputs over time."
+    )
     form: Literal["python", "native"] | None = Field(
         None,
         description="Form of a bundled FMU that was written in Python: python runs its source, native is "

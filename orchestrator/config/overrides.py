@@ -97,6 +97,8 @@ def override_path(data: dict[str, Any], name: str) -> Path | None:
             return ("instances", head, key)
         if key in ("start", "feedthrough") and variable and head in instances:
             return ("instances", head, key, variable)
+    if head == "start" and rest and len(instances) == 1 and head not in instances:
+        return ("instances", next(iter(instances)), "start", rest)
     if head in instances and rest:
         return ("instances", head, rest) if rest in ("fmu", "form") else ("instances", head, "start", rest)
     if head == "run" and rest in RunModel.model_fields:

@@ -1,4 +1,4 @@
-"""The sub-commands `export` and `import`: systems in the formats of other tools."""
+"""The commands `new`, `export` and `import`: configs from FMUs, and systems in other tools' formats."""
 
 from __future__ import annotations
 
@@ -10,7 +10,14 @@ from pathlib import Path
 from ..commands import add_config
 from ..errors import ConfigError, Problem, listed
 
-__all__ = ["add_export_arguments", "add_import_arguments", "export_main", "import_main"]
+__all__ = [
+    "add_export_arguments",
+    "add_import_arguments",
+    "add_new_arguments",
+    "export_main",
+    "import_main",
+    "new_main",
+]
 
 
 def _export_ssp(args: argparse.Namespace) -> int:
@@ -108,6 +115,40 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--with-code", action="store_true", help="take Python code of effects, which runs with your rights"
     )
+
+
+def add_new_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator new`."""
+    parser.description = (
+        "Write a config to start from: the FMUs as instances, their ports as comments, and the connections "
+        "for which name, type and unit fit in one way only."
+    )
+    parser.add_argument("fmus", nargs="+", type=Path, metavar="FMU", help="one named twice is taken twice")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="CONFIG", help="the YAML file")
+    parser.add_argument("--overwrite", action="store_true", help="write over a config that is there")
+
+
+def new_main(args: argparse.Namespace) -> int:
+    """Write a config to start from. Returns: 0. Raises: ConfigError."""
+    from ..prepared import prepare
+    from .starting import starting_config
+
+    if args.output.exists() and not args.overwrite:
+        raise ConfigError(
+            [Problem("", f"{args.output} exists", remedy="Choose another file or --overwrite.")]
+        )
+    text = starting_config(args.fmus, args.output)
+    try:
+        args.output.parent.mkdir(parents=True, exist_ok=True)
+        args.output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError([Problem(str(args.output), f"cannot be written ({error})")]) from error
+    print(f"{args.output}: {len(args.fmus)} instances, {text.count('  - ')} connections")
+    try:
+        prepare(args.output)
+    except ConfigError as error:
+        print(f"To be settled before it runs:\n{error}")
+    return 0
 
 
 def export_main(args: argparse.Namespace) -> int:

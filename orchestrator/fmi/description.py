@@ -70,7 +70,8 @@ class ModelDescription:
         states, event_indicators: numbers of them, for model exchange.
         completed_step: whether a model-exchange FMU wants to hear of every completed integrator step.
         tolerance: relative tolerance that the FMU proposes; None where it does not.
-        default_step: step size that the FMU proposes [s]; None where it does not.
+        default_step, default_start, default_stop: step size, start and stop time that the FMU proposes [s];
+            None where it does not.
         own_step: the step size [s] that the FMU is made for, where it declares that it cannot take others;
             `own_step_divides` tells whether it takes whole multiples of it.
         tool: what the FMU was made with; empty where it does not say.
@@ -93,6 +94,8 @@ class ModelDescription:
     completed_step: bool = False
     tolerance: float | None = None
     default_step: float | None = None
+    default_start: float | None = None
+    default_stop: float | None = None
     own_step: float | None = None
     own_step_divides: bool = False
     tool: str = ""
@@ -305,6 +308,8 @@ def _reduce(
         completed_step=exchange and bool(interface.needsCompletedIntegratorStep),
         tolerance=number(experiment.tolerance) if experiment is not None else None,
         default_step=proposed,
+        default_start=number(experiment.startTime) if experiment is not None else None,
+        default_stop=number(experiment.stopTime) if experiment is not None else None,
         own_step=None if free else internal or proposed,
         own_step_divides=internal is not None,
         tool=raw.generationTool or "",

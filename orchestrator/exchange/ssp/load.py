@@ -24,7 +24,7 @@ class Loaded:
     """What `load_config` takes of a package: see `orchestrator.config.Config`."""
 
     data: dict[str, Any]
-    unpacked: Path
+    unpacked: Path | None
     notes: list[str]
     remedies: dict[str, str]
 
