@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .errors import ConfigError, Problem
 
-__all__ = ["NAME", "locked"]
+__all__ = ["NAME", "locked", "take"]
 
 NAME = ".running"
 # Windows lets nobody read what is locked, and the holder's number is to be read: what is locked is a byte
@@ -36,7 +36,7 @@ def locked(folder: Path | None) -> Iterator[None]:
         return
     path = folder / NAME
     try:
-        file = _taken(path)
+        file = take(path)
     except OSError as error:
         raise ConfigError([Problem("", f"cannot write to the folder {folder} ({error})")]) from error
     if file is None:
@@ -55,8 +55,8 @@ def locked(folder: Path | None) -> Iterator[None]:
                 path.unlink()
 
 
-def _taken(path: Path) -> int | None:
-    """The file, open and locked; None if somebody else holds it."""
+def take(path: Path) -> int | None:
+    """A lock file, made if need be, open and locked; None if somebody else holds it. Raises: OSError."""
     while True:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
         try:

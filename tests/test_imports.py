@@ -14,12 +14,13 @@ PACKAGE = ROOT / "orchestrator"
 
 # From the bottom up: a module imports only from layers that stand before its own.
 LAYERS = [
-    "errors", "digests", "whole_file", "bundled", "provenance", "machine_code", "units", "quantities",
-    "effects", "config", "fmi", "graph", "fixed_point", "system", "bonds", "checks", "arrays", "loops",
+    "errors", "digests", "whole_file", "folder_lock", "scratch", "bundled", "provenance", "machine_code",
+    "units", "quantities", "effects", "config", "fmi", "graph", "fixed_point", "system", "bonds", "checks",
+    "arrays", "loops",
     "connecting", "histogram", "external", "parts", "requested", "settling", "assembly", "signals", "wires",
     "initialisation", "culprits", "instance_pool", "instances", "ledger", "master", "native", "pacing",
     "simulate", "stream", "formats", "recorded", "results", "progress", "measures", "plotting", "page",
-    "folder_lock", "workers", "run_folder", "prepared", "run", "compare", "table", "commands",
+    "workers", "run_folder", "prepared", "run", "compare", "table", "commands",
     "fmu_tools", "translate", "exchange", "frequency", "docking", "diagnosis", "campaign", "report",
     "__main__",
 ]  # fmt: skip

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shutil
 import stat
-import tempfile
 import threading
 import zipfile
 from pathlib import Path, PurePosixPath
 
 from ..errors import FmuError, listed
+from ..scratch import scratch_folder
 
 __all__ = ["Unpacked", "binary_folder", "check_members", "checked_members"]
 
@@ -127,7 +127,7 @@ class Unpacked:
         """The folder, unpacked at the first call. Raises: FmuError."""
         with self._lock:
             if self._folder is None:
-                folder = Path(tempfile.mkdtemp(prefix="fmu-"))
+                folder = scratch_folder("fmu-")
                 try:
                     self._unpack(folder)
                 except BaseException:

@@ -12,6 +12,8 @@ import time
 from pathlib import Path
 from typing import IO
 
+from ..scratch import scratch_root
+
 __all__ = ["cause_of_death", "end", "guarded_pipes", "start_child"]
 
 # After which a child that was told to end is killed [s].
@@ -32,6 +34,8 @@ def start_child(module: str, printed: IO[bytes]) -> subprocess.Popen[bytes]:
     """
     root = str(Path(__file__).resolve().parents[2])
     paths = json.dumps([root, *(os.path.abspath(one) for one in sys.path if one)])
+    # What a process that is ended leaves in its temporary folder goes with that of this one.
+    temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch_root()))
     # -P: files in the working directory must not pose as modules.
     return subprocess.Popen(
         [sys.executable, "-P", "-c", _START, paths, module],
@@ -39,6 +43,7 @@ def start_child(module: str, printed: IO[bytes]) -> subprocess.Popen[bytes]:
         stdout=subprocess.PIPE,
         stderr=printed,
         bufsize=0,
+        env=os.environ | temporary,
     )
 
 

@@ -30,6 +30,7 @@ from typing import Any
 from fmpy import fmi1, fmi2, fmi3
 
 from ..errors import FmuError
+from ..scratch import scratch_root
 from .description import ModelDescription
 from .directory import returning
 from .handling import Interface
@@ -107,7 +108,9 @@ def _proxy_of_our_own() -> CDLL:
     from fmpy.logging import logging
 
     original = Path(logging._name)
-    with tempfile.TemporaryDirectory(prefix="fmu-logging-", ignore_cleanup_errors=True) as folder:
+    with tempfile.TemporaryDirectory(
+        prefix="fmu-logging-", dir=scratch_root(), ignore_cleanup_errors=True
+    ) as folder:
         copy = Path(folder) / f"orchestrator-{original.name}"
         shutil.copyfile(original, copy)
         return CDLL(str(copy))

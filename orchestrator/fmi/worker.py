@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FmuError, OrchestratorError, StepError
+from ..scratch import remove_scratch
 from . import frames
 from .child import guarded_pipes
 from .instance import Point
@@ -144,4 +145,5 @@ def main() -> None:
             frames.send(answers, *answer)
         except OSError:
             break
+    remove_scratch()
     os._exit(0)  # the FMU's own threads and exit handlers are not waited for

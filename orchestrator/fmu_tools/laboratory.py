@@ -17,6 +17,7 @@ from typing import Any
 from ..errors import FmuError, OrchestratorError
 from ..fmi import Handling, Interface, frames
 from ..fmi.child import cause_of_death, end, guarded_pipes, start_child
+from ..scratch import scratch_folder
 from . import abuse, behaviour, sensitivity
 from .finding import Finding, Level, Verdict, failed
 from .trial import Conditions, Ended, Trial, fmu_for_trial
@@ -59,7 +60,7 @@ class Laboratory:
         self._limit = time_limit
         self._process: subprocess.Popen[bytes] | None = None
         # What the process unpacks is removed even if it dies.
-        self._folder = tempfile.mkdtemp(prefix="fmu-laboratory-")
+        self._folder = str(scratch_folder("fmu-laboratory-"))
         self._printed = tempfile.TemporaryFile(prefix="fmu-output-")
 
     def __enter__(self) -> Laboratory:

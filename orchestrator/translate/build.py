@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 from orchestrator.errors import BuildError
+from orchestrator.scratch import scratch_root
 
 from .package import (
     PLATFORMS,
@@ -115,7 +116,7 @@ def compiled(
     """Binaries of an FMU's sources, as members; both by their paths within the FMU."""
     if not platforms:
         return {}
-    with tempfile.TemporaryDirectory(prefix="fmu-sources-") as folder:
+    with tempfile.TemporaryDirectory(prefix="fmu-sources-", dir=scratch_root()) as folder:
         for name, content in members.items():
             if name.startswith("sources/"):
                 (Path(folder) / name.removeprefix("sources/")).write_bytes(content)

@@ -14,6 +14,7 @@ from importlib import resources
 from pathlib import Path
 
 from orchestrator.errors import BuildError
+from orchestrator.scratch import scratch_root
 
 from .package import PLATFORMS, FmiVersion, compile_library, interface_headers
 
@@ -59,7 +60,7 @@ def build_binaries(output: Path = _FOLDER, platforms: Sequence[str] = tuple(PLAT
     output.mkdir(parents=True, exist_ok=True)
     written = []
     for version in _VERSIONS:
-        with tempfile.TemporaryDirectory(prefix="fmu-sources-") as folder:
+        with tempfile.TemporaryDirectory(prefix="fmu-sources-", dir=scratch_root()) as folder:
             for name, content in coupled_sources(version).items():
                 (Path(folder) / name).write_bytes(content)
             for platform in platforms:

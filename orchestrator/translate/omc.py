@@ -8,6 +8,7 @@ import tempfile
 from pathlib import Path
 
 from orchestrator.errors import BuildError
+from orchestrator.scratch import scratch_root
 
 from .build import BuildReport
 from .sources import load_sources
@@ -42,7 +43,7 @@ def build_with_omc(model_file: Path, output: Path, *, model: str | None, fmi_ver
     top = tree.root / name.partition(".")[0] / "package.mo"
     library = top if top.is_file() else tree.root / tree.main
     prefix = name.rpartition(".")[2]
-    with tempfile.TemporaryDirectory(prefix="omc-") as folder:
+    with tempfile.TemporaryDirectory(prefix="omc-", dir=scratch_root()) as folder:
         script = Path(folder) / "build.mos"
         script.write_text(omc_script(library, name, prefix), encoding="utf-8")
         try:

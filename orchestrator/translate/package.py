@@ -10,7 +10,6 @@ import shutil
 import struct
 import subprocess
 import sys
-import tempfile
 import threading
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +23,7 @@ from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 from orchestrator.errors import BuildError
+from orchestrator.scratch import scratch_folder
 from orchestrator.whole_file import whole_file
 
 FmiVersion = Literal["2.0", "3.0"]
@@ -316,7 +316,7 @@ def _workshop(sources: Path) -> Iterator[Path]:
 
 @cache
 def _folder_of(process: int) -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="fmu-"))
+    folder = scratch_folder("fmu-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 

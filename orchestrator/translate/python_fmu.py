@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from orchestrator.errors import BuildError, listed
+from orchestrator.scratch import scratch_root
 from orchestrator.translate.inserted import appended, requirements_check
 from orchestrator.translate.package import write_fmu
 from orchestrator.translate.presentation import Section, dress, sources_of, text_section
@@ -140,7 +141,7 @@ def _run_builder(script: Path, source: bytes, class_name: str) -> tuple[dict[str
     # FMUs, or two versions of one, would otherwise run the code of whichever was loaded first.
     module = f"{class_name}_{hashlib.sha256(source).hexdigest()[:12]}"
     path, modules = list(sys.path), set(sys.modules)
-    with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="fmu-", dir=scratch_root()) as scratch:
         copy = Path(scratch) / f"{module}.py"
         copy.write_bytes(source)
         try:

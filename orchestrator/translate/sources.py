@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 from orchestrator.errors import BuildError, listed, nearest
+from orchestrator.scratch import scratch_folder
 
 from .classes import ModelicaClass, find_classes, within_clause
 from .lexer import Token, tokenise
@@ -169,7 +169,7 @@ class SourceTree:
 
         Raises: BuildError if a file already uses the name that stands for delay().
         """
-        folder = Path(tempfile.mkdtemp(prefix="modelica-")).resolve()
+        folder = scratch_folder("modelica-").resolve()
         try:
             for path, text in self.texts.items():
                 target = folder / path

@@ -18,6 +18,7 @@ from typing import Any
 
 from ..errors import OrchestratorError
 from ..fmi import frames
+from ..scratch import scratch_root
 from .tasks import Attempt, Failure, Work
 
 __all__ = ["Child", "attempt"]
@@ -48,7 +49,9 @@ class Child:
         self._limited: object | None = None
         self._guard = threading.Lock()
         # Ended at once, the process tidies nothing up: FMUs that it has unpacked go with this folder.
-        self._temporary = tempfile.TemporaryDirectory(prefix="worker-", ignore_cleanup_errors=True)
+        self._temporary = tempfile.TemporaryDirectory(
+            prefix="worker-", dir=scratch_root(), ignore_cleanup_errors=True
+        )
         # Appended to, so that it can be cut short between tasks.
         self._output = tempfile.TemporaryFile("ab+", prefix="worker-output-")
         root = str(Path(__file__).resolve().parents[2])

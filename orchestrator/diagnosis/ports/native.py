@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 import weakref
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,6 +12,7 @@ import numpy as np
 
 from ...errors import OrchestratorError
 from ...fmi import CompiledFmu, load_fmu
+from ...scratch import scratch_folder
 from ...translate.inserted import memory_told, own_source
 from ...workers import Work, pool_of
 from ..study import Array
@@ -42,7 +42,7 @@ def in_native_form(study: PortStudy) -> tuple[PortStudy, list[Warned]]:
     fmus = {str(one.fmu.path): one.fmu for one in study.prepared.system.instances if _in_python(one.fmu)}
     if not fmus or sum(map(len, study.runs)) * study.parts < _MANY:
         return study, []
-    folder = Path(tempfile.mkdtemp(prefix="native-forms-"))
+    folder = scratch_folder("native-forms-")
     made, reasons = _built(fmus, folder)
     found = replace(study, natives={Path(path): one for path, one in made.items()})
     if made and not _same(study, found):

@@ -13,6 +13,7 @@ from typing import Any
 from ...config import dump
 from ...config.files import move_effects
 from ...errors import ConfigError, Problem
+from ...scratch import scratch_folder, scratch_root
 from .annotations import checksum
 from .read import MAIN, Read, read_ssp
 
@@ -34,7 +35,7 @@ def load_ssp(path: Path) -> Loaded:
 
     Raises: ConfigError with all problems.
     """
-    folder = Path(tempfile.mkdtemp(prefix="ssp-"))
+    folder = scratch_folder("ssp-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     read = read_ssp(path, folder)
     return Loaded(read.data, folder, read.notes, read.remedies)
@@ -51,7 +52,7 @@ def import_ssp(path: Path, output: Path, variant: str = MAIN, *, with_code: bool
     Returns: what was read; its FMUs as they are written in the config.
     Raises: ConfigError with all problems; then nothing is written.
     """
-    with tempfile.TemporaryDirectory(prefix="ssp-") as text:
+    with tempfile.TemporaryDirectory(prefix="ssp-", dir=scratch_root()) as text:
         read = read_ssp(path, Path(text), variant, with_code=with_code)
         folder = output.parent / f"{output.stem}-fmus"
         moves: dict[Path, Path] = {}

@@ -22,6 +22,7 @@ from ...config.files import move_effects
 from ...errors import ConfigError, Problem
 from ...fmi import Kind, ModelDescription, Variable
 from ...run import Prepared, prepare
+from ...scratch import scratch_root
 from ...system import Instance
 from ...units import BASE_NAMES, Unit
 from . import annotations
@@ -82,7 +83,7 @@ def write_ssp(
     if version not in VERSIONS:
         raise ConfigError([Problem("", f"no version {version!r} of SSP", f"versions: {', '.join(VERSIONS)}")])
     writer = _Writer(prepared, version)
-    with TemporaryDirectory(prefix="ssp-") as folder:
+    with TemporaryDirectory(prefix="ssp-", dir=scratch_root()) as folder:
         draft, final = Path(folder, "draft.ssp"), Path(folder, "final.ssp")
         writer.pack(draft, None)
         plain = read_ssp(draft, Path(folder, "fmus"))
