@@ -19,6 +19,7 @@ from .package import (
     binary_member,
     build_description,
     compile_library,
+    named_platforms,
     runtime_sources,
     write_fmu,
 )
@@ -70,13 +71,13 @@ def build(
         output: the .fmu to write; replaced only when complete.
         model: name of the model; needed if the file defines none or several.
         fmi_version: "2.0" or "3.0".
-        platforms: keys of `package.PLATFORMS` to compile for; may be empty for an FMU of sources only.
+        platforms: names as `package.named_platforms` takes them; may be empty for an FMU of sources only.
         compiler: "rumoca" for the built-in route, "omc" for an installed OpenModelica.
     Returns: what was built.
     Raises: BuildError for a model or option that is not supported, naming file and line.
     """
     model_file, output = Path(model_file), Path(output)
-    version = check_options(fmi_version, platforms)
+    version, platforms = check_options(fmi_version, platforms)
     if not output.parent.is_dir():
         raise BuildError(f"{output}: the folder {output.parent} does not exist; create it first")
     if compiler == "omc":
@@ -92,14 +93,11 @@ def build(
     return BuildReport(output, report.model, fmi_version, tuple(platforms), report.counts, report.notes)
 
 
-def check_options(fmi_version: str, platforms: Sequence[str]) -> FmiVersion:
-    """The version, if it and the platforms can be built for. Raises: BuildError."""
+def check_options(fmi_version: str, platforms: Sequence[str]) -> tuple[FmiVersion, tuple[str, ...]]:
+    """The version, and keys of `PLATFORMS`, if they can be built for. Raises: BuildError."""
     if fmi_version not in ("2.0", "3.0"):
         raise BuildError(f"FMI version {fmi_version!r} is not supported; choose 2.0 or 3.0")
-    unknown = [name for name in platforms if name not in PLATFORMS]
-    if unknown:
-        raise BuildError(f"unknown platform {', '.join(unknown)}; known: {', '.join(PLATFORMS)}")
-    return cast(FmiVersion, fmi_version)
+    return cast(FmiVersion, fmi_version), named_platforms(platforms)
 
 
 def need_casadi() -> None:
@@ -202,7 +200,7 @@ def translate(
     if guesses:
         notes = (*notes, f"started at their start values, though not fixed: {', '.join(guesses)}")
     checked_text = _CHECK.format(points=checked.points, residual=checked.largest_residual)
-    return members, TranslationReport(name, counts, (checked_text, *notes))
+    return members, TranslationReport(name, counts, (*tree.remarks, checked_text, *notes))
 
 
 def model_identifier(model: str) -> str:

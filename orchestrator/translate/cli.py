@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--platforms",
         metavar="LIST",
         default="this",
-        help=f"some of {','.join(PLATFORMS)}; or this, the platform of this machine; or all, or none for "
-        "sources only (default: %(default)s)",
+        help=f"some of {', '.join(PLATFORMS)}, or of linux64, win64, darwin64; or this, the platform of this "
+        "machine; or all, or none for sources only (default: %(default)s)",
     )
     modelica.add_argument(
         "--compiler",

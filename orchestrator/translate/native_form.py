@@ -42,7 +42,7 @@ def build_native_fmu(
     from .step_description import describe_native
 
     script, output = Path(script), Path(output)
-    version = check_options(fmi_version, platforms)
+    version, platforms = check_options(fmi_version, platforms)
     _, root, model = described_model(script)
     name = type(model).__name__
     program = trace_component(script.resolve(), name)

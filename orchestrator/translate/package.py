@@ -63,6 +63,28 @@ PLATFORMS: Mapping[str, Platform] = {
 }
 
 
+def named_platforms(names: Sequence[str]) -> tuple[str, ...]:
+    """Keys of `PLATFORMS` for names of platforms.
+
+    Args:
+        names: keys, or names of FMI 2.0's folders: linux64, win64, darwin64 (both kinds of Mac).
+    Raises: BuildError with all names that are unknown.
+    """
+    found: dict[str, None] = {}
+    unknown = []
+    for name in names:
+        keys = [key for key, one in PLATFORMS.items() if name in (key, one.folder_fmi2)]
+        found.update(dict.fromkeys(keys))
+        unknown += [] if keys else [name]
+    if unknown:
+        folders = dict.fromkeys(one.folder_fmi2 for one in PLATFORMS.values())
+        raise BuildError(
+            f"unknown platform {', '.join(unknown)}; known: {', '.join(PLATFORMS)}, or by the folders of "
+            f"FMI 2.0 {', '.join(folders)}"
+        )
+    return tuple(found)
+
+
 def this_platform() -> str:
     """The key of `PLATFORMS` that stands for this machine.
 

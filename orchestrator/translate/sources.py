@@ -55,12 +55,14 @@ class SourceTree:
         main: path of the given file within `root`.
         texts: path within `root` -> content, sorted.
         label: what is put before a path to show it to the user.
+        remarks: what was made up for, one sentence each.
     """
 
     root: Path
     main: str
     texts: dict[str, str]
     label: str
+    remarks: tuple[str, ...] = ()
 
     def shown(self, path: str) -> str:
         """Path of a file as the user would write it."""
@@ -214,22 +216,23 @@ def load_sources(model_file: Path) -> SourceTree:
     """Read a Modelica file with the whole package it belongs to.
 
     Args:
-        model_file: a .mo file on its own, or a part of a structured package (folders with package.mo).
+        model_file: a .mo file on its own, or a part of a structured package (folders with package.mo). A
+            folder without a package.mo counts as a package where files in it say that they are within it.
     Raises: BuildError if it does not exist, or its `within` clause does not match the folders.
     """
     shown = str(model_file)
     if not model_file.is_file():
         raise BuildError(f"{shown}: no such file; give the .mo file of a model")
     path = model_file.resolve()
-    packages = [name for name in within_clause(tokenise(_read(path), shown)).split(".") if name]
+    packages = _within(_read(path), shown)
     folder = path.parent
     if path.name == "package.mo":
         packages = [*packages, folder.name]
     for name in reversed(packages):
-        if folder.name != name or not (folder / "package.mo").is_file():
+        if folder.name != name:
             raise BuildError(
-                f"{shown}:1: the file says `within {'.'.join(packages)}`, but {folder.name}/ is no package "
-                f"{name} with a package.mo; put the file into its package or drop the clause"
+                f"{shown}:1: the file says `within {'.'.join(packages)}`, but its folder is called "
+                f"{folder.name}, not {name}; put the file into its package or drop the clause"
             )
         folder = folder.parent
     if packages:
@@ -240,9 +243,34 @@ def load_sources(model_file: Path) -> SourceTree:
     texts = {PurePosixPath(item.relative_to(folder)).as_posix(): _read(item) for item in paths}
     main = PurePosixPath(path.relative_to(folder)).as_posix()
     label = shown.replace("\\", "/")
-    return SourceTree(
-        folder, main, texts, label[: -len(main)] if label.endswith(main) else f"{folder.as_posix()}/"
+    label = label[: -len(main)] if label.endswith(main) else f"{folder.as_posix()}/"
+    added = _missing_packages(texts, label) if packages else {}
+    remarks = tuple(
+        f"{label}{place.rpartition('/')[0]}/ has no package.mo and is read as a package" for place in added
     )
+    return SourceTree(folder, main, dict(sorted((texts | added).items())), label, remarks)
+
+
+def _within(text: str, shown: str) -> list[str]:
+    """The names of a file's `within` clause."""
+    return [name for name in within_clause(tokenise(text, shown)).split(".") if name]
+
+
+def _missing_packages(texts: dict[str, str], label: str) -> dict[str, str]:
+    """A package.mo for each folder that has none although a file in it says that it is within it."""
+    added: dict[str, str] = {}
+    for place, text in texts.items():
+        folders = PurePosixPath(place).parts[:-1]
+        packages = _within(text, label + place)
+        names = [*packages, folders[-1]] if place.endswith("/package.mo") else packages
+        if tuple(names) != folders:
+            continue
+        for depth in range(1, len(folders) + 1):
+            missing = "/".join((*folders[:depth], "package.mo"))
+            if missing not in texts:
+                name = folders[depth - 1]
+                added[missing] = f"within {'.'.join(folders[: depth - 1])};\npackage {name}\nend {name};\n"
+    return added
 
 
 def _read(path: Path) -> str:

@@ -212,7 +212,7 @@ def test_files_and_names(tmp_path):
     assert refused(path, model="AA") == f"{path}: no model AA; models: P.A, P.B"
     path = bench.model_file(tmp_path, "within Lost;\nmodel M end M;\n")
     assert refused(path) == (
-        f"{path}:1: the file says `within Lost`, but {tmp_path.name}/ is no package Lost with a package.mo; "
+        f"{path}:1: the file says `within Lost`, but its folder is called {tmp_path.name}, not Lost; "
         "put the file into its package or drop the clause"
     )
     path = bench.model_file(tmp_path, 'model M\nReal x = "open;\nend M;\n')
@@ -233,7 +233,8 @@ def test_options(tmp_path):
         ({"compiler": "jmodelica"}, "unknown compiler 'jmodelica'; choose rumoca or omc"),
         (
             {"platforms": ("amiga",)},
-            "unknown platform amiga; known: x86_64-linux, x86_64-windows, x86_64-darwin, aarch64-darwin",
+            "unknown platform amiga; known: x86_64-linux, x86_64-windows, x86_64-darwin, aarch64-darwin, "
+            "or by the folders of FMI 2.0 linux64, win64, darwin64",
         ),
     ):
         with pytest.raises(BuildError) as caught:

@@ -1,0 +1,76 @@
+"""Folders of Modelica files without a package.mo, and names of platforms."""
+
+from __future__ import annotations
+
+import pytest
+
+from orchestrator.errors import BuildError
+from orchestrator.translate.build import build
+from orchestrator.translate.package import PLATFORMS, named_platforms
+from orchestrator.translate.sources import load_sources
+
+TANK = """within Plant.Parts;
+model Tank
+  parameter Real rate(unit = "1/s") = 2;
+  output Real level(start = 1, fixed = true);
+equation
+  der(level) = -rate * level;
+end Tank;
+"""
+MAIN = """within Plant;
+model Main
+  Parts.Tank tank(rate = 3);
+  output Real level = tank.level;
+end Main;
+"""
+
+
+def plant(tmp_path, top: bool):
+    """A package Plant whose sub-folder Parts has no package.mo; `top`: whether Plant has one."""
+    folder = tmp_path / "Plant"
+    (folder / "Parts").mkdir(parents=True)
+    (folder / "Parts" / "Tank.mo").write_text(TANK)
+    (folder / "Main.mo").write_text(MAIN)
+    if top:
+        (folder / "package.mo").write_text("package Plant\nend Plant;\n")
+    return folder
+
+
+@pytest.mark.parametrize("top", [True, False])
+@pytest.mark.parametrize("file", ["Main.mo", "Parts/Tank.mo"])
+def test_a_folder_without_a_package_file_is_read_as_a_package_with_a_remark(file, top, tmp_path):
+    folder = plant(tmp_path, top)
+    made = build(folder / file, tmp_path / "X.fmu", platforms=())
+    told = [note for note in made.notes if "has no package.mo and is read as a package" in note]
+    assert len(told) == (1 if top else 2)
+    assert any(note.startswith(f"{folder}/Parts/ has") for note in told)
+    assert not (folder / "Parts" / "package.mo").exists()
+    assert made.counts["states"] == 1
+
+
+def test_files_that_say_nothing_of_a_package_stay_alone(tmp_path):
+    (tmp_path / "M.mo").write_text("model M\n  output Real x = time;\nend M;\n")
+    tree = load_sources(tmp_path / "M.mo")
+    assert tree.remarks == () and list(tree.texts) == ["M.mo"]
+
+
+@pytest.mark.parametrize(
+    ("names", "keys"),
+    [
+        (["linux64", "win64", "darwin64"], list(PLATFORMS)),
+        (["x86_64-linux", "linux64"], ["x86_64-linux"]),
+        (["darwin64"], ["x86_64-darwin", "aarch64-darwin"]),
+        ([], []),
+    ],
+)
+def test_platforms_go_by_the_names_of_both_versions_of_fmi(names, keys):
+    assert list(named_platforms(names)) == keys
+
+
+def test_unknown_platforms_are_refused_with_all_names():
+    with pytest.raises(BuildError) as caught:
+        named_platforms(["linux64", "solaris", "vms"])
+    assert str(caught.value) == (
+        "unknown platform solaris, vms; known: x86_64-linux, x86_64-windows, x86_64-darwin, aarch64-darwin, "
+        "or by the folders of FMI 2.0 linux64, win64, darwin64"
+    )
