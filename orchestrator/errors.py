@@ -83,6 +83,10 @@ class FmuError(OrchestratorError):
     """An FMU that cannot be read, loaded or set up."""
 
 
+# Of an FMU's log in a message.
+_LOG_LINES = 10
+
+
 class StepError(OrchestratorError):
     """A run that failed at a communication point.
 
@@ -115,8 +119,9 @@ class StepError(OrchestratorError):
         if remedy:
             lines.append(f"  {remedy}")
         if self.log:
-            lines.append("  log of the FMU:")
-            lines += [f"    {line}" for line in self.log]
+            more = f", the last {_LOG_LINES} of {len(self.log)} lines" if len(self.log) > _LOG_LINES else ""
+            lines.append(f"  log of the FMU{more}:")
+            lines += [f"    {line}" for line in self.log[-_LOG_LINES:]]
         super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -13,6 +13,7 @@ from . import checks
 from .config import Config
 from .errors import ConfigError, Interrupted, OrchestratorError, error_data, listed
 from .fmi import integration_tolerance
+from .fmi.log_file import LOG_FOLDER, logs_in
 from .folder_lock import locked
 from .formats import check_formats, strict
 from .ledger import Ledger
@@ -99,7 +100,8 @@ def _run_in(
         begin_folder(folder, prepared.config)
     try:
         path = None if folder is None else folder / "results.arrow"
-        results, statistics, ledger = _run_once(prepared, prepared.grid, path, progress, paced=True)
+        with logs_in(None if folder is None else folder / LOG_FOLDER):
+            results, statistics, ledger = _run_once(prepared, prepared.grid, path, progress, paced=True)
     except _Stopped as stopped:
         error = _finish_failed(prepared, stopped, folder, formats)
         raise error from error.__cause__

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from .config import Config, load_config, move_effects
 from .errors import ConfigError, OrchestratorError, Problem
+from .fmi.log_file import LOG_FOLDER, clear_logs
 from .formats import FORMATS
 from .measures import FIGURES
 
@@ -48,6 +49,7 @@ def begin_folder(folder: Path, config: Config) -> None:
     try:
         for name in _WRITTEN:
             (folder / name).unlink(missing_ok=True)
+        clear_logs(folder)
         (folder / "config.yaml").write_text(_moved(config, folder).text(), encoding="utf-8")
     except OSError as error:
         raise ConfigError([Problem("", f"cannot write to the folder {folder} ({error})")]) from error
@@ -94,6 +96,7 @@ def write_run(result: RunResult, formats: Sequence[str], figures: bool) -> None:
     folder = result.folder
     assert folder is not None
     result.files = ["config.yaml", "results.arrow", "summary.json"]
+    result.files += sorted(path.relative_to(folder).as_posix() for path in folder.glob(f"{LOG_FOLDER}/*.log"))
     text = json.dumps(result.summary, indent=2, allow_nan=False, ensure_ascii=False)
     try:
         (folder / "summary.json").write_text(text + "\n", encoding="utf-8")

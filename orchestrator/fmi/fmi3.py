@@ -64,7 +64,7 @@ class Fmi3Instance(CompiledInstance):
 
     def _instantiate(self) -> None:
         def log(environment: Any, status: int, category: Any, message: Any) -> None:
-            self._log.add(status, message)
+            self._log.add(status, message, category)
 
         self._function(self._INSTANTIATE)
         try:

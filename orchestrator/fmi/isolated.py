@@ -19,6 +19,7 @@ from .child import cause_of_death, end, start_child
 from .description import ModelDescription
 from .handling import Handling
 from .instance import Array, Point, StepStatus
+from .log_file import LogFile, log_folder
 from .variable import Value
 from .worker import STEP
 
@@ -51,11 +52,13 @@ class IsolatedInstance:
         self._fed = False
         self._fresh: bytes | None = None
         self.bind((), np.zeros(0), (), np.zeros(0))
+        self._log_file = LogFile.of(name)
         folder = unpacked.acquire()
         self._output = tempfile.TemporaryFile(prefix="fmu-output-")
         try:
             self._start()
-            self._call("instantiate", name, path, description, handling, folder)
+            logs = log_folder()
+            self._call("instantiate", name, path, description, handling, folder, logs and logs.absolute())
         except BaseException:
             self.free()
             raise
@@ -135,11 +138,12 @@ class IsolatedInstance:
         lines = (*self._log, *self._printed())
         return StepError(what, instance=self.name, time=self._time, status=status, log=lines, remedy=remedy)
 
-    def _printed(self) -> list[str]:
+    def _printed(self, most: int | None = _LINES_OF_OUTPUT) -> list[str]:
+        """The last lines that the process printed; all without `most`."""
         self._output.seek(0)
         text = self._output.read().decode("utf-8", errors="replace")
         lines = [line.rstrip() for line in text.splitlines() if line.strip()]
-        return [f"[printed] {line}" for line in lines[-_LINES_OF_OUTPUT:]]
+        return [f"[printed] {line}" for line in (lines if most is None else lines[-most:])]
 
     # Ports.
 
@@ -224,6 +228,9 @@ class IsolatedInstance:
                     end(process)
         finally:
             self._freed = True
+            if self._log_file is not None and (printed := self._printed(None)):
+                self._log_file.write(printed, lambda: self._time)
+                self._log_file.close()
             self._output.close()
             self._unpacked.release()
 

@@ -9,6 +9,7 @@ import shutil
 import tempfile
 import typing
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from ctypes import (
     CDLL,
@@ -34,6 +35,7 @@ from ..scratch import scratch_root
 from .description import ModelDescription
 from .directory import returning
 from .handling import Interface
+from .log_file import LogFile
 
 __all__ = ["LogBook", "load_library", "release_python_state"]
 
@@ -42,13 +44,15 @@ _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 
 class LogBook:
-    """The latest log lines of one instance."""
+    """The latest log lines of one instance; all of them go to a file where the run has a folder."""
 
     _open: typing.ClassVar[dict[int, LogBook]] = {}
     _numbers = itertools.count(1)
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, time: Callable[[], float | None] = lambda: None) -> None:
         self.name = name
+        self._time = time
+        self._file = LogFile.of(name)
         self.number = next(self._numbers)
         self._lines: deque[str] = deque(maxlen=_LOG_LENGTH)
         self._open[self.number] = self
@@ -64,16 +68,27 @@ class LogBook:
     def close(self) -> None:
         """Take no more lines from FMI 2 callbacks."""
         self._open.pop(self.number, None)
+        if self._file is not None:
+            self._file.close()
 
-    def add(self, status: int, message: bytes | None) -> None:
+    def add(self, status: int, message: bytes | None, category: bytes | None = None) -> None:
         """Keep a message; it may hold several lines."""
         text = (message or b"").decode("utf-8", errors="replace")
         label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
-        self._lines.extend(f"[{label}] {line.rstrip()}" for line in text.splitlines() if line.strip())
+        lines = [line.rstrip() for line in text.splitlines() if line.strip()]
+        self._lines.extend(f"[{label}] {line}" for line in lines)
+        if self._file is not None:
+            of = (category or b"").decode("utf-8", errors="replace")
+            self._file.write([f"[{label}]\t{of}\t{line}" for line in lines], self._time)
 
     @classmethod
     def dispatch(
-        cls, environment: int | None, name: bytes | None, status: int, message: bytes | None
+        cls,
+        environment: int | None,
+        name: bytes | None,
+        status: int,
+        category: bytes | None,
+        message: bytes | None,
     ) -> None:
         """Give an FMI 2 log message to the instance it belongs to."""
         book = cls._open.get(environment or 0)
@@ -81,11 +96,11 @@ class LogBook:
             wanted = (name or b"").decode("utf-8", errors="replace")
             book = next((one for one in reversed(cls._open.values()) if one.name == wanted), None)
         if book is not None:
-            book.add(status, message)
+            book.add(status, message, category)
 
 
 def _log_fmi2(environment: Any, name: Any, status: int, category: Any, message: Any) -> None:
-    LogBook.dispatch(environment, name, status, message)
+    LogBook.dispatch(environment, name, status, category, message)
 
 
 def _callbacks() -> fmi2.fmi2CallbackFunctions:

@@ -30,6 +30,8 @@ STATUS = {0: "ok", 1: "warning", 2: "discard", 3: "error", 4: "fatal", 5: "pendi
 FATAL, PENDING = 4, 5
 # Of discrete states that are to settle.
 MOST_ITERATIONS = 10_000
+# Of the log in a message.
+_LOG_LINES = 10
 _DO_STEP_STATUS, _LAST_SUCCESSFUL_TIME = 0, 2
 
 
@@ -80,7 +82,7 @@ class CompiledInstance(Values):
         self._freed = False
         self._saved_states = 0
         self._slave: Any = None
-        self._log = LogBook(name)
+        self._log = LogBook(name, lambda: self._time)
         folder = unpacked.acquire()
         try:
             self._slave = load_library(path, folder, description, name)
@@ -198,7 +200,7 @@ class CompiledInstance(Values):
         return status.value
 
     def _instantiation_failed(self) -> FmuError:
-        lines = "".join(f"\n    {line}" for line in self.log_lines())
+        lines = "".join(f"\n    {line}" for line in self.log_lines()[-_LOG_LINES:])
         log = f"\n  log of the FMU:{lines}" if lines else "\n  The FMU logged nothing."
         return FmuError(f"{self.path}: instance {self.name} could not be made{log}")
 

@@ -15,6 +15,7 @@ from ..scratch import remove_scratch
 from . import frames
 from .child import guarded_pipes
 from .instance import Point
+from .log_file import logs_in
 
 __all__ = ["STEP", "main"]
 
@@ -45,11 +46,14 @@ class _Server:
         self._states: dict[int, Any] = {}
         self._told: tuple[str, ...] = ()
 
-    def instantiate(self, name: str, path: Path, description: Any, handling: Any, folder: Path) -> None:
+    def instantiate(
+        self, name: str, path: Path, description: Any, handling: Any, folder: Path, logs: Path | None
+    ) -> None:
         from .compiled import instance_class
 
         made = instance_class(description)
-        self.instance = made(name, path, description, _Given(folder), handling)
+        with logs_in(logs):
+            self.instance = made(name, path, description, _Given(folder), handling)
 
     def bind(self, inputs: list[str], outputs: list[str]) -> None:
         self._u, self._y = np.zeros(len(inputs)), np.zeros(len(outputs))

@@ -1,0 +1,84 @@
+"""Files that take what FMUs log over a run, one for each instance."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from pathlib import Path
+from typing import BinaryIO
+
+__all__ = ["LOG_FOLDER", "LogFile", "clear_logs", "log_folder", "logs_in"]
+
+# Within the folder of a run.
+LOG_FOLDER = "log"
+# Of a file [B].
+_LARGEST = 10 << 20
+
+_folder: ContextVar[Path | None] = ContextVar("log_folder", default=None)
+
+
+@contextmanager
+def logs_in(folder: Path | None) -> Iterator[None]:
+    """Instances that are made meanwhile log to files of a folder; None: to none."""
+    token = _folder.set(folder)
+    try:
+        yield
+    finally:
+        _folder.reset(token)
+
+
+def log_folder() -> Path | None:
+    """Where instances log to now."""
+    return _folder.get()
+
+
+class LogFile:
+    """Takes the lines of an instance; the file is made with the first one.
+
+    Each line is written at once, so that nothing is lost if the process is killed. A file that is full says
+    so in its last line. A disk that takes no more fails no run.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.path = folder / f"{name}.log"
+        self._file: BinaryIO | None = None
+        self._size = 0
+
+    @staticmethod
+    def of(name: str) -> LogFile | None:
+        """The file of an instance, where there is a folder for it."""
+        folder = log_folder()
+        return None if folder is None else LogFile(folder, name)
+
+    def write(self, lines: list[str], time: Callable[[], float | None]) -> None:
+        """Write lines with the time of the communication point [s]."""
+        if self._size >= _LARGEST:
+            return
+        at = time()
+        begin = "start" if at is None else f"{at:.12g} s"
+        text = "".join(f"{begin}\t{line}\n" for line in lines)
+        if self._size + len(text) > _LARGEST:
+            text = f"{begin}\t... the file is full ({_LARGEST >> 20} MiB): further lines are left out\n"
+            self._size = _LARGEST
+        with suppress(OSError):
+            if self._file is None:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                # Unbuffered; a process of its own appends what it printed.
+                self._file = open(self.path, "ab", buffering=0)
+            self._file.write(text.encode("utf-8", errors="replace"))
+            self._size += len(text)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()
+            self._file = None
+
+
+def clear_logs(folder: Path) -> None:
+    """Remove the files of an earlier run. Raises: OSError."""
+    for path in (folder / LOG_FOLDER).glob("*.log"):
+        os.unlink(path)
