@@ -117,7 +117,7 @@ def end(port: Port, description: ModelDescription, causality: Causality, place: 
         return Problem(
             place, f"{port} is an array of shape {variable.shape}", "only scalars can be connected"
         )
-    if not (variable.kind.numeric or variable.kind is Kind.STRING):
+    if not (variable.kind.numeric or variable.carried):
         return Problem(place, f"{port} is of type {variable.type}", "it cannot be connected")
     return None
 
@@ -133,9 +133,15 @@ def start_value(
         return Problem(
             place, what, f"variables that can be set: {listed(names)}", nearest(name, names, f"{instance}.")
         )
-    if variable.kind in (Kind.BINARY, Kind.CLOCK):
-        what = f"{instance}.{name} cannot be set: values of type {variable.type} are not supported"
+    if variable.kind is Kind.CLOCK:
+        what = f"{instance}.{name} cannot be set: a clock has no value"
         return Problem(place, what, remedy="Leave it out.")
+    if variable.kind is Kind.BINARY and variable.settable and not variable.shape:
+        try:
+            return bytes.fromhex(str(value))
+        except ValueError:
+            what = f"{instance}.{name} is binary, got {value!r}"
+            return Problem(place, what, "hexadecimal digits in quotes are needed, as '00ff'")
     if not variable.settable or variable.shape:
         why = f"causality {variable.causality}, variability {variable.variability}"
         if variable.initial:

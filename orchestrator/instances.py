@@ -55,7 +55,7 @@ class Instances:
         running: the instances in the config's order.
         started: how many of them have left initialisation mode.
         terminated: whether all were told that the run went well.
-        texts: String outputs as they stand.
+        texts: outputs of text and binary values as they stand.
         noted_inputs: places of the inputs, see `given`, that masters note of every step that they divide a
             communication step in; None: nobody asks.
         memory: what a master keeps from one step to the next, so that one master serves several runs.
@@ -75,7 +75,7 @@ class Instances:
         self.noted_inputs: NDArray[np.intp] | None = None
         self._values = np.zeros(layout.size)
         self._finite = np.empty(layout.size, np.bool_)
-        self.texts: dict[Port, str] = {}
+        self.texts: dict[Port, str | bytes] = {}
         ends = np.cumsum([0, *(len(inputs.names) for inputs in layout.inputs)]).tolist()
         self._all_u = np.zeros(ends[-1])
         self._u = [self._all_u[first:end] for first, end in pairwise(ends)]
@@ -427,7 +427,7 @@ class Instances:
         if names:
             values = self.running[index].get_values(names)
             name = self.system.instances[index].name
-            self.texts.update({Port(name, key): str(value) for key, value in values.items()})
+            self.texts.update({Port(name, key): value for key, value in values.items()})
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from .config.base import exact_time
 from .connecting import Ends
 from .errors import ConfigError, FmuError, Problem, listed, nearest
 from .external import SUFFIX, ExternalFmu, SignalFmu, targets_of
-from .fmi import Fmu, Handling, Interface, load_fmu
+from .fmi import Causality, CompiledFmu, Fmu, Handling, Interface, Variability, load_fmu
 
 __all__ = ["Part", "Parts", "parts_of"]
 
@@ -78,9 +78,12 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
         choice = instance.fmu, instance.form, _handling(instance)
         if choice not in known:
             known[choice] = _find_fmu(*choice, config, ("instances", name), problems)
-        fmu = known[choice]
+        fmu, start = known[choice], instance.start
+        if fmu is not None and (sizes := _structural(fmu, start)):
+            fmu = _resized(fmu, name, sizes, config, problems)
+            start = {key: value for key, value in start.items() if key not in sizes}
         if fmu is not None:
-            parts.append(Part(name, fmu, instance.start, instance.feedthrough, ratio or Fraction(1)))
+            parts.append(Part(name, fmu, start, instance.feedthrough, ratio or Fraction(1)))
     _add_signals(parts, ratios, config, problems)
     for name, one in model.external.items():
         if gaps.knows("external", name):
@@ -92,6 +95,46 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
     if gaps.further("instances") or gaps.further("external"):
         absent = absent.but(there)
     return Parts(parts, absent, frozenset(unsettled))
+
+
+def _structural(fmu: Fmu, start: Mapping[str, Any]) -> dict[str, Any]:
+    """The start values that are given for structural parameters."""
+    variables = fmu.description.variables
+    return {
+        name: value
+        for name, value in start.items()
+        if name in variables and variables[name].causality is Causality.STRUCTURAL_PARAMETER
+    }
+
+
+def _resized(
+    fmu: Fmu, name: str, sizes: Mapping[str, Any], config: Config, problems: list[Problem]
+) -> Fmu | None:
+    """The FMU with values of its structural parameters; None if there is a problem, which is told."""
+    wrong = len(problems)
+    for key, value in sizes.items():
+        variable, place = (
+            fmu.description.variables[key],
+            config.places.text(("instances", name, "start", key)),
+        )
+        low, high = variable.minimum, variable.maximum
+        if type(value) is not int or value < 0:
+            what = f"structural parameter {name}.{key} = {value!r}"
+            problems.append(Problem(place, what, "a whole number of 0 or more is needed"))
+        elif variable.variability not in (Variability.FIXED, Variability.TUNABLE):
+            problems.append(Problem(place, f"structural parameter {name}.{key} is {variable.variability}"))
+        elif (low is not None and value < low) or (high is not None and value > high):
+            what = f"structural parameter {name}.{key} = {value!r}"
+            problems.append(Problem(place, what, f"between {low:g} and {high:g}"))
+    if len(problems) > wrong or not isinstance(fmu, CompiledFmu):
+        return None
+    handling = replace(fmu.handling, structure=tuple(sorted(sizes.items())))
+    try:
+        return load_fmu(fmu.path, handling)
+    except FmuError as error:
+        place = config.places.text(("instances", name, "start"))
+        problems.append(Problem(place, " ".join(str(error).split())))
+        return None
 
 
 def _add_signals(

@@ -8,7 +8,7 @@ from . import checks
 from .config import Gaps, Places, Scalar
 from .config.text import flow
 from .errors import Problem, close, listed
-from .fmi import Value, Variable
+from .fmi import Causality, Kind, Value, Variable
 from .parts import Part
 from .system import Instance, Port
 
@@ -39,6 +39,14 @@ def remarks(part: Part, places: Places) -> list[str]:
         first, *more = description.deviations
         further = f" and {len(more)} more" if more else ""
         notes.append(f"{place}: breaks a rule of FMI: {first}{further}")
+    clocks = [one for one in description.variables.values() if one.kind is Kind.CLOCK]
+    if clocks:
+        ticked = [one.name for one in clocks if one.causality is Causality.INPUT]
+        never = f"; {listed(ticked, 5)} never ticks, since no master ticks clocks of FMUs" if ticked else ""
+        notes.append(
+            f"{place}: clocks {listed((one.name for one in clocks), 5)}: the FMU ticks its own within its "
+            f"steps, and ticks are not passed on between instances{never}"
+        )
     tool = description.tool or "which it does not name"
     # pythonfmu declares a need that is met wherever this runs: Python.
     if description.capabilities.execution_tool and not tool.startswith("PythonFMU"):
@@ -105,6 +113,8 @@ def _without_value(
     }
     unfed: list[Variable] = []
     for variable in inputs:
+        if variable.kind is Kind.CLOCK:
+            continue  # see `remarks`
         if variable.elements > 1 and variable.reference not in used:
             if variable.element == 0:
                 array = variable.name.rpartition("[")[0]
@@ -118,7 +128,7 @@ def _without_value(
                 Problem(place, what, f"connections[{feed[0]}] feeds it", "Remove one of the two.")
             )
         elif feed is None and variable.name not in given and f"{part.name}.{variable.name}" not in fed:
-            if variable.shape or not variable.settable:
+            if variable.shape or not variable.settable or variable.kind is Kind.BINARY:
                 notes.append(f"{place}: input {part.name}.{variable.name} ({variable.type}) is left alone")
                 continue
             unfed.append(variable)

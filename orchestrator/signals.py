@@ -79,8 +79,8 @@ class Layout:
         outputs: per instance, the names of the ports that are read, in the vector's order.
         spans: per instance, its slice of the vector.
         inputs: per instance, its numeric inputs.
-        text_inputs: per instance, its String inputs and their sources.
-        text_outputs: per instance, its connected String outputs.
+        text_inputs: per instance, its inputs of text and binary values, and their sources.
+        text_outputs: per instance, its connected outputs of text and binary values.
         recorded: places of the recorded ports.
         wired: connections with effects, in the order of their places, which follow those of the ports.
         owners: per place, the port that stands there, or the first source of the connection that does.
@@ -120,7 +120,7 @@ class Layout:
             index.update({Port(instance.name, one.name): start + n for n, one in enumerate(numeric)})
             outputs.append(tuple(variable.name for variable in numeric))
             spans.append(slice(start, len(index)))
-            text_outputs.append(tuple(one.name for one in variables if one.kind is Kind.STRING))
+            text_outputs.append(tuple(one.name for one in variables if one.carried))
         wired = _wired(system, index)
         numeric_inputs, text_inputs = _inputs(system, index, {one.connection.target: one for one in wired})
         variables = [system.variable(port) for port in index]
@@ -243,7 +243,7 @@ def _inputs(
     for connection in system.connections:
         position = system.position[connection.target.instance]
         variable = system.variable(connection.target)
-        if variable.kind is Kind.STRING:
+        if variable.carried:
             texts[position].append((variable.name, connection.source))
         else:
             other = variable.type not in _DOUBLES

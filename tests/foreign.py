@@ -70,6 +70,11 @@ def arrays(path: Path, more: str = "") -> Path:
     return pack(path, "arrays.c", 3, "Arrays", document("arrays").replace("MORE", more))
 
 
+def flexible(path: Path, more: str = "") -> Path:
+    """The FMU of flexible.c; `more` are further variables."""
+    return pack(path, "flexible.c", 3, "Flexible", document("flexible").replace("MORE", more))
+
+
 def flawed(path: Path, flaw: str = "none", **attributes: str) -> Path:
     """The FMU of flawed.c with a flaw; `attributes` are those of its parameter's Real element."""
     more = " ".join(f'{name}="{value}"' for name, value in attributes.items())

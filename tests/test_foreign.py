@@ -408,14 +408,6 @@ def test_co_simulation_of_fmi_1_cannot_be_told_a_tolerance(slave):
     )
 
 
-def test_clocks_are_refused(tmp_path):
-    clock = '<Clock name="tick" valueReference="9" causality="input" intervalVariability="triggered"/>'
-    path = foreign.arrays(tmp_path / "Arrays.fmu", clock)
-    with pytest.raises(FmuError) as caught:
-        load_fmu(path)
-    assert str(caught.value) == f"{path}: uses clocks, which are not supported: tick"
-
-
 # Step sizes, tools, processes, paths.
 
 

@@ -121,8 +121,8 @@ def look_inside(
     for one in system.instances:
         problems += _unfit(one, places)
     for connection in system.connections:
-        if system.variable(connection.target).kind is Kind.STRING:
-            what = f"{connection} carries a text"
+        if system.variable(connection.target).carried:
+            what = f"{connection} carries no number"
             problems.append(Problem(places.text(("connections",)), what, "only numbers are passed on inside"))
         for link in connection.wire.links if connection.wire else ():
             if effect_number(link.effect) is None:

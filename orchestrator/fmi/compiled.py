@@ -32,7 +32,7 @@ class CompiledFmu:
     def __init__(self, path: Path, handling: Handling = Handling()) -> None:  # noqa: B008 (it is frozen)
         self.path: Path = path
         self.handling = handling
-        found = read_description(path, handling.interface)
+        found = read_description(path, handling.interface, handling.structure)
         if handling.any_step:
             found = replace(found, own_step=None)
         if handling.isolated:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -134,12 +135,15 @@ class ModelDescription:
         return tuple(v for v in self.variables.values() if v.causality is Causality.PARAMETER)
 
 
-def read_description(path: Path, interface: Interface | None = None) -> ModelDescription:
+def read_description(
+    path: Path, interface: Interface | None = None, structure: Iterable[tuple[str, int]] = ()
+) -> ModelDescription:
     """Read and check an FMU's model description without unpacking the FMU.
 
     Args:
         path: a .fmu file.
         interface: the one to be run; None: co-simulation if the FMU offers it, else model exchange.
+        structure: structural parameters with values other than their start values.
     Raises: FmuError if it is missing, no FMU, or has no such interface of FMI 1.0, 2.0 or 3.0.
     """
     if not path.is_file():
@@ -163,23 +167,49 @@ def read_description(path: Path, interface: Interface | None = None) -> ModelDes
         for item in root.findall("ModelVariables/*[@intermediateUpdate]")
         if item.get("intermediateUpdate") in ("true", "1")
     )
-    _add_relative_quantities(raw, root)
+    _add_attributes(raw, root)
+    _resize(raw, dict(structure))
     found = _reduce(raw, chosen, _directional(root, chosen), deviations, negated, within)
     clocks = [v.name for v in found.variables.values() if v.kind is Kind.CLOCK]
-    if clocks:
-        raise FmuError(f"{path}: uses clocks, which are not supported: {listed(clocks, 5)}")
+    if clocks and chosen is Interface.MODEL_EXCHANGE:
+        raise FmuError(
+            f"{path}: has clocks, {listed(clocks, 5)}: in model exchange they are not supported, since the "
+            "integration here ticks none\n  Run it in co-simulation, where an FMU ticks its clocks itself."
+        )
     return found
 
 
-def _add_relative_quantities(raw: Any, root: Any) -> None:
-    """Set relativeQuantity of variables, which fmpy looks for among an element's children."""
-    given = {}
+def _resize(raw: Any, structure: Mapping[str, int]) -> None:
+    """Give structural parameters their values, and arrays the sizes that follow."""
+    if not structure:
+        return
+    for item in raw.modelVariables:
+        if item.name in structure:
+            item.start = str(structure[item.name])
+    for item in raw.modelVariables:
+        item.shape = tuple(
+            int(one.variable.start if one.start is None else one.start) for one in item.dimensions
+        )
+    for unknowns, count in (
+        (raw.derivatives, "numberOfContinuousStates"),
+        (raw.eventIndicators, "numberOfEventIndicators"),
+    ):
+        setattr(raw, count, sum(prod(one.variable.shape or ()) for one in unknowns))
+
+
+def _add_attributes(raw: Any, root: Any) -> None:
+    """Set relativeQuantity of variables, which fmpy looks for among an element's children, and the range of
+    unsigned integers, which it does not read."""
+    given, ranges = {}, {}
     for item in root.findall("ModelVariables/*"):
+        ranges[item.get("name")] = item.get("min"), item.get("max")
         for element in (item, item.find("Real")):
             if element is not None and "relativeQuantity" in element.attrib:
                 given[item.get("name")] = element.get("relativeQuantity") in ("true", "1")
     for item in raw.modelVariables:
         item.relativeQuantity = given.get(item.name)
+        if item.type.startswith("UInt"):
+            item.min, item.max = ranges.get(item.name, (None, None))
 
 
 def _choose(path: Path, raw: Any, wanted: Interface | None) -> Interface:

@@ -22,9 +22,11 @@ from ctypes import (
     c_int,
     c_int64,
     c_size_t,
+    c_uint,
     c_uint8,
     c_void_p,
     cast,
+    string_at,
 )
 from typing import Any
 
@@ -32,7 +34,7 @@ from ..errors import StepError
 from .instance import Array, Point, StepStatus
 from .intermediate import Intermediate, Watcher
 from .running import MOST_ITERATIONS, CompiledInstance, NativeCalls
-from .variable import Value, Variable
+from .variable import Kind, Value, Variable
 
 __all__ = ["Fmi3Instance"]
 
@@ -134,6 +136,16 @@ class Fmi3Instance(CompiledInstance):
         ctype, name = _TYPES[variable.type]
         return ctype, self._function(f"fmi3{verb}{name}")
 
+    def enter_initialisation(
+        self, start_time: float, start_values: Mapping[str, Value], stop_time: float | None = None
+    ) -> None:
+        """See FmuInstance.enter_initialisation; sizes of arrays are set first."""
+        if self.handling.structure:
+            self._call("fmi3EnterConfigurationMode")
+            super().set_values(dict(self.handling.structure))
+            self._call("fmi3ExitConfigurationMode")
+        super().enter_initialisation(start_time, start_values, stop_time)
+
     def _enter(self, start_time: float, stop_time: float | None) -> None:
         told = (*self._told_tolerance(), start_time, stop_time is not None, stop_time or 0.0)
         self._call("fmi3EnterInitializationMode", *told)
@@ -160,8 +172,33 @@ class Fmi3Instance(CompiledInstance):
 
     def set_values(self, values: Mapping[str, Value]) -> None:
         """See FmuInstance.set_values."""
+        binary = {name: value for name, value in values.items() if isinstance(value, bytes)}
         with self._event_mode():
-            super().set_values(values)
+            super().set_values({name: value for name, value in values.items() if name not in binary})
+            for name, value in binary.items():
+                reference = c_uint(self.description.variables[name].reference)
+                size, address = c_size_t(len(value)), c_char_p(value)
+                self._access_binary("Set", name, reference, size, address)
+
+    def get_values(self, names: Sequence[str]) -> dict[str, Value]:
+        """See FmuInstance.get_values."""
+        variables = self.description.variables
+        binary = [name for name in names if variables[name].kind is Kind.BINARY and not variables[name].shape]
+        values = super().get_values([name for name in names if name not in binary])
+        for name in binary:
+            # The FMU's own memory, which need not outlive the next call.
+            size, address = c_size_t(0), c_void_p()
+            self._access_binary("Get", name, c_uint(variables[name].reference), size, address)
+            values[name] = string_at(address, size.value) if address.value and size.value else b""
+        return values
+
+    def _access_binary(self, verb: str, name: str, reference: Any, size: Any, address: Any) -> None:
+        """Call fmi3GetBinary or fmi3SetBinary for one variable."""
+        found = cast(self._function(f"fmi3{verb}Binary"), c_void_p).value
+        call = CFUNCTYPE(c_int, c_void_p, c_void_p, c_size_t, c_void_p, c_void_p, c_size_t)(found)
+        status = call(self._component, addressof(reference), 1, addressof(size), addressof(address), 1)
+        if status > 1:
+            self._fail(f"fmi3{verb}Binary of {name}", status)
 
     @contextmanager
     def _event_mode(self) -> Iterator[None]:

@@ -37,6 +37,7 @@ class Handling:
             of handling them within its steps.
         isolated: whether it runs in a process of its own.
         time_limit: of each call to an isolated instance [s]; None: it may take as long as it wants.
+        structure: structural parameters (FMI 3.0) and their values, on which sizes of arrays depend.
     """
 
     any_step: bool = False
@@ -45,6 +46,7 @@ class Handling:
     event_mode: bool = False
     isolated: bool = False
     time_limit: float | None = None
+    structure: tuple[tuple[str, int], ...] = ()
 
 
 def integration_tolerance(fmu: Fmu) -> float | None:

@@ -12,7 +12,7 @@ from ..units import ONE, Unit
 
 __all__ = ["Causality", "Initial", "Kind", "Value", "Variability", "Variable"]
 
-Value = float | int | bool | str
+Value = float | int | bool | str | bytes
 
 # As it is commonly written: rounded to single precision it is the largest number there.
 _LARGEST_SINGLE = 3.4028235e38
@@ -110,6 +110,11 @@ class Variable:
     negated: bool = False
     intermediate: bool = False
 
+    @property
+    def carried(self) -> bool:
+        """Whether connections carry its values as they are, beside the numbers: text and binary values."""
+        return self.kind in (Kind.STRING, Kind.BINARY)
+
     def as_referenced(self, value: Any) -> Any:
         """What stands for a value under the reference, and the other way round."""
         if not self.negated:
@@ -143,7 +148,7 @@ class Variable:
     @property
     def settable(self) -> bool:
         """Whether a value may be given before initialisation (FMI 2.0.4, 4.2.4; FMI 3.0, 2.3.2)."""
-        if self.variability is Variability.CONSTANT or self.kind in (Kind.CLOCK, Kind.BINARY):
+        if self.variability is Variability.CONSTANT or self.kind is Kind.CLOCK:
             return False
         if self.causality in (Causality.INPUT, Causality.PARAMETER):
             return True

@@ -65,7 +65,7 @@ def blocks(system: System, layout: Layout) -> tuple[Block, ...]:
     entering: dict[int, list[tuple[Port, int]]] = {}
     for connection in system.connections:
         target = system.position[connection.target.instance]
-        if system.variable(connection.target).kind is not Kind.STRING:
+        if not system.variable(connection.target).carried:
             for port in connection.sources:
                 entering.setdefault(target, []).append((port, system.position[port.instance]))
     for order in cycles(system):
