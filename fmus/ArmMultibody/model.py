@@ -46,7 +46,7 @@ class ArmMultibody(Fmi2Slave):
     """Joints driven, pulled by gravity and pushed by the contact; no output follows an input at once."""
 
     description = "Rigid-body dynamics of the arm on its rail with gravity and joint drives, by Pinocchio"
-    requirements = ("numpy>=2.4", "pin>=4.1")
+    requirements = ("numpy>=2.2", "pin>=4.1")
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)

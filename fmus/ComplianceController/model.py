@@ -71,7 +71,7 @@ class ComplianceController(Fmi2Slave):
     """FMI side of the controller: variables, sample grid, checks."""
 
     description = "Active compliance control: phase lead, contact identification, force compensation; sampled"
-    requirements = ("filterpy>=2.0.0", "numpy>=2.4")
+    requirements = ("filterpy>=1.4.5", "numpy>=2.2")
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)

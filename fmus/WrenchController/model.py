@@ -199,7 +199,7 @@ class WrenchController(Fmi2Slave):
     """FMI side of the controller: variables, frames, sample grid, checks."""
 
     description = "Active compliance control in space: force and torque compensation along the contact normal"
-    requirements = ("filterpy>=2.0.0", "numpy>=2.4")
+    requirements = ("filterpy>=1.4.5", "numpy>=2.2")
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)

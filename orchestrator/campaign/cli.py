@@ -231,7 +231,10 @@ def _export(store: Store, args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     for view in views:
         # Written as it is read: trajectories need not fit into memory.
-        reader = store.database.table(view).to_arrow_reader(100_000)
+        table = store.database.table(view)
+        # Before version 1.4 duckdb called it by another name.
+        reader = getattr(table, "to_arrow_reader", None) or table.fetch_arrow_reader
+        reader = reader(100_000)
         with _Writers(args.out, view, formats, reader.schema, csv, pq) as writers:
             rows = 0
             for batch in reader:
