@@ -6,6 +6,7 @@ import atexit
 import os
 import shutil
 import tempfile
+import threading
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,8 @@ __all__ = ["remove_scratch", "scratch_folder", "scratch_root"]
 _PREFIX = "orchestrator-"
 # A folder without a lock is being made, or its maker was killed meanwhile: that is not this young [s].
 _YOUNG = 3600.0
+# Threads would each make one.
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def scratch_root() -> Path:
@@ -26,7 +29,8 @@ def scratch_root() -> Path:
     It is locked as long as the process lives. The first call removes the folders of processes that were
     killed: the system has taken their locks.
     """
-    return _root(os.getpid(), tempfile.gettempdir())
+    with _ONE_AT_A_TIME:
+        return _root(os.getpid(), tempfile.gettempdir())
 
 
 def scratch_folder(prefix: str) -> Path:
