@@ -74,3 +74,12 @@ def test_unknown_platforms_are_refused_with_all_names():
         "unknown platform solaris, vms; known: x86_64-linux, x86_64-windows, x86_64-darwin, aarch64-darwin, "
         "or by the folders of FMI 2.0 linux64, win64, darwin64"
     )
+
+
+@pytest.mark.parametrize("line", ["for i in -1e300:n loop", "for i in 1:4294967296 loop"])
+def test_ranges_that_no_memory_holds_are_refused_before_they_are_tried(line, tmp_path):
+    head = "model M\n  parameter Integer n = 2;\n  Real x[2];\nequation\n"
+    text = f"{head}  {line}\n    x[i] = i;\n  end for;\nend M;\n"
+    (tmp_path / "M.mo").write_text(text)
+    with pytest.raises(BuildError, match=r"M\.mo:5: a range or size of .* is too large"):
+        build(tmp_path / "M.mo", tmp_path / "M.fmu", platforms=())

@@ -89,7 +89,7 @@ def read_runs(
             sheet.tell(
                 ("runs", number), f"two runs are called {run.name}", remedy="Give one of them a `name`."
             )
-        if len(run) - settled < _FEWEST:
+        if run.logs and len(run) - settled < _FEWEST:  # without any, its columns are the problem
             what = f"{run.name} has {len(run)} samples, {settled} of them while it settles"
             sheet.tell(("runs", number), what, f"at least {_FEWEST} more", "Log longer, or settle less.")
         others = [one for one in names if one is not None and one != run.name]

@@ -36,7 +36,7 @@ class PortRun:
     errors: Mapping[Port, Array] = field(default_factory=dict)
 
     def __len__(self) -> int:
-        return len(next(iter(self.logs.values())))
+        return len(next(iter(self.logs.values()), ()))
 
     def until(self, end: int) -> PortRun:
         """The run up to a sample."""
