@@ -99,8 +99,9 @@ def lone(name: str, value, **attributes) -> str | float:
             "causality output, variability continuous, initial calculated"),
         (1.5, {"causality": Causality.OUTPUT, "initial": Initial.EXACT}, 1.5),
         (1, {"shape": (2,)}, "one.p cannot be set: it is an array of shape (2,)"),
-        ("00ff", {"causality": Causality.INPUT, "kind": Kind.BINARY, "type": "Binary"},
-         "one.p cannot be set: values of type Binary are not supported\n  Leave it out."),
+        ("00ff", {"causality": Causality.INPUT, "kind": Kind.BINARY, "type": "Binary"}, b"\x00\xff"),
+        ("x", {"causality": Causality.INPUT, "kind": Kind.BINARY, "type": "Binary"},
+         "one.p is binary, got 'x'\n  hexadecimal digits in quotes are needed, as '00ff'"),
     ],
 )  # fmt: skip
 def test_start_values(value, attributes, expected):
@@ -131,7 +132,7 @@ def test_inputs_without_values_are_one_problem_with_the_values_of_the_fmu():
         items={"off": 1, "on": 2}, start=2)  # fmt: skip
     bare = variable("bare", Causality.INPUT, start=None)
     fmu = FakeFmu(inputs={"x[1,2]": "mm"}, extra=[mode, bare])
-    message = refusal([Part("one", fmu)])
+    message = refusal([Part("one", fmu)], keep=False)
     assert message == (
         "docking.yaml: instances.one: inputs one.x[1,2] [mm], one.mode (Enumeration), one.bare (no unit) are "
         "not connected and have no start values\n"
