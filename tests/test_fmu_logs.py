@@ -63,3 +63,24 @@ def test_a_chatty_fmu_fills_no_disk(tmp_path, monkeypatch):
     run(config("warn", 0.0, steps=100), out=tmp_path, figures=False, halving=False)
     lines = (tmp_path / "log" / "loud.log").read_text().splitlines()
     assert len(lines) < 10 and "further lines are left out" in lines[-1]
+
+
+def test_many_lines_at_once_fill_the_file_up_to_its_size_in_bytes(tmp_path, monkeypatch):
+    monkeypatch.setattr(log_file, "_LARGEST", 2000)
+    file = log_file.LogFile(tmp_path, "a")
+    file.write(["ü" * 40] * 1000, lambda: 1.0)
+    file.write(["later"], lambda: 2.0)
+    file.close()
+    lines = file.path.read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 2000 // 85 + 1 and lines[0] == "1 s\t" + "ü" * 40
+    assert "further lines are left out" in lines[-1]
+
+
+def test_what_a_second_writer_appends_counts_with_what_is_there(tmp_path, monkeypatch):
+    monkeypatch.setattr(log_file, "_LARGEST", 100)
+    for _ in range(2):
+        file = log_file.LogFile(tmp_path, "a")
+        file.write(["x" * 40], lambda: 1.0)
+        file.write(["y" * 40], lambda: 1.0)
+        file.close()
+    assert file.path.read_text().count("x" * 40) == 1

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import atexit
-import shutil
 import subprocess
 import sys
-import tempfile
 import zipfile
 from functools import cache
 from pathlib import Path
 
 import fmpy
+
+from orchestrator.scratch import scratch_folder
 
 SOURCE = Path(__file__).parent / "fmu_sources" / "unruly.c"
 WAYS = (
@@ -69,8 +68,7 @@ _FMI3 = """<?xml version="1.0" encoding="UTF-8"?>
 @cache
 def unruly_fmu(version: int, rate: str = "m", level: str = "m") -> Path:
     """The FMU for an FMI version, with units of its input and of its output."""
-    folder = Path(tempfile.mkdtemp(prefix="unruly-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    folder = scratch_folder("unruly-")
     library = folder / f"Unruly{fmpy.sharedLibraryExtension}"
     command = [sys.executable, "-m", "ziglang", "cc", f"-DVERSION={version}", "-shared", "-fPIC", "-O2"]
     command += ["-ffp-contract=off", "-fno-sanitize=all", "-o", str(library), str(SOURCE)]

@@ -58,17 +58,23 @@ class LogFile:
             return
         at = time()
         begin = "start" if at is None else f"{at:.12g} s"
-        text = "".join(f"{begin}\t{line}\n" for line in lines)
-        if self._size + len(text) > _LARGEST:
-            text = f"{begin}\t... the file is full ({_LARGEST >> 20} MiB): further lines are left out\n"
-            self._size = _LARGEST
         with suppress(OSError):
             if self._file is None:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 # Unbuffered; a process of its own appends what it printed.
                 self._file = open(self.path, "ab", buffering=0)
-            self._file.write(text.encode("utf-8", errors="replace"))
+                self._size = os.fstat(self._file.fileno()).st_size
+            text = bytearray()
+            for line in lines:
+                row = f"{begin}\t{line}\n".encode(errors="replace")
+                if self._size + len(text) + len(row) > _LARGEST:
+                    full = f"... the file is full ({_LARGEST >> 20} MiB): further lines are left out"
+                    text += f"{begin}\t{full}\n".encode()
+                    self._size = _LARGEST
+                    break
+                text += row
             self._size += len(text)
+            self._file.write(text)
 
     def close(self) -> None:
         """Close the file."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -217,7 +217,8 @@ def load_sources(model_file: Path) -> SourceTree:
 
     Args:
         model_file: a .mo file on its own, or a part of a structured package (folders with package.mo). A
-            folder without a package.mo counts as a package where files in it say that they are within it.
+            folder without a package.mo counts as a package where files in it say that they are within it, or
+            define a class of the file's name.
     Raises: BuildError if it does not exist, or its `within` clause does not match the folders.
     """
     shown = str(model_file)
@@ -238,17 +239,13 @@ def load_sources(model_file: Path) -> SourceTree:
     if packages:
         top = folder / packages[0]
         paths = sorted(item for item in top.rglob("*.mo") if item.is_file())
-    else:
-        paths = [path]
-    texts = {PurePosixPath(item.relative_to(folder)).as_posix(): _read(item) for item in paths}
     main = PurePosixPath(path.relative_to(folder)).as_posix()
     label = shown.replace("\\", "/")
     label = label[: -len(main)] if label.endswith(main) else f"{folder.as_posix()}/"
-    added = _missing_packages(texts, label) if packages else {}
-    remarks = tuple(
-        f"{label}{place.rpartition('/')[0]}/ has no package.mo and is read as a package" for place in added
-    )
-    return SourceTree(folder, main, dict(sorted((texts | added).items())), label, remarks)
+    if not packages:
+        return SourceTree(folder, main, {main: _read(path)}, label)
+    texts, remarks = _package(folder, paths, label)
+    return SourceTree(folder, main, dict(sorted(texts.items())), label, remarks)
 
 
 def _within(text: str, shown: str) -> list[str]:
@@ -256,21 +253,58 @@ def _within(text: str, shown: str) -> list[str]:
     return [name for name in within_clause(tokenise(text, shown)).split(".") if name]
 
 
-def _missing_packages(texts: dict[str, str], label: str) -> dict[str, str]:
-    """A package.mo for each folder that has none although a file in it says that it is within it."""
+def _package(root: Path, paths: Sequence[Path], label: str) -> tuple[dict[str, str], tuple[str, ...]]:
+    """The files of a package by their path within `root`, and remarks.
+
+    A folder without a package.mo gets one where its files belong to it; other files of such folders are left
+    out, as other tools leave them.
+    """
+    texts: dict[str, str] = {}
     added: dict[str, str] = {}
-    for place, text in texts.items():
-        folders = PurePosixPath(place).parts[:-1]
-        packages = _within(text, label + place)
-        names = [*packages, folders[-1]] if place.endswith("/package.mo") else packages
-        if tuple(names) != folders:
+    left: list[str] = []
+    for item in paths:
+        place = PurePosixPath(item.relative_to(root))
+        folders = place.parts[:-1]
+        missing = [
+            depth
+            for depth in range(1, len(folders) + 1)
+            if not root.joinpath(*folders[:depth], "package.mo").is_file()
+        ]
+        text = _belonging(item, place, label) if missing else _read(item)
+        if text is None:
+            left.append(f"{label}{place} is left out: its folder has no package.mo and it is no class of it")
             continue
-        for depth in range(1, len(folders) + 1):
-            missing = "/".join((*folders[:depth], "package.mo"))
-            if missing not in texts:
-                name = folders[depth - 1]
-                added[missing] = f"within {'.'.join(folders[: depth - 1])};\npackage {name}\nend {name};\n"
-    return added
+        texts[str(place)] = text
+        for depth in missing:
+            name = folders[depth - 1]
+            content = f"within {'.'.join(folders[: depth - 1])};\npackage {name}\nend {name};\n"
+            added["/".join((*folders[:depth], "package.mo"))] = content
+    remarks = [
+        f"{label}{place.rpartition('/')[0]}/ has no package.mo and is read as a package" for place in added
+    ]
+    return texts | added, (*remarks, *left)
+
+
+def _belonging(path: Path, place: PurePosixPath, label: str) -> str | None:
+    """The text of a file that belongs to its folder, with its `within` clause; None if it does not.
+
+    It does by its clause or, without one, by a class of the file's name.
+    """
+    packages, name = place.parts[:-1], place.stem
+    if place.name == "package.mo":
+        packages, name = packages[:-1], packages[-1]
+    try:
+        text = _read(path)
+        tokens = tokenise(text, f"{label}{place}")
+        if tokens and tokens[0].text == "within":
+            return text if within_clause(tokens) == ".".join(packages) else None
+        return (
+            f"within {'.'.join(packages)}; {text}"
+            if name in find_classes({str(place): text}, label)
+            else None
+        )
+    except BuildError:
+        return None  # such as a translation of gettext, whose files are called .mo too
 
 
 def _read(path: Path) -> str:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import atexit
 import re
 import shutil
-import tempfile
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,6 +14,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 
+from orchestrator.scratch import scratch_folder
 from orchestrator.translate.package import binary_member, compile_library, runtime_sources
 
 MODELS = Path(__file__).parent / "models"
@@ -37,13 +36,12 @@ def write_sources(folder: Path, model: str, version: str) -> Path:
 @cache
 def unpacked(model: str, version: str = "2.0") -> Path:
     """Folder laid out like an unpacked FMU with the model's library for this platform."""
-    root = tempfile.mkdtemp(prefix=f"{model}-")
-    atexit.register(shutil.rmtree, root, ignore_errors=True)
-    sources = write_sources(Path(root) / "sources", model, version)
-    library = Path(root) / binary_member(PLATFORM, model, version)
+    root = scratch_folder(f"{model}-")
+    sources = write_sources(root / "sources", model, version)
+    library = root / binary_member(PLATFORM, model, version)
     library.parent.mkdir(parents=True)
     library.write_bytes(compile_library(sources, model, version, [PLATFORM])[PLATFORM])
-    return Path(root)
+    return root
 
 
 @cache

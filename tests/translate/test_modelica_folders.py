@@ -48,6 +48,27 @@ def test_a_folder_without_a_package_file_is_read_as_a_package_with_a_remark(file
     assert made.counts["states"] == 1
 
 
+def test_a_file_without_a_within_clause_belongs_to_its_folder_by_its_class(tmp_path):
+    folder = plant(tmp_path, True)
+    (folder / "Parts" / "Tank.mo").write_text(TANK.partition("\n")[2])
+    made = build(folder / "Main.mo", tmp_path / "X.fmu", platforms=())
+    assert f"{folder}/Parts/ has no package.mo and is read as a package" in made.notes
+    assert made.counts["states"] == 1
+
+
+def test_files_that_do_not_belong_to_a_folder_without_a_package_file_are_left_out(tmp_path):
+    folder = plant(tmp_path, True)
+    extra = folder / "Resources"
+    extra.mkdir()
+    (extra / "de.mo").write_bytes(b"\xde\x12\x04\x95\x00\x00")  # a translation of gettext
+    (extra / "Elsewhere.mo").write_text("within Other;\nmodel Elsewhere\nend Elsewhere;\n")
+    (extra / "script.mo").write_text('loadFile("x");\n')
+    made = build(folder / "Main.mo", tmp_path / "X.fmu", platforms=())
+    left = [note.partition(" is left out")[0] for note in made.notes if "is left out" in note]
+    assert left == [f"{extra}/{name}" for name in ("Elsewhere.mo", "de.mo", "script.mo")]
+    assert not any("Resources/ has no package.mo" in note for note in made.notes)
+
+
 def test_files_that_say_nothing_of_a_package_stay_alone(tmp_path):
     (tmp_path / "M.mo").write_text("model M\n  output Real x = time;\nend M;\n")
     tree = load_sources(tmp_path / "M.mo")
