@@ -25,6 +25,9 @@ __all__ = ["BlockModel", "DrawnModel", "RangeModel", "RepeatsModel", "SampleMode
 
 Ends = Annotated[list[Scalar], Field(min_length=2, max_length=2)]
 
+# Points along one axis, far above any study.
+_MOST = 10_000_000
+
 
 class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -46,7 +49,7 @@ class RangeModel(_Model):
 
     low: Scalar = Field(alias="from")
     high: Scalar = Field(alias="to")
-    count: int = Field(ge=2, strict=True)
+    count: int = Field(ge=2, le=_MOST, strict=True)
     spacing: Literal["linear", "log"] = "linear"
 
 
@@ -87,7 +90,7 @@ class DrawnModel(_Model):
 class SampleModel(_Model):
     """Points that are drawn, all values of a point together."""
 
-    count: int = Field(ge=1, strict=True, description="Number of points.")
+    count: int = Field(ge=1, le=_MOST, strict=True, description="Number of points.")
     seed: int = Field(ge=0, strict=True, description="The same one draws the same points.")
     over: dict[str, DrawnModel] = Field(min_length=1, description="Distribution by the config's path.")
 
@@ -118,7 +121,7 @@ class BlockModel(_Model):
 class RepeatsModel(_Model):
     """Every point several times, with seeds that differ; they are the same at every point."""
 
-    count: int = Field(ge=1, strict=True)
+    count: int = Field(ge=1, le=_MOST, strict=True)
     seed: int = Field(ge=0, strict=True)
     into: Annotated[list[str], Field(min_length=1)] = Field(
         description="Paths of the config that take a seed, a whole number."

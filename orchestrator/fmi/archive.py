@@ -6,6 +6,7 @@ import shutil
 import stat
 import threading
 import zipfile
+import zlib
 from pathlib import Path, PurePosixPath
 
 from ..errors import FmuError, listed
@@ -163,7 +164,7 @@ class Unpacked:
                     archive.extract(member, folder)
                 # Its place is told to the FMU, and some look there without need.
                 (folder / "resources").mkdir(exist_ok=True)
-        except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError) as error:
+        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
             raise FmuError(f"{self._path}: cannot be unpacked ({error})") from error
 
     def _check_platform(self, names: list[str]) -> None:

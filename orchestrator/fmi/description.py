@@ -169,7 +169,11 @@ def read_description(
     )
     _add_attributes(raw, root)
     _resize(raw, dict(structure))
-    found = _reduce(raw, chosen, _directional(root, chosen), deviations, negated, within)
+    try:
+        found = _reduce(raw, chosen, _directional(root, chosen), deviations, negated, within)
+    except ValueError as error:  # what the schema lets pass and is no value of its variable
+        what = f"its modelDescription.xml holds a value that cannot be read ({error})"
+        raise FmuError(f"{path}: {what}") from error
     clocks = [v.name for v in found.variables.values() if v.kind is Kind.CLOCK]
     if clocks and chosen is Interface.MODEL_EXCHANGE:
         raise FmuError(

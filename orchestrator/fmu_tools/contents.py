@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
@@ -97,7 +98,7 @@ def binaries(path: Path, description: ModelDescription) -> list[Binary]:
                     continue
                 beside = tuple(one.name for one in names if one.parent == name.parent and one != name)
                 found.append(Binary(str(name), archive.read(str(name)), description, beside))
-    except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
         raise FmuError(f"{path}: cannot be read ({error})") from error
     return sorted(found, key=lambda binary: binary.platform)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+import zlib
 from pathlib import Path
 
 from ..errors import listed
@@ -37,7 +38,7 @@ def _archive(path: Path) -> Finding:
     try:
         with zipfile.ZipFile(path) as archive:
             broken = archive.testzip()
-    except (zipfile.BadZipFile, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, ValueError) as error:
         return failed("archive", Level.ERROR, f"It cannot be read to its end: {error}.", "Download it again.")
     if broken is not None:
         reason = f"Its entry {broken!r} is damaged: the checksum does not fit."

@@ -10,6 +10,7 @@ import io
 import posixpath
 import shutil
 import zipfile
+import zlib
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
@@ -57,7 +58,14 @@ class Package:
                 allowed = f"at most {LARGEST_READ} are accepted"
                 raise ConfigError([Problem(place, f"{path} has {size} bytes", allowed)])
             return content.read(path) if content is not None else self._within(path).read_bytes()
-        except (OSError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+        except (
+            OSError,
+            EOFError,
+            RuntimeError,
+            NotImplementedError,
+            zipfile.BadZipFile,
+            zlib.error,
+        ) as error:
             raise ConfigError([Problem(place, f"{path} cannot be read ({error})", "", _AGAIN)]) from error
 
     def file(self, path: str, place: str) -> Path:
@@ -72,7 +80,14 @@ class Package:
             target.parent.mkdir(parents=True, exist_ok=True)
             with self._archive.open(path) as source, open(target, "xb") as copy:
                 shutil.copyfileobj(source, copy)
-        except (OSError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as error:
+        except (
+            OSError,
+            EOFError,
+            RuntimeError,
+            NotImplementedError,
+            zipfile.BadZipFile,
+            zlib.error,
+        ) as error:
             raise ConfigError([Problem(place, f"{path} cannot be unpacked ({error})", "", _AGAIN)]) from error
         return target
 
