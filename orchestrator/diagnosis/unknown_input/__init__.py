@@ -1,0 +1,5 @@
+"""Estimate the input that a model lacks, place by place, and read its law.
+
+Owns: the state form of a system of FMUs, the smoother with an unknown input, the ranking of places, the law
+library and the judgement on held-out runs. Imports `system`, `fmi`, `native` and the study of ports only.
+"""

@@ -1,0 +1,31 @@
+"""Laws of any domain."""
+
+from __future__ import annotations
+
+from .law import Law, Number
+
+
+def _offset(t, s, n, z, out):
+    out[0] = n[0]
+
+
+def _gain(t, s, n, z, out):
+    out[0] = n[0] * s[0]
+
+
+def _drift_of_gain(t, s, n, z, out):
+    out[0] = n[0] * t * s[0]
+
+
+def _drift(t, s, n, z, out):
+    out[0] = n[0] * t
+
+
+LAWS = [
+    Law("offset", "offset", (Number("value", "w"),), _offset, "own", sentence="A zero that is off."),
+    Law("gain", "gain", (Number("change", "1"),), _gain, "own", kinds=(1, 3), sentence="A gain that is off."),
+    Law("gain that drifts", "drift", (Number("change per time", "1/s"),), _drift_of_gain, "own", kinds=(1, 3),
+        sentence="A gain that changes with time, as with temperature or wear."),
+    Law("drift", "drift", (Number("change per time", "w/s"),), _drift, "own",
+        sentence="A zero that moves with time."),
+]  # fmt: skip

@@ -1,0 +1,205 @@
+"""Rank places by how well an unknown input there explains the logs.
+
+At each place w(t) is a random walk whose intensity the likelihood chooses. Start states and calibrated
+parameters are free within their priors in the same filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..ports.study import PortRun
+from .model import Inserted, Place, StateModel
+from .smoother import Smoothed, filtered, signals_along, simulated, substeps
+
+__all__ = ["Ranked", "Runs", "rank", "smoothed_at"]
+
+Array = NDArray[np.float64]
+# Random walk: share of the signal's spread that w moves by within a twentieth of a run.
+_MOVES = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+# Variance of a start state over the square of its spread, and of a state that a log starts.
+_START = 1.0
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A place and how well w there explains the logs.
+
+    Attributes:
+        gain: log likelihood beyond that of the calibrated model alone [nats].
+        order, intensity: of the random walk. size: root mean square of w at the place, in its unit.
+    """
+
+    place: Place
+    gain: float
+    order: int
+    intensity: float
+
+
+class Runs:
+    """Runs of a study made ready for filters.
+
+    Attributes:
+        scale: spread of each state; parameters follow, by their tolerance.
+        spread: of all signals [states, inputs, outputs].
+    """
+
+    def __init__(self, model: StateModel, runs: Sequence[PortRun]) -> None:
+        self.model, self.runs = model, tuple(runs)
+        self.data = [(*model.external(run), model.logged(run), model.started(run)) for run in runs]
+        self.sub = 1
+        rough = np.maximum(np.abs(model.start), 1e-3)
+        self.sub = substeps(model, rough)
+        found = []
+        for ext, held, _, start in self.data:
+            z = np.concatenate([start, model.nominal])
+            found.append(simulated(model, ext, held, z, self.sub)[1])
+        every = np.vstack(found)
+        every = every[np.isfinite(every).all(axis=1)]
+        spread = every.std(axis=0) if len(every) else np.ones(every.shape[1])
+        # Logs show the spread of what is compared, even where the model runs away or rests.
+        logged = np.vstack([one[2] for one in self.data])
+        count = len(model.states)
+        for index, port in enumerate(model.compared):
+            real = float(np.nanstd(logged[:, index]))
+            at = count + len(model.inputs) + model.outputs.index(port)
+            spread[at] = real
+            if port in model.states:
+                spread[model.states.index(port)] = real
+        self.spread = np.where(spread > 0.0, spread, 1e-6 * np.maximum(1.0, np.abs(every).max(initial=0.0)))
+        self.scale = np.concatenate([self.spread[:count], np.maximum(model.tolerance, 1e-12)])
+        self.length = np.mean([len(run) for run in runs]) * model.study.interval
+
+    def passes(
+        self,
+        laws: Sequence[Inserted] = (),
+        priors: Sequence[tuple[float, float]] = (),
+        order: int = 0,
+        intensity: float = 0.0,
+        *,
+        w: Place | None = None,
+        smooth: bool = False,
+        constants: tuple[Array, Array] | None = None,
+        w_scale: float = 1.0,
+        only: Sequence[int] | None = None,
+    ) -> list[Smoothed]:
+        """Filter the runs one after the other; what a run tells of constants is the next one's prior.
+
+        Args:
+            priors: mean and standard deviation of a law's numbers.
+            constants: mean and covariance of parameters and numbers, in place of the priors.
+            only: indices of the runs.
+        """
+        model = self.model
+        nx, nh = len(model.states), sum(one.states for one in laws)
+        if constants is None:
+            mean = np.concatenate([model.nominal, [one for one, _ in priors]])
+            cov = np.diag(np.concatenate([model.tolerance, [one for _, one in priors]]) ** 2)
+        else:
+            mean, cov = constants
+        sizes = np.concatenate(
+            [
+                self.scale[:nx],
+                np.ones(nh),
+                self.scale[nx:],
+                [abs(one) for _, one in priors],
+                [w_scale] * order,
+            ]
+        )
+        if order == 2:
+            sizes[-1] = w_scale / self.length
+        found = []
+        for index in range(len(self.data)) if only is None else only:
+            ext, held, logged, start = self.data[index]
+            z = np.concatenate([start, np.zeros(nh), mean, np.zeros(order)])
+            variance = np.zeros((len(z), len(z)))
+            variance[:nx, :nx] = np.diag(_START * self.scale[:nx] ** 2)
+            at = slice(nx + nh, nx + nh + len(mean))
+            variance[at, at] = cov
+            if order:
+                first = intensity * (self.length / 20.0) ** (2 * order - 1)
+                variance[-order, -order] = 10.0 * first
+                if order == 2:
+                    variance[-1, -1] = 10.0 * first / (self.length / 20.0) ** 2
+            one = filtered(
+                model, ext, held, logged, z, variance, sizes, self.sub, laws=laws, w=w, order=order,
+                intensity=intensity, begin=model.study.settled, smooth=smooth,
+            )  # fmt: skip
+            found.append(one)
+            if not np.isfinite(one.loglik):
+                return found
+            mean, cov = one.z[at], one.covariance[at, at]
+        return found
+
+    def spread_at(self, place: Place) -> float:
+        """Spread of the signal at a place; of a derivative, that of its state over a twentieth of a run."""
+        nx, nu = len(self.model.states), len(self.model.inputs)
+        if place.kind == 1:
+            return float(self.spread[nx + place.index])
+        if place.kind == 2:
+            return float(self.spread[place.index] / (self.length / 20.0))
+        return float(self.spread[nx + nu + place.index])
+
+
+def loglik(found: Sequence[Smoothed]) -> float:
+    """Of several runs."""
+    return float(sum(one.loglik for one in found))
+
+
+def rank(
+    runs: Runs,
+    places: Sequence[Place] | None = None,
+    laws: Sequence[Inserted] = (),
+    priors: Sequence[tuple[float, float]] = (),
+) -> tuple[float, list[Ranked]]:
+    """Places by the likelihood of a random walk there.
+
+    Returns: the calibrated model's log likelihood alone, and the places, best first.
+    """
+    alone = loglik(runs.passes(laws, priors))
+    found = []
+    for place in runs.model.places() if places is None else places:
+        size = runs.spread_at(place)
+        best = Ranked(place, -np.inf, 1, 0.0)
+        for order in (1, 2):
+            last = -np.inf
+            for moves in _MOVES:
+                intensity = (moves * size) ** 2 / (runs.length / 20.0) ** (2 * order - 1)
+                value = loglik(
+                    runs.passes(
+                        laws, priors, order, intensity, w=place, w_scale=max(size * min(moves, 1.0), 1e-12)
+                    )
+                )
+                if value < last and value < best.gain + alone - 100.0:
+                    break
+                last = value
+                if value - alone > best.gain or not np.isfinite(best.gain):
+                    best = Ranked(place, value - alone, order, intensity)
+        found.append(best)
+    found.sort(key=lambda one: one.gain, reverse=True)
+    return alone, found
+
+
+def smoothed_at(
+    runs: Runs,
+    ranked: Ranked,
+    laws: Sequence[Inserted] = (),
+    priors: Sequence[tuple[float, float]] = (),
+) -> list[dict[str, Any]]:
+    """w, its variance and all signals along each run: keys `w`, `variance`, `signals`."""
+    place, size = ranked.place, runs.spread_at(ranked.place)
+    made = runs.passes(laws, priors, ranked.order, ranked.intensity, w=place, smooth=True, w_scale=size)
+    found = []
+    for index, one in enumerate(made):
+        if not len(one.variance) or not np.isfinite(one.loglik):
+            continue
+        signals = signals_along(runs.model, runs.data[index][0], one.path, laws, place, ranked.order)
+        found.append(
+            {"w": one.path[:, -ranked.order], "variance": one.variance, "signals": signals, "run": index}
+        )
+    return found

@@ -1,0 +1,295 @@
+"""Kalman filter and smoother of a system with an unknown input at one place.
+
+The state is [states, a law's own states, calibrated parameters, the law's numbers, w, dw/dt]. Parameters and
+numbers are constants with a prior. w is a random walk (order 1) or an integrated one (order 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...machine_code import njit
+from .model import Inserted, Place, StateModel, acts_of, evaluate
+
+__all__ = ["Smoothed", "filtered", "signals_along", "simulated", "substeps"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """Result of a filter pass.
+
+    Attributes:
+        loglik: of the compared samples. z: end state. covariance: of it.
+        path, variance: smoothed state, shape (samples, n), and variance of w; empty without smoothing.
+    """
+
+    loglik: float
+    z: Array
+    covariance: Array
+    path: Array
+    variance: Array
+
+
+@njit()
+def _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, rate, extra):
+    nx, nh, np_, nt, nw = n
+    a, b, c = nx + nh, nx + nh + np_, nx + nh + np_ + nt
+    w = z[c] if nw > 0 else 0.0
+    evaluate(rows, wiring, z[:nx], ext, z[a:b], t, acts, w, signals, z[b:c], z[nx:a], u, y, rate, extra)
+
+
+@njit()
+def _step(rows, wiring, z, n, e0, e1, t, h, acts, signals, u, y, sub):
+    """RK4 over one sample."""
+    nx, nh, np_, nt, nw = n
+    m, d = nx + nh, h / sub
+    c = m + np_ + nt
+    z = z.copy()
+    k = np.zeros((4, m))
+    for s in range(sub):
+        base = z.copy()
+        for i in range(4):
+            f = (s + (0.0, 0.5, 0.5, 1.0)[i]) / sub
+            if i > 0:
+                g = d * (0.0, 0.5, 0.5, 1.0)[i]
+                for j in range(m):
+                    z[j] = base[j] + g * k[i - 1, j]
+                if nw == 2:
+                    z[c] = base[c] + g * base[c + 1]
+            _rate(
+                rows, wiring, z, n, e0 + (e1 - e0) * f, t + f * h, acts, signals, u, y,
+                k[i, :nx], k[i, nx:],
+            )  # fmt: skip
+        for j in range(m):
+            z[j] = base[j] + d / 6.0 * (k[0, j] + 2.0 * k[1, j] + 2.0 * k[2, j] + k[3, j])
+        if nw == 2:
+            z[c] = base[c] + d * base[c + 1]
+    return z
+
+
+@njit()
+def _jacobians(rows, wiring, z, n, ext, t, acts, signals, u, y, delta, measured, tiny):
+    nx, nh, nw = n[0], n[1], n[4]
+    m, nz = nx + nh, len(z)
+    a, c = np.zeros((nz, nz)), np.zeros((len(measured), nz))
+    r0, r1 = np.zeros(m), np.zeros(m)
+    _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r0[:nx], r0[nx:])
+    y0 = y[measured].copy()
+    for i in range(nz - (1 if nw == 2 else 0)):
+        old = z[i]
+        step = delta[i] + tiny * abs(old)
+        z[i] = old + step
+        _rate(rows, wiring, z, n, ext, t, acts, signals, u, y, r1[:nx], r1[nx:])
+        z[i] = old
+        for j in range(m):
+            a[j, i] = (r1[j] - r0[j]) / step
+        for j in range(len(measured)):
+            c[j, i] = (y[measured[j]] - y0[j]) / step
+    if nw == 2:
+        a[nz - 2, nz - 1] = 1.0
+    return a, c, y0
+
+
+@njit()
+def _filter(
+    rows, wiring, z, p, n, ext, held, logged, noise, begin, h, sub, acts, signals, delta, q, nu, ny,
+    measured, smooth, smallest,
+):  # fmt: skip
+    count, nz = len(logged), len(z)
+    nw = n[4]
+    u, y = np.zeros(nu), np.zeros(ny)
+    kept = count if smooth else 1
+    zp, pp = np.zeros((kept, nz)), np.zeros((kept, nz, nz))
+    zf, pf = np.zeros((kept, nz)), np.zeros((kept, nz, nz))
+    fs = np.zeros((kept, nz, nz))
+    eye = np.eye(nz)
+    loglik = 0.0
+    c_w = nz - nw
+    for k in range(count):
+        if k > 0:
+            e0 = ext[k - 1]
+            e1 = np.where(held, e0, ext[k])
+            a, _, _ = _jacobians(
+                rows, wiring, z, n, 0.5 * (e0 + e1), (k - 0.5) * h, acts, signals, u, y, delta, measured,
+                1e-7,
+            )  # fmt: skip
+            g = a * (h / sub)
+            one = eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+            f = one
+            for _ in range(sub - 1):
+                f = one @ f
+            z = _step(rows, wiring, z, n, e0, e1, (k - 1) * h, h, acts, signals, u, y, sub)
+            p = f @ p @ f.T
+            if nw == 1:
+                p[c_w, c_w] += q * h
+            elif nw == 2:
+                p[c_w, c_w] += q * h * h * h / 3.0
+                p[c_w, c_w + 1] += q * h * h / 2.0
+                p[c_w + 1, c_w] += q * h * h / 2.0
+                p[c_w + 1, c_w + 1] += q * h
+            for i in range(n[0] + n[1]):
+                p[i, i] += smallest[i]
+            if smooth:
+                fs[k] = f
+        if not np.all(np.isfinite(z)):
+            return -np.inf, z, p, zf, pf[:, 0, 0]
+        if smooth:
+            zp[k], pp[k] = z, p
+        _, c, y0 = _jacobians(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, delta, measured, 1e-7)
+        # One compared signal after the other: their noises are independent.
+        if k >= begin:
+            origin = z.copy()
+            for i in range(len(measured)):
+                if np.isnan(logged[k, i]):
+                    continue
+                row = c[i]
+                pc = p @ row
+                s = row @ pc + noise[i] * noise[i]
+                e = logged[k, i] - y0[i] - row @ (z - origin)
+                loglik -= 0.5 * (e * e / s + np.log(2.0 * np.pi * s))
+                gain = pc / s
+                z = z + gain * e
+                p = p - np.outer(gain, pc)
+            p = 0.5 * (p + p.T)
+        if smooth:
+            zf[k], pf[k] = z, p
+    if not np.isfinite(loglik):
+        return -np.inf, z, p, zf, pf[:, 0, 0]
+    if not smooth:
+        return loglik, z, p, zf, pf[:, 0, 0]
+    var = np.zeros(count)
+    at = c_w if nw > 0 else 0
+    var[count - 1] = pf[count - 1, at, at]
+    ps = pf[count - 1]
+    for k in range(count - 2, -1, -1):
+        d = 1.0 / np.sqrt(np.diag(pp[k + 1]) + 1e-300)
+        scaled = pp[k + 1] * np.outer(d, d) + 1e-10 * eye
+        right = (fs[k + 1] @ pf[k]) * d.reshape(-1, 1)
+        gain = np.ascontiguousarray((np.linalg.solve(scaled, right) * d.reshape(-1, 1)).T)
+        zf[k] += gain @ (zf[k + 1] - zp[k + 1])
+        ps = pf[k] + gain @ (ps - pp[k + 1]) @ gain.T
+        var[k] = ps[at, at]
+    return loglik, z, p, zf, var
+
+
+@njit()
+def _simulate(rows, wiring, z, n, ext, held, h, sub, acts, signals, nu, ny, measured):
+    u, y = np.zeros(nu), np.zeros(ny)
+    count = len(ext)
+    nx = n[0]
+    found, signal = np.full((count, len(measured)), np.nan), np.full((count, nx + nu + ny), np.nan)
+    rate, extra = np.zeros(nx), np.zeros(n[1])
+    for k in range(count):
+        if k > 0:
+            e0 = ext[k - 1]
+            z = _step(
+                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub
+            )
+        if not np.all(np.isfinite(z)):
+            break
+        _rate(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, rate, extra)
+        found[k] = y[measured]
+        signal[k, :nx] = z[:nx]
+        signal[k, nx : nx + nu] = u
+        signal[k, nx + nu :] = y
+    return found, signal
+
+
+@njit()
+def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
+    u, y = np.zeros(nu), np.zeros(ny)
+    count, nx = len(path), n[0]
+    rate, extra = np.zeros(nx), np.zeros(n[1])
+    found = np.zeros((count, nx + nu + ny))
+    for k in range(count):
+        _rate(rows, wiring, path[k].copy(), n, ext[k], k * h, acts, signals, u, y, rate, extra)
+        found[k, :nx] = path[k, :nx]
+        found[k, nx : nx + nu] = u
+        found[k, nx + nu :] = y
+    return found
+
+
+def _where(model: StateModel, laws: Sequence[Inserted], w: Place | None, order: int) -> tuple[Any, Any, Any]:
+    hidden, numbers = sum(one.states for one in laws), sum(one.numbers for one in laws)
+    n = np.array([len(model.states), hidden, len(model.parameters), numbers, order], np.int64)
+    return n, *acts_of(laws, w)
+
+
+def substeps(model: StateModel, scale: Array) -> int:
+    """Steps of RK4 a sample that keep the fastest mode within 0.7 of a step."""
+    n, acts, signals = _where(model, (), None, 0)
+    z = np.concatenate([model.start, model.nominal])
+    u, y = np.zeros(len(model.inputs)), np.zeros(len(model.outputs))
+    ext = np.zeros(len(model.fed))
+    delta = np.concatenate([1e-6 * scale, 1e-6 * np.abs(model.nominal) + 1e-12])
+    a, _, _ = _jacobians(
+        model.rows, model.wiring, z, n, ext, 0.0, acts, signals, u, y, delta, model.measured, 0.0
+    )
+    count = len(model.states)
+    if not count:
+        return 1
+    fastest = float(np.abs(np.linalg.eigvals(a[:count, :count])).max())
+    return int(min(50, max(1, np.ceil(fastest * model.study.interval / 0.7))))
+
+
+def simulated(
+    model: StateModel, ext: Array, held: Any, z: Array, sub: int, laws: Sequence[Inserted] = ()
+) -> tuple[Array, Array]:
+    """Compared outputs and all signals [states, inputs, outputs] of an open run from z."""
+    n, acts, signals = _where(model, laws, None, 0)
+    return _simulate(
+        model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals,
+        len(model.inputs), len(model.outputs), model.measured,
+    )  # fmt: skip
+
+
+def filtered(
+    model: StateModel,
+    ext: Array,
+    held: Any,
+    logged: Array,
+    z: Array,
+    variance: Array,
+    scale: Array,
+    sub: int,
+    *,
+    laws: Sequence[Inserted] = (),
+    w: Place | None = None,
+    order: int = 0,
+    intensity: float = 0.0,
+    begin: int = 0,
+    smooth: bool = False,
+) -> Smoothed:
+    """One pass over a run.
+
+    Args:
+        z, variance: start and its variance (or covariance), shape (n,), see the module.
+        scale: size of each entry, for differences. order, intensity: of the random walk w.
+        begin: samples before it are not compared.
+    """
+    n, acts, signals = _where(model, laws, w, order)
+    covariance = np.diag(variance) if variance.ndim == 1 else variance
+    loglik, end, cov, path, var = _filter(
+        model.rows, model.wiring, z.copy(), covariance.copy(), n, ext, held, logged, model.noise, begin,
+        model.study.interval, sub, acts, signals, 1e-5 * scale, intensity, len(model.inputs),
+        len(model.outputs), model.measured, smooth, 1e-18 * scale * scale,
+    )  # fmt: skip
+    return Smoothed(float(loglik), end, cov, path, var)
+
+
+def signals_along(
+    model: StateModel, ext: Array, path: Array, laws: Sequence[Inserted], w: Place | None, order: int
+) -> Array:
+    """All signals along a smoothed path."""
+    n, acts, signals = _where(model, laws, w, order)
+    return _signals(
+        model.rows, model.wiring, path, n, ext, model.study.interval, acts, signals,
+        len(model.inputs), len(model.outputs),
+    )  # fmt: skip

@@ -1,0 +1,59 @@
+"""Table of the search by unknown inputs: place, law, share of the gap closed on held-out runs, time.
+
+    python tests/benchmarks/unknown_input.py FOLDER...
+
+Each folder holds study.yaml, its logs and Modelica models, which are built into a copy.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.unknown_input.search import Answer, answer
+from orchestrator.errors import OrchestratorError
+
+
+def built(folder: Path, into: Path) -> Path:
+    """A copy of a folder with its models built; the study's file."""
+    copy = into / folder.name
+    shutil.copytree(folder, copy, copy_function=shutil.copyfile)
+    copy.chmod(0o755)
+    for model in sorted(copy.glob("*.mo")):
+        subprocess.run(
+            [sys.executable, "-m", "orchestrator", "build", model.name, "-o", f"{model.stem}.fmu"],
+            cwd=copy, check=True, capture_output=True,
+        )  # fmt: skip
+    return copy / "study.yaml"
+
+
+def row(name: str, found: Answer) -> str:
+    """One line of the table."""
+    laws = [one.name for one in found.fitted.laws] if found.fitted else []
+    numbers = " ".join(f"{one:.4g}" for one in found.fitted.numbers) if found.fitted else ""
+    cells = [
+        name, found.verdict, found.places[0].place.name, " + ".join(laws) or "-", numbers,
+        f"{found.gap:.1f}", f"{found.calibrated:.1f}", f"{found.remains:.1f}", f"{100 * found.closed:.0f} %",
+        f"{found.seconds:.0f} s",
+    ]  # fmt: skip
+    return "| " + " | ".join(cells) + " |"
+
+
+def main(folders: list[str]) -> None:
+    """Print the table."""
+    print("| system | verdict | place of w | laws | numbers | gap | calibrated | remains | closed | time |")
+    print("|" + "---|" * 10)
+    with tempfile.TemporaryDirectory() as scratch:
+        for folder in map(Path, folders):
+            try:
+                print(row(folder.name, answer(load_port_study(built(folder, Path(scratch))))), flush=True)
+            except OrchestratorError as error:
+                print(f"| {folder.name} | not run: {str(error).splitlines()[0]} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

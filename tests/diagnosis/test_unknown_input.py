@@ -1,0 +1,133 @@
+"""Unknown inputs: an oscillator by an independent solver, with a law hidden in it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.unknown_input.model import StateModel
+from orchestrator.diagnosis.unknown_input.places import Runs, rank
+from orchestrator.diagnosis.unknown_input.search import answer
+
+pytest.importorskip("rumoca")
+
+MASS = """model Mass "Mass on a spring"
+  parameter Real mass(unit="kg", min=0) = 2 "Mass";
+  input Real force(unit="N", start=0) "Of the actuator";
+  input Real spring(unit="N", start=0) "Of the spring";
+  output Real position(unit="m", start=0, fixed=true) "Position";
+  output Real velocity(unit="m/s", start=0, fixed=true) "Velocity";
+equation
+  der(position) = velocity;
+  mass*der(velocity) = force + spring;
+end Mass;
+"""
+SPRING = """model Spring "Spring and damper"
+  parameter Real stiffness(unit="N/m", min=0) = 80 "Stiffness";
+  parameter Real damping(unit="N.s/m", min=0) = 2 "Damping";
+  input Real travel(unit="m", start=0) "Travel";
+  input Real rate(unit="m/s", start=0) "Its rate";
+  output Real force(unit="N") "Against the travel";
+equation
+  force = -stiffness*travel - damping*rate;
+end Spring;
+"""
+SYSTEM = """title: Oscillator
+run: {master: gauss-seidel, step_size: 5 ms, stop_time: 2 s}
+instances:
+  mass: {fmu: Mass.fmu}
+  spring: {fmu: Spring.fmu}
+connections:
+  - mass.position -> spring.travel
+  - mass.velocity -> spring.rate
+  - spring.force -> mass.spring
+"""
+STUDY = """format: port-study/1
+system: system.yaml
+interval: 10 ms
+columns:
+  time: {column: time, unit: s}
+  mass.force: {column: f, unit: N}
+  mass.position: {column: x, unit: m, noise: 0.1 mm}
+calibrated:
+  mass.mass: {tolerance: 0.02 kg}
+  spring.stiffness: {tolerance: 1 N/m}
+runs:
+  - {file: a.csv, role: train}
+  - {file: b.csv, role: validation}
+  - {file: c.csv, role: held-out}
+"""
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fmus")
+    for name, text in (("Mass", MASS), ("Spring", SPRING)):
+        (folder / f"{name}.mo").write_text(text, encoding="utf-8")
+        subprocess.run(
+            [sys.executable, "-m", "orchestrator", "build", f"{name}.mo", "-o", f"{name}.fmu"],
+            cwd=folder, check=True, capture_output=True,
+        )  # fmt: skip
+    (folder / "system.yaml").write_text(SYSTEM, encoding="utf-8")
+    (folder / "study.yaml").write_text(STUDY, encoding="utf-8")
+    return folder
+
+
+def logged(folder: Path, hidden: Callable[[float, float], float], start: float = 0.0) -> Path:
+    """Write three runs in which `hidden(position, velocity)` [N] acts on the mass."""
+    random = np.random.default_rng(4)
+    for name in "abc":
+        time = np.arange(0.0, 8.0, 0.01)
+        tones, phases = random.uniform(0.5, 8.0, 6), random.uniform(0.0, 6.3, 6)
+        force = 6.0 * np.sin(np.outer(time, tones) + phases).sum(axis=1) / 3.0
+
+        def rate(t: float, x: list[float], time=time, force=force) -> list[float]:
+            f = float(np.interp(t, time, force)) - 80.0 * x[0] - 2.0 * x[1] + hidden(x[0], x[1])
+            return [x[1], f / 2.0]
+
+        found = solve_ivp(rate, (0.0, 8.0), [start, 0.0], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.01)
+        noisy = found.y[0] + 1e-4 * random.standard_normal(len(time))
+        table = np.column_stack([time, force, noisy])
+        header = "time [s],f [N],x [m]"
+        np.savetxt(folder / f"{name}.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    return folder / "study.yaml"
+
+
+def test_the_true_place_wins(fmus: Path) -> None:
+    study = load_port_study(logged(fmus, lambda x, v: -1.5 * np.tanh(v / 0.003)))
+    with StateModel(study) as model:
+        _, places = rank(Runs(model, study.of(Role.TRAIN, Role.VALIDATION)))
+    # A force, a torque of the spring and its travel are one and the same here; the position is not.
+    assert not any("position" in one.place.name for one in places[:4])
+    assert places[0].gain > places[-1].gain + 100.0
+    assert places[0].gain > 1000.0
+
+
+def test_dry_friction_is_read_with_its_level(fmus: Path) -> None:
+    found = answer(load_port_study(logged(fmus, lambda x, v: -1.5 * np.tanh(v / 0.003))))
+    assert found.verdict == "law" and found.fitted is not None
+    assert [one.law.family for one in found.fitted.laws] == ["dry friction"]
+    assert found.closed > 0.9
+    level = abs(found.fitted.numbers[0])
+    assert 1.3 < (2.0 * level if found.fitted.laws[0].place.kind == 2 else level) < 1.7
+
+
+def test_cubic_stiffness_is_read(fmus: Path) -> None:
+    found = answer(load_port_study(logged(fmus, lambda x, v: -900.0 * x**3)))
+    assert found.verdict == "law" and found.fitted is not None
+    assert [one.law.family for one in found.fitted.laws] == ["stiffness"]
+    assert found.closed > 0.9
+
+
+@pytest.mark.parametrize("start", [0.0, 0.01])
+def test_another_start_is_no_law(fmus: Path, start: float) -> None:
+    found = answer(load_port_study(logged(fmus, lambda x, v: 0.0, start)))
+    assert found.verdict == "none" and found.fitted is None
