@@ -1,6 +1,6 @@
 """Co-simulation of FMUs: configs, master algorithms, results.
 
-    from orchestrator.run import run
+    from orchestrator.simulation.run import run
     result = run("docking-1d", overrides=["robot.tau_m=6 ms"])
 
 Names are imported when they are first used, so that `import orchestrator` costs next to nothing.
@@ -21,23 +21,23 @@ LOADED = time_ns()
 # The functions `run` and `simulate` share their names with their modules, which Python binds here:
 # they are imported from there.
 _HOME = {
-    "ConfigError": "errors",
-    "FmuError": "errors",
-    "Grid": "simulate",
-    "OrchestratorError": "errors",
-    "Part": "assembly",
-    "Recorder": "results",
-    "Results": "results",
-    "StepError": "errors",
-    "System": "system",
-    "assemble": "assembly",
+    "ConfigError": "base.errors",
+    "FmuError": "base.errors",
+    "Grid": "simulation.loop",
+    "OrchestratorError": "base.errors",
+    "Part": "system.assembly",
+    "Recorder": "results.recorders",
+    "Results": "results.recorders",
+    "StepError": "base.errors",
+    "System": "system.system",
+    "assemble": "system.assembly",
     "create_master": "master",
-    "instantiate": "instances",
+    "instantiate": "master.running_instances",
     "load_config": "config",
     "load_fmu": "fmi",
-    "load_system": "assembly",
-    "prepare": "run",
-    "read_results": "results",
+    "load_system": "system.assembly",
+    "prepare": "simulation.run",
+    "read_results": "results.recorders",
 }
 
 __all__ = [*_HOME, "__version__"]

@@ -6,13 +6,13 @@ from fractions import Fraction
 
 import pytest
 from doubles import FakeFmu, mass, variable
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.assembly import Part, assemble
 from orchestrator.fmi import Causality, Initial
-from orchestrator.ledger import Ledger
 from orchestrator.master import create_master
-from orchestrator.results import Recorder
-from orchestrator.simulate import Grid, simulate
+from orchestrator.master.energy import Ledger
+from orchestrator.simulation.loop import Grid, simulate
 
 MASTERS = [
     "jacobi",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from orchestrator.base.units import Unit, parse_unit
 from orchestrator.fmi import (
     Array,
     Capabilities,
@@ -21,7 +22,6 @@ from orchestrator.fmi import (
     Variability,
     Variable,
 )
-from orchestrator.units import Unit, parse_unit
 
 State = dict[str, float]
 

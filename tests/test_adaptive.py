@@ -8,19 +8,19 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.assembly import Part, assemble
-from orchestrator.bundled import find_fmu
-from orchestrator.errors import ConfigError, StepError
+from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.fmi import Capabilities, Causality, Initial, Point
-from orchestrator.instances import Instances, instantiate
-from orchestrator.ledger import Ledger
+from orchestrator.fmi.bundled import find_fmu
 from orchestrator.master import create_master
 from orchestrator.master.adaptive import Adaptive
+from orchestrator.master.energy import Ledger
 from orchestrator.master.extrapolation import Extrapolation
-from orchestrator.results import Recorder
-from orchestrator.run import prepare
-from orchestrator.simulate import Grid, simulate
+from orchestrator.master.running_instances import Instances, instantiate
+from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.run import prepare
 
 ESTIMATES = ("doubling", "inputs")
 

@@ -9,10 +9,10 @@ import pytest
 import yaml
 from assembled import refusal
 from doubles import FakeFmu, gain, mass, spring
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
-from orchestrator.errors import ConfigError
 from orchestrator.master import create_master
 
 

@@ -9,11 +9,11 @@ from copy import deepcopy
 
 import pytest
 
-from orchestrator.__main__ import main
-from orchestrator.compare import run_each
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.config import load_config, parse, read_config
-from orchestrator.errors import ConfigError
-from orchestrator.run import prepare
+from orchestrator.simulation.comparison import run_each
+from orchestrator.simulation.run import prepare
 
 RIGHT = """
 run: {master: gauss-seidel, step_size: 0.1 ms, stop_time: 4 s}

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from archives import repack
 
-from orchestrator.errors import FmuError, StepError
+from orchestrator.base.errors import FmuError, StepError
 from orchestrator.fmi import Kind, Point, StepStatus, load_fmu
 from orchestrator.fmi.archive import binary_folder
 
@@ -358,7 +358,7 @@ def test_a_python_fmu_without_its_module(python_fmu):
     # In a process of its own: after this, what pythonfmu 0.7 frees may take the interpreter with it.
     code = (
         "import os, sys\nfrom pathlib import Path\n"
-        "from orchestrator.errors import FmuError\n"
+        "from orchestrator.base.errors import FmuError\n"
         "from orchestrator.fmi import load_fmu\n"
         "try:\n"
         "    load_fmu(Path(sys.argv[1])).instantiate('one')\n"
@@ -400,7 +400,7 @@ def test_a_logger_that_fmpy_was_given_does_not_get_our_messages(python_fmu):
     code = (
         "import gc, sys\nfrom pathlib import Path\n"
         "from fmpy import simulate_fmu\n"
-        "from orchestrator.errors import StepError\n"
+        "from orchestrator.base.errors import StepError\n"
         "from orchestrator.fmi import load_fmu\n"
         "from orchestrator.fmi.instance import Point\n"
         "theirs = []\n"

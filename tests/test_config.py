@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator import bundled
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places, dump, json_schema, load_config, parse
-from orchestrator.errors import ConfigError
+from orchestrator.fmi import bundled
 
 MINIMAL = """
 run: {master: jacobi, step_size: 1 ms, stop_time: 1 s}

@@ -7,14 +7,14 @@ import json
 import numpy as np
 import pytest
 from doubles import FakeFmu, gain, variable
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.__main__ import main
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.config import dump, json_schema, load_config
 from orchestrator.effects.choose import BUILT_IN
-from orchestrator.errors import ConfigError
 from orchestrator.fmi import Causality, Kind
-from orchestrator.run import prepare, run
+from orchestrator.simulation.run import prepare, run
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import gain, mass, spring
+from orchestrator.system.system.assembly import Part, assemble
 from wired import (
     MASTERS,
     SIZED,
@@ -21,11 +22,10 @@ from wired import (
     simulated,
 )
 
-from orchestrator.assembly import Part, assemble
 from orchestrator.effects import effect_names
 from orchestrator.effects.choose import BUILT_IN, built_in
 from orchestrator.effects.noise import Noise
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import gain, mass, spring
+from orchestrator.system.system.assembly import Part, assemble
+from orchestrator.system.system.system import Leg, Wire
 from unruly import unruly_fmu
 from wired import (
     MASTERS,
@@ -22,13 +24,11 @@ from wired import (
     simulated,
 )
 
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.effects.choose import BUILT_IN
-from orchestrator.errors import ConfigError, StepError
 from orchestrator.fmi import load_fmu
 from orchestrator.master.adaptive import Adaptive
 from orchestrator.master.iterative import Iterative
-from orchestrator.system import Leg, Wire
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

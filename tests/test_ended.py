@@ -10,17 +10,17 @@ import foreign
 import pytest
 import yaml
 from doubles import FakeFmu, gain, variable
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 from unruly import WAYS, unruly_fmu
 
-from orchestrator.__main__ import main
-from orchestrator.assembly import Part, assemble
-from orchestrator.errors import StepError
+from orchestrator.base.errors import StepError
+from orchestrator.cli.main import main
 from orchestrator.fmi import Causality, Initial, StepStatus
 from orchestrator.frequency.excite import sweep_system
 from orchestrator.master import create_master, master_names
-from orchestrator.results import Recorder
-from orchestrator.run import run
-from orchestrator.simulate import Grid, Report, simulate
+from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.run import run
 
 MASTERS = {
     "jacobi": "jacobi",

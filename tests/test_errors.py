@@ -6,9 +6,9 @@ import pickle
 
 import pytest
 
-from orchestrator.errors import BuildError, ConfigError, FmuError, Problem, StepError
+from orchestrator.base.errors import BuildError, ConfigError, FmuError, Problem, StepError
 from orchestrator.exchange.ssp.network import _TooMany
-from orchestrator.workers.child import KilledError
+from orchestrator.fmi.workers.child import KilledError
 
 
 @pytest.mark.parametrize(

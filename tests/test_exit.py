@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 CODE = """
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 for _ in range(3):
     run("docking-1d", halving=False, overrides=["run.stop_time=0.01 s"])
 """
@@ -27,7 +27,7 @@ def test_no_heap_corruption_at_exit():
 def test_python_state_is_released_with_every_instance(monkeypatch):
     """pythonfmu's second destruction at exit writes to freed memory; whether that shows is chance."""
     from orchestrator.fmi import library
-    from orchestrator.run import run
+    from orchestrator.simulation.run import run
 
     released = []
     original = library.release_python_state

@@ -13,18 +13,18 @@ import pytest
 from doubles import mass, spring
 from hypothesis import given
 from hypothesis import strategies as st
+from orchestrator.system.system.assembly import Part, assemble
+from orchestrator.system.system.external import ExternalFmu
+from orchestrator.system.system.external.datagram import Datagram, Flag, pack, unpack
+from orchestrator.system.system.external.link import Link, LinkError
+from orchestrator.system.system.system import System
 
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import ExternalModel, load_config
-from orchestrator.errors import ConfigError, FmuError, StepError
-from orchestrator.external import ExternalFmu
-from orchestrator.external.datagram import Datagram, Flag, pack, unpack
-from orchestrator.external.link import Link, LinkError
 from orchestrator.fmi import Array
 from orchestrator.master.jacobi import Jacobi
-from orchestrator.run import run
-from orchestrator.simulate import Grid, simulate
-from orchestrator.system import System
+from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.run import run
 
 STEPS = 200
 STEP = Fraction(1, 1000)
@@ -52,8 +52,8 @@ def external(listen: int, peer: int, **changes) -> ExternalModel:
 
 
 def recorded(system: System, names: list[str]) -> Array:
-    from orchestrator.signals import Layout
-    from orchestrator.system import Port
+    from orchestrator.system.system.signal_vector import Layout
+    from orchestrator.system.system.system import Port
 
     layout = Layout.of(system)
     places = [layout.index[Port(*name.split("."))] for name in names]
@@ -224,7 +224,7 @@ class Stranger:
         self.own, self.sent = link._socket, 0
         self.now = self.begin = link._heard
         monkeypatch.setattr(link, "_socket", self)
-        monkeypatch.setattr("orchestrator.external.link.perf_counter_ns", lambda: self.now)
+        monkeypatch.setattr("orchestrator.system.external.link.perf_counter_ns", lambda: self.now)
 
     def settimeout(self, seconds: float) -> None: ...
 
@@ -310,7 +310,7 @@ def with_external(**changes) -> dict:
 
 
 def test_units_are_checked_at_the_link():
-    from orchestrator.assembly import load_system
+    from orchestrator.system.system.assembly import load_system
 
     system = load_system(load_config(with_external(send={"command": "mm"})))
     (connection,) = system.connections

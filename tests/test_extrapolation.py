@@ -9,15 +9,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import FakeFmu, FakeInstance, gain, mass, spring, variable
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.assembly import Part, assemble
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import Capabilities, Causality, Initial, Kind, Variability
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative
-from orchestrator.results import Recorder
-from orchestrator.run import prepare, run
-from orchestrator.simulate import Grid, simulate
+from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.run import prepare, run
 
 fixed_masters = pytest.mark.parametrize("name", ["jacobi", "gauss-seidel"])
 

@@ -6,9 +6,9 @@ from time import perf_counter
 
 import pytest
 
-from orchestrator.__main__ import main
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.config.text import MOST_ALIASED, compose
-from orchestrator.errors import ConfigError
 
 # Each list holds the former nine times: 9**8 values in nine lines.
 BOMB = "\n".join(

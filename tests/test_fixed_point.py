@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.fixed_point import Anderson, FixedPoint, Newton, solve
+from orchestrator.base.fixed_point import Anderson, FixedPoint, Newton, solve
 
 ONE = np.ones(1)
 

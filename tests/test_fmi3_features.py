@@ -6,11 +6,11 @@ import foreign
 import pytest
 import yaml
 
-from orchestrator.__main__ import main
-from orchestrator.errors import ConfigError, FmuError
+from orchestrator.base.errors import ConfigError, FmuError
+from orchestrator.cli.main import main
 from orchestrator.fmi import Interface, read_description
-from orchestrator.instances import instantiate
-from orchestrator.run import prepare, run
+from orchestrator.master.running_instances import instantiate
+from orchestrator.simulation.run import prepare, run
 
 CLOCK = '<Clock name="tick" valueReference="9" causality="{0}" intervalVariability="triggered"/>'
 each_kind = pytest.mark.parametrize("instance", [{}, {"isolate": "process"}])

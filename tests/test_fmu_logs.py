@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from unruly import WAYS, unruly_fmu
 
-from orchestrator.errors import StepError
+from orchestrator.base.errors import StepError
 from orchestrator.fmi import log_file
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 each_kind = pytest.mark.parametrize("instance", [{}, {"isolate": "process"}])
 

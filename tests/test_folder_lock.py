@@ -11,13 +11,13 @@ import time
 from pathlib import Path
 
 import pytest
+from orchestrator.results.recorders.recorders import read_results
 from unruly import unruly_fmu
 
-from orchestrator.__main__ import main
-from orchestrator.errors import ConfigError
-from orchestrator.folder_lock import NAME, locked
-from orchestrator.results import read_results
-from orchestrator.run import run
+from orchestrator.base.errors import ConfigError
+from orchestrator.base.folder_lock import NAME, locked
+from orchestrator.cli.main import main
+from orchestrator.simulation.run import run
 
 SYSTEM = """
 run: {master: jacobi, step_size: 1 ms, stop_time: 1 h, loop: python}

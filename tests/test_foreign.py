@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from archives import repack
 
+from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import load_config
-from orchestrator.errors import ConfigError, FmuError, StepError
 from orchestrator.exchange.ssp.write import write_ssp
 from orchestrator.fmi import Handling, Interface, Kind, Point, StepStatus, load_fmu
 from orchestrator.fmi.block import Block
-from orchestrator.run import prepare, run
+from orchestrator.simulation.run import prepare, run
 
 GRAVITY, RESTITUTION = 9.81, 0.5
 EXCHANGE = Interface.MODEL_EXCHANGE
@@ -153,7 +153,7 @@ def test_an_error_within_the_integration_is_the_fmus(ball):
 
 def too_many(ball, monkeypatch, most, **start):
     """The message of a step of 100 s that may take so many integration steps and events."""
-    monkeypatch.setattr("orchestrator.fmi.exchange._MOST_STEPS", most)
+    monkeypatch.setattr("orchestrator.fmi.model_exchange._MOST_STEPS", most)
     instance, _, y, _ = started(ball, **start)
     with pytest.raises(StepError) as caught:
         steps(instance, y, 1, 100.0)
@@ -517,6 +517,6 @@ def test_model_exchange_is_left_to_the_python_loop(loop, ball):
         with pytest.raises(ConfigError, match="instance ball is stepped by Python code"):
             run(config, halving=False)
     else:
-        import orchestrator.native.kernel  # noqa: F401 (once it is there, auto takes the native loop at once)
+        import orchestrator.simulation.native.kernel  # noqa: F401 (once it is there, auto takes the native loop at once)
 
         assert run(config, halving=False).summary["run"]["loop"] == "python"

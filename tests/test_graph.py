@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.graph import levels, shortest_cycle, stable_order, strong_components
+from orchestrator.base.graph import levels, shortest_cycle, stable_order, strong_components
 
 SIZE = 7
 graphs = st.lists(st.lists(st.integers(0, SIZE - 1), max_size=3), min_size=SIZE, max_size=SIZE)

@@ -10,7 +10,7 @@ import foreign
 import pytest
 from archives import repack
 
-from orchestrator.errors import FmuError
+from orchestrator.base.errors import FmuError
 from orchestrator.fmi import archive, load_fmu
 
 LAUGHS = """<!DOCTYPE fmi [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.__main__ import COMMANDS, function
+from orchestrator.cli.main import COMMANDS, function
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "orchestrator"

@@ -16,12 +16,12 @@ import foreign
 import numpy as np
 import pytest
 from archives import repack
+from orchestrator.results.recorders.recorders import read_results
 
+from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import load_config
-from orchestrator.errors import ConfigError, FmuError, StepError
 from orchestrator.fmi import Handling, Point, StepStatus, load_fmu
-from orchestrator.results import read_results
-from orchestrator.run import prepare, run
+from orchestrator.simulation.run import prepare, run
 
 ISOLATED = Handling(isolated=True)
 CRASH, HANG, LEAVE = 1, 2, 4
@@ -285,7 +285,7 @@ def test_an_interrupt_within_a_call_ends_the_process(wild, monkeypatch):
     def interrupted(descriptor):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("orchestrator.fmi.frames.receive", interrupted)
+    monkeypatch.setattr("orchestrator.fmi.messages.receive", interrupted)
     with pytest.raises(KeyboardInterrupt):
         instance.do_step(Point(0, 0.0, 0.1))
     monkeypatch.undo()

@@ -10,16 +10,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
+from orchestrator.system.system.signal_vector import Layout
 
-from orchestrator.assembly import Part, assemble
-from orchestrator.errors import ConfigError, StepError
+from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.fmi import Capabilities, Causality, Kind, StepStatus, Variability, load_fmu
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative, blocks
-from orchestrator.results import Recorder
-from orchestrator.run import prepare, run
-from orchestrator.signals import Layout
-from orchestrator.simulate import Grid, Report, simulate
+from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.run import prepare, run
 
 METHODS = ("newton", "anderson", "fixed-point")
 STIFFNESS = {"soft": 0.3, "stiff": 1.0}
@@ -316,7 +316,7 @@ def test_an_instance_that_refuses_a_step_ends_the_run():
 
 def test_the_number_of_iterations_and_the_residual_are_told():
     from orchestrator.fmi import Point
-    from orchestrator.instances import instantiate
+    from orchestrator.master.running_instances import instantiate
 
     system = oscillator()
     with instantiate(system) as instances:
@@ -329,7 +329,7 @@ def test_the_number_of_iterations_and_the_residual_are_told():
 def test_of_several_cycles_the_most_iterations_and_the_largest_residual_are_told(names):
     """The one that takes the most need not be the one that is left with the largest."""
     from orchestrator.fmi import Point
-    from orchestrator.instances import instantiate
+    from orchestrator.master.running_instances import instantiate
 
     def told(*which):
         parts, links = [], []

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from coupled import PERIOD, created, energy, every_master, moved_spring, simulated, two_masses
 from doubles import gain, mass, spring
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.__main__ import main
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.config import BondModel
-from orchestrator.errors import ConfigError
-from orchestrator.ledger import Ledger
-from orchestrator.native import loop as native_loop
-from orchestrator.results import Recorder
-from orchestrator.run import prepare, run
-from orchestrator.simulate import simulate
+from orchestrator.master.energy import Ledger
+from orchestrator.simulation.loop import simulate
+from orchestrator.simulation.native import loop as native_loop
+from orchestrator.simulation.run import prepare, run
 
 
 @every_master
@@ -120,7 +120,7 @@ def test_the_course_of_a_long_run_is_thinned_and_its_sums_are_not(monkeypatch, l
     prepared = prepare("docking-1d-uncompensated", ["satellite.form=native", "run.stop_time=0.5 s"])
     found = []
     for most in (1 << 16, 100):
-        monkeypatch.setattr("orchestrator.ledger.ledger._MOST_KEPT", most)
+        monkeypatch.setattr("orchestrator.master.energy.ledger._MOST_KEPT", most)
         ledger = Ledger(prepared.system)
         simulate(prepared.system, prepared.master, prepared.grid, loop=loop, ledger=ledger)
         found.append((*ledger.course(), ledger.summary()))
@@ -296,7 +296,7 @@ def test_summary_file_and_terminal_tell(tmp_path, capsys):
 
 
 def test_a_sound_coupling_is_not_spoken_of():
-    from orchestrator.table import summary_text
+    from orchestrator.base.text_tables import summary_text
 
     overrides = ["run.stop_time=0.5 s", "run.step_size=1 ms"]
     result = run("docking-1d-uncompensated", overrides=overrides, halving=False)

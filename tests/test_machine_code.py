@@ -186,7 +186,7 @@ def test_the_folder_that_numba_is_told_is_taken(copy, tmp_path):
 def test_kept_code_is_seen_while_the_sources_stay(copy):
     look = """
 import sys
-from orchestrator.machine_code import is_kept
+from orchestrator.base.compiled_functions import is_kept
 from pathlib import Path
 source = Path("orchestrator/diagnosis/effects/dynamics_slosh.py").resolve()
 print(int(is_kept(source, "_law")), int("numba" in sys.modules))

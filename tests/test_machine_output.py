@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 SHORT = ["--set", "run.stop_time=10 ms", "--no-halving"]

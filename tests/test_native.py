@@ -16,20 +16,20 @@ import numpy as np
 import pytest
 import yaml
 from doubles import mass
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 from unruly import WAYS, unruly_fmu
 
-from orchestrator.assembly import Part, assemble
-from orchestrator.errors import ConfigError, StepError
+from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.fmi import load_fmu
-from orchestrator.instances import instantiate
 from orchestrator.master import create_master
 from orchestrator.master.jacobi import Jacobi
-from orchestrator.native import choice
-from orchestrator.native.choice import schedule
-from orchestrator.native.tables import Tables
-from orchestrator.results import Recorder
-from orchestrator.run import prepare, run
-from orchestrator.simulate import Grid, Report, simulate
+from orchestrator.master.running_instances import instantiate
+from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.native import choice
+from orchestrator.simulation.native.choice import schedule
+from orchestrator.simulation.native.tables import Tables
+from orchestrator.simulation.run import prepare, run
 
 pytest.importorskip("numba")
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
@@ -240,9 +240,9 @@ def test_a_whole_number_beyond_the_inputs_type_fails_the_same(master, version, c
 def test_whole_numbers_are_sent_where_their_type_holds_them():
     from numba import njit
 
-    from orchestrator.native.codes import Call, Code
-    from orchestrator.native.kernel import _fetch, _send
-    from orchestrator.native.tables import _CODES
+    from orchestrator.simulation.native.kernel import _fetch, _send
+    from orchestrator.simulation.native.table_columns import Call, Code
+    from orchestrator.simulation.native.tables import _CODES
 
     send, fetch = njit(_send), njit(_fetch)
     values = [0.5, 1.5, -2.5, 1e10, -1e10, -(2.0**70) - 2.0**30, 1e300, 255.49, 0.3, -0.3, np.nan, -np.inf]
@@ -443,8 +443,8 @@ def test_without_numba_everything_runs_in_python(monkeypatch):
 
 
 def test_the_choice_finds_what_is_kept():
-    from orchestrator.machine_code import digest, is_kept
-    from orchestrator.native import kernel
+    from orchestrator.base.compiled_functions import digest, is_kept
+    from orchestrator.simulation.native import kernel
 
     simulate(ring(2), Jacobi(), Grid(Fraction(0), Fraction(1, 10), 10), loop="native")
     source = Path(kernel.__file__)
@@ -464,7 +464,7 @@ def test_a_loop_that_there_is_not_is_refused():
 
 def test_numba_is_imported_for_long_runs_only():
     code = (
-        "import sys; from orchestrator.run import run;"
+        "import sys; from orchestrator.simulation.run import run;"
         "r = run('docking-1d', overrides=['run.stop_time=1 ms'], halving=False);"
         "assert r.summary['run']['loop'] == 'python' and 'numba' not in sys.modules"
     )

@@ -9,17 +9,17 @@ from pathlib import Path
 import foreign
 import numpy as np
 import pytest
+from orchestrator.system.system.assembly import Part, assemble
 from test_native import CURVED, Kept, both, every_version, ring
 from unruly import unruly_fmu
 
-from orchestrator.assembly import Part, assemble
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import load_fmu
 from orchestrator.fmi.fmi2 import Fmi2Instance
-from orchestrator.instances import instantiate
 from orchestrator.master.jacobi import Jacobi
-from orchestrator.native import choice
-from orchestrator.simulate import Grid, Report, simulate
+from orchestrator.master.running_instances import instantiate
+from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.native import choice
 
 FOLDER = Path(__file__).parents[1] / "fmus"
 

@@ -7,12 +7,12 @@ import gc
 import numpy as np
 import pytest
 
-from orchestrator import pacing
+from orchestrator.base.errors import ConfigError, OrchestratorError
+from orchestrator.base.histogram import Histogram
 from orchestrator.config import RealtimeModel
-from orchestrator.errors import ConfigError, OrchestratorError
-from orchestrator.histogram import Histogram
-from orchestrator.pacing import Pace
-from orchestrator.run import run
+from orchestrator.simulation import pacing
+from orchestrator.simulation.pacing import Pace
+from orchestrator.simulation.run import run
 
 
 class Clock:

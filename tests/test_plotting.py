@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 
 import numpy as np
+from orchestrator.plotting.figures.figures import draw_signals, save
+from orchestrator.results.recorders.recorders import Results
+from orchestrator.system.system.signal_vector import Signals
 
-from orchestrator import progress
+from orchestrator.base import progress
+from orchestrator.base.text_tables import summary_text
 from orchestrator.fmi import Point
-from orchestrator.plotting import draw_signals, save
-from orchestrator.results import Results
-from orchestrator.signals import Signals
-from orchestrator.table import summary_text
 
 TIME = np.linspace(0.0, 1.0, 100_001)
 

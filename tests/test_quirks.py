@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from archives import repack
 
-from orchestrator.errors import FmuError, StepError
+from orchestrator.base.errors import FmuError, StepError
 from orchestrator.fmi import Kind, Point, load_fmu
-from orchestrator.fmi.directory import return_to, returning, working_directory
-from orchestrator.run import prepare, run
+from orchestrator.fmi.working_directory import return_to, returning, working_directory
+from orchestrator.simulation.run import prepare, run
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="how Linux looks for libraries")
 

@@ -6,15 +6,15 @@ from fractions import Fraction
 
 import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.assembly import Part, assemble
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import Causality, Initial
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative
-from orchestrator.results import Recorder
-from orchestrator.run import prepare
-from orchestrator.simulate import Grid, simulate
+from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.run import prepare
 
 
 def simulated(system, name, steps, stop=1):

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from orchestrator.__main__ import main
 from orchestrator.campaign import Study
+from orchestrator.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

@@ -8,12 +8,12 @@ from pathlib import Path
 import foreign
 import pytest
 import yaml
+from orchestrator.results.recorders.recorders import read_results
 
-from orchestrator.__main__ import main
-from orchestrator.errors import ConfigError
-from orchestrator.results import read_results
-from orchestrator.run import run
-from orchestrator.units import UnitError, convert, parse_quantity, parse_unit
+from orchestrator.base.errors import ConfigError
+from orchestrator.base.units import UnitError, convert, parse_quantity, parse_unit
+from orchestrator.cli.main import main
+from orchestrator.simulation.run import run
 
 UNITS = """<UnitDefinitions>
   <Unit name="K"><BaseUnit K="1"/>

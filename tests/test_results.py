@@ -12,15 +12,15 @@ import pytest
 from doubles import mass, spring
 from hypothesis import given
 from hypothesis import strategies as st
+from orchestrator.results.recorders.recorders import Recorder, Results, parameters_of, read_results
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator import formats
-from orchestrator.__main__ import main
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError, OrchestratorError
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.logs import LogError, read_log
-from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.master import create_master
-from orchestrator.results import Recorder, Results, parameters_of, read_results
-from orchestrator.simulate import Grid, simulate
+from orchestrator.results.recorders import file_formats as formats
+from orchestrator.simulation.loop import Grid, simulate
 
 SAMPLE = Results(
     time=np.array([0.0, 0.1, 0.2]),

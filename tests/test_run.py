@@ -16,12 +16,12 @@ import fmpy
 import numpy as np
 import pytest
 from archives import repack
+from orchestrator.results.recorders.measures import changes, signal_changes
+from orchestrator.results.recorders.recorders import Results, read_results
 
-from orchestrator.__main__ import main
-from orchestrator.errors import ConfigError, OrchestratorError, StepError
-from orchestrator.measures import changes, signal_changes
-from orchestrator.results import Results, read_results
-from orchestrator.run import prepare, run
+from orchestrator.base.errors import ConfigError, OrchestratorError, StepError
+from orchestrator.cli.main import main
+from orchestrator.simulation.run import prepare, run
 
 
 @pytest.fixture
@@ -390,7 +390,7 @@ def test_an_interrupted_run_keeps_its_results(config, tmp_path):
 
 
 def test_several_systems_are_run_and_compared(tmp_path):
-    from orchestrator.__main__ import main
+    from orchestrator.cli.main import main
 
     out = tmp_path / "out"
     names = ["docking-1d-uncompensated", "docking-1d"]
@@ -402,8 +402,9 @@ def test_several_systems_are_run_and_compared(tmp_path):
 
 
 def test_figures_of_an_earlier_run_do_not_stand_beside_a_new_one(tmp_path):
-    from orchestrator.compare import run_each
-    from orchestrator.measures import COMPARISONS, FIGURES
+    from orchestrator.results.recorders.measures import COMPARISONS, FIGURES
+
+    from orchestrator.simulation.comparison import run_each
 
     for system, stop in (("docking-1d", "0.6 s"), ("docking-6d", "0.1 s")):
         out = tmp_path / system
@@ -438,7 +439,7 @@ def test_energies_beyond_the_range_of_numbers_warn_of_nothing_before_the_error(t
 
 
 def test_problems_of_all_systems_are_told_before_any_runs(tmp_path, capsys):
-    from orchestrator.__main__ import main
+    from orchestrator.cli.main import main
 
     out = tmp_path / "out"
     assert main(["run", "docking-1d", "docking-2d", "docking-3d", "--out", str(out)]) == 2
@@ -448,7 +449,7 @@ def test_problems_of_all_systems_are_told_before_any_runs(tmp_path, capsys):
 
 
 def test_two_systems_of_one_name_need_two_folders(tmp_path, capsys):
-    from orchestrator.__main__ import main
+    from orchestrator.cli.main import main
 
     assert main(["run", "docking-1d", "docking-1d", "--out", str(tmp_path / "out")]) == 2
     assert "several systems are called docking-1d" in capsys.readouterr().err

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from unruly import unruly_fmu
 
-from orchestrator.scratch import scratch_folder, scratch_root
+from orchestrator.base.temporary_folders import scratch_folder, scratch_root
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="processes are killed by signals")
 
@@ -87,6 +87,6 @@ def test_a_folder_that_is_being_made_is_left_alone(tmp_path):
         one.mkdir()
     os.utime(old, (0, 0))
     (tmp_path / "other").mkdir()
-    command = "from orchestrator.scratch import scratch_root; scratch_root()"
+    command = "from orchestrator.base.temporary_folders import scratch_root; scratch_root()"
     subprocess.run([sys.executable, "-c", command], env=os.environ | {"TMPDIR": str(tmp_path)}, check=True)
     assert sorted(one.name for one in tmp_path.iterdir()) == ["orchestrator-young", "other"]

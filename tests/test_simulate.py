@@ -9,13 +9,13 @@ import pytest
 from doubles import FakeInstance, mass
 from hypothesis import given
 from hypothesis import strategies as st
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import RunModel
-from orchestrator.errors import ConfigError
 from orchestrator.master import create_master
-from orchestrator.results import Recorder
-from orchestrator.simulate import Grid, simulate
+from orchestrator.simulation.loop import Grid, simulate
 
 
 def grid(step: str, stop: str, start: str = "0 s") -> Grid:

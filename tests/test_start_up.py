@@ -27,11 +27,11 @@ def test_importing_the_package_imports_no_library():
 
 
 def test_a_short_run_imports_what_it_needs_and_no_more():
-    found = loaded(f"import orchestrator.__main__{RUN}")
-    assert {"numpy", "pydantic", "fmpy", "orchestrator.simulate"} <= found
+    found = loaded(f"import orchestrator.cli.main{RUN}")
+    assert {"numpy", "pydantic", "fmpy", "orchestrator.simulation.loop"} <= found
     assert not found & set(_HEAVY)
-    assert not {name for name in found if name.startswith("orchestrator.native.")} - {
-        "orchestrator.native.choice"
+    assert not {name for name in found if name.startswith("orchestrator.simulation.native.")} - {
+        "orchestrator.simulation.native.choice"
     }
     # CVODE's libraries are for model exchange.
     assert "fmpy.sundials" not in found

@@ -17,18 +17,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from doubles import mass, spring
+from orchestrator.results.recorders.column_stream import StreamedColumns, StreamWriter
+from orchestrator.results.recorders.recorders import Recorder, Results, read_results
+from orchestrator.system.system.assembly import Part, assemble
 from unruly import unruly_fmu
 
-from orchestrator import recorded, stream
-from orchestrator.__main__ import main
-from orchestrator.assembly import Part, assemble
-from orchestrator.errors import OrchestratorError
+from orchestrator.base.errors import OrchestratorError
+from orchestrator.cli.main import main
 from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
-from orchestrator.results import Recorder, Results, read_results
-from orchestrator.run import run
-from orchestrator.simulate import Grid, simulate
-from orchestrator.stream import StreamedColumns, StreamWriter
+from orchestrator.results.recorders import column_stream as stream
+from orchestrator.results.recorders import recorded_signals as recorded
+from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.run import run
 
 pytest.importorskip("numba")
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
@@ -325,12 +326,12 @@ LONG = """
 import resource, sys
 from fractions import Fraction
 from pathlib import Path
-from orchestrator.assembly import Part, assemble
+from orchestrator.system.assembly import Part, assemble
 from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
-from orchestrator.measures import signal_changes
-from orchestrator.results import Recorder, read_results
-from orchestrator.simulate import Grid, simulate
+from orchestrator.results.measures import signal_changes
+from orchestrator.results.recorders import Recorder, read_results
+from orchestrator.simulation.loop import Grid, simulate
 
 fmu, folder, ends = load_fmu(Path(sys.argv[1])), Path(sys.argv[2]), map(int, sys.argv[3:])
 system = assemble([Part("one", fmu, {"rate": "0.1 m"}), Part("two", fmu)], ["one.level -> two.rate"])

@@ -10,13 +10,13 @@ import math
 import fmpy
 import numpy as np
 import pytest
+from orchestrator.results.recorders.recorders import read_results
 from third_party import fetch
 
-from orchestrator.__main__ import main
-from orchestrator.errors import FmuError
+from orchestrator.base.errors import FmuError
+from orchestrator.cli.main import main
 from orchestrator.fmi import Interface, load_fmu
-from orchestrator.results import read_results
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 REFERENCE = [
     f"reference/fmi{version}/{name}.fmu"

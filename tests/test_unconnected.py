@@ -8,8 +8,8 @@ import pytest
 import yaml
 from unruly import unruly_fmu
 
-from orchestrator.__main__ import main
-from orchestrator.run import run
+from orchestrator.cli.main import main
+from orchestrator.simulation.run import run
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.units import ONE, Unit, UnitError, convert, parse_quantity, parse_unit, quantity_in
+from orchestrator.base.units import ONE, Unit, UnitError, convert, parse_quantity, parse_unit, quantity_in
 
 KNOWN = [
     "1", "%", "m", "mm", "km", "kg", "g", "s", "ms", "us", "min", "N", "kN", "N/m", "N/mm", "N.s/m", "N.s/mm",

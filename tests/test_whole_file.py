@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from orchestrator.__main__ import main
-from orchestrator.errors import ConfigError
-from orchestrator.whole_file import replaceable
+from orchestrator.base.atomic_files import replaceable
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 
 
 def test_a_file_of_another_kind_is_not_written_over(tmp_path):

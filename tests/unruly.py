@@ -10,7 +10,7 @@ from pathlib import Path
 
 import fmpy
 
-from orchestrator.scratch import scratch_folder
+from orchestrator.base.temporary_folders import scratch_folder
 
 SOURCE = Path(__file__).parent / "fmu_sources" / "unruly.c"
 WAYS = (

@@ -6,12 +6,12 @@ from fractions import Fraction
 
 import pytest
 from doubles import FakeFmu, gain, mass, spring
+from orchestrator.results.recorders.recorders import Recorder
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.assembly import Part, assemble
 from orchestrator.effects.choose import BUILT_IN
 from orchestrator.master import create_master
-from orchestrator.results import Recorder
-from orchestrator.simulate import Grid, Report, simulate
+from orchestrator.simulation.loop import Grid, Report, simulate
 
 # Each effect at zero size, and with an effect, on a signal in metres that is about one.
 ZERO = {

@@ -1,6 +1,6 @@
 """Campaigns: studies of many runs, on many cores or machines, kept in a store that can be queried."""
 
-from .reading import Store
+from .database import Store
 from .study import Study
 from .sweep import Swept, sweep
 

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .. import bundled
-from ..checks import start_value
+from ..base.errors import ConfigError, Problem, listed
+from ..base.quantities import Measure, quantity
+from ..base.units import ONE, Quantity, UnitError, parse_quantity, parse_unit
 from ..config import Config, Scalar, dump, move_value, override_path, path_text, unknown_path
-from ..errors import ConfigError, Problem, listed
-from ..fmi import Kind, Variable
-from ..quantities import Measure, quantity
-from ..run import prepare
-from ..system import System
-from ..units import ONE, Quantity, UnitError, parse_quantity, parse_unit
+from ..fmi import Kind, Variable, bundled
+from ..simulation.run import prepare
+from ..system.checks import start_value
+from ..system.system import System
 
 __all__ = ["Axis", "Level", "as_text", "axis_of"]
 

@@ -8,15 +8,15 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+from ..base.errors import ConfigError, Problem, in_order, listed, nearest
 from ..config import Places, file_of, take_as_meant
-from ..errors import ConfigError, Problem, in_order, listed, nearest
-from ..prepared import Judgement, Prepared, judge
-from ..system import Instance
+from ..simulation.preparation import Judgement, Prepared, judge
+from ..system.system import Instance
 from .axes import Axis, Level, as_text, axis_of
 from .derived import Derived, parse_derived, unknown_numbers
 from .design import Block, Blocks, paths_of, seeds
-from .draft import read_study
 from .models import RecordModel, StudyModel
+from .partial_study import read_study
 from .tables import RESERVED
 from .variants import Variants
 

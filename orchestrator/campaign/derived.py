@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ConfigError, Problem, listed, nearest
-from ..results import Results
-from ..units import UnitError, parse_quantity, parse_unit
+from ..base.errors import ConfigError, Problem, listed, nearest
+from ..base.units import UnitError, parse_quantity, parse_unit
+from ..results.recorders import Results
 
 __all__ = ["Derived", "lookup", "parse_derived", "unknown_numbers"]
 

@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ..base.errors import Problem, listed
 from ..config import path_text
-from ..errors import Problem, listed
 from .axes import Axis, Level
 from .models import BlockModel, DrawnModel, RangeModel, RepeatsModel, SampleModel
 

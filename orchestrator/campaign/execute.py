@@ -14,15 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..base.errors import ConfigError, FmuError, OrchestratorError, StepError
 from ..config import load_config
-from ..errors import ConfigError, FmuError, OrchestratorError, StepError
-from ..instances import instantiate
-from ..measures import ChosenMeasure
-from ..native.choice import obstacle
-from ..results import Results
-from ..run import Prepared, RunResult, prepare, run
-from ..system import Instance
-from ..workers import Failure, Retry
+from ..fmi.workers import Failure, Retry
+from ..master.running_instances import instantiate
+from ..results.measures import ChosenMeasure
+from ..results.recorders import Results
+from ..simulation.native.choice import obstacle
+from ..simulation.run import Prepared, RunResult, prepare, run
+from ..system.system import Instance
 from .axes import as_text
 from .derived import Derived
 from .models import RecordModel
@@ -128,7 +128,7 @@ class Context:
             with instantiate(base.system) as instances:
                 fits = base.config.model.run.loop != "python" and not obstacle(instances, base.master)
             if fits:
-                from ..native import loop  # noqa: F401 (loaded once for all runs)
+                from ..simulation.native import loop  # noqa: F401 (loaded once for all runs)
 
     def prepared(self, task: Task) -> Prepared:
         """What runs. Raises: ConfigError."""

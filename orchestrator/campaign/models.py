@@ -18,8 +18,8 @@ from pydantic import (
     model_validator,
 )
 
+from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 from ..config import Scalar
-from ..units import ONE, UnitError, parse_quantity, parse_unit
 
 __all__ = ["BlockModel", "DrawnModel", "RangeModel", "RepeatsModel", "SampleModel", "StudyModel"]
 

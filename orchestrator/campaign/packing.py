@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..config import move_effects
-from ..run import Prepared
-from ..workers.files import place_of
+from ..fmi.workers.files import place_of
+from ..simulation.run import Prepared
 from .execute import FILES
 
 __all__ = ["Packed", "pack"]

@@ -22,9 +22,9 @@ from pathlib import Path
 from time import time
 from typing import TYPE_CHECKING, Any
 
-from ..errors import ConfigError, OrchestratorError, Problem
-from ..folder_lock import locked
-from ..workers.files import put_file
+from ..base.errors import ConfigError, OrchestratorError, Problem
+from ..base.folder_lock import locked
+from ..fmi.workers.files import put_file
 from .journal import Journal, read_journal
 from .tables import tables_of
 

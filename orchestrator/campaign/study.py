@@ -9,18 +9,18 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..checks import start_value
+from ..base.digests import digest_of
+from ..base.errors import ConfigError, Problem
 from ..config import Places, compose, put_value
-from ..digests import digest_of
-from ..errors import ConfigError, Problem
-from ..system import Instance
-from ..workers import Retry
+from ..fmi.workers import Retry
+from ..system.checks import start_value
+from ..system.system import Instance
 from .axes import Level, as_text
 from .checking import Checked, check_study
 from .execute import FILES, Order, Task
 from .models import RecordModel
 from .packing import Packed, pack
-from .product import effect_sources, product
+from .software_version import effect_sources, product
 from .variants import written
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from ..errors import Interrupted
-from ..provenance import origin, versions
-from ..workers import Outcome, Pool, Work, pool_of
+from ..base.errors import Interrupted
+from ..base.provenance import origin, versions
+from ..fmi.workers import Outcome, Pool, Work, pool_of
 from .execute import Task, as_json, begin, execute
-from .product import product
+from .software_version import product
 from .store import StoreWriter
 from .study import Study
 
@@ -67,7 +67,7 @@ class Swept:
     @property
     def table(self) -> pa.Table:
         """Points with what their runs gave, in the order of the design; an Arrow table."""
-        from .reading import Store
+        from .database import Store
 
         with Store(self.store) as store:
             return store.table(self.study)

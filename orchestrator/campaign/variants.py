@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..base.errors import ConfigError, Problem
 from ..config import Config
-from ..errors import ConfigError, Problem
-from ..run import prepare
-from ..system import Instance
+from ..simulation.run import prepare
+from ..system.system import Instance
 from .axes import Axis, Level, as_text
-from .product import effect_sources
+from .software_version import effect_sources
 
 __all__ = ["Variants", "written"]
 

@@ -1,14 +1,14 @@
 """Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
 
-from .draft import take_as_meant
 from .external import ExternalModel, RealtimeModel
 from .files import file_of, move_effects, move_value
-from .gaps import Absent, Gaps
 from .load import Config, Draft, json_schema, load_config, read_config
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .overrides import override_path, put_value, unknown_path
+from .partial_config import take_as_meant
 from .problems import path_within, validation_problems
 from .text import Place, Places, compose, copied, dump, parse, path_text
+from .unresolved import Absent, Gaps
 
 __all__ = [
     "Absent",

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..units import ONE, UnitError, parse_quantity, parse_unit
+from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 
 __all__ = ["Model", "Time", "checked_time", "exact_time"]
 

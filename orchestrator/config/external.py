@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints, field_validator, model_validator
 
-from ..units import UnitError, parse_unit, quantity_in
+from ..base.units import UnitError, parse_unit, quantity_in
 from .base import Model, Time, checked_time, exact_time
 
 __all__ = ["ExternalModel", "RealtimeModel", "ReceivedModel", "address"]

@@ -8,22 +8,22 @@ from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 
-from .. import bundled
+from ..base.errors import ConfigError, Problem, listed, nearest
 from ..effects import effect_schema
-from ..errors import ConfigError, Problem, listed, nearest
-from .draft import read_model, take_as_meant
+from ..fmi import bundled
 from .files import file_of, rebase
-from .gaps import FURTHER, Gaps
 from .models import SystemModel
 from .overrides import override
+from .partial_config import read_model, take_as_meant
 from .text import Path, Place, Places, compose, copied, dump
+from .unresolved import FURTHER, Gaps
 
 __all__ = ["Config", "Draft", "json_schema", "load_config", "read_config"]
 
 # Files of other tools: suffix -> what makes a config's plain values of them; imported when asked for. It
 # gives `data`, `notes`, `unpacked` as in Config, and `remedies` for keys that are missing.
 _FOREIGN = dict.fromkeys((".ssp", ".ssd"), "..exchange.ssp.load:load_ssp")
-_FOREIGN[".fmu"] = "..exchange.lone:load_lone_fmu"
+_FOREIGN[".fmu"] = "..exchange.single_fmu:load_lone_fmu"
 
 
 @dataclass(frozen=True)

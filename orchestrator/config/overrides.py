@@ -6,11 +6,11 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import ConfigError, Problem, close, listed, nearest
+from ..base.errors import ConfigError, Problem, close, listed, nearest
 from .files import move_value
-from .gaps import FURTHER
 from .models import RunModel
 from .text import Path, Place, Places, parse
+from .unresolved import FURTHER
 
 __all__ = ["override", "override_path", "put_value", "unknown_path"]
 

@@ -8,10 +8,10 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from ..errors import Problem, close, listed, nearest
-from .gaps import Gaps
+from ..base.errors import Problem, close, listed, nearest
 from .models import ConnectionModel, SourceModel
 from .text import Path, Places, path_text
+from .unresolved import Gaps
 
 __all__ = ["is_of_another_form", "names_of", "path_within", "unknown_key", "validation_problems"]
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 
 __all__ = ["Path", "Place", "Places", "compose", "copied", "dump", "flow", "parse", "path_text"]
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import logsumexp
 
-from ..machine_code import njit
+from ..base.compiled_functions import njit
 from .fit import Fit
 from .model import RigModel
 from .rig import HISTORY, Calibrated, _transition

@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from ..bundled import find_system
+from ..fmi.bundled import find_system
 from .catalogue import catalogue
 from .effect import Effect, by_effect
 from .finding import Finding

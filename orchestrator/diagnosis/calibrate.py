@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..errors import OrchestratorError
-from ..provenance import origin
-from ..whole_file import write_text
-from ..workers import Pool, Work, pool_of
+from ..base.atomic_files import write_text
+from ..base.errors import OrchestratorError
+from ..base.provenance import origin
+from ..fmi.workers import Pool, Work, pool_of
 from .answers import Answer, complete
 from .calibration import FILE, Calibration
 from .challenge.draw import Plan

@@ -10,7 +10,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TypeVar
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 from .effect import Effect
 
 __all__ = ["ENTRY_POINTS", "SOFTWARE", "catalogue", "in_words", "installed", "of_hardware"]

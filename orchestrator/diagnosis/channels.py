@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import Problem
+from ..base.errors import Problem
 from .study import Array
 
 __all__ = ["Stuck", "clipped", "frozen", "logged_twice"]

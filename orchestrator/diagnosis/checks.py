@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import Problem
+from ..base.errors import Problem
 from .channels import clipped, frozen, logged_twice
 from .consistency import check_columns
 from .log_checks import clock_slack, clock_told

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from ..machine_code import njit
+from ..base.compiled_functions import njit
 from .study import Array
 
 __all__ = ["COLOUR", "WHITE", "Colour", "coloured", "small_colour", "whitened"]

@@ -13,7 +13,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from ..errors import Problem
+from ..base.errors import Problem
 from .mistakes import Mistake, wrong_factors
 from .rig import IN_CONTACT
 from .software import ControllerReplay, resolution, ways

@@ -9,10 +9,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..digests import file_digest
-from ..errors import OrchestratorError
-from ..formats import strict
-from ..provenance import origin, versions
+from ..base.digests import file_digest
+from ..base.errors import OrchestratorError
+from ..base.provenance import origin, versions
+from ..results.file_formats import strict
 from .families import families_of
 from .finding import Finding
 from .study import Nominal

@@ -9,10 +9,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from ..errors import ConfigError, Problem
-from ..progress import Share
-from ..run_folder import folder_at
-from ..whole_file import write_text
+from ..base.atomic_files import write_text
+from ..base.errors import ConfigError, Problem
+from ..results.progress import Share
+from ..simulation.run_folder import folder_at
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
 from .content import Told, content, named_files, provenance

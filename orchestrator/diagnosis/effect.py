@@ -12,8 +12,8 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from ..machine_code import cfunc
-from ..units import UnitError, parse_unit
+from ..base.compiled_functions import cfunc
+from ..base.units import UnitError, parse_unit
 from .written import Writes
 
 __all__ = ["Context", "Effect", "Parameter", "Seen", "Site", "by_effect", "law"]

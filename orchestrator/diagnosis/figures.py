@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..plotting import COLORS, svg
+from ..plotting.figures import COLORS, svg
 from .finding import Augmented
 from .motion import contacts
 from .study import Array, Role, Run, Study

@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import Problem
-from ..units import UnitError, convert, parse_unit
+from ..base.errors import Problem
+from ..base.units import UnitError, convert, parse_unit
 from .logs import Signal
 
 __all__ = ["clock_slack", "clock_told", "unmapped_clock", "unread_rows"]

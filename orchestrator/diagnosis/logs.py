@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import needs
+from ..base.errors import needs
 
 __all__ = ["LogError", "Signal", "name_and_unit", "read_log"]
 

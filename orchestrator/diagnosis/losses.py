@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp, ndtr
 
-from ..machine_code import njit
+from ..base.compiled_functions import njit
 from .arrival import SLOW, STRAYS
 from .fit import Fit
 from .model import RigModel

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from ..base.errors import Problem, listed, nearest
+from ..base.quantities import Measure, quantity
+from ..base.units import Unit, UnitError, convert, parse_unit
 from ..config import Places, validation_problems
-from ..errors import Problem, listed, nearest
-from ..quantities import Measure, quantity
-from ..units import Unit, UnitError, convert, parse_unit
 from .log_checks import unmapped_clock, unread_rows
 from .logs import LogError, Signal, name_and_unit, read_log
 

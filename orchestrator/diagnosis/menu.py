@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 from .catalogue import installed
 from .effect import Effect, Parameter, Site, law
 from .study import Array, Study

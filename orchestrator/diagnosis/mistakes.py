@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass, replace
 from itertools import permutations
 
-from ..errors import Problem
-from ..units import UnitError, convert, parse_unit
+from ..base.errors import Problem
+from ..base.units import UnitError, convert, parse_unit
 
 __all__ = ["Mistake", "plural", "told_once", "wrong_factors", "wrong_scales"]
 

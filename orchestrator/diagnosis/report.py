@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from ..page import aside, document, figure
-from ..page import bar as _bar
-from ..page import card as _card
+from ..plotting.page import aside, document, figure
+from ..plotting.page import bar as _bar
+from ..plotting.page import card as _card
 from .catalogue import catalogue, in_words
 from .caveats import caveats
 from .effect import Effect

@@ -15,7 +15,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ..machine_code import njit
+from ..base.compiled_functions import njit
 from .effect import Context, Site
 
 __all__ = [

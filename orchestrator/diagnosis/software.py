@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..machine_code import njit
+from ..base.compiled_functions import njit
 from .effect import Context, Effect
 from .model import Laws, apply_changes, begin_state, nominal_parameters
 from .rig import State, control, move_body

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.errors import ConfigError, Problem, listed, nearest
+from ..base.quantities import Measure, quantity
+from ..base.units import UnitError, convert, parse_unit
 from ..config import Places, parse
-from ..errors import ConfigError, Problem, listed, nearest
-from ..quantities import Measure, quantity
-from ..units import UnitError, convert, parse_unit
 from .mapping import Column, columns_of, read_mapping
 
 __all__ = ["UNITS", "Nominal", "Role", "Run", "Study", "case_file", "load_study"]

@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from time import monotonic
 from typing import NamedTuple, TypeVar
 
-from ..progress import Share
+from ..results.progress import Share
 
 __all__ = ["PLAN", "Tally", "stage", "tallied", "telling", "twice"]
 

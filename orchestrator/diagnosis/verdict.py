@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ..errors import ConfigError, Problem
-from ..formats import strict
+from ..base.errors import ConfigError, Problem
+from ..results.file_formats import strict
 
 __all__ = [
     "AUGMENTED",

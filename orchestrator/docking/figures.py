@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..plotting import COLORS
+from ..plotting.figures import COLORS
 from .contacts import Contact, find_contacts
 from .theory import ideal_restitution
 
 if TYPE_CHECKING:
-    from ..results import Results
+    from ..results.recorders import Results
     from .measures import DockingOptions
 
 __all__ = ["comparison", "contact_time", "contacts", "estimates", "rebounds"]

@@ -14,7 +14,7 @@ from .theory import contact_frequency, ideal_peak_force, ideal_restitution
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..results import Results
+    from ..results.recorders import Results
 
 __all__ = ["KEPT", "UNITS", "DockingMeasure", "DockingOptions"]
 

@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..results import Results
+    from ..results.recorders import Results
     from .measures import DockingOptions
     from .space import SpaceOptions
 

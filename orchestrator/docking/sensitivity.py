@@ -18,7 +18,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from ..run import run
+from ..simulation.run import run
 from .figures import BLUE, GREY, VERMILION
 
 __all__ = ["CHANGES", "draw", "main", "measured"]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from ..results import Results
+    from ..results.recorders import Results
 
 __all__ = [
     "SpaceContacts",

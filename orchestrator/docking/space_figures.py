@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..plotting import COLORS
+from ..plotting.figures import COLORS
 from .figures import BLUE, GREEN, GREY, VERMILION
 from .space import SpaceContacts, pose, stacked
 
 if TYPE_CHECKING:
-    from ..results import Results
+    from ..results.recorders import Results
     from .space import SpaceOptions
 
 __all__ = ["attitude", "comparison", "contacts", "energy", "estimates", "forces", "positions"]

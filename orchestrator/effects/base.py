@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from ..errors import Problem
-from ..quantities import Measure
-from ..units import Unit
+from ..base.errors import Problem
+from ..base.quantities import Measure
+from ..base.units import Unit
 
 __all__ = ["Array", "Effect", "Kernel", "Numbers", "OfSignal", "Pure"]
 

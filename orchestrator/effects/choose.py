@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
-from ..errors import Problem, listed, nearest
-from ..quantities import Measure, infinite_quantity, quantity
-from ..units import parse_unit
+from ..base.errors import Problem, listed, nearest
+from ..base.quantities import Measure, infinite_quantity, quantity
+from ..base.units import parse_unit
 from .base import Effect, OfSignal, Pure, per_unit
 
 __all__ = ["Chosen", "create_effect", "effect_file", "effect_names", "effect_schema"]

@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from ..errors import Problem
-from ..quantities import Measure
-from ..units import ONE, UnitError, parse_quantity, parse_unit
+from ..base.errors import Problem
+from ..base.quantities import Measure
+from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 from .base import Array, Effect, Numbers, times_unit
 
 __all__ = ["Gain", "split"]

@@ -7,8 +7,8 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from ..errors import Problem
-from ..quantities import Measure
+from ..base.errors import Problem
+from ..base.quantities import Measure
 from .base import Array, Effect, Numbers, Pure
 
 __all__ = ["LowPass"]

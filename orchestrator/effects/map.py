@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 from pydantic import Field
 
-from ..errors import Problem
-from ..quantities import Measure
+from ..base.errors import Problem
+from ..base.quantities import Measure
 from .base import Array, Effect, Numbers
 
 __all__ = ["Map"]

@@ -6,11 +6,11 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 
+from ..base.units import BASE_NAMES, Unit
 from ..fmi import Causality, Kind, Value, Variable
-from ..system import Port, System
+from ..system.system import Port, System
 from ..translate.package import LOG_CATEGORIES
-from ..units import BASE_NAMES, Unit
-from .inside import Inside, Outer
+from .system_contents import Inside, Outer
 from .system_text import TIME
 
 __all__ = ["describe_system"]

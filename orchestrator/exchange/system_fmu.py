@@ -14,14 +14,14 @@ from html import escape
 from pathlib import Path, PurePosixPath
 from typing import Any, cast
 
+from ..base.errors import BuildError, ConfigError, Problem
 from ..config import Config, load_config
-from ..errors import BuildError, ConfigError, Problem
-from ..run import prepare
+from ..simulation.run import prepare
 from ..translate.build import content_token
 from ..translate.coupled import binary
 from ..translate.package import FmiVersion, binary_member, join_macs, write_fmu
 from ..translate.presentation import dress
-from .inside import Inside, look_inside, native_config
+from .system_contents import Inside, look_inside, native_config
 from .system_description import describe_system
 from .system_text import system_text
 
@@ -117,7 +117,7 @@ def _members(
         libraries = join_macs(libraries)
     for platform, content in libraries.items():
         members[binary_member(platform, identifier, version)] = content
-    members["extra/orchestrator/system.yaml"] = config.text().encode()
+    members["extra/orchestrator/system/system.yaml"] = config.text().encode()
     parts = [part for key in sorted(members) for part in (key.encode(), members[key])]
     parts += [system_text(inside, name, _TOKEN, folders).encode()]
     parts += [describe_system(inside, name, identifier, _TOKEN, version)]

@@ -6,10 +6,10 @@ import struct
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 from ..fmi import Causality, Value, Variable
-from ..system import Connection, Port
-from .inside import Inside, Outer, effect_number
+from ..system.system import Connection, Port
+from .system_contents import Inside, Outer, effect_number
 
 __all__ = ["TIME", "system_text"]
 
@@ -212,7 +212,7 @@ class _Writer:
                 self._line("after", index, self._number[one.place])
 
     def _initial(self) -> None:
-        """How initial values are passed on, see orchestrator.initialisation."""
+        """How initial values are passed on, see orchestrator.system.initialisation."""
         for loops, connections in zip(self._system.initial_loops, self._system.initial_levels, strict=True):
             for loop in loops:
                 reads = list(dict.fromkeys(port for one in loop for port in one.sources))

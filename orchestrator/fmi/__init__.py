@@ -1,9 +1,9 @@
 """FMUs: their descriptions, and instances that run."""
 
-from .compiled import CompiledFmu, load_fmu
 from .description import Capabilities, ModelDescription, read_description
-from .handling import DEFAULT_TOLERANCE, Handling, Interface, integration_tolerance
 from .instance import Array, Fmu, FmuInstance, Point, StepStatus
+from .loading import CompiledFmu, load_fmu
+from .run_options import DEFAULT_TOLERANCE, Handling, Interface, integration_tolerance
 from .variable import Causality, Initial, Kind, Value, Variability, Variable
 
 __all__ = [

@@ -9,8 +9,8 @@ import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
 
-from ..errors import FmuError, listed
-from ..scratch import scratch_folder
+from ..base.errors import FmuError, listed
+from ..base.temporary_folders import scratch_folder
 
 __all__ = ["Unpacked", "binary_folder", "check_members", "checked_members"]
 

@@ -10,10 +10,10 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from ..errors import FmuError, listed
-from .declared import elements, number, read_units, read_variable
-from .handling import Interface
-from .markup import read_markup
+from ..base.errors import FmuError, listed
+from .from_fmpy import elements, number, read_units, read_variable
+from .run_options import Interface
+from .safe_xml import read_markup
 from .variable import Causality, Initial, Kind, Variability, Variable
 
 # How fmpy tells what breaks the XML schema.

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from ctypes import c_char_p, c_double, c_int, c_uint8
 from typing import Any
 
-from ..errors import FmuError
+from ..base.errors import FmuError
+from .binary_instance import PENDING, CompiledInstance
 from .instance import Point, StepStatus
 from .library import callbacks1
-from .running import PENDING, CompiledInstance
 from .variable import Value, Variable
 
 __all__ = ["Fmi1Base", "Fmi1Instance"]

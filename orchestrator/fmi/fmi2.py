@@ -5,10 +5,10 @@ from __future__ import annotations
 from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_size_t, c_void_p, cast, create_string_buffer
 from typing import Any
 
-from ..errors import StepError
+from ..base.errors import StepError
+from .binary_instance import PENDING, CompiledInstance, NativeCalls
 from .instance import Array, Point, StepStatus
 from .library import callbacks_for
-from .running import PENDING, CompiledInstance, NativeCalls
 from .variable import Variable
 
 __all__ = ["Fmi2Instance"]

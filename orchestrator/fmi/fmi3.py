@@ -30,10 +30,10 @@ from ctypes import (
 )
 from typing import Any
 
-from ..errors import StepError
+from ..base.errors import StepError
+from .binary_instance import MOST_ITERATIONS, CompiledInstance, NativeCalls
 from .instance import Array, Point, StepStatus
 from .intermediate import Intermediate, Watcher
-from .running import MOST_ITERATIONS, CompiledInstance, NativeCalls
 from .variable import Kind, Value, Variable
 
 __all__ = ["Fmi3Instance"]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .block import Block
-from .course import Course
+from .input_curves import Course
 from .instance import Array
 
 if TYPE_CHECKING:

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FmuError, StepError
-from . import frames
+from ..base.errors import FmuError, StepError
+from . import messages as frames
 from .archive import Unpacked
-from .child import cause_of_death, end, start_child
+from .child_process import cause_of_death, end, start_child
 from .description import ModelDescription
-from .handling import Handling
 from .instance import Array, Point, StepStatus
 from .log_file import LogFile, log_folder
+from .run_options import Handling
 from .variable import Value
 from .worker import STEP
 

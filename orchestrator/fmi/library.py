@@ -30,12 +30,12 @@ from typing import Any
 
 from fmpy import fmi1, fmi2, fmi3
 
-from ..errors import FmuError
-from ..scratch import scratch_root
+from ..base.errors import FmuError
+from ..base.temporary_folders import scratch_root
 from .description import ModelDescription
-from .directory import returning
-from .handling import Interface
 from .log_file import LogFile
+from .run_options import Interface
+from .working_directory import returning
 
 __all__ = ["LogBook", "load_library", "release_python_state"]
 

@@ -11,7 +11,7 @@ from fmpy import sundials
 from fmpy.sundials import cvode, libraries
 from fmpy.sundials.nvector_serial import NV_DATA_S
 
-from ..errors import StepError
+from ..base.errors import StepError
 
 __all__ = ["Integrator", "Model"]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from ..units import ONE, Unit
+from ..base.units import ONE, Unit
 
 __all__ = ["Causality", "Initial", "Kind", "Value", "Variability", "Variable"]
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FmuError, OrchestratorError, StepError
-from ..scratch import remove_scratch
-from . import frames
-from .child import guarded_pipes
+from ..base.errors import FmuError, OrchestratorError, StepError
+from ..base.temporary_folders import remove_scratch
+from . import messages as frames
+from .child_process import guarded_pipes
 from .instance import Point
 from .log_file import logs_in
 
@@ -49,7 +49,7 @@ class _Server:
     def instantiate(
         self, name: str, path: Path, description: Any, handling: Any, folder: Path, logs: Path | None
     ) -> None:
-        from .compiled import instance_class
+        from .loading import instance_class
 
         made = instance_class(description)
         with logs_in(logs):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 from .loop import Loop
 from .quasi import QuasiPolynomial
 from .roots import count_right_of, counts_right_of, newton_batch

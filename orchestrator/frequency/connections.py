@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..base.errors import ConfigError, Problem
 from ..effects import Effect
 from ..effects.backlash import Backlash
 from ..effects.choose import BUILT_IN, built_in
@@ -21,7 +22,6 @@ from ..effects.quantise import Quantise
 from ..effects.rate_limit import RateLimit
 from ..effects.sample_and_hold import SampleAndHold
 from ..effects.saturate import Saturate
-from ..errors import ConfigError, Problem
 from .transfer import Array, Transfer, polynomial
 
 __all__ = ["Feed", "effect_note", "effect_path", "known_effects", "static_gain"]

@@ -16,13 +16,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base.errors import Problem, listed, nearest
 from ..effects import Effect
-from ..errors import Problem, listed, nearest
 from ..fmi import Causality, Point
-from ..run import Prepared, prepare
-from ..signals import Layout, Signals
-from ..simulate import Grid, Report, simulate
-from ..system import Connection, Leg, Link, Port, System, Wire
+from ..simulation.loop import Grid, Report, simulate
+from ..simulation.run import Prepared, prepare
+from ..system.signal_vector import Layout, Signals
+from ..system.system import Connection, Leg, Link, Port, System, Wire
 from .tones import Measured, Tones
 from .transfer import Array
 
@@ -73,7 +73,7 @@ def sweep_system(
     straight drift, such as that of a free body, is taken out of the outputs.
 
     Args:
-        config, overrides: as `orchestrator.run.prepare`.
+        config, overrides: as `orchestrator.simulation.run.prepare`.
         source: an input, as "robot.command"; targets: outputs, as "contact.force".
         frequencies: wanted [Hz]; each is moved to the nearest whole multiple of the lowest, whose period is
             to be a whole number of communication steps.

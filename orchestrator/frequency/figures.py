@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ..plotting import COLORS
+from ..plotting.figures import COLORS
 from .charts import Chart
 from .gain import verdict
 from .margins import margins

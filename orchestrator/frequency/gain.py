@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from ..errors import OrchestratorError
+from ..base.errors import OrchestratorError
 from .loop import Loop
 from .plant import ACTIVE
 from .quasi import Complex, characteristic

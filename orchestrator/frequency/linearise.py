@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .. import bundled
-from ..errors import ConfigError, Problem, StepError, listed, nearest
-from ..fmi import Fmu, Point, StepStatus, Value, load_fmu
+from ..base.errors import ConfigError, Problem, StepError, listed, nearest
+from ..fmi import Fmu, Point, StepStatus, Value, bundled, load_fmu
 from .tones import Measured, Tones
 from .transfer import Array
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from ..base.errors import ConfigError, Problem, listed, nearest
 from ..effects import Effect
-from ..errors import ConfigError, Problem, listed, nearest
-from ..results import parameters_of
-from ..run import Prepared, prepare
-from ..system import Connection, System
+from ..results.recorders import parameters_of
+from ..simulation.run import Prepared, prepare
+from ..system.system import Connection, System
 from .connections import effect_note, effect_path, known_effects
 from .plant import ACTIVE, MODELS, Paths, problems_of
 from .quasi import QuasiPolynomial, characteristic
@@ -83,7 +83,7 @@ class Loop:
 
     @staticmethod
     def of(config: str | Path | Mapping[str, Any] | Prepared, overrides: Iterable[str] = ()) -> Loop:
-        """The loop of a config, as `orchestrator.run.prepare` takes it.
+        """The loop of a config, as `orchestrator.simulation.run.prepare` takes it.
 
         Raises: ConfigError with all problems: of the config, of parameters, or that there is no such loop.
         """

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Problem
+from ..base.errors import Problem
 from .transfer import Transfer, polynomial
 
 __all__ = ["MODELS", "Paths", "controller", "force_sensor", "problems_of", "robot_response"]

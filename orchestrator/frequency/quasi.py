@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 from .transfer import Array, Transfer, horner, plus, product, times, trimmed
 
 __all__ = ["QuasiPolynomial", "characteristic"]

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import ConfigError, OrchestratorError, listed
-from ..run import Prepared, prepare
+from ..base.errors import ConfigError, OrchestratorError, listed
+from ..simulation.run import Prepared, prepare
 from .charts import chart
 from .gain import contact_root, growth_per_contact, predict_contact, verdict
 from .loop import Loop
@@ -32,7 +30,7 @@ def stability(
 ) -> dict[str, Any]:
     """Analyse a configured docking system.
 
-    Args: as `orchestrator.run.prepare`.
+    Args: as `orchestrator.simulation.run.prepare`.
     Returns: a dict with `verdict`, `margins`, `critical_delays` (of the robot's tau_m), `roots`,
         `growth_per_contact`, `contact`, `step` and `notes`.
     Raises: ConfigError with all problems.
@@ -226,29 +224,3 @@ def stability_figures(loop: Loop) -> dict[str, Figure]:
         "roots": figures.root_map({loop.name: roots}),
         "chart": figures.stability_chart(drawn, {"this system": here}),
     }
-
-
-def main(args: argparse.Namespace) -> int:
-    """The command `orchestrator stability`."""
-    prepared = prepare(args.config, args.overrides)
-    report = stability(prepared)
-    if not args.json:
-        print(text(report))
-    files = []
-    if args.out is not None:
-        from .. import plotting
-
-        folder = Path(args.out)
-        folder.mkdir(parents=True, exist_ok=True)
-        content = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
-        (folder / "stability.json").write_text(content + "\n", encoding="utf-8")
-        files.append("stability.json")
-        for name, figure in stability_figures(Loop.of(prepared)).items():
-            plotting.save(figure, folder / f"{name}.png")
-            files.append(f"{name}.png")
-        if not args.json:
-            print(f"Written to {folder}: {', '.join(files)}")
-    if args.json:
-        told = {"exit_code": 0, "folder": args.out, "files": files, **report}
-        print(json.dumps(told, allow_nan=False, ensure_ascii=False))
-    return 0

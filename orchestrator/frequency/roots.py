@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from ..errors import OrchestratorError
+from ..base.errors import OrchestratorError
 from .quasi import Complex, QuasiPolynomial
 from .transfer import Array
 

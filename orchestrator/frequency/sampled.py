@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ConfigError, Problem, listed
+from ..base.errors import ConfigError, Problem, listed
 from .connections import Feed
 from .gain import growth_per_contact
 from .loop import Loop, Wire

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ConfigError, Problem, listed
+from ..base.errors import ConfigError, Problem, listed
 from ..fmi import Causality, Fmu, FmuInstance, Kind, Value
-from ..instances import instantiate
-from ..run import Prepared, prepare
-from ..system import Connection, Port
+from ..master.running_instances import instantiate
+from ..simulation.run import Prepared, prepare
+from ..system.system import Connection, Port
 from .connections import static_gain
 from .linearise import load
 from .transfer import Array
@@ -106,7 +106,7 @@ def system_state_space(
     """The state space of a configured system at its start, without communication steps.
 
     Args:
-        config, overrides: as `orchestrator.run.prepare`.
+        config, overrides: as `orchestrator.simulation.run.prepare`.
         inputs: as "robot.command"; what drives an input adds to what is connected to it.
         outputs: as "contact.force".
     Raises: ConfigError with all instances that offer no directional derivatives or hide a delay, and all

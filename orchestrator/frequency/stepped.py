@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 from .charts import Chart
 from .loop import Loop
 from .sampled import sample

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 from .transfer import Array
 
 __all__ = ["Measured", "Tones"]

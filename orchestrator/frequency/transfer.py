@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import ConfigError, Problem
+from ..base.errors import ConfigError, Problem
 
 __all__ = ["Array", "Term", "Transfer", "times"]
 

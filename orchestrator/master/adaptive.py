@@ -9,16 +9,16 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from ..base.errors import ConfigError, Problem, StepError
 from ..config import Places
-from ..errors import ConfigError, Problem, StepError
 from ..fmi import Point, StepStatus
-from ..instances import Instances
-from ..ledger import Step
-from ..signals import Signals
-from ..system import System
+from ..system.signal_vector import Signals
+from ..system.system import System
 from .base import Master, MasterAlgorithm, StepInfo, create_master, need_rollback
+from .energy import Step
 from .estimates import Attempt, Estimate, create_estimate, tolerance_problems
 from .rates import slow
+from .running_instances import Instances
 
 __all__ = ["Adaptive"]
 
@@ -42,7 +42,7 @@ class Adaptive(Master):
             error of the base to leading order, at half as many steps again.
         inputs: what the inputs were supposed to be against what their sources are at the end. It costs no
             step; for inputs that are held it is larger than the error that it stands for.
-        power: the energy that the coupling creates at each power bond (see `orchestrator.ledger`), as in
+        power: the energy that the coupling creates at each power bond (see `orchestrator.master.energy`), as in
             Sadjina, Kyllingstad, Skjong and Pedersen's ECCO. It costs no step and by default never goes
             back, so that FMUs need not save their state: what an unforeseen event costs is seen by the next
             part only.

@@ -9,14 +9,14 @@ from typing import Any, ClassVar, Protocol
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from ..base.errors import ConfigError, Problem, SimulationEnded, StepError, listed, nearest
 from ..config import Places, validation_problems
-from ..errors import ConfigError, Problem, SimulationEnded, StepError, listed, nearest
 from ..fmi import Point, StepStatus
-from ..instances import Instances
-from ..ledger import Step
-from ..loops import loop_problem
-from ..signals import Signals
-from ..system import System
+from ..system.algebraic_loops import loop_problem
+from ..system.signal_vector import Signals
+from ..system.system import System
+from .energy import Step
+from .running_instances import Instances
 
 __all__ = [
     "DONE",

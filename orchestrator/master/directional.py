@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ..fmi import Array, Kind
-from ..instances import Instances
-from ..system import Connection, Port
+from ..system.system import Connection, Port
+from .running_instances import Instances
 
 __all__ = ["sweep_slope"]
 

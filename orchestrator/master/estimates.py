@@ -8,16 +8,16 @@ from typing import Protocol
 
 import numpy as np
 
+from ..base.errors import Problem, listed, nearest
+from ..base.units import ONE, UnitError, parse_quantity, parse_unit
 from ..config import Places
-from ..errors import Problem, listed, nearest
 from ..fmi import Array, Kind, StepStatus
-from ..instances import Instances
-from ..ledger import Before, Books, Step
-from ..signals import Layout, Signals
-from ..system import System
-from ..units import ONE, UnitError, parse_quantity, parse_unit
+from ..system.signal_vector import Layout, Signals
+from ..system.system import System
 from .base import StepInfo
+from .energy import Before, Books, Step
 from .extrapolation import predicted
+from .running_instances import Instances
 
 __all__ = ["Attempt", "Estimate", "allowed_energy", "create_estimate", "tolerance_problems"]
 

@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from ..base.errors import Problem
 from ..config import Places
-from ..errors import Problem
 from ..fmi import Array, Point
-from ..instances import Curve, Instances
-from ..system import System
+from ..system.system import System
 from .base import Master
 from .rates import slow_with_extrapolation
+from .running_instances import Curve, Instances
 
 __all__ = ["Extrapolating", "Extrapolation", "predicted", "weights"]
 

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from .. import graph
+from ..base import graph
+from ..base.errors import Problem
+from ..base.fixed_point import Anderson, FixedPoint, Newton, Solver, solve
 from ..config import Places
-from ..errors import Problem
-from ..fixed_point import Anderson, FixedPoint, Newton, Solver, solve
 from ..fmi import Array, Kind, Point, StepStatus
-from ..initialisation import not_converged
-from ..instances import Curve, Instances
-from ..signals import Layout, Signals, Wired
-from ..system import Port, System
+from ..system.initialisation import not_converged
+from ..system.signal_vector import Layout, Signals, Wired
+from ..system.system import Port, System
 from .base import Master, StepInfo, failure, need_rollback
 from .directional import sweep_slope
 from .rates import slow
+from .running_instances import Curve, Instances
 
 __all__ = ["Iterative"]
 

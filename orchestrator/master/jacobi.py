@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from ..fmi import Point, StepStatus
-from ..instances import Instances
-from ..signals import Signals
-from ..system import System
+from ..system.signal_vector import Signals
+from ..system.system import System
 from .base import DONE, StepInfo, failure
 from .extrapolation import Extrapolating, Extrapolation
+from .running_instances import Instances
 
 __all__ = ["Jacobi"]
 

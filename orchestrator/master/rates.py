@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ..base.errors import Problem
 from ..config import Places
-from ..errors import Problem
-from ..system import System
+from ..system.system import System
 
 __all__ = ["slow", "slow_with_extrapolation"]
 

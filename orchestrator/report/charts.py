@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..page import SignalStore, note
-from ..plotting import draw_overlaid, draw_signals, svg
-from ..results import Results
+from ..plotting.figures import draw_overlaid, draw_signals, svg
+from ..plotting.page import SignalStore, note
+from ..results.recorders import Results
 
 __all__ = ["HELP", "coupling_charts", "run_charts", "shared_charts"]
 

@@ -9,12 +9,12 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from ..base.errors import ConfigError, OrchestratorError
+from ..base.folder_lock import NAME as LOCK
+from ..base.folder_lock import locked
 from ..config import Config, load_config
-from ..errors import ConfigError, OrchestratorError
-from ..folder_lock import NAME as LOCK
-from ..folder_lock import locked
-from ..measures import ChosenMeasure, choose_measures
-from ..results import Results, read_results
+from ..results.measures import ChosenMeasure, choose_measures
+from ..results.recorders import Results, read_results
 
 __all__ = ["RunFolder", "State", "is_run", "read_run"]
 

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..graph import levels
+from ..base.graph import levels
 
 __all__ = ["Box", "Drawing", "Net", "Node", "Wire", "lay_out"]
 

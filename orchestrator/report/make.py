@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import ConfigError, OrchestratorError, Problem, listed
+from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from .folder import is_run, read_run
 from .run_page import BUDGET
 

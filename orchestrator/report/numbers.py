@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..page import table
-from ..table import OWN
+from ..base.text_tables import OWN
+from ..plotting.page import table
 
 __all__ = ["KeyNumber", "coupling_table", "key_numbers", "measure_tables", "spelt"]
 

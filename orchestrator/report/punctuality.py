@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ..page import details, figure, heading, note, table
-from ..plotting import draw_punctuality, svg
+from ..plotting.figures import draw_punctuality, svg
+from ..plotting.page import details, figure, heading, note, table
 
 __all__ = ["punctuality"]
 

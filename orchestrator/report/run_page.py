@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any
 
-from ..errors import OrchestratorError, listed
-from ..page import (
+from ..base.errors import OrchestratorError, listed
+from ..base.text_tables import remarks
+from ..plotting.figures import encoded
+from ..plotting.page import (
     SignalStore,
     aside,
     card,
@@ -20,8 +22,6 @@ from ..page import (
     provenance,
     table,
 )
-from ..plotting import encoded
-from ..table import remarks
 from .charts import HELP, coupling_charts, run_charts
 from .folder import RunFolder, State
 from .graph_svg import draw_graph, links_of

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from ..page import SignalStore, aside, details, document, figure, heading, note, provenance, table
-from ..plotting import encoded
+from ..plotting.figures import encoded
+from ..plotting.page import SignalStore, aside, details, document, figure, heading, note, provenance, table
 from .charts import HELP, shared_charts
 from .folder import RunFolder, State
 from .numbers import measure_tables, spelt

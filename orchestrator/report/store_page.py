@@ -9,8 +9,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from ..page import SignalStore, details, document, heading, note, provenance, table
-from ..plotting import draw_points, svg
+from ..plotting.figures import draw_points, svg
+from ..plotting.page import SignalStore, details, document, heading, note, provenance, table
 
 __all__ = ["SweepTable", "page", "page_of_tables"]
 
@@ -43,7 +43,7 @@ class SweepTable:
 
 def page(folder: Path) -> str:
     """The page of a store, HTML. Raises: ConfigError, OrchestratorError if it cannot be read."""
-    from ..campaign.reading import Store
+    from ..campaign.database import Store
 
     studies = []
     with Store(folder) as store:

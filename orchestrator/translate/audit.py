@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .classes import ModelicaClass, used_classes
 from .lexer import Token

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
 
-from orchestrator.errors import BuildError
-from orchestrator.scratch import scratch_root
+from orchestrator.base.errors import BuildError
+from orchestrator.base.temporary_folders import scratch_root
 
 from .package import (
     PLATFORMS,

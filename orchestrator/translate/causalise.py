@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
-from orchestrator.errors import BuildError, listed
+from orchestrator.base.errors import BuildError, listed
 
 from .flat import (
     KINKED,

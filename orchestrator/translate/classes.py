@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .lexer import Token, tokenise
 

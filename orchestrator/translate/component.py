@@ -15,7 +15,7 @@ from typing import Any
 
 import casadi as ca
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .explore import Explorer, Leaf
 from .traced import Tape, Traced, TraceError

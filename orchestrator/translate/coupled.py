@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
-from orchestrator.errors import BuildError
-from orchestrator.scratch import scratch_root
+from orchestrator.base.errors import BuildError
+from orchestrator.base.temporary_folders import scratch_root
 
 from .package import PLATFORMS, FmiVersion, compile_library, interface_headers
 

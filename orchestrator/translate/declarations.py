@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .expressions import ExpressionReader, Json
 from .flat import Literal, Node, Reference, Role, Type, Variable, walk

@@ -7,8 +7,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from orchestrator.errors import BuildError
-from orchestrator.units import BASE_NAMES, Unit, UnitError, convert, parse_unit
+from orchestrator.base.errors import BuildError
+from orchestrator.base.units import BASE_NAMES, Unit, UnitError, convert, parse_unit
 
 
 @dataclass

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .flat import Delay, Derivative, If, Literal, Node, NoEvent, Operation, Reference, render, walk
 from .interpreter import evaluate

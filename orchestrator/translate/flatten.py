@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .expressions import Json
 from .lexer import tokenise

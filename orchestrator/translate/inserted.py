@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 __all__ = ["appended", "memory_told", "own_source", "requirements_check"]
 

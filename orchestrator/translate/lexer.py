@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 KEYWORDS = frozenset(
     "algorithm and annotation block break class connect connector constant constrainedby der discrete each "

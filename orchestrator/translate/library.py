@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .build import ALL, BuildReport, build
 

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .build import ALL, BuildReport, check_options, compiled, content_token, need_casadi
 from .package import build_description, runtime_sources, write_fmu

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .flat import Literal, Node, Operation
 from .sources import Location

@@ -7,8 +7,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from orchestrator.errors import BuildError
-from orchestrator.scratch import scratch_root
+from orchestrator.base.errors import BuildError
+from orchestrator.base.temporary_folders import scratch_root
 
 from .build import BuildReport
 from .sources import load_sources

@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Literal
 from xml.sax.saxutils import quoteattr
 
-from orchestrator.errors import BuildError
-from orchestrator.scratch import scratch_folder
-from orchestrator.whole_file import whole_file
+from orchestrator.base.atomic_files import whole_file
+from orchestrator.base.errors import BuildError
+from orchestrator.base.temporary_folders import scratch_folder
 
 FmiVersion = Literal["2.0", "3.0"]
 

@@ -15,7 +15,7 @@ from hashlib import sha256
 from html import escape
 from typing import Any
 
-from orchestrator.provenance import versions
+from orchestrator.base.provenance import versions
 
 __all__ = ["Section", "dress", "sources_of", "text_section"]
 
@@ -64,7 +64,7 @@ def dress(
     }
     if provenance is not None:
         told = {"generationTool": "orchestrator", "modelName": title, **provenance}
-        members["extra/orchestrator/provenance.json"] = (json.dumps(told, indent=2) + "\n").encode()
+        members["extra/orchestrator/base/provenance.json"] = (json.dumps(told, indent=2) + "\n").encode()
     return members
 
 

@@ -29,13 +29,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from orchestrator.errors import BuildError, listed
-from orchestrator.scratch import scratch_root
+from orchestrator.base.errors import BuildError, listed
+from orchestrator.base.temporary_folders import scratch_root
+from orchestrator.base.units import BASE_NAMES, Unit, UnitError, parse_unit
 from orchestrator.translate.inserted import appended, requirements_check
 from orchestrator.translate.package import write_fmu
 from orchestrator.translate.presentation import Section, dress, sources_of, text_section
 from orchestrator.translate.shared_source import assembled, pieces
-from orchestrator.units import BASE_NAMES, Unit, UnitError, parse_unit
 
 try:
     from lxml import etree

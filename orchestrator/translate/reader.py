@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .audit import audit_flattened, audit_sources, experiment
 from .declarations import (

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .flat import FlatModel, Literal, Node, Role, Type, Variable, render
 from .interpreter import Value, derivative_key, evaluate

@@ -11,7 +11,7 @@ import ast
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 __all__ = ["Piece", "assembled", "pieces"]
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 
-from orchestrator.errors import BuildError, listed, nearest
-from orchestrator.scratch import scratch_folder
+from orchestrator.base.errors import BuildError, listed, nearest
+from orchestrator.base.temporary_folders import scratch_folder
 
 from .classes import ModelicaClass, find_classes, within_clause
 from .lexer import Token, tokenise

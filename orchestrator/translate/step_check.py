@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .component import DISCARD, ERROR, ComponentProgram
 

@@ -6,7 +6,7 @@ import re
 
 import casadi as ca
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .component import ComponentProgram, StepVariable
 from .generate import TOKEN_MARK, c_string, trimmed, work_array

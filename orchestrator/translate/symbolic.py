@@ -9,7 +9,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import casadi as ca
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .flat import (
     EQUALITIES,

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 __all__ = ["LARGEST", "OPERATIONS", "Tape", "TraceError", "Traced", "TracedText"]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import FunctionType, ModuleType
 from typing import Any
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .explore import Explorer
 from .shared_source import pieces

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 
 from .expressions import Json
 from .lexer import Token, tokenise

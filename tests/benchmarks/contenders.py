@@ -15,9 +15,10 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import NamedTuple
 
+from orchestrator.results.recorders.recorders import Recorder
+
 from orchestrator.master import create_master
-from orchestrator.results import Recorder
-from orchestrator.simulate import Grid, simulate
+from orchestrator.simulation.loop import Grid, simulate
 
 from .systems import STEP_SIZE, Plant
 

@@ -20,16 +20,16 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from orchestrator.system.system.assembly import Part, assemble
+from orchestrator.system.system.signal_vector import Layout
+from orchestrator.system.system.system import System
 
-from orchestrator.assembly import Part, assemble
-from orchestrator.bundled import find_fmu
 from orchestrator.fmi import Array
-from orchestrator.instances import instantiate
+from orchestrator.fmi.bundled import find_fmu
 from orchestrator.master import create_master
-from orchestrator.run import prepare
-from orchestrator.signals import Layout
-from orchestrator.simulate import Grid
-from orchestrator.system import System
+from orchestrator.master.running_instances import instantiate
+from orchestrator.simulation.loop import Grid
+from orchestrator.simulation.run import prepare
 from tests.doubles import FakeFmu, mass
 
 Options = str | Mapping[str, Any]
@@ -228,8 +228,7 @@ def orders(runs: Iterable[Run]) -> list[float]:
 def draw(problem: Problem, found: Mapping[str, list[Run]], path: Path) -> None:
     """Error against FMU steps and against CPU time, both logarithmic."""
     from matplotlib.figure import Figure
-
-    from orchestrator.plotting import COLORS, save
+    from orchestrator.plotting.figures.figures import COLORS, save
 
     figure = Figure(figsize=(11.0, 5.0), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)

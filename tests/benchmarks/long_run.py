@@ -13,10 +13,11 @@ from fractions import Fraction
 from pathlib import Path
 from time import perf_counter, process_time
 
+from orchestrator.results.recorders.measures import signal_changes
+from orchestrator.results.recorders.recorders import Recorder, read_results
+
 from orchestrator.master import create_master
-from orchestrator.measures import signal_changes
-from orchestrator.results import Recorder, read_results
-from orchestrator.simulate import Grid, simulate
+from orchestrator.simulation.loop import Grid, simulate
 
 from .systems import CASES, STEP_SIZE, Plant, build
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.errors import OrchestratorError
-from orchestrator.exchange.lone import load_lone_fmu
-from orchestrator.run import run
+from orchestrator.base.errors import OrchestratorError
+from orchestrator.exchange.single_fmu import load_lone_fmu
+from orchestrator.simulation.run import run
 
 
 def reference(path: Path) -> dict[str, list[str]]:

@@ -20,7 +20,7 @@ from statistics import median
 from time import perf_counter
 from typing import Any
 
-from orchestrator.run import prepare, run
+from orchestrator.simulation.run import prepare, run
 
 from .systems import STEP_SIZE, Case, build, ring
 

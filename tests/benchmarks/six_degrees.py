@@ -13,7 +13,7 @@ import os
 import sys
 import time
 
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 SYSTEMS = ("docking-6d", "docking-6d-arm")
 PYTHON_FORM = {

@@ -21,7 +21,7 @@ from time import perf_counter
 
 ROOT = Path(__file__).parents[2]
 RUN = """
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 made = run({
     "run": {"master": "gauss-seidel", "step_size": "1 ms", "stop_time": "10 ms"},
     "instances": {"robot": {"fmu": "RobotResponse", "start": {"command": "0 m"}}},

@@ -34,7 +34,7 @@ from typing import Any
 
 from orchestrator.campaign import Store, Study
 from orchestrator.campaign.sweep import Swept
-from orchestrator.run import prepare, run
+from orchestrator.simulation.run import prepare, run
 
 ROOT = Path(__file__).parents[2]
 NATIVE = {"controller.form": "native", "satellite.form": "native"}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from orchestrator import bundled
 from orchestrator.campaign import Study
 from orchestrator.config import load_config
+from orchestrator.fmi import bundled
 
 # 100 steps of compiled FMUs, one contact.
 QUICK = {

@@ -8,7 +8,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 
 STUDY = """
 format: sweep/1

@@ -14,11 +14,11 @@ import pytest
 import workers_tasks
 from campaign_bench import quick, through
 
+from orchestrator.base.digests import digest_of
+from orchestrator.base.errors import ConfigError, OrchestratorError
 from orchestrator.campaign import Store
-from orchestrator.digests import digest_of
-from orchestrator.errors import ConfigError, OrchestratorError
-from orchestrator.workers import LocalPool, Retry, Work, pool_of
-from orchestrator.workers.files import place_of, put_file
+from orchestrator.fmi.workers import LocalPool, Retry, Work, pool_of
+from orchestrator.fmi.workers.files import place_of, put_file
 
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from campaign_bench import one_body, quick, with_mass_in
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.campaign import Study
-from orchestrator.errors import ConfigError
 
 
 def points(design, **changes):

@@ -9,9 +9,9 @@ import yaml
 from campaign_bench import QUICK, one_body, quick, through, with_mass_in
 
 from orchestrator.campaign import Study
-from orchestrator.campaign import product as products
+from orchestrator.campaign import software_version as products
 from orchestrator.config import dump
-from orchestrator.run import prepare
+from orchestrator.simulation.run import prepare
 
 _MODULE = '''
 from typing import ClassVar

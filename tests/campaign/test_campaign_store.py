@@ -18,11 +18,11 @@ from extent import all_or
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.campaign import Store, Study
 from orchestrator.campaign.journal import Journal, read_journal
 from orchestrator.campaign.store import StoreWriter, journals, parts
 from orchestrator.config import load_config
-from orchestrator.errors import ConfigError
 
 HERE = Path(__file__).parent
 posix = pytest.mark.skipif(os.name != "posix", reason="kills and limits of POSIX")
@@ -191,7 +191,7 @@ def test_a_full_disk_is_told_and_the_store_stays_readable(tmp_path):
 import sys
 sys.path[:0] = [{str(HERE)!r}, {str(HERE.parents[1])!r}]
 from campaign_bench import quick
-from orchestrator.errors import OrchestratorError
+from orchestrator.base.errors import OrchestratorError
 try:
     quick(design={grid!r}, record="all").run({str(store)!r}, jobs=1)
 except OrchestratorError as error:
@@ -224,7 +224,7 @@ _COMPACT = """
 import resource, sys
 sys.path[:0] = [{root!r}]
 from orchestrator.campaign import store
-from orchestrator.errors import OrchestratorError
+from orchestrator.base.errors import OrchestratorError
 store._MOST = 8
 try:
     with store.StoreWriter(store.Path({folder!r})) as writer:

@@ -7,10 +7,10 @@ import pytest
 from archives import repack
 from campaign_bench import QUICK, one_body, quick, with_mass_in
 
-from orchestrator import bundled
+from orchestrator.base.errors import ConfigError
 from orchestrator.campaign import Study
 from orchestrator.config import dump, load_config
-from orchestrator.errors import ConfigError
+from orchestrator.fmi import bundled
 
 
 def test_a_run_has_one_identity_however_it_is_written():

@@ -12,12 +12,12 @@ import pytest
 import workers_tasks
 from campaign_bench import QUICK, quick
 
+from orchestrator.base.errors import ConfigError, Interrupted
 from orchestrator.campaign import Store, Study
-from orchestrator.errors import ConfigError, Interrupted
-from orchestrator.fmi import frames
-from orchestrator.run import run
-from orchestrator.workers import LocalPool, Work
-from orchestrator.workers.child import Child, KilledError, _begun
+from orchestrator.fmi import messages as frames
+from orchestrator.fmi.workers import LocalPool, Work
+from orchestrator.fmi.workers.child import Child, KilledError, _begun
+from orchestrator.simulation.run import run
 
 CRASH, HANG = 1, 2
 

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from orchestrator.results.recorders.recorders import Results
 
-from orchestrator import bundled
 from orchestrator.exchange.ssp.write import write_ssp
 from orchestrator.exchange.system_fmu import export_system_fmu
-from orchestrator.fmi import load_fmu
-from orchestrator.results import Results
-from orchestrator.run import prepare, run
+from orchestrator.fmi import bundled, load_fmu
+from orchestrator.simulation.run import prepare, run
 from orchestrator.translate.build import build
 
 from .job import Job, Part, job_of

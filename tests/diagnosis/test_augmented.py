@@ -15,7 +15,7 @@ from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.written import SEED
 from orchestrator.effects.draws import normal, uniform
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 TICKS, STEPS = 600, 5
 # RobotResponse's delay holds the first command before the start, where the rig's robot is moving already.

@@ -11,14 +11,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from orchestrator.base.errors import OrchestratorError
 from orchestrator.diagnosis import calibrate
 from orchestrator.diagnosis.answers import Answer, complete
 from orchestrator.diagnosis.calibrate import _outcomes, _written, main
 from orchestrator.diagnosis.calibration import FILE, Calibration, calibration
 from orchestrator.diagnosis.challenge.draw import SHARES
 from orchestrator.diagnosis.learning import Practice, learn_leaves, learn_unseen
-from orchestrator.errors import OrchestratorError
-from orchestrator.workers import Work, pool_of
+from orchestrator.fmi.workers import Work, pool_of
 
 
 def practised(number: int) -> Practice:

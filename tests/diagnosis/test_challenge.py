@@ -14,13 +14,13 @@ import pytest
 import yaml
 
 import orchestrator.diagnosis
-from orchestrator.__main__ import main
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.challenge.make import Order, make
 from orchestrator.diagnosis.challenge.score import Marked, figures, score
 from orchestrator.diagnosis.challenge.seal import LEDGER, SEALED, open_truth, truth_digest
 from orchestrator.diagnosis.challenge.verdict import Answer, Verdict, answer_set, names
 from orchestrator.diagnosis.study import Role, load_study
-from orchestrator.errors import ConfigError
 
 DIAGNOSIS = Path(orchestrator.diagnosis.__file__).parent
 GAP = Path(__file__).parents[3] / "shared" / "gap"

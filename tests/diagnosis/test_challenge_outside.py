@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.challenge import make
 from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run, run_series
 from orchestrator.diagnosis.challenge.evidence import visibility

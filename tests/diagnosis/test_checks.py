@@ -12,13 +12,13 @@ from extent import all_or
 from logged import logged_study, with_column
 from scipy.signal import lfilter
 
+from orchestrator.base.errors import Problem
 from orchestrator.diagnosis.answers import weigh_software
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.consistency import _force_of_velocity, _force_out_of_contact
 from orchestrator.diagnosis.mistakes import told_once
 from orchestrator.diagnosis.study import Role, load_study
-from orchestrator.errors import Problem
 
 CASES = Path(__file__).parents[3] / "shared" / "gap" / "cases"
 

@@ -12,7 +12,9 @@ import pytest
 import yaml
 from logged import logged_study, with_column, write_case
 
-from orchestrator.__main__ import main
+from orchestrator.base.digests import file_digest
+from orchestrator.base.errors import ConfigError, OrchestratorError
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.catalogue import catalogue, in_words
 from orchestrator.diagnosis.diagnose import STAGES, diagnose
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
@@ -21,8 +23,6 @@ from orchestrator.diagnosis.parts import Parts
 from orchestrator.diagnosis.report_text import text as in_lines
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.verdict import read_diagnosis
-from orchestrator.digests import file_digest
-from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.report.make import report
 
 HERTZ = catalogue()["contact.hertz"]

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
 from orchestrator.diagnosis import menu as menus
 from orchestrator.diagnosis.catalogue import catalogue
@@ -18,7 +19,6 @@ from orchestrator.diagnosis.menu import MENU, Experiment, menu, menu_of
 from orchestrator.diagnosis.outlook import chosen
 from orchestrator.diagnosis.study import Role, _experiments
 from orchestrator.diagnosis.trial import Chain, Trial
-from orchestrator.errors import ConfigError
 from tests.diagnosis.labs import Noisy, found, lab, model
 from tests.extent import all_or
 

@@ -10,7 +10,8 @@ import pytest
 import yaml
 from logged import logged_study, with_column, write_case
 
-from orchestrator.__main__ import main
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.challenge.verdict import read_verdict
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.effect import Parameter
@@ -19,7 +20,6 @@ from orchestrator.diagnosis.mapping import Column
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.servo import pulse_response
 from orchestrator.diagnosis.study import Role, load_study
-from orchestrator.errors import ConfigError
 from tests.diagnosis.rigs import NOMINAL
 
 

@@ -16,6 +16,7 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.io import savemat
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.logs import LogError, read_log
@@ -23,7 +24,6 @@ from orchestrator.diagnosis.mapping import columns_of, read_mapping
 from orchestrator.diagnosis.ports.keys import Logged
 from orchestrator.diagnosis.study import UNITS as NOMINAL_UNITS
 from orchestrator.diagnosis.study import load_study
-from orchestrator.errors import ConfigError
 
 SIGNALS = (
     "desired_position", "desired_velocity", "encoder_position", "sensor_force", "compensated_force",

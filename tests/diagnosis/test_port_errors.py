@@ -12,13 +12,13 @@ import yaml
 from mcap.writer import Writer
 from ports_bench import change_log, study
 
-from orchestrator import bundled
-from orchestrator.__main__ import main
-from orchestrator.diagnosis.cli import _folders
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.diagnosis import _folders
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.mistakes import wrong_scales
 from orchestrator.diagnosis.ports.diagnose import diagnose_ports
 from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.errors import ConfigError
+from orchestrator.fmi import bundled
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
+from orchestrator.system.system.system import Port
 from ports_bench import LAWS, UNITS, change_log, study, system
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Finding
 from orchestrator.diagnosis.ports import player
 from orchestrator.diagnosis.ports.apart import closed
@@ -25,10 +27,8 @@ from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.verdict import AUGMENTED, EXPORTABLE
 from orchestrator.effects.gain import Gain
 from orchestrator.effects.offset import Offset
-from orchestrator.errors import ConfigError
-from orchestrator.run import run
-from orchestrator.simulate import simulate
-from orchestrator.system import Port
+from orchestrator.simulation.loop import simulate
+from orchestrator.simulation.run import run
 
 
 @pytest.mark.parametrize("loop", ["native", "python"])

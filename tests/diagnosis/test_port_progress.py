@@ -6,10 +6,10 @@ import re
 from itertools import pairwise
 from types import SimpleNamespace
 
-from orchestrator.diagnosis.cli import _Bar
+from orchestrator.cli.diagnosis import _Bar
 from orchestrator.diagnosis.search import each
 from orchestrator.diagnosis.tally import Tally, stage, tallied, telling, twice
-from orchestrator.progress import Share
+from orchestrator.results.progress import Share
 
 
 class Clock:

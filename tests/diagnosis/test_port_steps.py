@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from orchestrator.system.system.system import Port
 from ports_bench import STEP, friction, study
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import load_config
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import NOMINAL
@@ -22,9 +24,7 @@ from orchestrator.diagnosis.ports.steps import told_of_step, weighed_without_ste
 from orchestrator.diagnosis.ports.tempering import Tempering
 from orchestrator.diagnosis.ports.weigh import weigh_ports
 from orchestrator.effects.quantise import Quantise
-from orchestrator.errors import ConfigError
-from orchestrator.run import run
-from orchestrator.system import Port
+from orchestrator.simulation.run import run
 
 POSITION, VOLTAGE = Port("drive", "position"), Port("controller", "voltage")
 FEW = {"only": ["drive.position.offset", "drive.voltage.delay", "drive.coulomb"]}

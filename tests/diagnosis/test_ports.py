@@ -11,7 +11,7 @@ import pytest
 import yaml
 from ports_bench import COULOMB, POSITION, VOLTAGE, friction, study
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.catalogue import in_words
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.finding import Augmented, Candidate
@@ -25,7 +25,7 @@ from orchestrator.diagnosis.ports.seek import carries
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.weigh import foremost, weigh_ports
 from orchestrator.diagnosis.verdict import read_diagnosis
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 # Each law is compiled when it is first used, so that fewer of them are quicker.
 FEW = {"only": ["drive.coulomb", "drive.stribeck", "drive.viscous", "drive.voltage.*"]}

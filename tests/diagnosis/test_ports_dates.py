@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from ports_bench import study
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.ports.reader import load_port_study
-from orchestrator.errors import ConfigError
 
 
 @pytest.mark.parametrize("date", ["04.03.2026 09:15:{:06.3f}", "3/4/2026 9:15:{:06.3f}"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from ports_bench import POSITION, TIED, VELOCITY, VOLTAGE, answer, study
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.answers import Answer
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
 from orchestrator.diagnosis.outlook import laplace
@@ -23,7 +24,6 @@ from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay, Weighted, measure
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.ties import alike
-from orchestrator.errors import ConfigError
 
 
 def weighted(found):

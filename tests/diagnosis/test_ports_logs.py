@@ -10,7 +10,8 @@ import pytest
 import yaml
 from ports_bench import COULOMB, POSITION, change_log, study
 
-from orchestrator.__main__ import main
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.channels import clipped
 from orchestrator.diagnosis.finding import NOMINAL, Candidate, Finding
 from orchestrator.diagnosis.ports.candidates import candidates
@@ -20,7 +21,6 @@ from orchestrator.diagnosis.ports.given import check_logs
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import measure
 from orchestrator.diagnosis.ports.simulated import simulated
-from orchestrator.errors import ConfigError
 
 
 def test_all_that_is_wrong_with_a_study_is_told_at_once(noiseless, capsys):

@@ -11,7 +11,8 @@ import pytest
 import yaml
 from ports_bench import POSITION, VOLTAGE, study
 
-from orchestrator.__main__ import main
+from orchestrator.base.errors import ConfigError, OrchestratorError
+from orchestrator.cli.main import main
 from orchestrator.diagnosis.ports.practice import (
     Case,
     Practise,
@@ -25,8 +26,7 @@ from orchestrator.diagnosis.ports.simulated import simulated
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.tempering import Tempering, read_practice, sealed
 from orchestrator.diagnosis.study import Nominal
-from orchestrator.errors import ConfigError, OrchestratorError
-from orchestrator.run import prepare
+from orchestrator.simulation.run import prepare
 
 
 def test_simulated_cases_hide_what_they_say(rubbing, effects):

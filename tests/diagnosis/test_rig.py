@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.effect import Site
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
 from orchestrator.diagnosis.study import Role, load_study
-from orchestrator.errors import ConfigError
 from tests.diagnosis.rigs import study
 
 GAP = Path(__file__).parents[3] / "shared" / "gap"

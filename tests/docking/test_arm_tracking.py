@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 
 def difference(speed: float, *overrides: str) -> tuple[float, float]:

@@ -6,9 +6,9 @@ import math
 import fmpy
 import pytest
 
-from orchestrator.bundled import find_fmu
 from orchestrator.docking.measures import DockingMeasure, DockingOptions
-from orchestrator.run import run
+from orchestrator.fmi.bundled import find_fmu
+from orchestrator.simulation.run import run
 
 MASS = 279.06976744186045
 STIFFNESS = 176e3

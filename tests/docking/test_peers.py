@@ -2,7 +2,7 @@
 
 import pytest
 
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 
 def speeds(name, stop_time, *overrides):

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.__main__ import main
+from orchestrator.base.errors import ConfigError, OrchestratorError
+from orchestrator.cli.main import main
 from orchestrator.docking.reproduction import delay, paper, rig
 from orchestrator.docking.reproduction import runs as making
 from orchestrator.docking.reproduction.catalogue import chosen_figures, experiments
 from orchestrator.docking.reproduction.experiment import Case, Quantity, above, below, between, near
 from orchestrator.docking.reproduction.runs import Failed, Pair, record, run_once
-from orchestrator.errors import ConfigError, OrchestratorError
-from orchestrator.workers import Failure, Outcome
+from orchestrator.fmi.workers import Failure, Outcome
 
 # What the page says cannot be matched; each has its reason there.
 DIFFER = {

@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 from orchestrator.docking.reproduction.page import headline, number, page, page_of_folder
 from orchestrator.docking.reproduction.reproduce import Reproduction
 
@@ -143,6 +143,6 @@ def test_an_interrupted_reproduction_says_what_is_kept(tmp_path, monkeypatch, ca
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("orchestrator.docking.reproduction.command.reproduce", interrupted)
+    monkeypatch.setattr("orchestrator.cli.reproduce.reproduce", interrupted)
     assert main(["reproduce", "--out", str(tmp_path)]) == 130
     assert "interrupted; nothing is kept of this reproduction" in capsys.readouterr().err

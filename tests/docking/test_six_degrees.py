@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 from orchestrator.docking.contacts import find_contacts
 from orchestrator.docking.space import effective_mass, stacked
 from orchestrator.docking.space_figures import comparison
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 # Of the initial energy: what the active mode may gain in any free flight, over all contacts of a run.
 ENERGY_BOUND = 3e-4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 
 INITIALISATION = "    [error] ExitInitializationMode: initialisation is refused\n"
 

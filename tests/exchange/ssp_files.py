@@ -6,8 +6,8 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from orchestrator import bundled
 from orchestrator.exchange.ssp.elements import SPACES
+from orchestrator.fmi import bundled
 
 _SPACES = " ".join(f'xmlns:{short}="{space}"' for short, space in SPACES.items())
 UNITS = """<ssd:Units>

@@ -7,14 +7,13 @@ import json
 import numpy as np
 import pytest
 import yaml
+from orchestrator.results.recorders.recorders import read_results
 from unruly import unruly_fmu
 
-from orchestrator import bundled
-from orchestrator.__main__ import main
-from orchestrator.exchange.lone import instance_name, times_of
-from orchestrator.fmi import load_fmu
-from orchestrator.results import read_results
-from orchestrator.run import run
+from orchestrator.cli.main import main
+from orchestrator.exchange.single_fmu import instance_name, times_of
+from orchestrator.fmi import bundled, load_fmu
+from orchestrator.simulation.run import run
 
 
 @pytest.fixture

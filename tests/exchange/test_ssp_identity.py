@@ -14,12 +14,12 @@ from foreign import arrays
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator import bundled
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import dump, load_config
-from orchestrator.errors import ConfigError
 from orchestrator.exchange.ssp.load import import_ssp
 from orchestrator.exchange.ssp.write import write_ssp
-from orchestrator.run import prepare, run
+from orchestrator.fmi import bundled
+from orchestrator.simulation.run import prepare, run
 
 # Those with a partner over UDP are no systems of FMUs.
 SYSTEMS = [name for name in bundled.system_names() if not load_config(name).model.external]

@@ -24,8 +24,8 @@ from ssp_files import (
     wire,
 )
 
-from orchestrator.__main__ import main
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.exchange.ssp.load import import_ssp
 
 ONE = system("rig", component("robot", "robot.fmu", ROBOT))

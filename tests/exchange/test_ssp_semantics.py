@@ -24,10 +24,10 @@ from ssp_files import (
 )
 from third_party import fetch
 
+from orchestrator.base.errors import ConfigError
 from orchestrator.config import load_config
-from orchestrator.errors import ConfigError
 from orchestrator.exchange.ssp.read import read_ssp
-from orchestrator.run import prepare, run
+from orchestrator.simulation.run import prepare, run
 
 RUN = ("run.master=jacobi", "run.step_size=1 ms")
 INNER_PORTS = """<ssd:Connectors>

@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
+from orchestrator.system.system.assembly import Part, assemble
 
-from orchestrator.__main__ import main
-from orchestrator.assembly import Part, assemble
+from orchestrator.base.errors import ConfigError, StepError
+from orchestrator.cli.exchange import _names
+from orchestrator.cli.main import main
 from orchestrator.config import load_config
 from orchestrator.effects import effect_names
-from orchestrator.errors import ConfigError, StepError
-from orchestrator.exchange.cli import _names
-from orchestrator.exchange.inside import EFFECTS, native_config
+from orchestrator.exchange.system_contents import EFFECTS, native_config
 from orchestrator.exchange.system_fmu import export_system_fmu
 from orchestrator.fmi import load_fmu
 from orchestrator.master.jacobi import Jacobi
-from orchestrator.run import run
-from orchestrator.simulate import Grid, simulate
+from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.run import run
 from orchestrator.translate.build import build
 from orchestrator.translate.coupled import binary, build_binaries
 from orchestrator.translate.package import PLATFORMS
@@ -397,7 +397,7 @@ def test_the_same_config_gives_the_same_bytes(tmp_path):
         assert "binaries/win64/docking_1d.dll" in names
         assert "binaries/darwin64/docking_1d.dylib" in names
         assert load_config(
-            _written(tmp_path, archive.read("extra/orchestrator/system.yaml"))
+            _written(tmp_path, archive.read("extra/orchestrator/system/system.yaml"))
         ).model.run.step_size
 
 
@@ -492,7 +492,7 @@ def test_an_export_needs_nothing_of_the_build_extra(tmp_path):
     code = (
         "import sys\n"
         "for one in ('casadi', 'pythonfmu', 'rumoca', 'ziglang'): sys.modules[one] = None\n"
-        "from orchestrator.__main__ import main\n"
+        "from orchestrator.cli.main import main\n"
         f"sys.exit(main(['export', 'docking-1d-uncompensated', '-o', {str(target)!r}]))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -9,12 +9,12 @@ import foreign
 import pytest
 from archives import repack
 
-from orchestrator.__main__ import main
+from orchestrator.cli.fmu_tools.bench import bench_fmus
+from orchestrator.cli.fmu_tools.comparison import compare_fmus
+from orchestrator.cli.fmu_tools.contents import binaries, inspect_fmu
+from orchestrator.cli.fmu_tools.trial import Conditions
+from orchestrator.cli.main import main
 from orchestrator.fmi import load_fmu
-from orchestrator.fmu_tools.bench import bench_fmus
-from orchestrator.fmu_tools.comparison import compare_fmus
-from orchestrator.fmu_tools.contents import binaries, inspect_fmu
-from orchestrator.fmu_tools.trial import Conditions
 
 FOLDER = Path(__file__).parents[2] / "fmus"
 FMUS = sorted(FOLDER.glob("*/*.fmu"))
@@ -112,7 +112,7 @@ def test_a_change_is_told_in_declaration_and_behaviour(tmp_path, capsys):
 
 
 def test_the_same_seed_gives_the_same_inputs_whatever_else_there_is():
-    from orchestrator.fmu_tools.stimulus import stimulus
+    from orchestrator.cli.fmu_tools.stimulus import stimulus
 
     inputs = load_fmu(FOLDER / "PointContact" / "PointContact.fmu").description.inputs[:4]
     rows = stimulus(inputs, 60, 1.0, 7)

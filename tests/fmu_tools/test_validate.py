@@ -10,12 +10,12 @@ import foreign
 import pytest
 from archives import repack
 
-from orchestrator.__main__ import main
+from orchestrator.cli.fmu_tools.binaries import read_images
+from orchestrator.cli.fmu_tools.finding import Level, Verdict
+from orchestrator.cli.fmu_tools.trial import Conditions
+from orchestrator.cli.fmu_tools.validate import has_errors, validate_fmu
+from orchestrator.cli.main import main
 from orchestrator.fmi.archive import binary_folder
-from orchestrator.fmu_tools.finding import Level, Verdict
-from orchestrator.fmu_tools.images import read_images
-from orchestrator.fmu_tools.trial import Conditions
-from orchestrator.fmu_tools.validate import has_errors, validate_fmu
 
 FMUS = sorted((Path(__file__).parents[2] / "fmus").glob("*/*.fmu"))
 FEW = Conditions(steps=20)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import FMUS, load_model
 
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed: pip install pin")
 STEP = 5e-4

@@ -15,7 +15,7 @@ from extent import all_or
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.translate import component, step_check
 from orchestrator.translate.native_form import build_native_fmu
 
@@ -414,7 +414,7 @@ CONFIG = {
 
 
 def test_a_system_chooses_the_form():
-    from orchestrator.run import run
+    from orchestrator.simulation.run import run
 
     results = {}
     for form in ("python", "native"):
@@ -426,7 +426,8 @@ def test_a_system_chooses_the_form():
 
 @pytest.mark.parametrize("fmu", ["RobotResponse", "SatelliteDynamics-native"])
 def test_a_form_that_does_not_exist_is_refused(fmu):
-    from orchestrator.assembly import load_system
+    from orchestrator.system.system.assembly import load_system
+
     from orchestrator.config import load_config
 
     config = {**CONFIG, "instances": {"one": {"fmu": fmu, "form": "native"}}}

@@ -15,9 +15,9 @@ from conftest import FMUS, load_model
 from fmpy.validation import validate_fmu
 from lxml import etree
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
+from orchestrator.base.units import parse_unit
 from orchestrator.translate.python_fmu import build_python_fmu, main
-from orchestrator.units import parse_unit
 
 NAMES = tuple(golden.INPUTS)
 FORMS = pytest.mark.parametrize("form", ["", "-native"], ids=["python", "native"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.frequency import Loop, chart, sample, sampled_chart, source_points
 
 PLAIN = "docking-1d-uncompensated"

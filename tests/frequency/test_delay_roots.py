@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import lambertw
 
+from orchestrator.base.errors import ConfigError, OrchestratorError
 from orchestrator.effects import Effect
-from orchestrator.errors import ConfigError, OrchestratorError
 from orchestrator.frequency import (
     Loop,
     QuasiPolynomial,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.frequency import (
     Loop,
     chart,
@@ -14,7 +14,7 @@ from orchestrator.frequency import (
     sample,
 )
 from orchestrator.frequency.charts import unstable_roots
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 PLAIN = "docking-1d-uncompensated"
 

@@ -4,7 +4,7 @@ import foreign
 import numpy as np
 import pytest
 
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import Handling, load_fmu
 from orchestrator.frequency import direct_gains, sweep
 from orchestrator.frequency.plant import docking_contact, force_sensor, robot_response

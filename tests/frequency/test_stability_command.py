@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 from orchestrator.frequency import system_state_space
 from orchestrator.frequency.gain import verdict
 

@@ -4,7 +4,7 @@ import foreign
 import numpy as np
 import pytest
 
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.frequency import state_space, system_state_space
 from orchestrator.frequency.plant import robot_response
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from orchestrator.errors import ConfigError
+from orchestrator.base.errors import ConfigError
 from orchestrator.frequency import Loop, sample, sweep_system
 
 PLAIN = "docking-1d-uncompensated"

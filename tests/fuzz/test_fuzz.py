@@ -20,8 +20,8 @@ import foreign
 import pytest
 import yaml
 
-from orchestrator import bundled
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
+from orchestrator.fmi import bundled
 
 from . import mutations
 

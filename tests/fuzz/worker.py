@@ -56,8 +56,8 @@ def main() -> None:
     os.chdir(room)
     resource.setrlimit(resource.RLIMIT_AS, (MOST_ADDRESSES, resource.getrlimit(resource.RLIMIT_AS)[1]))
 
-    from orchestrator.__main__ import main as command
-    from orchestrator.diagnosis import cli
+    from orchestrator.cli import diagnosis as cli
+    from orchestrator.cli.main import main as command
 
     written: list[str] = []
     watch(room + "/", written)

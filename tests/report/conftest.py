@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from orchestrator.run import run
+from orchestrator.simulation.run import run
 
 
 @pytest.fixture(scope="session")

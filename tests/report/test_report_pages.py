@@ -11,18 +11,18 @@ from html import unescape
 
 import numpy as np
 import pytest
+from orchestrator.plotting.figures.page import SignalStore
+from orchestrator.plotting.figures.page.signals import extremes
+from orchestrator.results.recorders.recorders import Results, read_results
 
-from orchestrator.__main__ import main
+from orchestrator.base.errors import ConfigError
+from orchestrator.cli.main import main
 from orchestrator.config import load_config
-from orchestrator.errors import ConfigError
-from orchestrator.page import SignalStore
-from orchestrator.page.signals import extremes
 from orchestrator.report.graph_layout import Node, Wire, lay_out
 from orchestrator.report.graph_svg import draw_graph
 from orchestrator.report.make import report
 from orchestrator.report.punctuality import punctuality
 from orchestrator.report.store_page import SweepTable, page_of_tables
-from orchestrator.results import Results, read_results
 
 
 def held(text: str) -> dict:
@@ -223,7 +223,7 @@ def test_no_wire_crosses_a_box(seed):
 
 
 def test_every_bundled_system_can_be_drawn():
-    from orchestrator import bundled
+    from orchestrator.fmi import bundled
 
     for name in bundled.system_names():
         model = load_config(name).model
@@ -274,7 +274,7 @@ def test_what_a_page_leaves_out_of_a_folder_is_told(line_run, tmp_path, capsys):
 
 
 def test_a_reproduction_leaves_a_run_in_its_folder_alone(line_run, tmp_path):
-    from orchestrator.docking.reproduction.command import write
+    from orchestrator.cli.reproduce import write
     from orchestrator.docking.reproduction.reproduce import Reproduction
 
     folder = tmp_path / "out"
@@ -313,7 +313,7 @@ def test_a_store_without_studies_has_a_page():
 
 
 def test_the_page_of_a_store_has_the_stores_numbers(tmp_path):
-    reading = pytest.importorskip("orchestrator.campaign.reading", reason="DuckDB is not installed")
+    reading = pytest.importorskip("orchestrator.campaign.database", reason="DuckDB is not installed")
     study = tmp_path / "study.yaml"
     study.write_text(
         "format: sweep/1\ntitle: delays\nsystem: docking-1d-uncompensated\n"

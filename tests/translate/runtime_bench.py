@@ -14,7 +14,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
 from fmpy.fmi3 import FMU3Slave
 
-from orchestrator.scratch import scratch_folder
+from orchestrator.base.temporary_folders import scratch_folder
 from orchestrator.translate.package import binary_member, compile_library, runtime_sources
 
 MODELS = Path(__file__).parent / "models"

@@ -17,7 +17,7 @@ from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
 
-from orchestrator.__main__ import main
+from orchestrator.cli.main import main
 from orchestrator.translate.build import build
 from orchestrator.translate.package import compile_library
 

@@ -7,7 +7,7 @@ import fmpy
 import modelica_bench as bench
 import pytest
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
 from orchestrator.translate.sources import load_sources
 

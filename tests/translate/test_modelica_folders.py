@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
 from orchestrator.translate.package import PLATFORMS, named_platforms
 from orchestrator.translate.sources import load_sources

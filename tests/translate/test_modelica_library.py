@@ -11,7 +11,7 @@ import modelica_bench as bench
 import pytest
 from fmpy.validation import validate_fmu
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import translate
 from orchestrator.translate.library import LIBRARY, build_library
 

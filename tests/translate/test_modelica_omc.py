@@ -9,7 +9,7 @@ from pathlib import Path
 import modelica_bench as bench
 import pytest
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
 
 # Copies the script it is given to a place the test can read, says something, and makes what it is told to.

@@ -8,8 +8,8 @@ import build_extra  # noqa: F401
 import modelica_bench as bench
 import pytest
 
-from orchestrator.__main__ import main
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
+from orchestrator.cli.main import main
 from orchestrator.translate.build import build, translate
 
 WHEN = "write it as an if-expression of continuous variables, or move it to a Python FMU"

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import translate
 from orchestrator.translate.causalise import solve
 from orchestrator.translate.flat import Literal, Operation, Reference, Role, render

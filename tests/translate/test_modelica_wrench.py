@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from orchestrator.errors import StepError
-from orchestrator.run import run
+from orchestrator.base.errors import StepError
+from orchestrator.simulation.run import run
 
 CONTACT, SENSOR = (bench.FMUS / name / f"{name}.fmu" for name in ("PointContact", "WrenchSensor"))
 

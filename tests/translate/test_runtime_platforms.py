@@ -14,7 +14,7 @@ import fmpy
 import pytest
 from runtime_bench import needs_compiler, unpacked, write_sources
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.coupled import binary
 from orchestrator.translate.package import (
     PLATFORMS,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.shared_source import assembled, pieces
 
 

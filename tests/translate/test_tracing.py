@@ -13,7 +13,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from runtime_bench import needs_compiler
 
-from orchestrator.errors import BuildError
+from orchestrator.base.errors import BuildError
 from orchestrator.translate.component import trace_component
 from orchestrator.translate.native_form import build_native_fmu
 from orchestrator.translate.step_check import check_component

@@ -6,10 +6,10 @@ import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from ...digests import digest_of, file_digest
-from ...errors import ConfigError, Problem, listed
-from ...run_folder import folder_at
-from ...whole_file import write_text
+from ...base.atomic_files import write_text
+from ...base.digests import digest_of, file_digest
+from ...base.errors import ConfigError, Problem, listed
+from ...simulation.run_folder import folder_at
 from ..verdict import NAME
 
 __all__ = ["RECORD", "case_digest", "check_record", "note_cases"]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 
 __all__ = ["BEHIND", "contact_force", "depth_of", "lifted", "output"]
 

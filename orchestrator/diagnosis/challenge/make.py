@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError, OrchestratorError, Problem, listed
-from ...run_folder import folder_at
-from ...workers import LocalPool, Work
+from ...base.errors import ConfigError, OrchestratorError, Problem, listed
+from ...fmi.workers import LocalPool, Work
+from ...simulation.run_folder import folder_at
 from .draw import RUNS, Case, Plan, draw_case, make_run, plan_cases
 from .evidence import CLEAR, imitated, visibility
 from .hidden import HARDWARE, HIDDEN, SOFTWARE

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 from .contact import BEHIND, contact_force, depth_of, lifted, output
 
 __all__ = ["DRAWN", "FORWARD", "MEMORY", "STATES", "integrate", "remember"]

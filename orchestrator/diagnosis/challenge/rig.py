@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 from .contact import contact_force, lifted, output
 from .knobs import knobs
 from .plant import FORWARD, fresh, integrate, past

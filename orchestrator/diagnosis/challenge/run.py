@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
 
-from ...errors import ConfigError, Problem
-from ...workers import Work, pool_of
+from ...base.errors import ConfigError, Problem
+from ...fmi.workers import Work, pool_of
 from ..verdict import NAME
 from .cases import check_record, note_cases
 from .verdict import read_verdict

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from ...errors import ConfigError, Problem
+from ...base.errors import ConfigError, Problem
 from ..verdict import NAME, SUSPECTED, chance_outside
 from .cases import check_record
 from .evidence import CLEAR

@@ -17,8 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ...digests import digest_of
-from ...errors import ConfigError, Problem
+from ...base.digests import digest_of
+from ...base.errors import ConfigError, Problem
 
 __all__ = ["LEDGER", "SEALED", "note_opening", "open_truth", "seal_truth", "truth_digest"]
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 from .plant import DRAWN
 
 __all__ = ["age_of", "beside_force", "digits", "first_amplifier", "read", "rubbed"]

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 
 __all__ = ["compensate", "first_controller", "first_satellite", "move_satellite"]
 

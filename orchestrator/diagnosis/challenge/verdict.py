@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
 
-from ...digests import digest_of
-from ...errors import ConfigError, Problem
+from ...base.digests import digest_of
+from ...base.errors import ConfigError, Problem
 
 __all__ = ["Answer", "Verdict", "answer_set", "names", "read_verdict"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 from ..effect import Context, Effect, Parameter, Site
 from ..written import start
 

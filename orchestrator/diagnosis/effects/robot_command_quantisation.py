@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 from ..effect import Effect, Parameter, Seen, Site, law
 from ..servo import pulse_response
 from ..written import COMMAND, Written, merged, through, with_unit

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 from ..effect import Context, Effect, Parameter, Seen, Site, law
 from ..written import start
 

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
+from ...base.errors import ConfigError, Problem, listed, nearest
 from ...effects import Effect as ConnectionEffect
 from ...effects.backlash import Backlash
 from ...effects.dead_band import DeadBand
@@ -19,9 +20,8 @@ from ...effects.quantise import Quantise
 from ...effects.rate_limit import RateLimit
 from ...effects.sample_and_hold import SampleAndHold
 from ...effects.saturate import Saturate
-from ...errors import ConfigError, Problem, listed, nearest
 from ...fmi import Causality, Kind
-from ...system import Port
+from ...system.system import Port
 from ..effect import Effect, Parameter
 from ..families import Kin
 from ..study import Array

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.signal import correlate
 from threadpoolctl import threadpool_limits
 
-from ...errors import Problem
-from ...system import Port
+from ...base.errors import Problem
+from ...system.system import Port
 from ..descent import cost_of
 from ..effect import Effect
 from ..fit import Base, Fit

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...system import Port
+from ...system.system import Port
 from ..closure import closure_of
 from ..finding import NOMINAL, Augmented, Finding
 from ..study import Array

@@ -7,7 +7,7 @@ from itertools import product
 from typing import NamedTuple
 
 from ...fmi import Causality, Kind
-from ...system import Instance, Port
+from ...system.system import Instance, Port
 
 __all__ = ["FORCES", "Conjugate", "conjugates", "pairs"]
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from ...base.errors import ConfigError
 from ...config.text import compose
-from ...errors import ConfigError
-from ...formats import strict
-from ...run import instance_fmus
-from ...system import Port
+from ...results.file_formats import strict
+from ...simulation.run import instance_fmus
+from ...system.system import Port
 from ..content import Told, content, named_files, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding

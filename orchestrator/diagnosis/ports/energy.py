@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import listed
+from ...base.errors import listed
 from ...fmi import Causality
-from ...system import Port
+from ...system.system import Port
 from ..finding import NOMINAL, Augmented, Finding
 from ..study import Array
 from .conjugate import Conjugate, conjugates

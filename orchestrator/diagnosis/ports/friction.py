@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ...effects.offset import Offset
-from ...system import Instance, Port
+from ...system.system import Instance, Port
 from ..effect import Effect, Parameter
 from ..families import Kin
 from . import laws

@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ...errors import Problem
-from ...system import Port
+from ...base.errors import Problem
+from ...system.system import Port
 from ..channels import clipped, frozen
 from ..mistakes import Mistake, plural, told_once, wrong_factors, wrong_scales
 from ..study import Array

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 from ...master import MasterAlgorithm
-from ...system import Connection, Port, System
+from ...system.system import Connection, Port, System
 
 __all__ = ["without_idle"]
 

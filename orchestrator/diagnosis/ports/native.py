@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import OrchestratorError
+from ...base.errors import OrchestratorError
+from ...base.temporary_folders import scratch_folder
 from ...fmi import CompiledFmu, load_fmu
-from ...scratch import scratch_folder
+from ...fmi.workers import Work, pool_of
 from ...translate.inserted import memory_told, own_source
-from ...workers import Work, pool_of
 from ..study import Array
 from ..verdict import Warned
 from .replay import PortReplay

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...plotting import COLORS, svg
-from ...system import Port
+from ...plotting.figures import COLORS, svg
+from ...system.system import Port
 from ..figures import NOISE, finish
 from ..finding import NOMINAL
 from ..headline import percent

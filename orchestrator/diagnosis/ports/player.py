@@ -11,18 +11,18 @@ from fractions import Fraction
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator
 
+from ...base.errors import ConfigError, StepError
 from ...effects import Effect
 from ...effects.gain import Gain
 from ...effects.offset import Offset
-from ...errors import ConfigError, StepError
 from ...fmi import Causality, Point, Value
-from ...fmi.compiled import CompiledFmu
-from ...instance_pool import InstancePool
+from ...fmi.loading import CompiledFmu
 from ...master import MasterAlgorithm
 from ...master.gauss_seidel import GaussSeidel
-from ...signals import Layout, Signals, Wired
-from ...simulate import Grid, simulate
-from ...system import Connection, Instance, Leg, Link, Port, System, Wire
+from ...simulation.loop import Grid, simulate
+from ...system.instance_pool import InstancePool
+from ...system.signal_vector import Layout, Signals, Wired
+from ...system.system import Connection, Instance, Leg, Link, Port, System, Wire
 from ..study import Array
 from .idle import without_idle
 from .playback import Playback, Release

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from ...digests import file_digest
-from ...errors import ConfigError, OrchestratorError, Problem
-from ...formats import strict
-from ...provenance import origin, versions
-from ...run import instance_fmus
-from ...run_folder import folder_at
-from ...workers import Work, pool_of
+from ...base.digests import file_digest
+from ...base.errors import ConfigError, OrchestratorError, Problem
+from ...base.provenance import origin, versions
+from ...fmi.workers import Work, pool_of
+from ...results.file_formats import strict
+from ...simulation.run import instance_fmus
+from ...simulation.run_folder import folder_at
 from ..calibration import SET
 from ..challenge.verdict import names
 from ..content import named_files

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ...checks import in_range
+from ...base.errors import ConfigError, Problem, in_order, listed, nearest
+from ...base.quantities import Measure
+from ...base.units import parse_unit
 from ...config import take_as_meant
-from ...errors import ConfigError, Problem, in_order, listed, nearest
 from ...fmi import Causality, Kind, Variable
-from ...quantities import Measure
-from ...run import Prepared, prepare
-from ...system import Port
-from ...units import parse_unit
+from ...simulation.run import Prepared, prepare
+from ...system.checks import in_range
+from ...system.system import Port
 from ..mapping import read_mapping
 from ..study import Nominal
 from .keys import (

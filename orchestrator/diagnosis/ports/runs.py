@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import Problem, listed, nearest
-from ...system import Port
+from ...base.errors import Problem, listed, nearest
+from ...system.system import Port
 from ..channels import logged_twice
 from ..log_checks import clock_slack, clock_told
 from ..mapping import columns_of

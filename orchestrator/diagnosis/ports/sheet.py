@@ -11,10 +11,10 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from ...base.errors import ConfigError, Problem
+from ...base.quantities import Measure, quantity
+from ...base.units import parse_unit
 from ...config import compose, validation_problems
-from ...errors import ConfigError, Problem
-from ...quantities import Measure, quantity
-from ...units import parse_unit
 
 __all__ = ["Sheet"]
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import OrchestratorError
-from ...system import Port
+from ...base.errors import OrchestratorError
+from ...system.system import Port
 from ..effect import Effect
 from ..fit import Fitter
 from ..study import Array

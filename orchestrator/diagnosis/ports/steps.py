@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...errors import ConfigError
-from ...run import Prepared, prepare
-from ...system import Port
+from ...base.errors import ConfigError
+from ...simulation.run import Prepared, prepare
+from ...system.system import Port
 from ..effect import Effect, by_effect
 from ..finding import NOMINAL, Augmented
 from ..fit import Fit

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from ...base.errors import ConfigError
 from ...config import Places
 from ...config.text import compose
-from ...errors import ConfigError
 from ...fmi import Causality, CompiledFmu
-from ...run import Prepared
-from ...system import Connection, Port
+from ...simulation.run import Prepared
+from ...system.system import Connection, Port
 from ..study import Array, Nominal
 from .keys import FORMAT, Logged, Role
 

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...digests import digest_of
-from ...errors import ConfigError, Problem, listed
-from ...formats import strict
+from ...base.digests import digest_of
+from ...base.errors import ConfigError, Problem, listed
+from ...results.file_formats import strict
 from ..study import Array
 
 __all__ = ["FORMAT", "Tempering", "digest", "read_practice", "sealed"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...system import Port
+from ...system.system import Port
 from ..verdict import Warned
 from .study import PortStudy
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from importlib import import_module
 
-from ...errors import ConfigError, Problem, listed, nearest
+from ...base.errors import ConfigError, Problem, listed, nearest
 from .experiment import Experiment
 
 __all__ = ["chosen_figures", "experiments"]

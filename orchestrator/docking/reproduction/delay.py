@@ -7,7 +7,7 @@ from functools import cache
 
 from scipy.optimize import brentq
 
-from ...errors import OrchestratorError
+from ...base.errors import OrchestratorError
 from ...frequency.gain import contact_root, growth_per_contact, predict_contact
 from ...frequency.loop import Loop
 from ...frequency.roots import rightmost_roots

@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from ...plotting import COLORS
+from ...plotting.figures import COLORS
 from ..figures import contact_time
 from .experiment import Recorded
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...results import Results
+from ...results.recorders import Results
 from ..contacts import Contact, find_contacts
 from ..measures import DockingOptions
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from ... import page as pieces
-from ...plotting import encoded
+from ...plotting import page as pieces
+from ...plotting.figures import encoded
 
 if TYPE_CHECKING:
     from .reproduce import Reproduction

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from ...formats import strict
-from ...provenance import origin
+from ...base.provenance import origin
+from ...results.file_formats import strict
 from .catalogue import chosen_figures, experiments
 from .experiment import Case, Experiment, Quantity, Recorded
 from .runs import Failed, Pair, record

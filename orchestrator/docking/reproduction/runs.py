@@ -7,11 +7,11 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...errors import OrchestratorError
-from ...progress import counting
-from ...results import Results
-from ...run import prepare, run
-from ...workers import Outcome, Work, cores, pool_of
+from ...base.errors import OrchestratorError
+from ...fmi.workers import Outcome, Work, cores, pool_of
+from ...results.progress import counting
+from ...results.recorders import Results
+from ...simulation.run import prepare, run
 from .experiment import Case, Recorded
 
 __all__ = ["Failed", "Pair", "record", "run_once"]

@@ -17,11 +17,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from ... import bundled
-from ...arrays import each_element
-from ...digests import file_digest
-from ...fmi import ModelDescription
-from ...units import UnitError, parse_quantity, parse_unit
+from ...base.digests import file_digest
+from ...base.units import UnitError, parse_quantity, parse_unit
+from ...fmi import ModelDescription, bundled
+from ...system.array_start_values import each_element
 from .model import Document
 from .values import same_start
 

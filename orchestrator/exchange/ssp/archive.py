@@ -14,7 +14,7 @@ import zlib
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
-from ...errors import ConfigError, FmuError, Problem, listed, nearest
+from ...base.errors import ConfigError, FmuError, Problem, listed, nearest
 from ...fmi.archive import check_members
 
 __all__ = ["Package", "open_package", "referenced"]

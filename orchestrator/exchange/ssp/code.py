@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ...base.errors import ConfigError, Problem
 from ...config.files import move_effects
-from ...errors import ConfigError, Problem
 from .archive import Package
 
 __all__ = ["take_code"]

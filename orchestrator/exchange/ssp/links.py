@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
 
-from ...connecting import Ends, elements
+from ...base.units import UnitError, convert
 from ...effects.gain import Gain
 from ...effects.map import Map
 from ...effects.offset import Offset
 from ...fmi import ModelDescription, Variable
-from ...run import Prepared
-from ...system import Connection
-from ...units import UnitError, convert
+from ...simulation.run import Prepared
+from ...system.connections import Ends, elements
+from ...system.system import Connection
 
 __all__ = ["Link", "links_of"]
 

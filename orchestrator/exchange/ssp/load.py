@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ...base.errors import ConfigError, Problem
+from ...base.temporary_folders import scratch_folder, scratch_root
 from ...config import dump
 from ...config.files import move_effects
-from ...errors import ConfigError, Problem
-from ...scratch import scratch_folder, scratch_root
 from .annotations import checksum
 from .read import MAIN, Read, read_ssp
 

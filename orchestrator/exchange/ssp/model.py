@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...units import Unit
+from ...base.units import Unit
 
 __all__ = [
     "Binding", "Connection", "Connector", "Dictionary", "Document", "Element", "End", "MappingEntry",

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ...errors import ConfigError, FmuError, Problem, listed, nearest
+from ...base.errors import ConfigError, FmuError, Problem, listed, nearest
+from ...base.units import Unit
 from ...fmi import Interface, ModelDescription, Variable, read_description
-from ...units import Unit
 from .archive import Package, referenced
 from .model import (
     Binding,

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...errors import ConfigError, Problem, listed
+from ...base.errors import ConfigError, Problem, listed
+from ...base.units import Unit, UnitError, convert
 from ...fmi import Kind
-from ...units import Unit, UnitError, convert
 from . import annotations
 from .archive import open_package
 from .code import take_code

@@ -14,9 +14,9 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
-from ...errors import ConfigError, FmuError, Problem, listed
-from ...fmi.markup import parse_markup
-from ...units import BASE_NAMES, Unit, UnitError, parse_unit
+from ...base.errors import ConfigError, FmuError, Problem, listed
+from ...base.units import BASE_NAMES, Unit, UnitError, parse_unit
+from ...fmi.safe_xml import parse_markup
 from .elements import SPACES, children, local, schema_errors, space_of, tag_of
 from .model import (
     Binding,

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
+from ...base.errors import Problem, listed, nearest
+from ...base.quantities import Measure, quantity
+from ...base.units import ONE, Quantity, Unit, UnitError, convert, parse_unit
 from ...config import Scalar
-from ...errors import Problem, listed, nearest
 from ...fmi import Kind, Variable
-from ...quantities import Measure, quantity
-from ...units import ONE, Quantity, Unit, UnitError, convert, parse_unit
 from .model import Transformation
 from .network import Given, Node
 

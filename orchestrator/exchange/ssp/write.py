@@ -17,14 +17,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from ...base.errors import ConfigError, Problem
+from ...base.temporary_folders import scratch_root
+from ...base.units import BASE_NAMES, Unit
 from ...config import Config
 from ...config.files import move_effects
-from ...errors import ConfigError, Problem
 from ...fmi import Kind, ModelDescription, Variable
-from ...run import Prepared, prepare
-from ...scratch import scratch_root
-from ...system import Instance
-from ...units import BASE_NAMES, Unit
+from ...simulation.run import Prepared, prepare
+from ...system.system import Instance
 from . import annotations
 from .elements import SPACES
 from .links import Link, links_of
@@ -65,7 +65,7 @@ def write_ssp(
     """Write a system and its FMUs as a system structure package.
 
     Args:
-        config, overrides: as `orchestrator.run.prepare`.
+        config, overrides: as `orchestrator.simulation.run.prepare`.
         path: of the .ssp file.
         version: of SSP, "1.0" or "2.0"; None: 1.0 where that is enough.
     Raises: ConfigError with all problems.

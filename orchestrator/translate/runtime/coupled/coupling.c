@@ -1,6 +1,6 @@
 /* The master: initial values, and communication steps by Jacobi or Gauss-Seidel.
  *
- * Order and arithmetic are those of orchestrator/initialisation.py, wires.py and native/kernel.py, so that
+ * Order and arithmetic are those of orchestrator/system/initialisation.py, wires.py and native/kernel.py, so that
  * the signals are the same to the bit.
  */
 #include <math.h>

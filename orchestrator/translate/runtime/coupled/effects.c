@@ -1,5 +1,5 @@
 /* The effects of orchestrator/effects, the same operations in the same order, so that both give the same
- * bits. Their numbers are places in EFFECTS of orchestrator/exchange/inside.py; the Python classes tell what
+ * bits. Their numbers are places in EFFECTS of orchestrator/exchange/system_contents.py; the Python classes tell what
  * options and memories hold. */
 #include <math.h>
 #include <stdint.h>

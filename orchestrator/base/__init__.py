@@ -1,0 +1,4 @@
+"""What every package uses: errors, units and quantities, files written whole, locks, digests, graph algorithms.
+
+Imports nothing else of the project.
+"""

@@ -1,0 +1,188 @@
+"""The sub-command `diagnose`: cases to verdicts."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..base.errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
+from ..results.progress import Share
+
+__all__ = ["add_arguments", "main"]
+
+_DESCRIPTION = """Tell from logs which unmodelled effect makes a rig differ from its model, where, how far
+the gap shrinks once the effect is added, and what to run next. A case is a folder with case.yaml
+and its logs, or a study.yaml. Writes diagnosis.json and report.html."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `orchestrator diagnose`."""
+    parser.description = _DESCRIPTION
+    parser.add_argument(
+        "cases", nargs="+", type=Path, metavar="CASE", help="a case's folder, or a study.yaml"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="write to this folder; with several cases, one folder each in it",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print the content of diagnosis.json, one line a case"
+    )
+    parser.add_argument(
+        "--practice",
+        type=int,
+        default=0,
+        metavar="N",
+        help="for studies of ports: simulate N cases (10 or more) of the study's own system first, and "
+        "calibrate probabilities on them; written to practice.json, which the study's key `practice` takes",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the simulated cases")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        metavar="N",
+        help="processes that weigh simulated cases; as many as cores by default",
+    )
+    parser.add_argument("--no-report", action="store_true", help="write no report.html")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Diagnose each case.
+
+    A case that fails is told, and the others are done all the same.
+
+    Returns: 0; 1 if some case failed; 2 if none of several could be read.
+    Raises: ConfigError if the command is wrong, or the only case could not be read.
+    """
+    folders = _folders(args.cases, args.out)
+    # Imported after the command is known to make sense: machine code takes a second to load.
+    from ..diagnosis.diagnose import STAGES, diagnose
+    from ..diagnosis.report_text import text
+
+    refused = failed = 0
+    bar = _Bar(len(args.cases) * len(STAGES), shown=not args.quiet)
+    for case, folder in zip(args.cases, folders, strict=True):
+        bar.begin(case.name or str(case))
+        try:
+            made = diagnose(
+                case,
+                folder,
+                report=not args.no_report,
+                progress=bar.stage,
+                practice=args.practice,
+                seed=args.seed,
+                jobs=args.jobs,
+            )
+        except Interrupted:
+            bar.close()
+            raise
+        except OrchestratorError as error:
+            failed += 1
+            refused += isinstance(error, ConfigError)
+            if len(args.cases) == 1:
+                bar.close()
+                raise
+            bar.write(f"orchestrator: {case}: {error}", sys.stderr)
+            continue
+        except Exception as error:  # a defect: the other cases go on
+            failed += 1
+            if len(args.cases) == 1 or getattr(args, "debug", False):
+                bar.close()
+                raise
+            bar.write(f"orchestrator: {case}: {type(error).__name__}: {error}", sys.stderr)
+            continue
+        finally:
+            bar.end(len(STAGES))
+        if args.json:
+            bar.write(json.dumps(made.diagnosis.data_of(), allow_nan=False, ensure_ascii=False), sys.stdout)
+        elif not args.quiet:
+            bar.write(text(made), sys.stdout)
+    bar.close()
+    if refused == len(args.cases):
+        return 2
+    return 1 if failed else 0
+
+
+def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:
+    """Where each case is written to. Raises: ConfigError for cases that are not there or share a name."""
+    problems = [
+        Problem(str(case), "no such file or folder", "a case's folder or a study.yaml")
+        for case in cases
+        if not case.exists()
+    ]
+    names = [_name(case.resolve()) for case in cases]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if out is not None and twice:
+        problems.append(
+            Problem("", f"several cases are called {listed(twice)}", remedy="Diagnose them one by one.")
+        )
+    if problems:
+        raise ConfigError(problems)
+    if out is None:
+        return [None] * len(cases)
+    return [out] if len(cases) == 1 else [out / name for name in names]
+
+
+def _name(case: Path) -> str:
+    """What a case is called: after its folder, but for files of another name than studies usually have."""
+    if case.is_dir():
+        return case.name
+    return case.parent.name if case.name in ("case.yaml", "study.yaml") else case.stem
+
+
+class _Bar:
+    """A progress bar over the stages of all cases, on a terminal; elsewhere lines of long ones."""
+
+    def __init__(self, total: int, shown: bool) -> None:
+        self._bar: Any = None
+        self._stages = 0
+        self._told, self._shown = ("practice", 0), shown
+        if shown and sys.stderr.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=total, unit="stage", file=sys.stderr, leave=False)
+
+    def begin(self, case: str) -> None:
+        self._stages = 0
+        if self._bar is not None:
+            self._bar.set_description(case)
+
+    def stage(self, name: str) -> None:
+        """A stage begins, and the one before it is over; or, with a `Share`, it goes on."""
+        if isinstance(name, Share):
+            if self._bar is not None:
+                self._bar.set_postfix_str(name)
+            else:
+                self._tenths(name)
+            return
+        if self._bar is not None:
+            self._bar.update(1 if self._stages else 0)
+            self._bar.set_postfix_str(name)
+        self._stages += 1
+
+    def _tenths(self, share: Share) -> None:
+        """A line for each tenth."""
+        tenth = share.stage, 10 * share.done // max(share.total, 1)
+        if self._shown and tenth != self._told:
+            self._told = tenth
+            print(f"orchestrator: {share}", file=sys.stderr, flush=True)
+
+    def end(self, stages: int) -> None:
+        """A case is over, whether all its stages were gone through or not."""
+        if self._bar is not None:
+            self._bar.update(stages - max(self._stages - 1, 0))
+
+    def write(self, line: str, file: Any) -> None:
+        if self._bar is not None:
+            self._bar.clear()
+        print(line, file=file)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.close()

@@ -1,0 +1,93 @@
+"""Python processes that run code of FMUs, so that a crash there is not one here."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import IO
+
+from ..base.temporary_folders import scratch_root
+
+__all__ = ["cause_of_death", "end", "guarded_pipes", "start_child"]
+
+# After which a child that was told to end is killed [s].
+_SECONDS_TO_END = 5.0
+_START = (
+    "import json, sys; from importlib import import_module; sys.path[:] = json.loads(sys.argv[1]); "
+    "import_module(sys.argv[2]).main()"
+)
+
+
+def start_child(module: str, printed: IO[bytes]) -> subprocess.Popen[bytes]:
+    """A new process that calls `main()` of a module and talks over its standard input and output.
+
+    It has this process's paths of modules.
+
+    Args:
+        printed: a file that takes its standard error.
+    """
+    root = str(Path(__file__).resolve().parents[2])
+    paths = json.dumps([root, *(os.path.abspath(one) for one in sys.path if one)])
+    # What a process that is ended leaves in its temporary folder goes with that of this one.
+    temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(scratch_root()))
+    # -P: files in the working directory must not pose as modules.
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", _START, paths, module],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=printed,
+        bufsize=0,
+        env=os.environ | temporary,
+    )
+
+
+def cause_of_death(code: int) -> str:
+    """An exit code in words, for example "SIGSEGV (Segmentation fault)"."""
+    if code < 0:
+        try:
+            name = signal.Signals(-code).name
+        except ValueError:
+            name = f"signal {-code}"
+        return f"{name} ({signal.strsignal(-code)})"
+    return f"exit code {code:#x}" if code > 255 else f"exit code {code}"
+
+
+def _leave_with_the_parent(parent: int) -> None:
+    # The pipe's end tells an idle process; one that hangs in what it was told to do needs this.
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def guarded_pipes() -> tuple[int, int]:
+    """In a child: descriptors of commands and answers, out of reach of what it prints; sees to its end.
+
+    To be called once, first of all.
+    """
+    commands, answers = os.dup(0), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.dup2(2, 1)
+    # An interrupt goes to all processes of a terminal: the one that holds the work decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if os.name == "posix":
+        threading.Thread(target=_leave_with_the_parent, args=(os.getppid(),), daemon=True).start()
+    return commands, answers
+
+
+def end(process: subprocess.Popen[bytes]) -> None:
+    """Close the pipes of a child, at which it ends; one that does not is killed."""
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            pipe.close()
+    try:
+        process.wait(_SECONDS_TO_END)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

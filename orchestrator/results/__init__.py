@@ -1,0 +1,4 @@
+"""Recorded signals: recording, streams on disk, reading, file formats, measures, progress.
+
+Imports `system`, `master` and the packages below them.
+"""

@@ -1,0 +1,364 @@
+"""Parts and connections -> a system.
+
+Everything that can be known before a run is checked here, and all problems are told at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..base.errors import ConfigError, Problem, listed
+from ..config import Absent, BondModel, Config, ConnectionModel, Draft, Gaps, Places
+from ..config.base import exact_time
+from ..fmi import Kind, ModelDescription, Variable
+from . import checks
+from .algebraic_loops import algebraic_loops
+from .array_start_values import elementwise
+from .connections import Ends, connect, elements, meant
+from .instance_models import Part, parts_of
+from .power_bonds import Bond, declared_bonds, find_bonds
+from .start_values import given_perhaps, remarks, settle
+from .system import Connection, Instance, Port, System
+
+__all__ = ["Judged", "Part", "assemble", "judge_system", "load_system"]
+
+
+@dataclass
+class Judged:
+    """A system as far as nothing is wrong with it.
+
+    Attributes:
+        system: without what has problems; None before it is made.
+        problems: what is wrong.
+        unchecked: see `ConfigError`.
+        unsettled: instances whose steps, or what their FMUs are asked for, are not known.
+    """
+
+    system: System | None = None
+    problems: list[Problem] = field(default_factory=list)
+    unchecked: list[str] = field(default_factory=list)
+    unsettled: frozenset[str] = frozenset()
+
+    def sound(self) -> System:
+        """The system. Raises: ConfigError with all problems."""
+        if self.problems or self.system is None:
+            raise ConfigError(self.problems, self.unchecked)
+        return self.system
+
+
+def load_system(
+    config: Config, needed: Mapping[str, tuple[str, ...]] | None = None, *, loops: bool = False
+) -> System:
+    """The system of a config.
+
+    Args:
+        config: a validated config.
+        needed: signals that are recorded whatever the config says, as instance.variable, and the path in the
+            config that asks for each.
+        loops: see `assemble`.
+    Raises: ConfigError with all problems.
+    """
+    return judge_system(Draft(config), needed, loops=loops).sound()
+
+
+def judge_system(
+    draft: Draft, needed: Mapping[str, tuple[str, ...]] | None = None, *, loops: bool = False
+) -> Judged:
+    """The system of a config that may have problems, as far as it is known, and its further problems.
+
+    Args:
+        draft: a config of which something can be read.
+        needed, loops: see `load_system`.
+    """
+    config, gaps = draft.config, draft.gaps
+    assert config is not None
+    model, problems = config.model, list[Problem]()
+    made = parts_of(draft, problems)
+    asked = ("step_size", "any_step", "interface", "event_mode", "isolate")
+    unsettled = {
+        part.name for part in made.parts if not all(gaps.whole("instances", part.name, key) for key in asked)
+    }
+    judged = Judged(problems=problems, unsettled=made.unsettled | unsettled)
+    if made.absent.names:
+        judged.unchecked.append(f"ports and start values of {listed(sorted(made.absent.names))}")
+    record = [] if model.run.record == "all" else list(model.run.record)
+    known = gaps.knows("run", "step_size")
+    _assemble(
+        judged,
+        made.parts,
+        model.connections,
+        record=None
+        if model.run.record == "all"
+        else {one: ("run", "record", n) for n, one in enumerate(record) if gaps.knows("run", "record", n)},
+        needed=needed,
+        places=config.places,
+        absent=made.absent,
+        loops=loops,
+        step_size=float(exact_time(model.run.step_size)) if known else None,
+        folder=config.folder,
+        bonds=None if model.bonds == "auto" else model.bonds,
+        gaps=gaps,
+        keep=model.run.unconnected == "keep",
+    )
+    return judged
+
+
+def assemble(
+    parts: Iterable[Part],
+    connections: Iterable[str | ConnectionModel | Mapping[str, Any]] = (),
+    *,
+    record: Sequence[str] | None = None,
+    needed: Mapping[str, tuple[str, ...]] | None = None,
+    places: Places | None = None,
+    problems: Iterable[Problem] = (),
+    absent: frozenset[str] = frozenset(),
+    loops: bool = False,
+    step_size: float | None = None,
+    folder: Path | None = None,
+    bonds: Sequence[BondModel] | None = None,
+    keep: bool = True,
+) -> System:
+    """Check parts and connections and make a system of them.
+
+    Args:
+        parts: instances with distinct names.
+        connections: "a.y -> b.u" each, or the long form, {"from": "a.y", "to": "b.u", "through": [...]}.
+        record: signals to record as instance.variable; None: every numeric output.
+        needed: signals to record besides, and the path in the config that asks for each.
+        places: where the values were written, for messages.
+        problems: found earlier, to be told together with those found here.
+        absent: names of instances that already have a problem: what concerns them is not judged.
+        loops: whether algebraic loops at communication points are let pass, for a master that solves them.
+        step_size: the largest communication step that the system is to take [s]: a delay that is no shorter
+            breaks direct feedthrough. None: not known, and no delay does.
+        folder: what relative paths of effects start from; the working directory if not given.
+        bonds: power bonds as a config declares them; None: those that units and graph leave no doubt about.
+        keep: whether inputs that nothing feeds keep the start value that their FMU declares.
+    Raises: ConfigError with all problems.
+    """
+    judged = Judged(problems=list(problems))
+    _assemble(
+        judged,
+        list(parts),
+        connections,
+        record=None if record is None else {one: ("run", "record", n) for n, one in enumerate(record)},
+        needed=needed,
+        places=places or Places("system"),
+        absent=Absent(absent),
+        loops=loops,
+        step_size=step_size,
+        folder=folder or Path.cwd(),
+        bonds=bonds,
+        gaps=Gaps(),
+        keep=keep,
+    )
+    return judged.sound()
+
+
+def _assemble(
+    judged: Judged,
+    parts: Sequence[Part],
+    connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
+    *,
+    record: Mapping[str, tuple[str | int, ...]] | None,
+    needed: Mapping[str, tuple[str, ...]] | None,
+    places: Places,
+    absent: Absent,
+    loops: bool,
+    step_size: float | None,
+    folder: Path,
+    bonds: Sequence[BondModel | None] | None,
+    gaps: Gaps,
+    keep: bool = True,
+) -> None:
+    """Judge parts and connections, and make a system of what is right; see `assemble`.
+
+    Args:
+        judged: what is found, and the system, is put here.
+        record: signals to record, and where each was asked for.
+        gaps: what of connections (None: all), start values and dependencies is not known.
+        keep: whether inputs that nothing feeds keep the start value that their FMU declares.
+    """
+    found, notes = judged.problems, list[str]()
+    descriptions = {part.name: part.fmu.description for part in parts}
+    starts = {one.name: elementwise(one.name, one.fmu.description, one.start, places, found) for one in parts}
+    stated, single, fed = _stated(connections, descriptions, judged, places, absent, gaps)
+    wired: dict[Port, tuple[int, Port]] = {}
+    checked: list[Connection] = []
+    told: set[Problem] = set()
+    for one in single:
+        apart: list[Problem] = []
+        made = connect(one, descriptions, absent, places, folder, step_size, apart, notes)
+        # Of an effect on an array every element tells the same.
+        found += [problem for problem in apart if problem not in told]
+        told.update(apart)
+        if made is None:
+            continue
+        if made.target in wired:
+            first, source = wired[made.target]
+            what = f"{made.target} has two sources, {source} and {made.source}"
+            allowed = f"connections[{first}] already feeds it; an input takes one connection"
+            remedy = "Remove one of the two, or add them up: from: [..., ...]."
+            found.append(Problem(places.text(("connections", one.index)), what, allowed, remedy))
+            continue
+        wired[made.target] = (one.index, made.source)
+        checked.append(made)
+    fed |= {name for part in parts for name in given_perhaps(part, gaps)}
+    unsure: set[str] = set()  # instances whose direct feedthrough is not known
+    instances = [
+        settle(part, starts[part.name], wired, fed, places, found, notes, unsure, keep) for part in parts
+    ]
+    notes += _kept(instances)
+    unread = {one.name for one in parts if not gaps.whole("instances", one.name, "feedthrough")}
+    for part in parts:
+        notes += remarks(part, places)
+        if all(gaps.knows("instances", part.name, key) for key in ("tolerance", "interface")):
+            notes += checks.integration(part.name, part.fmu, places)
+    together = [one for one in parts if gaps.knows("instances", one.name, "isolate")]
+    found += checks.shared_process(((part.name, part.fmu) for part in together), places)
+    wanted = dict(record or {})
+    for text, path in (needed or {}).items():
+        wanted.setdefault(text, path)
+    recorded = _recorded(record is None, wanted, instances, absent, places, found)
+    sure = [one for one in instances if one.name not in unsure | unread]
+    passing = checked if gaps.knows("run", "step_size") else [one for one in checked if not _may_hold(one)]
+    rounds = algebraic_loops(sure, passing, places, loops, found, step_size)
+    notes += rounds.notes
+    if unread or len(passing) < len(checked):
+        judged.unchecked.append("algebraic loops by way of effects or instances that are not known")
+    unknown = gaps.further("connections") or not all(one.known for one in stated)
+    bonded = _bonded(bonds, instances, checked, stated, unknown, absent, places, found, notes)
+    if bonds and unknown:
+        judged.unchecked.append("whether the connections of bonds are there")
+    broken = any(not link.at_once for one in checked if one.wire for link in one.wire.every_link)
+    longest = step_size if broken else None
+    judged.system = System(
+        tuple(instances),
+        tuple(checked),
+        recorded,
+        notes=tuple(notes),
+        loops=tuple(rounds.solvable),
+        longest_step=longest,
+        bonds=bonded,
+        held=frozenset(rounds.held),
+    )
+
+
+def _kept(instances: Sequence[Instance]) -> list[str]:
+    """One line that counts the inputs that nothing feeds."""
+    names = [f"{one.name}.{name}" for one in instances for name in one.unconnected]
+    if not names:
+        return []
+    many = len(names) > 1
+    subject = f"{len(names)} inputs have" if many else f"input {names[0]} has"
+    return [
+        f"{subject} no connection and keep{'' if many else 's'} the start value that the FMU declares; "
+        "`orchestrator check -v` lists such inputs, `run.unconnected: error` refuses them"
+    ]
+
+
+def _may_hold(connection: Connection) -> bool:
+    """Whether over a step that is short enough an effect passes nothing at once."""
+    links = connection.wire.every_link if connection.wire else ()
+    return any(not link.effect.passes_at_once(1e-12) for link in links)
+
+
+def _stated(
+    connections: Iterable[str | ConnectionModel | Mapping[str, Any] | None],
+    descriptions: Mapping[str, ModelDescription],
+    judged: Judged,
+    places: Places,
+    absent: Absent,
+    gaps: Gaps,
+) -> tuple[list[Ends], list[Ends], set[str]]:
+    """Take connections apart, element by element.
+
+    Returns: the elements, before those of a connection that has problems the whole of it; the elements alone;
+        all inputs that are fed, or may be meant to be.
+    """
+    stated: list[Ends] = []
+    single: list[Ends] = []
+    fed: set[str] = set()
+    every, unknown = meant(Ends(0, (), ""), descriptions), gaps.further("connections")
+    for index, connection in enumerate(connections):
+        # Of one of which nothing is known, too: it may feed any input.
+        known = gaps.whole("connections", index)
+        whole = Ends(index, (), "", known=False) if connection is None else Ends.of(index, connection, known)
+        ends, targets, wrong = elements(whole, descriptions, places)
+        fed.update(targets)
+        there = whole.target in every or whole.target.partition(".")[0] in absent.names
+        if targets == [whole.target] and not there:
+            like = meant(whole, descriptions)
+            unknown |= bool(every) and like >= every
+            fed |= like
+        judged.problems += wrong
+        single += ends
+        stated += [whole, *ends] if wrong else ends
+    if unknown:
+        judged.unchecked.append("whether all inputs are connected")
+    return stated, single, fed | (every if unknown else set())
+
+
+def _bonded(
+    bonds: Sequence[BondModel | None] | None,
+    instances: Sequence[Instance],
+    connections: Sequence[Connection],
+    stated: Sequence[Ends],
+    unknown: bool,
+    absent: Absent,
+    places: Places,
+    problems: list[Problem],
+    notes: list[str],
+) -> tuple[Bond, ...]:
+    """Power bonds as declared or, with doubts as notes, as they are found."""
+    variables = {one.name: one.fmu.description.variables for one in instances}
+
+    def variable(port: Port) -> Variable:
+        return variables[port.instance][port.variable]
+
+    if bonds is None:
+        bonded, doubts = find_bonds(connections, variable)
+        notes += doubts
+        return bonded
+    outputs = [Port(one.name, name.name) for one in instances for name in one.fmu.description.outputs]
+    numeric = {str(port): port for port in outputs if variable(port).kind is Kind.REAL}
+    unjudged = [one.leading for one in stated]
+    return declared_bonds(bonds, connections, variable, numeric, places, problems, unjudged, absent, unknown)
+
+
+def _recorded(
+    outputs: bool,
+    wanted: Mapping[str, tuple[str | int, ...]],
+    instances: Sequence[Instance],
+    absent: Absent,
+    places: Places,
+    problems: list[Problem],
+) -> tuple[Port, ...]:
+    """Ports to record: all numeric outputs if `outputs`, and what is wanted besides."""
+    ports = {
+        Port(one.name, variable.name): None
+        for one in instances
+        if outputs
+        for variable in one.fmu.description.outputs
+        if variable.kind.numeric and not variable.shape
+    }
+    descriptions = {one.name: one.fmu.description for one in instances}
+    for text, path in wanted.items():
+        name, _, variable = text.partition(".")
+        if name in absent:
+            continue
+        description = descriptions.get(name)
+        whole = description is not None and variable not in description.variables
+        members = [one.name for one in description.elements(variable)] if whole else []
+        for one in members or [variable]:
+            problem = checks.recordable(
+                name, one, descriptions, places.text(path), absent.among(descriptions)
+            )
+            if problem is not None:
+                problems.append(problem)
+                break
+            ports[Port(name, one)] = None
+    return tuple(ports)

@@ -1,0 +1,49 @@
+"""Instances that many runs of a system take turns with."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from contextlib import suppress
+
+from ..base.errors import OrchestratorError
+from ..fmi import FmuInstance
+from .system import Instance
+
+__all__ = ["InstancePool"]
+
+
+class InstancePool:
+    """Instances that are reset after a run and taken again by the next, instead of being loaded anew.
+
+    To load an FMU takes as long as thousands of steps. For FMUs whose reset can be trusted only; runs may be
+    in several threads, each has instances of its own.
+    """
+
+    def __init__(self) -> None:
+        # By what makes them: an FMU that is kept here keeps its number.
+        self._idle: defaultdict[tuple[int, str], deque[FmuInstance]] = defaultdict(deque)
+        self._made: dict[int, Instance] = {}
+
+    def take(self, instance: Instance) -> FmuInstance:
+        """An instance as new. Raises: FmuError if it cannot be loaded."""
+        self._made.setdefault(id(instance.fmu), instance)
+        try:
+            return self._idle[id(instance.fmu), instance.name].pop()
+        except IndexError:
+            return instance.fmu.instantiate(instance.name)
+
+    def give_back(self, instance: Instance, running: FmuInstance) -> None:
+        """Keep an instance whose run is over; one that cannot be reset is freed."""
+        if getattr(running, "resettable", False):
+            with suppress(OrchestratorError):
+                running.reset()  # type: ignore[attr-defined]
+                self._idle[id(instance.fmu), instance.name].append(running)
+                return
+        running.free()
+
+    def close(self) -> None:
+        """Free all instances that no run holds."""
+        for idle in self._idle.values():
+            while idle:
+                with suppress(OrchestratorError):
+                    idle.pop().free()

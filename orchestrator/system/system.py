@@ -1,0 +1,296 @@
+"""A system that is known to fit together: instances, connections and the order that they impose.
+
+Systems are made, and checked, by `orchestrator.system.assembly`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..base import graph
+from ..effects import Effect
+from ..fmi import Fmu, Value, Variable
+
+if TYPE_CHECKING:
+    from .power_bonds import Bond
+
+__all__ = ["Connection", "Instance", "Leg", "Link", "Port", "System", "Wire", "port_graph"]
+
+
+class Port(NamedTuple):
+    """A variable of an instance."""
+
+    instance: str
+    variable: str
+
+    @staticmethod
+    def of(text: str) -> Port:
+        """The port that a text names, as `str` writes it; without a dot, one of no variable."""
+        instance, _, variable = text.partition(".")
+        return Port(instance, variable)
+
+    def __str__(self) -> str:
+        return f"{self.instance}.{self.variable}"
+
+
+@dataclass(frozen=True)
+class Instance:
+    """A checked instance: start values are numbers in the FMU's units, dependencies are settled.
+
+    Attributes:
+        ratio: its own step size over the communication step size: n or 1/n.
+        assumed: outputs whose dependencies neither the FMU nor the config declares.
+        unconnected: inputs without a connection that keep the start value that the FMU declares.
+    """
+
+    name: str
+    fmu: Fmu
+    start: Mapping[str, Value]
+    feedthrough: Mapping[str, tuple[str, ...]]
+    initial_feedthrough: Mapping[str, tuple[str, ...]]
+    ratio: Fraction = Fraction(1)
+    assumed: frozenset[str] = frozenset()
+    unconnected: frozenset[str] = frozenset()
+
+    def variable(self, name: str) -> Variable:
+        """A variable of the FMU."""
+        return self.fmu.description.variables[name]
+
+
+class Leg(NamedTuple):
+    """One of the sources of a connection that sums several: it gives gain * value + offset.
+
+    Attributes:
+        links: effects that the value goes through before.
+    """
+
+    port: Port
+    gain: float = 1.0
+    offset: float = 0.0
+    links: tuple[Link, ...] = ()
+
+
+class Link(NamedTuple):
+    """An effect on a connection.
+
+    Attributes:
+        effect: with its options.
+        name: as the config has it.
+        reads: the outputs that it reads beside the connection's own.
+        at_once: whether its value at a communication point depends on the signal's at the same point.
+    """
+
+    effect: Effect
+    name: str
+    reads: tuple[Port, ...] = ()
+    at_once: bool = True
+
+
+class Wire(NamedTuple):
+    """What makes one signal of a connection's sources: their sum, through its effects in turn."""
+
+    legs: tuple[Leg, ...]
+    links: tuple[Link, ...] = ()
+
+    @property
+    def every_link(self) -> tuple[Link, ...]:
+        """Effects of the legs, then of their sum."""
+        return (*(link for leg in self.legs for link in leg.links), *self.links)
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A checked connection: value at the target = gain * signal + offset (unit conversion).
+
+    Attributes:
+        source: where the signal comes from; of several sources the first.
+        target: the input.
+        wire: what makes the signal; None where it is the value at the source.
+    """
+
+    source: Port
+    target: Port
+    gain: float = 1.0
+    offset: float = 0.0
+    wire: Wire | None = None
+
+    @cached_property
+    def sources(self) -> tuple[Port, ...]:
+        """All outputs that the signal is made from."""
+        if self.wire is None:
+            return (self.source,)
+        ports = [leg.port for leg in self.wire.legs]
+        return tuple(dict.fromkeys([*ports, *(port for link in self.wire.every_link for port in link.reads)]))
+
+    @cached_property
+    def passed_at_once(self) -> tuple[Port, ...]:
+        """Those on which the signal at a communication point depends with their value at the same point."""
+        if self.wire is None:
+            return (self.source,)
+        ports, whole = _read_at_once(self.wire.links)
+        if whole:
+            for leg in self.wire.legs:
+                reads, passes = _read_at_once(leg.links)
+                ports += [*reads, leg.port] if passes else reads
+        return tuple(dict.fromkeys(ports))
+
+    def __str__(self) -> str:
+        if self.wire is None:
+            return f"{self.source} -> {self.target}"
+        through = "".join(f" -> {link.name}" for link in self.wire.links)
+        return f"{' + '.join(str(leg.port) for leg in self.wire.legs)}{through} -> {self.target}"
+
+
+def _read_at_once(links: Sequence[Link]) -> tuple[list[Port], bool]:
+    """What effects read whose value depends on it at the same point, and whether it does on their signal."""
+    ports: list[Port] = []
+    for link in reversed(links):
+        if not link.at_once:
+            return ports, False
+        ports += link.reads
+    return ports, True
+
+
+@dataclass(frozen=True)
+class System:
+    """A checked system.
+
+    Attributes:
+        instances: in the config's order.
+        connections: in the config's order.
+        recorded: numeric signals to record; the names that measures and results use.
+        notes: what was accepted but could not be checked.
+        loops: algebraic loops at communication points, inputs and outputs in turn; only some masters solve
+            them.
+        longest_step: the largest communication step [s] for which delays keep what they connect apart, on
+            which order and loops rely; None if none does.
+        bonds: connections that carry energy.
+        held: ports on algebraic loops that only assumed dependencies close, and that are not solved but held
+            over a step; at initialisation, too, they need not agree.
+    """
+
+    instances: tuple[Instance, ...]
+    connections: tuple[Connection, ...]
+    recorded: tuple[Port, ...]
+    notes: tuple[str, ...] = ()
+    loops: tuple[tuple[Port, ...], ...] = ()
+    longest_step: float | None = None
+    bonds: tuple[Bond, ...] = ()
+    held: frozenset[Port] = frozenset()
+
+    @cached_property
+    def position(self) -> Mapping[str, int]:
+        """Index of each instance by name."""
+        return {instance.name: index for index, instance in enumerate(self.instances)}
+
+    def variable(self, port: Port) -> Variable:
+        """The variable behind a port."""
+        return self.instances[self.position[port.instance]].variable(port.variable)
+
+    def start(self, port: Port) -> float:
+        """Start value of a scalar real variable: the config's, else its FMU's; 0 where neither gives one."""
+        part = self.instances[self.position[port.instance]]
+        return float(part.start.get(port.variable, part.variable(port.variable).start or 0.0))
+
+    @cached_property
+    def order(self) -> tuple[int, ...]:
+        """Indices of the instances in the order of direct feedthrough; the config's order breaks ties.
+
+        An instance comes after those whose outputs it passes on within one instant; where that leaves it
+        open, also after those whose outputs would pass if effects did not keep them back, so that a delay
+        changes nothing else when it outgrows the step.
+        """
+        through = [{port for ports in one.feedthrough.values() for port in ports} for one in self.instances]
+        successors: list[set[int]] = [set() for _ in self.instances]
+        kept_back: list[tuple[int, int]] = []
+        for connection in self.connections:
+            target = self.position[connection.target.instance]
+            if connection.target.variable in through[target]:
+                sources = {self.position[port.instance] for port in connection.passed_at_once} - {target}
+                for source in sources:
+                    successors[source].add(target)
+                others = {self.position[port.instance] for port in connection.sources} - sources - {target}
+                kept_back += [(source, target) for source in others]
+        if not kept_back:
+            return graph.stable_order([sorted(below) for below in successors])
+        every = [set(below) for below in successors]
+        for source, target in kept_back:
+            every[source].add(target)
+        wished = graph.stable_order([sorted(below) for below in every])
+        rank = {index: place for place, index in enumerate(wished)}
+        ranked = [sorted(rank[below] for below in successors[index]) for index in wished]
+        return tuple(wished[place] for place in graph.stable_order(ranked))
+
+    @cached_property
+    def initial_levels(self) -> tuple[tuple[Connection, ...], ...]:
+        """Connections by the round in which they are served at initialisation.
+
+        All sources of a round can be read once the targets of the earlier rounds are set, and the loops of
+        this one (see `initial_loops`) are solved.
+        """
+        return self._initial[0]
+
+    @cached_property
+    def initial_loops(self) -> tuple[tuple[tuple[Connection, ...], ...], ...]:
+        """Per round of `initial_levels`, the connections of each algebraic loop that it begins with."""
+        return self._initial[1]
+
+    @cached_property
+    def _initial(
+        self,
+    ) -> tuple[tuple[tuple[Connection, ...], ...], tuple[tuple[tuple[Connection, ...], ...], ...]]:
+        nodes, successors = port_graph(self.instances, self.connections, initial=True)
+        level = graph.levels(successors)
+        components = graph.strong_components(successors)
+        home = {node: index for index, members in enumerate(components) for node in members}
+        served: dict[int, list[Connection]] = {}
+        loops: dict[int, dict[int, list[Connection]]] = {}
+        for connection in self.connections:
+            sources, own = [nodes[port] for port in connection.sources], home[nodes[connection.target]]
+            latest = max(level[source] for source in sources)
+            if any(home[source] == own for source in sources):
+                loops.setdefault(latest, {}).setdefault(own, []).append(connection)
+            else:
+                served.setdefault(latest, []).append(connection)
+        keys = sorted(served.keys() | loops.keys())
+        return (
+            tuple(tuple(served.get(key, ())) for key in keys),
+            tuple(tuple(tuple(one) for one in loops.get(key, {}).values()) for key in keys),
+        )
+
+
+def port_graph(
+    instances: Sequence[Instance], connections: Sequence[Connection], *, initial: bool = False
+) -> tuple[dict[Port, int], list[list[int]]]:
+    """Ports as nodes; edges from source to target and from input to each output that depends on it.
+
+    A connection whose effects keep the two apart has no edge, except at initialisation, where they remember
+    nothing.
+    """
+    nodes: dict[Port, int] = {}
+    successors: list[list[int]] = []
+
+    def node(port: Port) -> int:
+        if port not in nodes:
+            nodes[port] = len(successors)
+            successors.append([])
+        return nodes[port]
+
+    for connection in connections:
+        for port in connection.sources:
+            node(port)
+        target = node(connection.target)
+        for port in connection.sources if initial else connection.passed_at_once:
+            successors[nodes[port]].append(target)
+    for one in instances:
+        for output, inputs in (one.initial_feedthrough if initial else one.feedthrough).items():
+            for name in inputs:
+                # Ports without a connection are on no path.
+                port = Port(one.name, name)
+                if port in nodes and Port(one.name, output) in nodes:
+                    successors[nodes[port]].append(nodes[Port(one.name, output)])
+    return nodes, successors
