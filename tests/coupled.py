@@ -12,7 +12,8 @@ from orchestrator.system.system.assembly import Part, assemble
 from orchestrator.fmi import Causality, Initial
 from orchestrator.master import create_master
 from orchestrator.master.energy import Ledger
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 
 MASTERS = [
     "jacobi",

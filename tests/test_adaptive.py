@@ -19,7 +19,8 @@ from orchestrator.master.adaptive import Adaptive
 from orchestrator.master.energy import Ledger
 from orchestrator.master.extrapolation import Extrapolation
 from orchestrator.master.running_instances import Instances, instantiate
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
 
 ESTIMATES = ("doubling", "inputs")

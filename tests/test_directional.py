@@ -13,7 +13,8 @@ from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.fmi import Capabilities, load_fmu
 from orchestrator.master.iterative import Iterative
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 
 FOLDER = Path(__file__).parents[1] / "fmus" / "DockingContact"
 CONTACT = {"stiffness": "176 N/mm", "damping": "0.5 N.s/mm", "front": "5 mm", "rear": "-5 mm"}

@@ -19,7 +19,8 @@ from orchestrator.cli.main import main
 from orchestrator.fmi import Causality, Initial, StepStatus
 from orchestrator.frequency.excite import sweep_system
 from orchestrator.master import create_master, master_names
-from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.run import run
 
 MASTERS = {

@@ -23,7 +23,8 @@ from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import ExternalModel, load_config
 from orchestrator.fmi import Array
 from orchestrator.master.jacobi import Jacobi
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
 
 STEPS = 200

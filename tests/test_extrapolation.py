@@ -16,7 +16,8 @@ from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import Capabilities, Causality, Initial, Kind, Variability
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare, run
 
 fixed_masters = pytest.mark.parametrize("name", ["jacobi", "gauss-seidel"])

@@ -24,7 +24,9 @@ sys.meta_path.insert(0, Finder())
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("module", ["orchestrator.base.errors", "pydantic", "orchestrator.simulation.run", "fmpy"])
+@pytest.mark.parametrize(
+    "module", ["orchestrator.base.errors", "pydantic", "orchestrator.simulation.run", "fmpy"]
+)
 def test_an_interrupt_while_modules_are_imported(module, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(SITE.replace("WANTED", repr(module)), encoding="utf-8")
     done = subprocess.run(

@@ -18,7 +18,8 @@ from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.fmi import Capabilities, Causality, Kind, StepStatus, Variability, load_fmu
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative, blocks
-from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.run import prepare, run
 
 METHODS = ("newton", "anderson", "fixed-point")

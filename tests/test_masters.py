@@ -16,7 +16,8 @@ from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.fmi import Causality, Initial, Kind, Point, StepStatus, Variability
 from orchestrator.master import create_master, master_names
 from orchestrator.master.running_instances import instantiate
-from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import Report, simulate
 
 # With the options that the shared suite runs them with; loose ones make fixed steps of adaptive ones.
 OPTIONS = {"iterative": {"tolerance": 1e-10}, "adaptive": {"tolerance": 1e9, "estimate": "inputs"}}

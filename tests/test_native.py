@@ -25,7 +25,8 @@ from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
 from orchestrator.master.jacobi import Jacobi
 from orchestrator.master.running_instances import instantiate
-from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.native import choice
 from orchestrator.simulation.native.choice import schedule
 from orchestrator.simulation.native.tables import Tables

@@ -18,7 +18,8 @@ from orchestrator.fmi import load_fmu
 from orchestrator.fmi.fmi2 import Fmi2Instance
 from orchestrator.master.jacobi import Jacobi
 from orchestrator.master.running_instances import instantiate
-from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.native import choice
 
 FOLDER = Path(__file__).parents[1] / "fmus"

@@ -13,7 +13,8 @@ from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import Causality, Initial
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
 
 

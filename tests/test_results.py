@@ -20,7 +20,8 @@ from orchestrator.cli.main import main
 from orchestrator.diagnosis.logs import LogError, read_log
 from orchestrator.master import create_master
 from orchestrator.results.recorders import file_formats as formats
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 
 SAMPLE = Results(
     time=np.array([0.0, 0.1, 0.2]),

@@ -15,7 +15,8 @@ from orchestrator.system.system.assembly import Part, assemble
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import RunModel
 from orchestrator.master import create_master
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 
 
 def grid(step: str, stop: str, start: str = "0 s") -> Grid:

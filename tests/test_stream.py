@@ -28,7 +28,8 @@ from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
 from orchestrator.results.recorders import column_stream as stream
 from orchestrator.results.recorders import recorded_signals as recorded
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
 
 pytest.importorskip("numba")

@@ -11,7 +11,8 @@ from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.effects.choose import BUILT_IN
 from orchestrator.master import create_master
-from orchestrator.simulation.loop import Grid, Report, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import Report, simulate
 
 # Each effect at zero size, and with an effect, on a signal in metres that is about one.
 ZERO = {

@@ -1,4 +1,4 @@
-"""What every package uses: errors, units and quantities, files written whole, locks, digests, graph algorithms.
+"""What every package uses: errors, units, quantities, files written whole, locks, digests, graph algorithms.
 
 Imports nothing else of the project.
 """

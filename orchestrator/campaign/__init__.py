@@ -1,7 +1,6 @@
 """Campaigns: studies of many runs, on many cores or machines, kept in a store that can be queried."""
 
 from .database import Store
-from .study import Study
-from .sweep import Swept, sweep
+from .sweep import Study, Swept, sweep
 
 __all__ = ["Store", "Study", "Swept", "sweep"]

@@ -21,7 +21,8 @@ from ..master.running_instances import instantiate
 from ..results.measures import ChosenMeasure
 from ..results.recorders import Results
 from ..simulation.native.choice import obstacle
-from ..simulation.run import Prepared, RunResult, prepare, run
+from ..simulation.run import Prepared, prepare, run
+from ..simulation.run_result import RunResult
 from ..system.system import Instance
 from .axes import as_text
 from .derived import Derived

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from functools import cached_property
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from ..base.digests import digest_of
 from ..base.errors import ConfigError, Problem
@@ -26,15 +26,14 @@ from .variants import written
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from .sweep import Swept
 
-__all__ = ["Study"]
+__all__ = ["CheckedStudy"]
 
 _POINTS_AT_ONCE = 10_000
 
 
-class Study:
-    """What is constructed can be run; see `Study.load` for files.
+class CheckedStudy:
+    """A study that has passed all checks.
 
     Attributes:
         model: the values.
@@ -53,8 +52,8 @@ class Study:
         data = {key.rstrip("_"): value for key, value in {**(source or {}), **values}.items()}
         self._take("study", check_study({"format": "sweep/1", **data}, Places("study"), Path.cwd()))
 
-    @staticmethod
-    def load(path: Path | str) -> Study:
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
         """Read a study file. Raises: ConfigError with all problems."""
         path = Path(path)
         try:
@@ -64,7 +63,7 @@ class Study:
         data, places, twice = compose(text, path.name)
         if not isinstance(data, dict):
             raise ConfigError([Problem(path.name, "not a study", "a mapping with format, system and design")])
-        study = Study.__new__(Study)
+        study = cls.__new__(cls)
         study._take(path.stem, check_study(data, places, path.parent, [problem for _, problem in twice]))
         return study
 
@@ -225,12 +224,6 @@ class Study:
             "config": self._packed.config,
             "product": product(),
         }
-
-    def run(self, store: Path | str, **options: Any) -> Swept:
-        """Make the runs that the store does not hold yet; see `sweep`."""
-        from .sweep import sweep
-
-        return sweep(self, store, **options)
 
 
 def _column(values: list[Any]) -> pa.Array:

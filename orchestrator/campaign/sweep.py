@@ -17,12 +17,12 @@ from ..fmi.workers import Outcome, Pool, Work, pool_of
 from .execute import Task, as_json, begin, execute
 from .software_version import product
 from .store import StoreWriter
-from .study import Study
+from .study import CheckedStudy
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Swept", "sweep"]
+__all__ = ["Study", "Swept", "sweep"]
 
 _PACKAGES = (
     "orchestrator",
@@ -93,7 +93,7 @@ class Swept:
 
 
 def sweep(
-    study: Study,
+    study: CheckedStudy,
     store: Path | str,
     *,
     jobs: int | None = None,
@@ -128,8 +128,16 @@ def sweep(
     return swept
 
 
+class Study(CheckedStudy):
+    """A system, the points at which it is run, and what is kept of each run; `Study.load` reads a file."""
+
+    def run(self, store: Path | str, **options: Any) -> Swept:
+        """Make the runs that the store does not hold yet; `options` are those of `sweep`."""
+        return sweep(self, store, **options)
+
+
 def _sweep(
-    study: Study,
+    study: CheckedStudy,
     writer: StoreWriter,
     pool: Pool,
     retry_failed: bool,
@@ -188,7 +196,7 @@ def _sweep(
     return swept
 
 
-def _keys(study: Study, folder: Path) -> Iterator[str]:
+def _keys(study: CheckedStudy, folder: Path) -> Iterator[str]:
     """Identities of the study's runs, as its points in the store have them."""
     import pyarrow.parquet as pq
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping, Sequence
-    
+
     from ..config import Config
 
 __all__ = ["add_config", "add_json", "add_requests", "print_json", "requested_configs"]

@@ -48,8 +48,7 @@ def sweep_main(args: argparse.Namespace) -> int:
 
     Returns: 0 if every point has its run, failures among them; 1 if all runs failed.
     """
-    from ..campaign.study import Study
-    from ..campaign.sweep import sweep
+    from ..campaign.sweep import Study, sweep
     from ..fmi.workers import pool_of
     from ..results.progress import counting
 

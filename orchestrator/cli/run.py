@@ -9,7 +9,7 @@ from .arguments import add_config, add_json, add_requests, print_json, requested
 
 if TYPE_CHECKING:
     import argparse
-    
+
     from ..simulation.preparation import Prepared
 
 __all__ = ["add_arguments", "main"]
@@ -66,7 +66,9 @@ def main(args: argparse.Namespace) -> int:
     for result in run_each(configs, out=args.out, overrides=overrides, begin=begin, **options):
         failed = (result.summary.get("numerics") or {}).get("error")
         folder = None if result.folder is None else str(result.folder)
-        if print_json(args, {"exit_code": 0, "folder": folder, "files": result.files, "summary": result.summary}):
+        if print_json(
+            args, {"exit_code": 0, "folder": folder, "files": result.files, "summary": result.summary}
+        ):
             continue
         if not args.quiet:
             print(summary_text(result.summary))

@@ -10,7 +10,7 @@ from pathlib import Path
 from orchestrator.base.atomic_files import replaceable
 from orchestrator.base.errors import BuildError
 
-from ..translate.build import BuildReport
+from ..translate.build_report import BuildReport
 from ..translate.package import PLATFORMS, this_platform
 
 _DESCRIPTION = """Make a co-simulation FMU from a Modelica model, with C sources and a binary for this

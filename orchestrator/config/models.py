@@ -1,4 +1,4 @@
-"""The config's shape, checked by pydantic; what only FMUs can tell is checked in `orchestrator.system.system`."""
+"""The config's shape, checked by pydantic; what only FMUs can tell is checked in `orchestrator.system`."""
 
 from __future__ import annotations
 

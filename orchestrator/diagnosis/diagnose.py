@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -16,13 +16,14 @@ from ..simulation.run_folder import folder_at
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
 from .content import Told, content, named_files, provenance
+from .diagnosed import Diagnosed
 from .finding import Finding
 from .parts import Parts
-from .ports.study import PortStudy, is_port_study
+from .ports.study import is_port_study
 from .study import Role, Study, case_file, load_study
 from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable, Warned
 
-__all__ = ["STAGES", "Diagnosed", "diagnose"]
+__all__ = ["STAGES", "diagnose"]
 
 # What is shown of a diagnosis under way, in its order.
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
@@ -34,22 +35,6 @@ _JUDGED = "judging_by_held_out_runs"
 _PRACTISED = "practice-cases.jsonl"
 
 Report = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Diagnosed:
-    """A diagnosis and what it was made of.
-
-    Attributes:
-        diagnosis: content of diagnosis.json.
-        folder, files: where it was written and the files' names; None and none if it was not.
-    """
-
-    study: Study | PortStudy
-    finding: Finding
-    diagnosis: Diagnosis
-    folder: Path | None = None
-    files: tuple[str, ...] = ()
 
 
 def diagnose(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .caveats import caveats
-from .diagnose import Diagnosed
+from .diagnosed import Diagnosed
 from .headline import TELLS, families_in_words, headline, leaves_in_words, nats, percent
 
 __all__ = ["text"]

@@ -15,7 +15,7 @@ from .theory import ideal_restitution
 
 if TYPE_CHECKING:
     from ..results.recorders import Results
-    from .measures import DockingOptions
+    from .options import DockingOptions
 
 __all__ = ["comparison", "contact_time", "contacts", "estimates", "rebounds"]
 

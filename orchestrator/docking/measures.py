@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 
 from .contacts import find_contacts
+from .options import DockingOptions
 from .theory import contact_frequency, ideal_peak_force, ideal_restitution
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from ..results.recorders import Results
 
-__all__ = ["KEPT", "UNITS", "DockingMeasure", "DockingOptions"]
+__all__ = ["KEPT", "UNITS", "DockingMeasure"]
 
 # Of the numbers of both docking measures; the others are ratios.
 UNITS = {
@@ -57,25 +57,6 @@ def _kept_speed(contacts: Sequence[Mapping[str, Any]], ideal: float) -> str:
     if abs(ratio - ideal) <= KEPT * ideal:
         return f"{told}: the loop keeps the energy of the contact."
     return f"{told}: the loop {'adds' if ratio > ideal else 'takes'} energy at each contact."
-
-
-class DockingOptions(BaseModel):
-    """Which instances play which part; `controller` is absent in an uncompensated loop."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    satellite: str
-    robot: str
-    contact: str
-    controller: str | None = None
-
-    def signals(self) -> tuple[str, ...]:
-        """Names of the recorded signals that the measure reads."""
-        names = [f"{self.satellite}.velocity", f"{self.satellite}.position", f"{self.robot}.position"]
-        names += [f"{self.contact}.force"]
-        if self.controller is not None:
-            names += [f"{self.controller}.stiffness_estimate", f"{self.controller}.damping_estimate"]
-        return tuple(names)
 
 
 class DockingMeasure:

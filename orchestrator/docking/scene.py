@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ..results.recorders import Results
-    from .measures import DockingOptions
-    from .space import SpaceOptions
+    from .options import DockingOptions, SpaceOptions
 
 __all__ = ["line_scene", "space_scene"]
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 from scipy.spatial.transform import Rotation
 
-from .contacts import Contact, find_contacts
-from .frames import Motion, attached
 from .measures import KEPT, UNITS
+from .options import SpaceOptions
+from .space_contacts import SpaceContacts, _normal, _vector
+from .space_signals import Array, pose, stacked
 from .theory import contact_frequency, ideal_peak_force, ideal_restitution
 
 if TYPE_CHECKING:
@@ -24,61 +20,10 @@ if TYPE_CHECKING:
 
     from ..results.recorders import Results
 
-__all__ = [
-    "SpaceContacts",
-    "SpaceMeasure",
-    "SpaceOptions",
-    "effective_mass",
-    "pose",
-    "stacked",
-    "tip_velocity",
-]
+__all__ = ["SpaceMeasure", "effective_mass"]
 
-Array = NDArray[np.float64]
 
-# Of a free flight: there every remainder of the last contact has died away, and no prediction has begun.
-_MIDDLE = (0.25, 0.75)
-_POSE = {"position": 3, "orientation": 4, "velocity": 3, "angular_velocity": 3}
 _SATELLITES = ("kinetic_energy", "linear_momentum", "angular_momentum")
-
-
-class SpaceOptions(BaseModel):
-    """Which instances play which part; `controller` is absent in an uncompensated loop."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    satellites: str
-    robot: str
-    contact: str
-    controller: str | None = None
-
-    def signals(self) -> tuple[str, ...]:
-        """Names of the recorded signals that the measure reads."""
-        names = [f"{self.satellites}.kinetic_energy", f"{self.contact}.stored_energy"]
-        arrays = [(f"{self.satellites}.{name}", 3) for name in _SATELLITES[1:]]
-        arrays += [(f"{self.contact}.force", 3)]
-        for suffix in ("", "_a", "_b"):
-            arrays += [(f"{self.satellites}.{name}{suffix}", size) for name, size in _POSE.items()]
-        arrays += [(f"{self.robot}.{name}", size) for name, size in _POSE.items()]
-        names += [f"{name}[{index}]" for name, size in arrays for index in range(1, size + 1)]
-        if self.controller is not None:
-            names += [f"{self.controller}.stiffness_estimate", f"{self.controller}.damping_estimate"]
-        return tuple(names)
-
-
-def stacked(results: Results, name: str, size: int = 3) -> Array:
-    """A recorded array signal, shape (n, size)."""
-    return np.column_stack([results[f"{name}[{index}]"] for index in range(1, size + 1)])
-
-
-def pose(results: Results, instance: str, suffix: str = "") -> Motion:
-    """Recorded pose and twist of an instance, n rows."""
-    return Motion.of(*(stacked(results, f"{instance}.{name}{suffix}", size) for name, size in _POSE.items()))
-
-
-def tip_velocity(results: Results, instance: str, tip: Array) -> Array:
-    """Velocity of the rod tip in O_t, shape (n, 3) [m/s]; `tip` is its place in O_u, shape (3,) [m]."""
-    return attached(pose(results, instance), tip, Rotation.identity()).velocity
 
 
 def effective_mass(direction: Array, bodies: list[tuple[float, Array, Rotation, Array]]) -> float:
@@ -97,43 +42,6 @@ def effective_mass(direction: Array, bodies: list[tuple[float, Array, Rotation, 
         lever = turn.inv().apply(np.cross(arm, direction))
         inverse += 1.0 / mass + float(lever @ np.linalg.solve(inertia, lever))
     return 1.0 / inverse
-
-
-@dataclass(frozen=True)
-class SpaceContacts:
-    """Contacts of a run, seen along the surface normal.
-
-    Attributes:
-        velocity: of the satellite's rod tip along the way to the front surface, shape (n,) [m/s].
-        force: contact force on the rod along the same way, shape (n,) [N]; negative at the front frame.
-        found: the completed contacts. Their velocities are those of the free flights around them where the
-            contact begins and ends: the target turns, so that even in free flight the velocity seen from it
-            changes (by 0.5 % between the middle of a flight and its end in `docking-6d`).
-    """
-
-    velocity: Array
-    force: Array
-    found: list[Contact]
-
-    @classmethod
-    def of(cls, results: Results, options: SpaceOptions) -> SpaceContacts:
-        """Find the contacts of a run."""
-        way = -_normal(results, options)
-        velocity = tip_velocity(results, options.satellites, _vector(results, options.contact, "tip")) @ way
-        force = stacked(results, f"{options.contact}.force") @ way
-        found = find_contacts(results.time, velocity, force, settled=math.inf)
-        whole, before = [], 0
-        for one in found:
-            later = np.flatnonzero(force[one.last + 1 :])
-            # The flight after the last contact may be cut off by the recording: its latter half counts then.
-            end = one.last + 1 + int(later[0]) if later.size else 2 * len(velocity) - one.last
-            speeds = (
-                _in_flight(results.time, velocity, before, one.first, one.first),
-                _in_flight(results.time, velocity, one.last, end, one.last),
-            )
-            whole.append(replace(one, velocity_before=speeds[0], velocity_after=speeds[1]))
-            before = one.last
-        return cls(velocity, force, whole)
 
 
 class SpaceMeasure:
@@ -250,23 +158,6 @@ class SpaceMeasure:
 
         measured = {name: self.measure(results, options) for name, (results, options) in runs.items()}
         return {"comparison-space": figures.comparison(measured)}
-
-
-def _in_flight(time: Array, velocity: Array, begin: int, end: int, row: int) -> float:
-    """Velocity [m/s] at a row, from a parabola through the middle of the free flight between two rows."""
-    low, high = (begin + round(part * (end - begin)) for part in _MIDDLE)
-    rows = slice(low, min(high, len(time) - 1) + 1)
-    degree = min(2, rows.stop - rows.start - 1)
-    return float(Polynomial.fit(time[rows], velocity[rows], degree)(time[row]))
-
-
-def _vector(results: Results, instance: str, name: str, size: int = 3) -> Array:
-    return np.array([results.parameters[f"{instance}.{name}[{index}]"] for index in range(1, size + 1)])
-
-
-def _normal(results: Results, options: SpaceOptions) -> Array:
-    normal = _vector(results, options.contact, "normal")
-    return normal / np.linalg.norm(normal)
 
 
 def _tensor(results: Results, instance: str, name: str) -> Array:

@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 
 from ..plotting.figures import COLORS
 from .figures import BLUE, GREEN, GREY, VERMILION
-from .space import SpaceContacts, pose, stacked
+from .space_contacts import SpaceContacts
+from .space_signals import pose, stacked
 
 if TYPE_CHECKING:
     from ..results.recorders import Results
-    from .space import SpaceOptions
+    from .options import SpaceOptions
 
 __all__ = ["attitude", "comparison", "contacts", "energy", "estimates", "forces", "positions"]
 

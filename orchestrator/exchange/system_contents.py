@@ -18,8 +18,9 @@ from ..master.gauss_seidel import GaussSeidel
 from ..master.jacobi import Jacobi
 from ..simulation.run import Prepared, prepare
 from ..system import checks
+from ..system.connection import Port
 from ..system.signal_vector import Layout
-from ..system.system import Instance, Port, System
+from ..system.system import Instance, System
 
 __all__ = ["EFFECTS", "Inside", "Outer", "effect_number", "look_inside", "native_config", "platforms_of"]
 

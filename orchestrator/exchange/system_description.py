@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 
 from ..base.units import BASE_NAMES, Unit
 from ..fmi import Causality, Kind, Value, Variable
-from ..system.system import Port, System
+from ..system.connection import Port
+from ..system.system import System
 from ..translate.package import LOG_CATEGORIES
 from .system_contents import Inside, Outer
 from .system_text import TIME

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..base.errors import ConfigError, Problem
 from ..fmi import Causality, Value, Variable
-from ..system.system import Connection, Port
+from ..system.connection import Connection, Port
 from .system_contents import Inside, Outer, effect_number
 
 __all__ = ["TIME", "system_text"]

@@ -1,9 +1,9 @@
 """FMUs: their descriptions, and instances that run."""
 
 from .description import Capabilities, ModelDescription, read_description
-from .instance import Array, Fmu, FmuInstance, Point, StepStatus
+from .instance import Array, Fmu, FmuInstance, Point, StepStatus, integration_tolerance
 from .loading import CompiledFmu, load_fmu
-from .run_options import DEFAULT_TOLERANCE, Handling, Interface, integration_tolerance
+from .run_options import DEFAULT_TOLERANCE, Handling, Interface
 from .variable import Causality, Initial, Kind, Value, Variability, Variable
 
 __all__ = [

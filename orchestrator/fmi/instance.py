@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .instance import Fmu
+
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
@@ -11,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .description import ModelDescription
+from .run_options import DEFAULT_TOLERANCE, Interface
 from .variable import Value
 
-__all__ = ["Array", "Fmu", "FmuInstance", "Point", "StepStatus"]
+__all__ = ["Array", "Fmu", "FmuInstance", "Point", "StepStatus", "integration_tolerance"]
 
 Array = NDArray[np.float64]
 
@@ -142,3 +148,11 @@ class Fmu(Protocol):
 
     def checksum(self) -> str:
         """What identifies the FMU's content, for example "sha256:..."."""
+
+
+def integration_tolerance(fmu: Fmu) -> float | None:
+    """The relative tolerance with which a model-exchange FMU is integrated; None for any other FMU."""
+    if fmu.description.interface is not Interface.MODEL_EXCHANGE:
+        return None
+    asked = getattr(getattr(fmu, "handling", None), "tolerance", None)
+    return asked or fmu.description.tolerance or DEFAULT_TOLERANCE

@@ -17,7 +17,7 @@ from .input_curves import Course
 from .instance import Array
 
 if TYPE_CHECKING:
-    from .fmi3 import Fmi3Instance
+    from .binary_instance import CompiledInstance
 
 __all__ = ["Intermediate", "Watcher"]
 
@@ -32,7 +32,7 @@ class Intermediate(Course):
             where the FMU does not declare that they can be got; None: outputs are left alone.
     """
 
-    def __init__(self, instance: Fmi3Instance) -> None:
+    def __init__(self, instance: CompiledInstance) -> None:
         super().__init__(instance)
         self.watcher: Watcher | None = None
         self._got, self._seen = np.zeros(0), np.zeros(0)

@@ -21,7 +21,6 @@ from .instance import Array, Point, StepStatus
 from .log_file import LogFile, log_folder
 from .run_options import Handling
 from .variable import Value
-from .worker import STEP
 
 __all__ = ["IsolatedInstance"]
 
@@ -194,7 +193,7 @@ class IsolatedInstance:
     def do_step(self, point: Point) -> StepStatus:
         """See FmuInstance.do_step."""
         self._time = point.time
-        payload = STEP.pack(point.index, point.time, point.step_size, self._fed)
+        payload = frames.STEP_HEAD.pack(point.index, point.time, point.step_size, self._fed)
         if self._fed:
             payload += self._u.tobytes()
             self._fed = False

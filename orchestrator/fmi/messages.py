@@ -9,13 +9,15 @@ from __future__ import annotations
 import os
 import struct
 
-__all__ = ["CALL", "DONE", "ERROR", "NEWS", "STEP", "VALUE", "receive", "send"]
+__all__ = ["CALL", "DONE", "ERROR", "NEWS", "STEP", "STEP_HEAD", "VALUE", "receive", "send"]
 
 CALL, STEP = b"C", b"S"
 # Answers: a value, an error, a finished step, a finished step with new log lines.
 VALUE, ERROR, DONE, NEWS = b"V", b"E", b"D", b"N"
 
 _HEAD = struct.Struct("<Qc")
+# Of a step: index, time, step size, whether inputs follow.
+STEP_HEAD = struct.Struct("<qdd?")
 
 
 def send(descriptor: int, kind: bytes, payload: bytes = b"") -> None:

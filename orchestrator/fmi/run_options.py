@@ -7,9 +7,9 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .instance import Fmu
+    pass
 
-__all__ = ["DEFAULT_TOLERANCE", "Handling", "Interface", "integration_tolerance"]
+__all__ = ["DEFAULT_TOLERANCE", "Handling", "Interface"]
 
 # Relative, of the integration of a model-exchange FMU for which nobody names one.
 DEFAULT_TOLERANCE = 1e-6
@@ -47,11 +47,3 @@ class Handling:
     isolated: bool = False
     time_limit: float | None = None
     structure: tuple[tuple[str, int], ...] = ()
-
-
-def integration_tolerance(fmu: Fmu) -> float | None:
-    """The relative tolerance with which a model-exchange FMU is integrated; None for any other FMU."""
-    if fmu.description.interface is not Interface.MODEL_EXCHANGE:
-        return None
-    asked = getattr(getattr(fmu, "handling", None), "tolerance", None)
-    return asked or fmu.description.tolerance or DEFAULT_TOLERANCE

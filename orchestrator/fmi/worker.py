@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,7 @@ from .child_process import guarded_pipes
 from .instance import Point
 from .log_file import logs_in
 
-__all__ = ["STEP", "main"]
-
-# Of a step: index, time, step size, whether inputs follow.
-STEP = struct.Struct("<qdd?")
+__all__ = ["main"]
 
 
 class _Given:
@@ -95,9 +91,9 @@ class _Server:
         return own(*arguments) if own is not None else getattr(self.instance, name)(*arguments)
 
     def step(self, payload: bytes) -> tuple[bytes, bytes]:
-        index, now, step_size, fed = STEP.unpack_from(payload)
+        index, now, step_size, fed = frames.STEP_HEAD.unpack_from(payload)
         if fed:
-            self.write_inputs(payload[STEP.size :])
+            self.write_inputs(payload[frames.STEP_HEAD.size :])
         status = self.instance.do_step(Point(index, now, step_size))
         outputs = b""
         if status <= 1:

@@ -19,10 +19,12 @@ from numpy.typing import ArrayLike
 from ..base.errors import Problem, listed, nearest
 from ..effects import Effect
 from ..fmi import Causality, Point
-from ..simulation.loop import Grid, Report, simulate
+from ..simulation.grid import Grid
+from ..simulation.loop import Report, simulate
 from ..simulation.run import Prepared, prepare
+from ..system.connection import Connection, Leg, Link, Port, Wire
 from ..system.signal_vector import Layout, Signals
-from ..system.system import Connection, Leg, Link, Port, System, Wire
+from ..system.system import System
 from .tones import Measured, Tones
 from .transfer import Array
 

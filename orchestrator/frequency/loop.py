@@ -12,7 +12,8 @@ from ..base.errors import ConfigError, Problem, listed, nearest
 from ..effects import Effect
 from ..results.recorders import parameters_of
 from ..simulation.run import Prepared, prepare
-from ..system.system import Connection, System
+from ..system.connection import Connection
+from ..system.system import System
 from .connections import effect_note, effect_path, known_effects
 from .plant import ACTIVE, MODELS, Paths, problems_of
 from .quasi import QuasiPolynomial, characteristic

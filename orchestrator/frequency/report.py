@@ -22,7 +22,7 @@ from .transfer import Transfer
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["main", "stability", "stability_figures"]
+__all__ = ["stability", "stability_figures"]
 
 
 def stability(

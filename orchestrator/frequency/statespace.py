@@ -14,7 +14,7 @@ from ..base.errors import ConfigError, Problem, listed
 from ..fmi import Causality, Fmu, FmuInstance, Kind, Value
 from ..master.running_instances import instantiate
 from ..simulation.run import Prepared, prepare
-from ..system.system import Connection, Port
+from ..system.connection import Connection, Port
 from .connections import static_gain
 from .linearise import load
 from .transfer import Array

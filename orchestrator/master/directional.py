@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ..fmi import Array, Kind
-from ..system.system import Connection, Port
+from ..system.connection import Connection, Port
 from .running_instances import Instances
 
 __all__ = ["sweep_slope"]

@@ -14,9 +14,10 @@ from ..base.errors import Problem
 from ..base.fixed_point import Anderson, FixedPoint, Newton, Solver, solve
 from ..config import Places
 from ..fmi import Array, Kind, Point, StepStatus
+from ..system.connection import Port
 from ..system.initialisation import not_converged
 from ..system.signal_vector import Layout, Signals, Wired
-from ..system.system import Port, System
+from ..system.system import System
 from .base import Master, StepInfo, failure, need_rollback
 from .directional import sweep_slope
 from .rates import slow

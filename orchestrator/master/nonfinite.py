@@ -9,8 +9,9 @@ import numpy as np
 
 from ..base.errors import StepError
 from ..fmi import Array, FmuInstance, Point
+from ..system.connection import Port
 from ..system.signal_vector import Layout, Wired
-from ..system.system import Port, System
+from ..system.system import System
 
 __all__ = ["Culprits"]
 

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from ..base.errors import OrchestratorError, StepError
 from ..fmi import Array, FmuInstance, Point, StepStatus, Value
 from ..fmi.working_directory import return_to, working_directory
+from ..system.connection import Connection, Port
 from ..system.initialisation import settle
 from ..system.instance_pool import InstancePool
 from ..system.running_connections import Wires
 from ..system.signal_vector import Layout, Signals, Wired
-from ..system.system import Connection, Port, System
+from ..system.system import System
 from .nonfinite import Culprits
 
 __all__ = ["Curve", "Instances", "instantiate"]

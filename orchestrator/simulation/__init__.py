@@ -1,4 +1,4 @@
-"""The loop over time: preparation, the Python and the native loop, pacing, runs and their folders, comparison.
+"""The loop over time: preparation, Python and native loop, pacing, runs and their folders, comparison.
 
 Imports `plotting` and the packages below it.
 """

@@ -11,8 +11,9 @@ from ..base.errors import ConfigError, Problem, listed
 from ..base.folder_lock import locked
 from ..config import Config
 from ..results.measures import COMPARISONS
-from .run import Prepared, RunResult, prepare, run
+from .run import Prepared, prepare, run
 from .run_folder import folder_at
+from .run_result import RunResult
 
 __all__ = ["run_each"]
 
@@ -31,7 +32,7 @@ def run_each(
     Args:
         configs: bundled names, paths or configs that were read. With more than one, `out` gets a folder for
             each, named after the system, and the figures in which their common measures compare them.
-        out, overrides, figures, options: see `orchestrator.simulation.run.run`; overrides hold for every system.
+        out, overrides, figures, options: see `simulation.run.run`; overrides hold for every system.
         begin: called with each system before it runs.
     Yields: the result of each system as it ends.
     Raises: as `run`; ConfigError with the problems of all systems.

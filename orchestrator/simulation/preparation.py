@@ -16,7 +16,7 @@ from ..results.measures import ChosenMeasure, judge_measures, measure_names
 from ..system import checks
 from ..system.assembly import Judged, judge_system
 from ..system.system import System
-from .loop import Grid, time_problems
+from .grid import Grid, time_problems
 
 __all__ = ["Judgement", "Prepared", "judge", "prepare"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryFile
 from time import perf_counter
@@ -22,37 +21,18 @@ from ..results.progress import Progress
 from ..results.recorders import Recorder, Results, parameters_of
 from ..system import checks
 from ..system.system import System
-from .loop import Grid, Observer, Report, simulate
+from .grid import Grid
+from .loop import Observer, Report, simulate
 from .pacing import Pace
 from .preparation import Prepared, prepare
 from .run_folder import begin_folder, folder_at, incomplete, write_run
+from .run_result import RunResult
 
-__all__ = ["Prepared", "RunResult", "instance_fmus", "prepare", "run"]
+__all__ = ["Prepared", "instance_fmus", "prepare", "run"]
 
 # What a run that writes to no folder may keep in memory [B].
 _IN_MEMORY = 256 << 20
 _PACKAGES = ("orchestrator", "fmpy", "numpy", "pydantic", "PyYAML")
-
-
-@dataclass
-class RunResult:
-    """What a run gave.
-
-    Attributes:
-        results: the recorded signals.
-        summary: as in summary.json.
-        prepared: what ran.
-        folder: where files were written; None if they were not.
-        files: names of the files written.
-        coupling: energies of the power bonds over time, at the recorded points; None without bonds.
-    """
-
-    results: Results
-    summary: dict[str, Any]
-    prepared: Prepared
-    folder: Path | None = None
-    files: list[str] = field(default_factory=list)
-    coupling: Results | None = None
 
 
 def run(

@@ -16,7 +16,7 @@ from ..results.file_formats import FORMATS
 from ..results.measures import FIGURES
 
 if TYPE_CHECKING:
-    from .run import RunResult
+    from .run_result import RunResult
 
 __all__ = ["begin_folder", "folder_at", "incomplete", "write_run"]
 

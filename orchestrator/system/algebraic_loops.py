@@ -11,7 +11,8 @@ from ..base.errors import Problem, listed
 from ..config import Places
 from ..config.text import flow
 from ..fmi import Kind
-from .system import Connection, Instance, Port, port_graph
+from .connection import Connection, Port
+from .system import Instance, port_graph
 
 __all__ = ["Loops", "algebraic_loops", "loop_problem"]
 

@@ -17,11 +17,12 @@ from ..fmi import Kind, ModelDescription, Variable
 from . import checks
 from .algebraic_loops import algebraic_loops
 from .array_start_values import elementwise
+from .connection import Connection, Port
 from .connections import Ends, connect, elements, meant
 from .instance_models import Part, parts_of
 from .power_bonds import Bond, declared_bonds, find_bonds
 from .start_values import given_perhaps, remarks, settle
-from .system import Connection, Instance, Port, System
+from .system import Instance, System
 
 __all__ = ["Judged", "Part", "assemble", "judge_system", "load_system"]
 

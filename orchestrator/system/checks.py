@@ -23,7 +23,8 @@ from ..fmi import (
     Variable,
     integration_tolerance,
 )
-from .system import Instance, Port
+from .connection import Port
+from .system import Instance
 
 __all__ = [
     "connection",

@@ -17,7 +17,7 @@ from ..effects.choose import BUILT_IN
 from ..effects.gain import split
 from ..fmi import Causality, Kind, ModelDescription
 from . import checks
-from .system import Connection, Leg, Link, Port, Wire
+from .connection import Connection, Leg, Link, Port, Wire
 
 __all__ = ["Ends", "connect", "elements", "meant"]
 

@@ -12,7 +12,8 @@ import numpy as np
 from ..base.errors import StepError, listed
 from ..base.fixed_point import Newton, Solution, solve
 from ..fmi import Array, FmuInstance, Value
-from .system import Connection, Port, System
+from .connection import Connection, Port
+from .system import System
 
 __all__ = ["not_converged", "settle"]
 

@@ -14,7 +14,7 @@ from ..config import BondModel, Places
 from ..fmi import Kind, Variable
 
 if TYPE_CHECKING:
-    from .system import Connection, Port
+    from .connection import Connection, Port
 
 __all__ = ["Bond", "declared_bonds", "find_bonds", "moves_by"]
 

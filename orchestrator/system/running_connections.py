@@ -10,8 +10,8 @@ import numpy as np
 from ..base.errors import StepError
 from ..effects import Effect
 from ..fmi import Array
+from .connection import Connection, Port
 from .signal_vector import Layout, Wired
-from .system import Connection, Port
 
 __all__ = ["Wires"]
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ..effects import Effect
 from ..fmi import Array, Kind
-from .system import Connection, Leg, Port, System, Wire
+from .connection import Connection, Leg, Port, Wire
+from .system import System
 
 __all__ = ["Layout", "Signals", "Wired"]
 

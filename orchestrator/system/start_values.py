@@ -9,8 +9,9 @@ from ..config import Gaps, Places, Scalar
 from ..config.text import flow
 from ..fmi import Causality, Kind, Value, Variable
 from . import checks
+from .connection import Port
 from .instance_models import Part
-from .system import Instance, Port
+from .system import Instance
 
 __all__ = ["given_perhaps", "remarks", "settle"]
 

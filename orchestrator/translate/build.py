@@ -13,6 +13,7 @@ from typing import Literal, cast
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import scratch_root
 
+from .build_report import BuildReport
 from .package import (
     PLATFORMS,
     FmiVersion,
@@ -30,27 +31,6 @@ ALL: tuple[str, ...] = tuple(PLATFORMS)
 """Every platform that binaries can be made for."""
 
 _CHECK = "checked at {points} random points, largest relative residual {residual:.1e}"
-
-
-@dataclass(frozen=True)
-class BuildReport:
-    """What was built.
-
-    Attributes:
-        path: the FMU.
-        model: qualified name of the model.
-        fmi_version: "2.0" or "3.0".
-        platforms: for which it holds binaries.
-        counts: number of states, inputs, outputs, parameters, delays, relations by those names.
-        notes: what the author of the model should know, one sentence each.
-    """
-
-    path: Path
-    model: str
-    fmi_version: str
-    platforms: tuple[str, ...]
-    counts: dict[str, int]
-    notes: tuple[str, ...] = ()
 
 
 def build(

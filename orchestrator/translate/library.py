@@ -10,7 +10,8 @@ from pathlib import Path
 
 from orchestrator.base.errors import BuildError
 
-from .build import ALL, BuildReport, build
+from .build import ALL, build
+from .build_report import BuildReport
 
 
 @dataclass(frozen=True)

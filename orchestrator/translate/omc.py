@@ -10,7 +10,7 @@ from pathlib import Path
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import scratch_root
 
-from .build import BuildReport
+from .build_report import BuildReport
 from .sources import load_sources
 
 _TIME_LIMIT = 1800.0

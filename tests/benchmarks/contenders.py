@@ -18,7 +18,8 @@ from typing import NamedTuple
 from orchestrator.results.recorders.recorders import Recorder
 
 from orchestrator.master import create_master
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 
 from .systems import STEP_SIZE, Plant
 

@@ -28,7 +28,7 @@ from orchestrator.fmi import Array
 from orchestrator.fmi.bundled import find_fmu
 from orchestrator.master import create_master
 from orchestrator.master.running_instances import instantiate
-from orchestrator.simulation.loop import Grid
+from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.run import prepare
 from tests.doubles import FakeFmu, mass
 

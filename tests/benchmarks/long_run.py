@@ -17,7 +17,8 @@ from orchestrator.results.recorders.measures import signal_changes
 from orchestrator.results.recorders.recorders import Recorder, read_results
 
 from orchestrator.master import create_master
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 
 from .systems import CASES, STEP_SIZE, Plant, build
 

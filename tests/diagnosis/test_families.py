@@ -8,7 +8,8 @@ import pytest
 from ports_bench import VOLTAGE, friction, study
 from test_report import made
 
-from orchestrator.diagnosis.diagnose import Diagnosed, diagnose
+from orchestrator.diagnosis.diagnose import diagnose
+from orchestrator.diagnosis.diagnosed import Diagnosed
 from orchestrator.diagnosis.families import Kin, families_of, together
 from orchestrator.diagnosis.headline import headline
 from orchestrator.diagnosis.ports.candidates import candidates

@@ -16,7 +16,8 @@ from orchestrator.system.system.system import Port
 from ports_bench import study, system
 
 from orchestrator.diagnosis.caveats import caveats
-from orchestrator.diagnosis.diagnose import Diagnosed, diagnose
+from orchestrator.diagnosis.diagnose import diagnose
+from orchestrator.diagnosis.diagnosed import Diagnosed
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.figures import NOISE
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding

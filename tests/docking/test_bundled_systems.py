@@ -6,7 +6,8 @@ import math
 import fmpy
 import pytest
 
-from orchestrator.docking.measures import DockingMeasure, DockingOptions
+from orchestrator.docking.measures import DockingMeasure
+from orchestrator.docking.options import DockingOptions
 from orchestrator.fmi.bundled import find_fmu
 from orchestrator.simulation.run import run
 

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from orchestrator.cli.main import main
 from orchestrator.docking.contacts import find_contacts
-from orchestrator.docking.space import effective_mass, stacked
+from orchestrator.docking.space import effective_mass
 from orchestrator.docking.space_figures import comparison
+from orchestrator.docking.space_signals import stacked
 from orchestrator.simulation.run import run
 
 # Of the initial energy: what the active mode may gain in any free flight, over all contacts of a run.

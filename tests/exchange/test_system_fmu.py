@@ -24,7 +24,8 @@ from orchestrator.exchange.system_contents import EFFECTS, native_config
 from orchestrator.exchange.system_fmu import export_system_fmu
 from orchestrator.fmi import load_fmu
 from orchestrator.master.jacobi import Jacobi
-from orchestrator.simulation.loop import Grid, simulate
+from orchestrator.simulation.grid import Grid
+from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
 from orchestrator.translate.build import build
 from orchestrator.translate.coupled import binary, build_binaries

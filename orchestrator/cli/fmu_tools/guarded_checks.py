@@ -183,9 +183,9 @@ def main() -> None:
             elif name == "steps_taken":
                 answer = _steps_taken(trial)
             else:
-                from . import bench
+                from .bench_requests import REQUESTS
 
-                answer = bench.REQUESTS[name](trial, *arguments)
+                answer = REQUESTS[name](trial, *arguments)
         except FmuError as error:
             answer = failed(name, Level.ERROR, _told(error))
         spoiled = trial is None or trial.fmu.corrupt

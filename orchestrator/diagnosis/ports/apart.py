@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from ...fmi import Causality, Kind, Value
-from ...system.system import Port
+from ...system.connection import Port
 from ..finding import Augmented
 from ..study import Array
 from .playback import Release

@@ -10,7 +10,7 @@ from ...effects import OfSignal, Pure
 from ...effects.choose import BUILT_IN, built_in
 from ...effects.gain import split
 from ...fmi import Causality
-from ...system.system import Port
+from ...system.connection import Port
 from ..effect import by_effect
 from ..finding import Augmented, Finding
 from .effect import PortEffect

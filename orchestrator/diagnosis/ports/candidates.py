@@ -21,7 +21,7 @@ from ...effects.rate_limit import RateLimit
 from ...effects.sample_and_hold import SampleAndHold
 from ...effects.saturate import Saturate
 from ...fmi import Causality, Kind
-from ...system.system import Port
+from ...system.connection import Port
 from ..effect import Effect, Parameter
 from ..families import Kin
 from ..study import Array

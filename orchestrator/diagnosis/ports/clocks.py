@@ -10,7 +10,7 @@ from scipy.signal import correlate
 from threadpoolctl import threadpool_limits
 
 from ...base.errors import Problem
-from ...system.system import Port
+from ...system.connection import Port
 from ..descent import cost_of
 from ..effect import Effect
 from ..fit import Base, Fit

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...system.system import Port
+from ...system.connection import Port
 from ..closure import closure_of
 from ..finding import NOMINAL, Augmented, Finding
 from ..study import Array

@@ -7,7 +7,8 @@ from itertools import product
 from typing import NamedTuple
 
 from ...fmi import Causality, Kind
-from ...system.system import Instance, Port
+from ...system.connection import Port
+from ...system.system import Instance
 
 __all__ = ["FORCES", "Conjugate", "conjugates", "pairs"]
 

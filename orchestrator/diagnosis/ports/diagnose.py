@@ -13,7 +13,7 @@ from ...base.errors import ConfigError
 from ...config.text import compose
 from ...results.file_formats import strict
 from ...simulation.run import instance_fmus
-from ...system.system import Port
+from ...system.connection import Port
 from ..content import Told, content, named_files, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding

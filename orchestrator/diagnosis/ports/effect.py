@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ...effects import Effect as ConnectionEffect
-from ...system.system import Port
+from ...system.connection import Port
 from ..effect import Effect
 from ..families import Kin
 from ..study import Array

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...base.errors import listed
 from ...fmi import Causality
-from ...system.system import Port
+from ...system.connection import Port
 from ..finding import NOMINAL, Augmented, Finding
 from ..study import Array
 from .conjugate import Conjugate, conjugates

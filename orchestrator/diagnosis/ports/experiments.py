@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...fmi import Kind
-from ...system.system import Port
+from ...system.connection import Port
 from ..answers import Answer
 from ..effect import Effect
 from ..finding import Augmented, Finding, name_of

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ...effects.offset import Offset
-from ...system.system import Instance, Port
+from ...system.connection import Port
+from ...system.system import Instance
 from ..effect import Effect, Parameter
 from ..families import Kin
 from . import laws

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from ...base.errors import Problem
-from ...system.system import Port
+from ...system.connection import Port
 from ..channels import clipped, frozen
 from ..mistakes import Mistake, plural, told_once, wrong_factors, wrong_scales
 from ..study import Array

@@ -7,7 +7,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 from ...master import MasterAlgorithm
-from ...system.system import Connection, Port, System
+from ...system.connection import Connection, Port
+from ...system.system import System
 
 __all__ = ["without_idle"]
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...system.system import Port
+from ...system.connection import Port
 from ..study import Array
 from .keys import SPEEDS
 from .study import PortRun, PortStudy

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...plotting.figures import COLORS, svg
-from ...system.system import Port
+from ...system.connection import Port
 from ..figures import NOISE, finish
 from ..finding import NOMINAL
 from ..headline import percent

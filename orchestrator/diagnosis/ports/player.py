@@ -19,10 +19,12 @@ from ...fmi import Causality, Point, Value
 from ...fmi.loading import CompiledFmu
 from ...master import MasterAlgorithm
 from ...master.gauss_seidel import GaussSeidel
-from ...simulation.loop import Grid, simulate
+from ...simulation.grid import Grid
+from ...simulation.loop import simulate
+from ...system.connection import Connection, Leg, Link, Port, Wire
 from ...system.instance_pool import InstancePool
 from ...system.signal_vector import Layout, Signals, Wired
-from ...system.system import Connection, Instance, Leg, Link, Port, System, Wire
+from ...system.system import Instance, System
 from ..study import Array
 from .idle import without_idle
 from .playback import Playback, Release

@@ -16,7 +16,7 @@ from ...config import take_as_meant
 from ...fmi import Causality, Kind, Variable
 from ...simulation.run import Prepared, prepare
 from ...system.checks import in_range
-from ...system.system import Port
+from ...system.connection import Port
 from ..mapping import read_mapping
 from ..study import Nominal
 from .keys import (

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...system.system import Port
+from ...system.connection import Port
 from ..study import Array
 from .noise import white
 from .study import PortRun, PortStudy, Role

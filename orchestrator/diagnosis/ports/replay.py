@@ -14,7 +14,7 @@ import numpy as np
 
 from ...effects.offset import Offset
 from ...fmi import Kind, Value
-from ...system.system import Port
+from ...system.connection import Port
 from ..effect import Effect, Parameter, by_effect
 from ..finding import Augmented
 from ..fit import Fit

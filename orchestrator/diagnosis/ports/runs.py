@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import Problem, listed, nearest
-from ...system.system import Port
+from ...system.connection import Port
 from ..channels import logged_twice
 from ..log_checks import clock_slack, clock_told
 from ..mapping import columns_of

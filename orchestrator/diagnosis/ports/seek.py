@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...system.system import Port
+from ...system.connection import Port
 from ..descent import cost_of
 from ..effect import Effect
 from ..fit import Fit, Fitter

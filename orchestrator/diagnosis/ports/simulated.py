@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.errors import OrchestratorError
-from ...system.system import Port
+from ...system.connection import Port
 from ..effect import Effect
 from ..fit import Fitter
 from ..study import Array

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ...base.errors import ConfigError
 from ...simulation.run import Prepared, prepare
-from ...system.system import Port
+from ...system.connection import Port
 from ..effect import Effect, by_effect
 from ..finding import NOMINAL, Augmented
 from ..fit import Fit

@@ -11,7 +11,7 @@ from ...config import Places
 from ...config.text import compose
 from ...fmi import Causality, CompiledFmu
 from ...simulation.run import Prepared
-from ...system.system import Connection, Port
+from ...system.connection import Connection, Port
 from ..study import Array, Nominal
 from .keys import FORMAT, Logged, Role
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...system.system import Port
+from ...system.connection import Port
 from ..verdict import Warned
 from .study import PortStudy
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...system.system import Port
+from ...system.connection import Port
 from ..answers import Answer, simplest, tied
 from ..calibration import SET
 from ..effect import Effect, by_effect

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...system.system import Port
+from ...system.connection import Port
 from ..finding import Finding
 from ..sharing import by_place, cells, coalitions, shapley_values, white_cells
 from ..study import Array

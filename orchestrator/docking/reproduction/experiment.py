@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...results.recorders import Results
 from ..contacts import Contact, find_contacts
-from ..measures import DockingOptions
+from ..options import DockingOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

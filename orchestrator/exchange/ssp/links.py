@@ -12,8 +12,8 @@ from ...effects.map import Map
 from ...effects.offset import Offset
 from ...fmi import ModelDescription, Variable
 from ...simulation.run import Prepared
+from ...system.connection import Connection
 from ...system.connections import Ends, elements
-from ...system.system import Connection
 
 __all__ = ["Link", "links_of"]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from distributed import WorkerPlugin
 
-from .cluster import dismiss, host
+from .hosted import dismiss, host
 
 __all__ = ["WorkPlugin"]
 

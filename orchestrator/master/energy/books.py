@@ -46,8 +46,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...fmi import Array
+from ...system.connection import Port
 from ...system.signal_vector import Layout
-from ...system.system import Port, System
+from ...system.system import System
 from ..running_instances import Instances
 from .entries import Entries
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...fmi import Array
+from ...system.connection import Connection, Port
 from ...system.power_bonds import Bond
-from ...system.system import Connection, Port, System
+from ...system.system import System
 
 __all__ = ["Entries"]
 

@@ -1,4 +1,4 @@
-"""Connections with effects in machine code: the same as orchestrator.system.running_connections, from tables of numbers."""
+"""Connections with effects in machine code, from tables: the same as `system.running_connections`."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from .table_columns import Outcome, Phase
 from .tables import Tables
 
 if TYPE_CHECKING:
-    from ..loop import Grid
+    from ..grid import Grid
 
 __all__ = ["run_native"]
 

@@ -1,0 +1,29 @@
+"""A diagnosis and what it was made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from .finding import Finding
+from .ports.study import PortStudy
+from .study import Study
+from .verdict import Diagnosis
+
+__all__ = ["Diagnosed"]
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """A diagnosis and what it was made of.
+
+    Attributes:
+        diagnosis: content of diagnosis.json.
+        folder, files: where it was written and the files' names; None and none if it was not.
+    """
+
+    study: Study | PortStudy
+    finding: Finding
+    diagnosis: Diagnosis
+    folder: Path | None = None
+    files: tuple[str, ...] = ()
