@@ -8,15 +8,13 @@ Names are imported when they are first used, so that `import orchestrator` costs
 
 from __future__ import annotations
 
-from time import time_ns
+from .base import LOADED
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
 __version__ = "0.1.0"
-# When the package was loaded [ns]: sources that change later are not those that run.
-LOADED = time_ns()
 
 # The functions `run` and `simulate` share their names with their modules, which Python binds here:
 # they are imported from there.

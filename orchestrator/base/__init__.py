@@ -2,3 +2,8 @@
 
 Imports nothing else of the project.
 """
+
+from time import time_ns
+
+# When the package was loaded [ns]: sources that change later are not those that run.
+LOADED = time_ns()

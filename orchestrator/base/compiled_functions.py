@@ -22,7 +22,7 @@ from threading import RLock
 from types import CodeType, FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from .. import LOADED
+from . import LOADED
 from .provenance import versions
 
 if TYPE_CHECKING:

@@ -1,4 +1,7 @@
-"""Configs: YAML files that say which FMUs run, how they are connected and what is measured."""
+"""Configs: YAML files that say which FMUs run, how they are connected and what is measured.
+
+Imports `base`, `fmi` and `effects`.
+"""
 
 from .external import ExternalModel, RealtimeModel
 from .files import file_of, move_effects, move_value

@@ -1,1 +1,4 @@
-"""The docking experiments: measures per contact, theory of the ideal contact, figures."""
+"""The docking experiments: measures per contact, theory of the ideal contact, figures.
+
+Imports `diagnosis` and the packages below it.
+"""

@@ -1,1 +1,4 @@
-"""Systems in and out of other tools."""
+"""Systems in and out of other tools.
+
+Imports `translate` and the packages below it.
+"""

@@ -1,4 +1,7 @@
-"""FMUs: their descriptions, and instances that run."""
+"""FMUs: their descriptions, and instances that run.
+
+Imports `base` only.
+"""
 
 from .description import Capabilities, ModelDescription, read_description
 from .instance import Array, Fmu, FmuInstance, Point, StepStatus, integration_tolerance

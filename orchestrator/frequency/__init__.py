@@ -1,4 +1,7 @@
-"""Stability of delayed loops in the frequency domain, from the co-simulation's own parameters."""
+"""Stability of delayed loops in the frequency domain, from the co-simulation's own parameters.
+
+Imports `exchange` and the packages below it.
+"""
 
 from .charts import Chart, chart
 from .excite import sweep_system

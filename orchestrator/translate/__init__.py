@@ -15,4 +15,6 @@ algorithms and functions of one's own, initial equations, conditional components
 nonlinear algebraic loops, systems that need index reduction.
 
 `build.build` makes an FMU; `library` rebuilds the shipped ones.
+
+Imports `simulation` and the packages below it.
 """

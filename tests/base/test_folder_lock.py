@@ -45,7 +45,7 @@ def test_a_second_run_is_refused_and_follows_a_killed_one(config, tmp_path, caps
     out = tmp_path / "out"
     process = subprocess.Popen(
         [sys.executable, "-m", "orchestrator", "run", str(config), "--out", str(out), "--quiet"],
-        cwd=Path(__file__).parents[1], env={**os.environ},
+        cwd=Path(__file__).parents[2], env={**os.environ},
     )  # fmt: skip
     try:
         file, deadline = out / "results.arrow", time.monotonic() + 60.0

@@ -218,7 +218,7 @@ def test_a_killed_run_leaves_readable_results(loop, seed, tmp_path, capsys):
     process = subprocess.Popen(
         [sys.executable, "-m", "orchestrator", "run", str(config), "--out", str(out), "--set",
          f"run.loop={loop}", "--quiet"],
-        cwd=Path(__file__).parents[1], env={**os.environ},
+        cwd=Path(__file__).parents[2], env={**os.environ},
     )  # fmt: skip
     file, deadline = out / "results.arrow", time.monotonic() + 60.0
     least = random.Random(seed).randrange(20_000, 2_000_000 if loop == "native" else 300_000)
@@ -353,7 +353,7 @@ def test_memory_does_not_grow_with_the_steps(tmp_path):
     """In a process of its own, since the peak is that of a process's whole life [kB]."""
     command = [sys.executable, "-c", LONG, unruly_fmu(2, "m", "m"), tmp_path, "20000", "400000", "1600000"]
     done = subprocess.run(
-        list(map(str, command)), capture_output=True, text=True, check=True, cwd=Path(__file__).parents[1]
+        list(map(str, command)), capture_output=True, text=True, check=True, cwd=Path(__file__).parents[2]
     )
     (_, small_change, _), (_, _, short), (_, change, long) = (
         map(float, line.split()) for line in done.stdout.splitlines()

@@ -46,7 +46,7 @@ connections:
 def command(*arguments, **options) -> subprocess.CompletedProcess:
     return subprocess.run(
         [sys.executable, "-m", "orchestrator", *map(str, arguments)],
-        capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[1], **options,
+        capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2], **options,
     )  # fmt: skip
 
 
@@ -373,7 +373,7 @@ def test_an_interrupted_run_keeps_its_results(config, tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "orchestrator", "run", str(config), "--out", str(out),
          "--set", "run.stop_time=1 h"],
-        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1], env={**os.environ},
+        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2], env={**os.environ},
     )  # fmt: skip
     rows = 0
     deadline = time.monotonic() + 60.0

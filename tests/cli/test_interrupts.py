@@ -31,7 +31,7 @@ def test_an_interrupt_while_modules_are_imported(module, tmp_path):
     (tmp_path / "sitecustomize.py").write_text(SITE.replace("WANTED", repr(module)), encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "-m", "orchestrator", "check", "docking-1d"],
-        capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[1],
+        capture_output=True, text=True, timeout=120, cwd=Path(__file__).parents[2],
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
     )  # fmt: skip
     assert (done.returncode, done.stderr, done.stdout) == (130, "interrupted\n", "")

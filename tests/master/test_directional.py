@@ -16,7 +16,7 @@ from orchestrator.master.iterative import Iterative
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 
-FOLDER = Path(__file__).parents[1] / "fmus" / "DockingContact"
+FOLDER = Path(__file__).parents[2] / "fmus" / "DockingContact"
 CONTACT = {"stiffness": "176 N/mm", "damping": "0.5 N.s/mm", "front": "5 mm", "rear": "-5 mm"}
 versions = pytest.mark.parametrize("file", ["DockingContact.fmu", "DockingContact-fmi3.fmu"])
 

@@ -18,7 +18,7 @@ for _ in range(3):
 def test_no_heap_corruption_at_exit():
     environment = os.environ | {"MALLOC_CHECK_": "3", "MALLOC_PERTURB_": "165"}
     environment["LD_PRELOAD"] = "libc_malloc_debug.so.0"
-    environment["PYTHONPATH"] = str(Path(__file__).parents[1])
+    environment["PYTHONPATH"] = str(Path(__file__).parents[2])
     for _ in range(3):
         ended = subprocess.run([sys.executable, "-c", CODE], env=environment, capture_output=True, text=True)
         assert ended.returncode == 0, ended.stderr

@@ -10,7 +10,7 @@ import pytest
 
 from orchestrator.cli.main import main
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SHORT = ["--set", "run.stop_time=10 ms", "--no-halving"]
 
 

@@ -16,7 +16,7 @@ from orchestrator.cli.fmu_tools.trial import Conditions
 from orchestrator.cli.main import main
 from orchestrator.fmi import load_fmu
 
-FOLDER = Path(__file__).parents[2] / "fmus"
+FOLDER = Path(__file__).parents[3] / "fmus"
 FMUS = sorted(FOLDER.glob("*/*.fmu"))
 KINDS = {
     "linux64": [("ELF", "x86_64")],

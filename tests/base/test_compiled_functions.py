@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "orchestrator"
 
 pytest.importorskip("numba")
@@ -149,7 +149,7 @@ def test_sources_that_change_while_a_process_runs_leave_nothing(copy):
 import time
 import orchestrator
 from pathlib import Path
-path = Path(orchestrator.__file__).with_name("units.py")
+path = Path(orchestrator.__file__).parent / "base" / "units.py"
 time.sleep(0.05)
 path.write_bytes(path.read_bytes())
 """

@@ -12,7 +12,7 @@ import pytest
 @pytest.fixture(scope="module")
 def convergence():
     with pytest.MonkeyPatch.context() as patched:
-        patched.syspath_prepend(Path(__file__).parents[1])
+        patched.syspath_prepend(Path(__file__).parents[2])
         yield import_module("tests.benchmarks.convergence")
 
 

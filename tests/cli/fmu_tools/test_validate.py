@@ -17,7 +17,7 @@ from orchestrator.cli.fmu_tools.validate import has_errors, validate_fmu
 from orchestrator.cli.main import main
 from orchestrator.fmi.archive import binary_folder
 
-FMUS = sorted((Path(__file__).parents[2] / "fmus").glob("*/*.fmu"))
+FMUS = sorted((Path(__file__).parents[3] / "fmus").glob("*/*.fmu"))
 FEW = Conditions(steps=20)
 
 

@@ -22,7 +22,7 @@ from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.native import choice
 
-FOLDER = Path(__file__).parents[1] / "fmus"
+FOLDER = Path(__file__).parents[2] / "fmus"
 
 
 @pytest.mark.parametrize("master", CURVED)

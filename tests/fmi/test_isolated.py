@@ -74,7 +74,7 @@ def test_a_crash_that_is_not_isolated_tells_the_call(wild, tmp_path):
     path = tmp_path / "unruly.json"
     path.write_text(json.dumps(unruly), encoding="utf-8")
     command = [sys.executable, "-m", "orchestrator", "run", str(path), "--out", str(tmp_path / "out")]
-    ended = subprocess.run(command, cwd=Path(__file__).parents[1], capture_output=True, text=True)
+    ended = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True)
     assert ended.returncode == -signal.SIGSEGV
     assert "Fatal Python error: Segmentation fault" in ended.stderr
     assert re.search(r'orchestrator/fmi/.*\.py", line \d+ in do_step', ended.stderr), ended.stderr
@@ -239,7 +239,7 @@ def test_a_process_that_hangs_ends_with_its_parent(wild, tmp_path):
         "print(one._process.pid, flush=True)\n"
         "os._exit(0)\n"
     )
-    root = str(Path(__file__).parents[1])
+    root = str(Path(__file__).parents[2])
     done = subprocess.run(
         [sys.executable, str(script), str(wild)],
         env={**os.environ, "PYTHONPATH": root},

@@ -469,7 +469,7 @@ def test_numba_is_imported_for_long_runs_only():
         "r = run('docking-1d', overrides=['run.stop_time=1 ms'], halving=False);"
         "assert r.summary['run']['loop'] == 'python' and 'numba' not in sys.modules"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[1])
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
 
 
 # What two processes keep on disk is one process's, later: three.level through noise, under each master given.
@@ -489,7 +489,7 @@ for master in sys.argv[3:]:
 
 
 def test_machine_code_of_several_processes_serves_one(tmp_path):
-    tests = Path(__file__).parent
+    tests = Path(__file__).parents[1]
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
 
     def ran(*masters: str) -> list[str]:
