@@ -8,7 +8,7 @@ Names are imported when they are first used, so that `import orchestrator` costs
 
 from __future__ import annotations
 
-from .base import LOADED
+from . import base as _base  # noqa: F401 (notes when the package was loaded)
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

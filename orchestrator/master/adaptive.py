@@ -42,7 +42,7 @@ class Adaptive(Master):
             error of the base to leading order, at half as many steps again.
         inputs: what the inputs were supposed to be against what their sources are at the end. It costs no
             step; for inputs that are held it is larger than the error that it stands for.
-        power: the energy that the coupling creates at each power bond (see `orchestrator.master.energy`), as in
+        power: the energy that the coupling creates at each power bond (see `master.energy`), as in
             Sadjina, Kyllingstad, Skjong and Pedersen's ECCO. It costs no step and by default never goes
             back, so that FMUs need not save their state: what an unforeseen event costs is seen by the next
             part only.
