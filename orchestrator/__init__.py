@@ -1,44 +1,221 @@
-"""Co-simulation of FMUs: configs, master algorithms, results.
+"""Co-simulation of FMUs, stability of delayed loops, and diagnosis of the gap to the real machine.
 
-    from orchestrator.simulation.run import run
-    result = run("docking-1d", overrides=["robot.tau_m=6 ms"])
+    import orchestrator as orc
 
-Names are imported when they are first used, so that `import orchestrator` costs next to nothing.
+    result = orc.run("docking-1d", set={"robot.tau_m": "6 ms"})
+    result["contact.force"]                       # a signal: values, time, unit
+    result.plot("satellite.velocity", "contact.force")
+    result.summary.stiffness_estimate
+
+What `__all__` names is the public interface: it stays as it is, or changes with a warning of one version.
+Everything else is private to the project. What is not needed is not imported: `import orchestrator` takes no
+time to speak of.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 from . import base as _base  # noqa: F401 (notes when the package was loaded)
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import Any
+
+    from .base.errors import ConfigError, FmuError, OrchestratorError, StepError
+    from .campaign.sweep import Swept
+    from .diagnosis.diagnosed import Diagnosed
+    from .report.system_view import System
+    from .results.signal import Signal
+    from .results.summary import Summary
+    from .simulation.run_result import RunResult
+    from .translate.build_report import BuildReport
 
 __version__ = "0.1.0"
 
-# The functions `run` and `simulate` share their names with their modules, which Python binds here:
-# they are imported from there.
+__all__ = [
+    "ConfigError",
+    "FmuError",
+    "OrchestratorError",
+    "RunResult",
+    "Signal",
+    "StepError",
+    "Summary",
+    "System",
+    "__version__",
+    "build",
+    "diagnose",
+    "load",
+    "read_results",
+    "run",
+    "sweep",
+]
+
 _HOME = {
     "ConfigError": "base.errors",
     "FmuError": "base.errors",
-    "Grid": "simulation.loop",
     "OrchestratorError": "base.errors",
-    "Part": "system.assembly",
-    "Recorder": "results.recorders",
-    "Results": "results.recorders",
+    "RunResult": "simulation.run_result",
+    "Signal": "results.signal",
     "StepError": "base.errors",
-    "System": "system.system",
-    "assemble": "system.assembly",
-    "create_master": "master",
-    "instantiate": "master.running_instances",
-    "load_config": "config",
-    "load_fmu": "fmi",
-    "load_system": "system.assembly",
-    "prepare": "simulation.run",
-    "read_results": "results.recorders",
+    "Summary": "results.summary",
+    "System": "report.system_view",
 }
 
-__all__ = [*_HOME, "__version__"]
+
+def run(
+    system: str | Path | Mapping[str, Any] | System,
+    *,
+    set: Mapping[str, Any] | None = None,
+    inputs: Path | str | None = None,
+    record: Sequence[str] = (),
+    out: Path | str | None = None,
+    halving: bool = True,
+    progress: bool = False,
+) -> RunResult:
+    """Run a system, and once more with half the step size, which tells how far the numbers can be trusted.
+
+    Args:
+        system: name of a bundled system, path of a .yaml, .fmu, .ssp or .ssd file, plain values, a `System`.
+        set: values by path, such as {"robot.tau_m": "6 ms", "run.stop_time": 2.0}: texts with a unit, or
+            plain numbers in SI units.
+        inputs: a CSV file of signals over time: a column `time [s]`, and one for each input that it feeds.
+        record: patterns of further variables to record, such as "der(*)" or "robot.*".
+        out: folder to write results, summary and figures to; nothing is written without it.
+        halving: whether to make the second run, the source of `summary.numerics`.
+        progress: whether to show a bar on a terminal.
+    Returns: the signals by name, the summary, and where files are.
+    Raises: ConfigError before anything runs; StepError or FmuError if the run fails: their attribute `result`
+        holds what was recorded until then.
+    """
+    from .simulation.run import run as run_config
+
+    source: Any = system.check() if hasattr(system, "check") else system
+    if set or inputs is not None or record:
+        source = _changed(system, set)
+    if inputs is not None or record:
+        from .system.command_line_signals import requested
+
+        source = requested(source, inputs=None if inputs is None else str(inputs), record=list(record))
+    return run_config(source, out=out, halving=halving, progress=progress)
+
+
+def load(system: str | Path | Mapping[str, Any], *, set: Mapping[str, Any] | None = None) -> System:
+    """Read a system, to look at it, change it, draw it or run it.
+
+    Args:
+        system, set: see `run`.
+    Raises: ConfigError with all problems of the config's form; `System.check` looks into the FMUs.
+    """
+    from .report.system_view import System
+
+    return System.of(_changed(system, set))
+
+
+def sweep(
+    system: str | Path | Mapping[str, Any] | System,
+    over: Mapping[str, Sequence[Any] | Mapping[str, Any]],
+    *,
+    set: Mapping[str, Any] | None = None,
+    derived: Mapping[str, str] | None = None,
+    store: Path | str | None = None,
+    jobs: int | None = None,
+    **options: Any,
+) -> Swept:
+    """Run a system at all combinations of values.
+
+    Args:
+        system, set: see `run`.
+        over: values by path: a list, or a range as study files have it: {"from": "1 ms", "to": "8 ms",
+            "count": 8}.
+        derived: further numbers of each run by name, such as {"peak": "max(abs(contact.force))"}.
+        store: folder that keeps the runs; runs that it holds are not made again. None: a temporary one.
+        jobs: number of processes; None: one per core.
+        options: further keys of a study file, such as record="all".
+    Returns: `.to_dataframe()` and `.columns()` give the points with what their runs gave.
+    Raises: ConfigError with all problems before the first run.
+    """
+    from .base.temporary_folders import scratch_folder
+    from .campaign.sweep import Study
+    from .system.si_numbers import SiNumbers
+
+    numbers = SiNumbers(_changed(system, None))
+    grid = {
+        path: dict(values) if isinstance(values, Mapping) else [numbers.value(path, one) for one in values]
+        for path, values in over.items()
+    }
+    source = system.data if hasattr(system, "check") else system
+    study: dict[str, Any] = {"system": dict(source) if isinstance(source, Mapping) else str(source)}
+    study |= {"design": {"grid": grid}, **options}
+    if set:
+        study["set"] = {path: numbers.value(path, value) for path, value in set.items()}
+    if derived:
+        study["derived"] = dict(derived)
+    return Study(study).run(scratch_folder("sweep-") if store is None else store, jobs=jobs)
+
+
+def _changed(system: Any, changes: Mapping[str, Any] | None) -> Any:
+    """The config of a system with values changed. Raises: ConfigError."""
+    from .config import load_config
+    from .system.si_numbers import SiNumbers
+
+    config = load_config(system.data if hasattr(system, "check") else system)
+    if not changes:
+        return config
+    numbers = SiNumbers(config)
+    return load_config(config, [numbers.override(path, value) for path, value in changes.items()])
+
+
+def build(
+    model_file: Path | str,
+    output: Path | str | None = None,
+    *,
+    model: str | None = None,
+    fmi_version: str = "2.0",
+    platforms: Sequence[str] = (),
+) -> BuildReport:
+    """Make an FMU from a Modelica file.
+
+    Args:
+        model_file: a .mo file.
+        output: the FMU; by default the model's name in the working directory.
+        model: qualified name, where the file holds several.
+        fmi_version: "2.0" or "3.0".
+        platforms: such as ("linux64", "win64"); by default this machine's.
+    Returns: `.path` is the FMU; notes say what the author of the model should know.
+    Raises: BuildError for what cannot be translated, with the line.
+    """
+    from pathlib import Path
+
+    from .translate.build import build as build_model
+    from .translate.package import named_platforms, this_platform
+
+    file = Path(model_file)
+    made = Path(output) if output is not None else Path(f"{(model or file.stem).rpartition('.')[2]}.fmu")
+    chosen = named_platforms(platforms) if platforms else (this_platform(),)
+    return build_model(file, made, model=model, fmi_version=fmi_version, platforms=chosen)
+
+
+def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed:
+    """Find from logs why a machine differs from its model.
+
+    Args:
+        study: a study file, or a folder that holds one.
+        out: folder to write the page and diagnosis.json to.
+    Returns: the diagnosis and its findings.
+    Raises: ConfigError with all problems of the study.
+    """
+    from .diagnosis.diagnose import diagnose as diagnose_study
+
+    return diagnose_study(study, out)
+
+
+def read_results(path: Path | str) -> RunResult:
+    """Read a run back from a folder that `run` wrote, or from a file of results; see `RunResult`."""
+    from .simulation.run_result import read_run
+
+    return read_run(path)
 
 
 def __getattr__(name: str) -> Any:
@@ -47,3 +224,7 @@ def __getattr__(name: str) -> Any:
 
         return getattr(import_module(f".{_HOME[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from orchestrator.system.system.assembly import assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
+from orchestrator.system.assembly import assemble
 
 
 def refusal(parts, connections=(), **options) -> str:

@@ -6,14 +6,14 @@ from fractions import Fraction
 
 import pytest
 from doubles import FakeFmu, mass, variable
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.fmi import Causality, Initial
 from orchestrator.master import create_master
 from orchestrator.master.energy import Ledger
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
+from orchestrator.system.assembly import Part, assemble
 
 MASTERS = [
     "jacobi",

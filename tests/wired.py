@@ -6,13 +6,13 @@ from fractions import Fraction
 
 import pytest
 from doubles import FakeFmu, gain, mass, spring
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.effects.choose import BUILT_IN
 from orchestrator.master import create_master
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
+from orchestrator.system.assembly import Part, assemble
 
 # Each effect at zero size, and with an effect, on a signal in metres that is about one.
 ZERO = {

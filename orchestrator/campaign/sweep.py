@@ -77,6 +77,12 @@ class Swept:
         table = self.table
         return {name: table.column(name).to_numpy(zero_copy_only=False) for name in table.column_names}
 
+    def to_dataframe(self) -> Any:
+        """The table as a pandas DataFrame. Raises: ImportError if pandas is not installed."""
+        import pandas as pd
+
+        return pd.DataFrame(self.columns())
+
     def data(self) -> dict[str, Any]:
         """Plain values, as --json prints them."""
         return {

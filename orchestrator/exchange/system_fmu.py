@@ -117,7 +117,7 @@ def _members(
         libraries = join_macs(libraries)
     for platform, content in libraries.items():
         members[binary_member(platform, identifier, version)] = content
-    members["extra/orchestrator/system/system.yaml"] = config.text().encode()
+    members["extra/orchestrator/system.yaml"] = config.text().encode()
     parts = [part for key in sorted(members) for part in (key.encode(), members[key])]
     parts += [system_text(inside, name, _TOKEN, folders).encode()]
     parts += [describe_system(inside, name, identifier, _TOKEN, version)]

@@ -19,6 +19,7 @@ from ..results.file_formats import check_formats, strict
 from ..results.measures import ChosenMeasure, changes, signal_changes
 from ..results.progress import Progress
 from ..results.recorders import Recorder, Results, parameters_of
+from ..results.summary import Summary
 from ..system import checks
 from ..system.system import System
 from .grid import Grid
@@ -90,7 +91,7 @@ def _run_in(
         "config": prepared.config.model.to_data(),
     }
     summary["run"], summary["notes"] = statistics, list(prepared.notes)
-    made = RunResult(results, summary, prepared, folder)
+    made = RunResult(results, Summary(summary), prepared, folder)
     if ledger:
         summary["coupling"] = ledger.summary()
         made.coupling = _course(ledger)
@@ -106,7 +107,7 @@ def _run_in(
         summary["error"] = error_data(error)
     summary["parameters"] = dict(results.parameters)
     summary["provenance"] = dict(results.provenance)
-    made.summary = summary = strict(summary)
+    made.summary = Summary(strict(summary))
     if folder is not None:
         try:
             write_run(made, formats, figures and failed is None)
@@ -305,7 +306,7 @@ def _finish_failed(
         "parameters": dict(stopped.results.parameters),
         "provenance": dict(stopped.results.provenance),
     }
-    result = RunResult(stopped.results, strict(summary), prepared, folder)
+    result = RunResult(stopped.results, Summary(strict(summary)), prepared, folder)
     stopped.error.result = result  # type: ignore[attr-defined]
     try:
         if folder is not None:

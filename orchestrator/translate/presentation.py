@@ -64,7 +64,7 @@ def dress(
     }
     if provenance is not None:
         told = {"generationTool": "orchestrator", "modelName": title, **provenance}
-        members["extra/orchestrator/base/provenance.json"] = (json.dumps(told, indent=2) + "\n").encode()
+        members["extra/orchestrator/provenance.json"] = (json.dumps(told, indent=2) + "\n").encode()
     return members
 
 

@@ -195,7 +195,7 @@ print(int(is_kept(source, "_law")), int("numba" in sys.modules))
     ran(SLOSH + CALL, copy)
     assert ran(look, copy) == (1, 0)
     edit(
-        copy / "orchestrator" / "units.py",
+        copy / "orchestrator" / "base" / "units.py",
         "from __future__ import annotations",
         "from __future__ import  annotations",
     )
@@ -214,5 +214,5 @@ def test_numba_keeps_what_is_of_others_as_before():
 def test_no_function_is_kept_by_its_own_file_alone():
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and path.name != "machine_code.py":
+            if isinstance(node, ast.Call) and path.name != "compiled_functions.py":
                 assert "cache" not in [word.arg for word in node.keywords], f"{path}:{node.lineno}"

@@ -11,12 +11,12 @@ import time
 from pathlib import Path
 
 import pytest
-from orchestrator.results.recorders.recorders import read_results
 from unruly import unruly_fmu
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.base.folder_lock import NAME, locked
 from orchestrator.cli.main import main
+from orchestrator.results.recorders import read_results
 from orchestrator.simulation.run import run
 
 SYSTEM = """

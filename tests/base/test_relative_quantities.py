@@ -8,11 +8,11 @@ from pathlib import Path
 import foreign
 import pytest
 import yaml
-from orchestrator.results.recorders.recorders import read_results
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.base.units import UnitError, convert, parse_quantity, parse_unit
 from orchestrator.cli.main import main
+from orchestrator.results.recorders import read_results
 from orchestrator.simulation.run import run
 
 UNITS = """<UnitDefinitions>

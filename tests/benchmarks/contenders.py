@@ -15,9 +15,8 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import NamedTuple
 
-from orchestrator.results.recorders.recorders import Recorder
-
 from orchestrator.master import create_master
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 

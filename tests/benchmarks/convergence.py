@@ -20,9 +20,6 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from orchestrator.system.system.assembly import Part, assemble
-from orchestrator.system.system.signal_vector import Layout
-from orchestrator.system.system.system import System
 
 from orchestrator.fmi import Array
 from orchestrator.fmi.bundled import find_fmu
@@ -30,6 +27,9 @@ from orchestrator.master import create_master
 from orchestrator.master.running_instances import instantiate
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.run import prepare
+from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.signal_vector import Layout
+from orchestrator.system.system import System
 from tests.doubles import FakeFmu, mass
 
 Options = str | Mapping[str, Any]
@@ -228,7 +228,8 @@ def orders(runs: Iterable[Run]) -> list[float]:
 def draw(problem: Problem, found: Mapping[str, list[Run]], path: Path) -> None:
     """Error against FMU steps and against CPU time, both logarithmic."""
     from matplotlib.figure import Figure
-    from orchestrator.plotting.figures.figures import COLORS, save
+
+    from orchestrator.plotting.figures import COLORS, save
 
     figure = Figure(figsize=(11.0, 5.0), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)

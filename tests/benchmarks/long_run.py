@@ -13,10 +13,9 @@ from fractions import Fraction
 from pathlib import Path
 from time import perf_counter, process_time
 
-from orchestrator.results.recorders.measures import signal_changes
-from orchestrator.results.recorders.recorders import Recorder, read_results
-
 from orchestrator.master import create_master
+from orchestrator.results.measures import signal_changes
+from orchestrator.results.recorders import Recorder, read_results
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 

@@ -10,10 +10,10 @@ from functools import cached_property
 from pathlib import Path
 
 import fmpy
-from orchestrator.system.system.assembly import Part, assemble
-from orchestrator.system.system.system import System
 
 from orchestrator.fmi import load_fmu
+from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.system import System
 from orchestrator.translate.package import write_fmu
 
 __all__ = ["CASES", "STEP_SIZE", "Case", "Plant", "build", "ring"]

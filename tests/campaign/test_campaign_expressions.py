@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from orchestrator.results.recorders.recorders import Results
 
 from orchestrator.campaign.derived import Derived
 from orchestrator.campaign.execute import flat
+from orchestrator.results.recorders import Results
 
 TIME = np.linspace(0.0, 1.0, 101)
 RESULTS = Results(TIME, {"a.y": np.sin(TIME), "a.q[1]": TIME**2, "a.q[1,2]": -TIME}, {}, {"a.k": 4.0})

@@ -160,7 +160,7 @@ def sources(monkeypatch):
         ("campaign/derived.py", True),
         ("campaign/execute.py", True),
         ("diagnosis/verdict.py", False),
-        ("campaign/reading.py", False),
+        ("campaign/database.py", False),
     ],
 )
 def test_the_product_is_known_by_what_computes(sources, place, counts):

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from orchestrator.results.recorders.recorders import Results
 
 from orchestrator.fmi import Kind
 from orchestrator.fmi.variable import Value
+from orchestrator.results.recorders import Results
 from orchestrator.simulation.run import prepare, run
 
 __all__ = ["Job", "Part", "deviation", "job_of"]

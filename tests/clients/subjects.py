@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from orchestrator.results.recorders.recorders import Results
 
 from orchestrator.exchange.ssp.write import write_ssp
 from orchestrator.exchange.system_fmu import export_system_fmu
 from orchestrator.fmi import bundled, load_fmu
+from orchestrator.results.recorders import Results
 from orchestrator.simulation.run import prepare, run
 from orchestrator.translate.build import build
 

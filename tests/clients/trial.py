@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.results.recorders.recorders import Results
+from orchestrator.results.recorders import Results
 
 from .job import Job, deviation
 

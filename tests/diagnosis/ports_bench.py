@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from orchestrator.system.system.system import Port
 
 from orchestrator.config import load_config
 from orchestrator.diagnosis.effect import Effect
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
 from orchestrator.simulation.run import run
+from orchestrator.system.system import Port
 
 STEP = 2e-3
 NOISE = {"drive.position": 2e-6, "controller.voltage": 5e-3}

@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import yaml
-from orchestrator.system.system.assembly import load_system
 from rigs import study as own_study
 
 from orchestrator.config import load_config
@@ -18,6 +17,7 @@ from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.model import RigModel
 from orchestrator.simulation.run import run
+from orchestrator.system.assembly import load_system
 
 # The robot's delay holds the first command before the start, where the rig's robot is moving already.
 SETTLED, TICKS = 50, 700

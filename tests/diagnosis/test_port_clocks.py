@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from orchestrator.system.system.system import Port
 from ports_bench import change_log, study
 
 from orchestrator.diagnosis.ports.given import check_logs
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.study import Role
+from orchestrator.system.system import Port
 
 PATH, POSITION, VOLTAGE = Port("path", "position"), Port("drive", "position"), Port("controller", "voltage")
 

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from orchestrator.system.system.system import Port
 from ports_bench import LAWS, UNITS, change_log, study, system
 
 from orchestrator.base.errors import ConfigError
@@ -29,6 +28,7 @@ from orchestrator.effects.gain import Gain
 from orchestrator.effects.offset import Offset
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
+from orchestrator.system.system import Port
 
 
 @pytest.mark.parametrize("loop", ["native", "python"])

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from orchestrator.system.system.system import Port
 
 from orchestrator.diagnosis.effect import Parameter
 from orchestrator.diagnosis.fit import Fit, Fitter
@@ -21,6 +20,7 @@ from orchestrator.diagnosis.ports.weigh import _answers
 from orchestrator.diagnosis.ports.where import _Loss, _most
 from orchestrator.diagnosis.search import Search
 from orchestrator.effects.gain import Gain
+from orchestrator.system.system import Port
 
 STEP = 1e-3
 TIME = STEP * np.arange(8000)

@@ -7,7 +7,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from orchestrator.system.system.system import Connection, Leg, Link, Port, Wire
 from ports_bench import COULOMB, POSITION, VELOCITY, VOLTAGE, study
 
 from orchestrator.diagnosis.ports import player
@@ -19,6 +18,7 @@ from orchestrator.diagnosis.ports.study import Role
 from orchestrator.effects.delay import Delay
 from orchestrator.master.iterative import Iterative
 from orchestrator.master.jacobi import Jacobi
+from orchestrator.system.connection import Connection, Leg, Link, Port, Wire
 
 PATH = Port("path", "position")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from orchestrator.system.system.system import Port
 
 from orchestrator.diagnosis.ports.native import in_native_form
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.replay import PortReplay
+from orchestrator.system.system import Port
 from orchestrator.translate.inserted import own_source
 from orchestrator.translate.python_fmu import build_python_fmu
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from orchestrator.system.system.system import Port
 from ports_bench import STEP, friction, study
 
 from orchestrator.base.errors import ConfigError
@@ -25,6 +24,7 @@ from orchestrator.diagnosis.ports.tempering import Tempering
 from orchestrator.diagnosis.ports.weigh import weigh_ports
 from orchestrator.effects.quantise import Quantise
 from orchestrator.simulation.run import run
+from orchestrator.system.system import Port
 
 POSITION, VOLTAGE = Port("drive", "position"), Port("controller", "voltage")
 FEW = {"only": ["drive.position.offset", "drive.voltage.delay", "drive.coulomb"]}

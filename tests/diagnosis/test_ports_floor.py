@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from orchestrator.system.system.system import Port
 from ports_bench import change_log, study
 from test_report import GAP, made
 
@@ -19,6 +18,7 @@ from orchestrator.diagnosis.ports.closure import how_far
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.tempering import Tempering
 from orchestrator.diagnosis.ports.weigh import _left
+from orchestrator.system.system import Port
 
 NOTHING = Finding((Candidate((), 1.0, {}, (), 0.0, NOMINAL),), (), (), "", (), NOMINAL)
 

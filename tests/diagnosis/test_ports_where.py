@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from orchestrator.system.system.system import Port
 from ports_bench import COULOMB, POSITION, VELOCITY, VOLTAGE, answer, friction, study, system
 
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
@@ -20,6 +19,7 @@ from orchestrator.diagnosis.ports.replay import PortReplay
 from orchestrator.diagnosis.ports.steps import with_steps
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.ports.where import lasting, ledger, no_shares, shapley_shares, where
+from orchestrator.system.system import Port
 
 
 def test_halving_tells_the_error_of_the_step(rubbing):

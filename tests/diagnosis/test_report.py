@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import yaml
 from matplotlib.figure import Figure
-from orchestrator.system.system.system import Port
 from ports_bench import study, system
 
 from orchestrator.diagnosis.caveats import caveats
@@ -33,6 +32,7 @@ from orchestrator.diagnosis.report_energy import energy
 from orchestrator.diagnosis.report_text import text
 from orchestrator.diagnosis.study import Nominal
 from orchestrator.diagnosis.verdict import Diagnosis
+from orchestrator.system.system import Port
 
 GAIN = "drive.force_per_voltage"
 GAP = {"before": 0.1, "after": 0.01, "noise_floor": 0.008, "closure": 0.978, "interval": None,

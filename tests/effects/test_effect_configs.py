@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 from doubles import FakeFmu, gain, variable
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
@@ -15,6 +14,7 @@ from orchestrator.config import dump, json_schema, load_config
 from orchestrator.effects.choose import BUILT_IN
 from orchestrator.fmi import Causality, Kind
 from orchestrator.simulation.run import prepare, run
+from orchestrator.system.assembly import Part, assemble
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import gain, mass, spring
-from orchestrator.system.system.assembly import Part, assemble
 from wired import (
     MASTERS,
     SIZED,
@@ -26,6 +25,7 @@ from orchestrator.effects import effect_names
 from orchestrator.effects.choose import BUILT_IN, built_in
 from orchestrator.effects.noise import Noise
 from orchestrator.simulation.run import run
+from orchestrator.system.assembly import Part, assemble
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

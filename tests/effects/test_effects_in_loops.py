@@ -10,8 +10,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import gain, mass, spring
-from orchestrator.system.system.assembly import Part, assemble
-from orchestrator.system.system.system import Leg, Wire
 from unruly import unruly_fmu
 from wired import (
     MASTERS,
@@ -29,6 +27,8 @@ from orchestrator.effects.choose import BUILT_IN
 from orchestrator.fmi import load_fmu
 from orchestrator.master.adaptive import Adaptive
 from orchestrator.master.iterative import Iterative
+from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.connection import Leg, Wire
 
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
 pytest.importorskip("pythonfmu")

@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 import yaml
-from orchestrator.results.recorders.recorders import read_results
 from unruly import unruly_fmu
 
 from orchestrator.cli.main import main
 from orchestrator.exchange.single_fmu import instance_name, times_of
 from orchestrator.fmi import bundled, load_fmu
+from orchestrator.results.recorders import read_results
 from orchestrator.simulation.run import run
 
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.cli.exchange import _names
@@ -27,6 +26,7 @@ from orchestrator.master.jacobi import Jacobi
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
+from orchestrator.system.assembly import Part, assemble
 from orchestrator.translate.build import build
 from orchestrator.translate.coupled import binary, build_binaries
 from orchestrator.translate.package import PLATFORMS
@@ -398,7 +398,7 @@ def test_the_same_config_gives_the_same_bytes(tmp_path):
         assert "binaries/win64/docking_1d.dll" in names
         assert "binaries/darwin64/docking_1d.dylib" in names
         assert load_config(
-            _written(tmp_path, archive.read("extra/orchestrator/system/system.yaml"))
+            _written(tmp_path, archive.read("extra/orchestrator/system.yaml"))
         ).model.run.step_size
 
 

@@ -16,11 +16,11 @@ import foreign
 import numpy as np
 import pytest
 from archives import repack
-from orchestrator.results.recorders.recorders import read_results
 
 from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import load_config
 from orchestrator.fmi import Handling, Point, StepStatus, load_fmu
+from orchestrator.results.recorders import read_results
 from orchestrator.simulation.run import prepare, run
 
 ISOLATED = Handling(isolated=True)

@@ -10,12 +10,12 @@ import math
 import fmpy
 import numpy as np
 import pytest
-from orchestrator.results.recorders.recorders import read_results
 from third_party import fetch
 
 from orchestrator.base.errors import FmuError
 from orchestrator.cli.main import main
 from orchestrator.fmi import Interface, load_fmu
+from orchestrator.results.recorders import read_results
 from orchestrator.simulation.run import run
 
 REFERENCE = [

@@ -426,9 +426,8 @@ def test_a_system_chooses_the_form():
 
 @pytest.mark.parametrize("fmu", ["RobotResponse", "SatelliteDynamics-native"])
 def test_a_form_that_does_not_exist_is_refused(fmu):
-    from orchestrator.system.system.assembly import load_system
-
     from orchestrator.config import load_config
+    from orchestrator.system.assembly import load_system
 
     config = {**CONFIG, "instances": {"one": {"fmu": fmu, "form": "native"}}}
     with pytest.raises(ConfigError) as caught:

@@ -8,8 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.fmi import Capabilities, Causality, Initial, Point
@@ -19,9 +17,11 @@ from orchestrator.master.adaptive import Adaptive
 from orchestrator.master.energy import Ledger
 from orchestrator.master.extrapolation import Extrapolation
 from orchestrator.master.running_instances import Instances, instantiate
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
+from orchestrator.system.assembly import Part, assemble
 
 ESTIMATES = ("doubling", "inputs")
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from doubles import FakeFmu, FakeInstance
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.fmi import Capabilities, load_fmu
 from orchestrator.master.iterative import Iterative
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
+from orchestrator.system.assembly import Part, assemble
 
 FOLDER = Path(__file__).parents[2] / "fmus" / "DockingContact"
 CONTACT = {"stiffness": "176 N/mm", "damping": "0.5 N.s/mm", "front": "5 mm", "rear": "-5 mm"}

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from coupled import PERIOD, created, energy, every_master, moved_spring, simulated, two_masses
 from doubles import gain, mass, spring
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
 from orchestrator.config import BondModel
 from orchestrator.master.energy import Ledger
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.native import loop as native_loop
 from orchestrator.simulation.run import prepare, run
+from orchestrator.system.assembly import Part, assemble
 
 
 @every_master

@@ -9,16 +9,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import FakeFmu, FakeInstance, gain, mass, spring, variable
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import Capabilities, Causality, Initial, Kind, Variability
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare, run
+from orchestrator.system.assembly import Part, assemble
 
 fixed_masters = pytest.mark.parametrize("name", ["jacobi", "gauss-seidel"])
 

@@ -10,17 +10,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
-from orchestrator.system.system.signal_vector import Layout
 
 from orchestrator.base.errors import ConfigError, StepError
 from orchestrator.fmi import Capabilities, Causality, Kind, StepStatus, Variability, load_fmu
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative, blocks
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.run import prepare, run
+from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.signal_vector import Layout
 
 METHODS = ("newton", "anderson", "fixed-point")
 STIFFNESS = {"soft": 0.3, "stiff": 1.0}

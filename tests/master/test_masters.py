@@ -9,15 +9,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.fmi import Causality, Initial, Kind, Point, StepStatus, Variability
 from orchestrator.master import create_master, master_names
 from orchestrator.master.running_instances import instantiate
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
+from orchestrator.system.assembly import Part, assemble
 
 # With the options that the shared suite runs them with; loose ones make fixed steps of adaptive ones.
 OPTIONS = {"iterative": {"tolerance": 1e-10}, "adaptive": {"tolerance": 1e9, "estimate": "inputs"}}

@@ -6,16 +6,16 @@ from fractions import Fraction
 
 import pytest
 from doubles import FakeFmu, gain, mass, spring, variable
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import Causality, Initial
 from orchestrator.master import create_master
 from orchestrator.master.iterative import Iterative
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
+from orchestrator.system.assembly import Part, assemble
 
 
 def simulated(system, name, steps, stop=1):

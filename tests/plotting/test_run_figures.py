@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 
 import numpy as np
-from orchestrator.plotting.figures.figures import draw_signals, save
-from orchestrator.results.recorders.recorders import Results
-from orchestrator.system.system.signal_vector import Signals
 
-from orchestrator.base import progress
 from orchestrator.base.text_tables import summary_text
 from orchestrator.fmi import Point
+from orchestrator.plotting.figures import draw_signals, save
+from orchestrator.results import progress
+from orchestrator.results.recorders import Results
+from orchestrator.system.signal_vector import Signals
 
 TIME = np.linspace(0.0, 1.0, 100_001)
 

@@ -11,18 +11,18 @@ from html import unescape
 
 import numpy as np
 import pytest
-from orchestrator.plotting.figures.page import SignalStore
-from orchestrator.plotting.figures.page.signals import extremes
-from orchestrator.results.recorders.recorders import Results, read_results
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.cli.main import main
 from orchestrator.config import load_config
+from orchestrator.plotting.page import SignalStore
+from orchestrator.plotting.page.signals import extremes
 from orchestrator.report.graph_layout import Node, Wire, lay_out
 from orchestrator.report.graph_svg import draw_graph
 from orchestrator.report.make import report
 from orchestrator.report.punctuality import punctuality
 from orchestrator.report.store_page import SweepTable, page_of_tables
+from orchestrator.results.recorders import Results, read_results
 
 
 def held(text: str) -> dict:

@@ -17,20 +17,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from doubles import mass, spring
-from orchestrator.results.recorders.column_stream import StreamedColumns, StreamWriter
-from orchestrator.results.recorders.recorders import Recorder, Results, read_results
-from orchestrator.system.system.assembly import Part, assemble
 from unruly import unruly_fmu
 
 from orchestrator.base.errors import OrchestratorError
 from orchestrator.cli.main import main
 from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
-from orchestrator.results.recorders import column_stream as stream
-from orchestrator.results.recorders import recorded_signals as recorded
+from orchestrator.results import column_stream as stream
+from orchestrator.results import recorded_signals as recorded
+from orchestrator.results.column_stream import StreamedColumns, StreamWriter
+from orchestrator.results.recorders import Recorder, Results, read_results
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
+from orchestrator.system.assembly import Part, assemble
 
 pytest.importorskip("numba")
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.

@@ -12,16 +12,16 @@ import pytest
 from doubles import mass, spring
 from hypothesis import given
 from hypothesis import strategies as st
-from orchestrator.results.recorders.recorders import Recorder, Results, parameters_of, read_results
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError, OrchestratorError
 from orchestrator.cli.main import main
 from orchestrator.diagnosis.logs import LogError, read_log
 from orchestrator.master import create_master
-from orchestrator.results.recorders import file_formats as formats
+from orchestrator.results import file_formats as formats
+from orchestrator.results.recorders import Recorder, Results, parameters_of, read_results
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
+from orchestrator.system.assembly import Part, assemble
 
 SAMPLE = Results(
     time=np.array([0.0, 0.1, 0.2]),

@@ -9,14 +9,14 @@ import pytest
 from doubles import FakeInstance, mass
 from hypothesis import given
 from hypothesis import strategies as st
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import RunModel
 from orchestrator.master import create_master
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
+from orchestrator.system.assembly import Part, assemble
 
 
 def grid(step: str, stop: str, start: str = "0 s") -> Grid:

@@ -16,8 +16,6 @@ import numpy as np
 import pytest
 import yaml
 from doubles import mass
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 from unruly import WAYS, unruly_fmu
 
 from orchestrator.base.errors import ConfigError, StepError
@@ -25,12 +23,14 @@ from orchestrator.fmi import load_fmu
 from orchestrator.master import create_master
 from orchestrator.master.jacobi import Jacobi
 from orchestrator.master.running_instances import instantiate
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.native import choice
 from orchestrator.simulation.native.choice import schedule
 from orchestrator.simulation.native.tables import Tables
 from orchestrator.simulation.run import prepare, run
+from orchestrator.system.assembly import Part, assemble
 
 pytest.importorskip("numba")
 # The docking FMUs bring a pythonfmu of their own, without what building takes: find the installed one first.
@@ -476,7 +476,7 @@ def test_numba_is_imported_for_long_runs_only():
 _THROUGH_NOISE = """
 import sys
 sys.path[:0] = sys.argv[1:3]
-from test_native import Fraction, Kept, Part, assemble, load_fmu, unruly_fmu
+from test_native_loop import Fraction, Kept, Part, assemble, load_fmu, unruly_fmu
 for master in sys.argv[3:]:
     fmu = load_fmu(unruly_fmu(2))
     parts = [Part("one", fmu), Part("three", fmu, {"rate": "0.1 mm"})]

@@ -16,11 +16,11 @@ import fmpy
 import numpy as np
 import pytest
 from archives import repack
-from orchestrator.results.recorders.measures import changes, signal_changes
-from orchestrator.results.recorders.recorders import Results, read_results
 
 from orchestrator.base.errors import ConfigError, OrchestratorError, StepError
 from orchestrator.cli.main import main
+from orchestrator.results.measures import changes, signal_changes
+from orchestrator.results.recorders import Results, read_results
 from orchestrator.simulation.run import prepare, run
 
 
@@ -402,8 +402,7 @@ def test_several_systems_are_run_and_compared(tmp_path):
 
 
 def test_figures_of_an_earlier_run_do_not_stand_beside_a_new_one(tmp_path):
-    from orchestrator.results.recorders.measures import COMPARISONS, FIGURES
-
+    from orchestrator.results.measures import COMPARISONS, FIGURES
     from orchestrator.simulation.comparison import run_each
 
     for system, stop in (("docking-1d", "0.6 s"), ("docking-6d", "0.1 s")):

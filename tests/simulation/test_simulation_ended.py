@@ -10,8 +10,6 @@ import foreign
 import pytest
 import yaml
 from doubles import FakeFmu, gain, variable
-from orchestrator.results.recorders.recorders import Recorder
-from orchestrator.system.system.assembly import Part, assemble
 from unruly import WAYS, unruly_fmu
 
 from orchestrator.base.errors import StepError
@@ -19,9 +17,11 @@ from orchestrator.cli.main import main
 from orchestrator.fmi import Causality, Initial, StepStatus
 from orchestrator.frequency.excite import sweep_system
 from orchestrator.master import create_master, master_names
+from orchestrator.results.recorders import Recorder
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import Report, simulate
 from orchestrator.simulation.run import run
+from orchestrator.system.assembly import Part, assemble
 
 MASTERS = {
     "jacobi": "jacobi",

@@ -9,11 +9,11 @@ import pytest
 import yaml
 from assembled import refusal
 from doubles import FakeFmu, gain, mass, spring
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
 from orchestrator.master import create_master
+from orchestrator.system.assembly import Part, assemble
 
 
 def test_an_algebraic_loop_is_told_hop_by_hop():

@@ -7,12 +7,12 @@ import sys
 import pytest
 from assembled import refusal
 from doubles import FakeFmu, gain, mass, variable
-from orchestrator.system.system.assembly import Part, assemble, load_system
-from orchestrator.system.system.system import Port
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places, load_config
 from orchestrator.fmi import Capabilities, Causality, Kind, Variability
+from orchestrator.system.assembly import Part, assemble, load_system
+from orchestrator.system.system import Port
 
 SATELLITE = FakeFmu(name="Satellite", inputs={"force": "N", "torque": "N.m"}, outputs={"position": "m"})
 ROBOT = FakeFmu(name="Robot", inputs={"command": "m"}, outputs={"position": "m", "force": "N"})

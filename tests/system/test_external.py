@@ -13,11 +13,6 @@ import pytest
 from doubles import mass, spring
 from hypothesis import given
 from hypothesis import strategies as st
-from orchestrator.system.system.assembly import Part, assemble
-from orchestrator.system.system.external import ExternalFmu
-from orchestrator.system.system.external.datagram import Datagram, Flag, pack, unpack
-from orchestrator.system.system.external.link import Link, LinkError
-from orchestrator.system.system.system import System
 
 from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import ExternalModel, load_config
@@ -26,6 +21,11 @@ from orchestrator.master.jacobi import Jacobi
 from orchestrator.simulation.grid import Grid
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import run
+from orchestrator.system.assembly import Part, assemble
+from orchestrator.system.external import ExternalFmu
+from orchestrator.system.external.datagram import Datagram, Flag, pack, unpack
+from orchestrator.system.external.link import Link, LinkError
+from orchestrator.system.system import System
 
 STEPS = 200
 STEP = Fraction(1, 1000)
@@ -53,8 +53,8 @@ def external(listen: int, peer: int, **changes) -> ExternalModel:
 
 
 def recorded(system: System, names: list[str]) -> Array:
-    from orchestrator.system.system.signal_vector import Layout
-    from orchestrator.system.system.system import Port
+    from orchestrator.system.signal_vector import Layout
+    from orchestrator.system.system import Port
 
     layout = Layout.of(system)
     places = [layout.index[Port(*name.split("."))] for name in names]
@@ -311,7 +311,7 @@ def with_external(**changes) -> dict:
 
 
 def test_units_are_checked_at_the_link():
-    from orchestrator.system.system.assembly import load_system
+    from orchestrator.system.assembly import load_system
 
     system = load_system(load_config(with_external(send={"command": "mm"})))
     (connection,) = system.connections

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from orchestrator.system.system.instance_pool import InstancePool
 
 from orchestrator.base.errors import StepError
 from orchestrator.master.running_instances import instantiate
 from orchestrator.simulation.loop import simulate
 from orchestrator.simulation.run import prepare
+from orchestrator.system.instance_pool import InstancePool
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from coupled import PERIOD, simulated
 from doubles import FakeFmu, gain, mass
-from orchestrator.system.system.assembly import Part, assemble
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.config import BondModel
 from orchestrator.simulation.run import prepare
+from orchestrator.system.assembly import Part, assemble
 
 # Which bonds are found.
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from benchmarks.scale import PORTS, large_config
 from benchmarks.systems import STEP_SIZE, Case, build, ring
-from orchestrator.results.recorders.column_stream import StreamedColumns
-from orchestrator.results.recorders.measures import signal_changes
-from orchestrator.results.recorders.recorders import Results
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import archive
 from orchestrator.fmi import loading as compiled
+from orchestrator.results.column_stream import StreamedColumns
+from orchestrator.results.measures import signal_changes
+from orchestrator.results.recorders import Results
 from orchestrator.simulation.run import prepare, run
 
 STEPS = 10

@@ -78,7 +78,7 @@ def check(path: Path) -> Page:
     assert image[0, 0, 3] == 0.0
     assert image[48, 48, 3] == 1.0
     assert "Structure" in page.headings
-    provenance = json.loads(content["extra/orchestrator/base/provenance.json"])
+    provenance = json.loads(content["extra/orchestrator/provenance.json"])
     assert provenance["modelName"] == description.modelName
     return page
 
@@ -97,16 +97,16 @@ def test_shipped_fmus_show_and_explain_themselves(path):
 
 
 def test_provenance_names_the_sources():
-    told = json.loads(members(find_fmu("RobotResponse"))["extra/orchestrator/base/provenance.json"])
+    told = json.loads(members(find_fmu("RobotResponse"))["extra/orchestrator/provenance.json"])
     source = FMUS.parent / "modelica" / "DockingHIL" / "RobotResponse.mo"
     assert told["sources"] == {
         "DockingHIL/RobotResponse.mo": f"sha256:{sha256(source.read_bytes()).hexdigest()}"
     }
     assert set(told["madeWith"]) == {"rumoca", "casadi", "ziglang"}
-    told = json.loads(members(find_fmu("ArmInverse"))["extra/orchestrator/base/provenance.json"])
+    told = json.loads(members(find_fmu("ArmInverse"))["extra/orchestrator/provenance.json"])
     assert {"model.py", "shared/arm.py"} <= set(told["sources"])
     assert set(told["madeWith"]) == {"pythonfmu"}
-    whole = json.loads(members(find_fmu("UncompensatedDocking"))["extra/orchestrator/base/provenance.json"])
+    whole = json.loads(members(find_fmu("UncompensatedDocking"))["extra/orchestrator/provenance.json"])
     assert "DockingHIL/RobotResponse.mo" in whole["sources"]
 
 
@@ -124,7 +124,7 @@ def test_a_system_s_fmu_explains_itself(tmp_path):
         page = check(path)
         assert "System" in page.headings
         assert "contact.force -> sensor.force" in page.text
-        told = json.loads(members(path)["extra/orchestrator/base/provenance.json"])
+        told = json.loads(members(path)["extra/orchestrator/provenance.json"])
         digest = sha256(find_fmu("DockingContact").read_bytes()).hexdigest()
         assert told["fmus"]["contact"] == f"sha256:{digest}"
         assert "Derivatives of outputs by inputs: none." in page.text

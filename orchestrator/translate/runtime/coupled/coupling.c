@@ -1,7 +1,7 @@
 /* The master: initial values, and communication steps by Jacobi or Gauss-Seidel.
  *
- * Order and arithmetic are those of orchestrator/system/initialisation.py, wires.py and native/kernel.py, so that
- * the signals are the same to the bit.
+ * Order and arithmetic are those of orchestrator/system/initialisation.py, running_connections.py and
+ * orchestrator/simulation/native/kernel.py, so that the signals are the same to the bit.
  */
 #include <math.h>
 #include <stdlib.h>

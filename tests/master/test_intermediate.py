@@ -8,13 +8,13 @@ import foreign
 import numpy as np
 import pytest
 from doubles import FakeFmu
-from orchestrator.system.system.assembly import Part, assemble
 from test_extrapolation import fixed_masters, polynomial, simulated
 
 from orchestrator.base.errors import FmuError, StepError
 from orchestrator.fmi import Handling, Point, StepStatus, load_fmu
 from orchestrator.master import create_master
 from orchestrator.simulation.run import run
+from orchestrator.system.assembly import Part, assemble
 
 ISOLATED = Handling(isolated=True)
 

@@ -1,0 +1,77 @@
+"""Plain numbers from Python code, which are in SI units, as the texts with units that configs have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from fractions import Fraction
+from functools import cached_property
+from math import isfinite
+from typing import Any
+
+from ..base.units import ONE
+from ..config import Config, Draft
+from ..config.overrides import override_path
+from ..config.text import flow
+from ..fmi import Variable
+from .instance_models import parts_of
+
+__all__ = ["SiNumbers"]
+
+_TIMES = ("start_time", "stop_time", "step_size")
+
+
+class SiNumbers:
+    """Numbers in SI units -> what a config has for them. Texts stay as they are."""
+
+    def __init__(self, config: Config) -> None:
+        """
+        Args:
+            config: its FMUs say in which units their variables are.
+        """
+        self._config = config
+
+    @cached_property
+    def _data(self) -> dict[str, Any]:
+        return self._config.model.to_data()
+
+    @cached_property
+    def _variables(self) -> Mapping[str, Mapping[str, Variable]]:
+        # What is wrong with FMUs is reported when the system is checked.
+        parts = parts_of(Draft(self._config), []).parts
+        return {part.name: part.fmu.description.variables for part in parts}
+
+    def override(self, path: str, value: Any) -> str:
+        """An override as the command line takes it: "robot.tau_m=0.006 s"."""
+        made = self.value(path, value)
+        return f"{path}={made if isinstance(made, str) else flow({'value': made})[len('{value: ') : -1]}"
+
+    def value(self, path: str, value: Any) -> Any:
+        """What a config has at a path for a text, a number or a list of numbers."""
+        value = value.tolist() if hasattr(value, "tolist") else value
+        where = override_path(self._data, path)
+        if where is None:
+            return value
+        if where[0] == "run" and where[-1] in _TIMES and _is_number(value):
+            return f"{value!r} s"
+        if where[0] == "instances" and len(where) > 3 and where[2] == "start":
+            return self.start(where[1], where[3], value)
+        return value
+
+    def start(self, instance: str, name: str, value: Any) -> Any:
+        """What a config has for a start value of an instance."""
+        value = value.tolist() if hasattr(value, "tolist") else value
+        if isinstance(value, list | tuple):
+            return [self.start(instance, name, one) for one in value]
+        variables = self._variables.get(instance, {})
+        # An element of an array, x[1], has the array's unit.
+        variable = variables.get(name) or variables.get(name.partition("[")[0])
+        if variable is None or not _is_number(value) or not variable.unit_name or variable.unit == ONE:
+            return value
+        if variable.unit is None or not isfinite(value):
+            return f"{value!r} {variable.unit_name}"
+        own = (Fraction(value) - variable.unit.offset) / variable.unit.factor
+        return f"{float(own)!r} {variable.unit_name}"
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
