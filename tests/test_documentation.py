@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -14,7 +17,8 @@ from orchestrator.cli.main import main
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 PAGES = sorted(ROOT.glob("docs/*.md"))
-TEXTS = {one.relative_to(ROOT).as_posix(): one.read_text(encoding="utf-8") for one in (README, *PAGES)}
+GUIDE = ROOT / "CONTRIBUTING.md"
+TEXTS = {one.relative_to(ROOT).as_posix(): one.read_text(encoding="utf-8") for one in (README, GUIDE, *PAGES)}
 
 
 def blocks() -> list[str]:
@@ -73,20 +77,38 @@ def test_links_lead_somewhere(page, link):
         assert anchor in anchors(target.read_text(encoding="utf-8"))
 
 
-def test_the_contents_of_the_readme_name_its_sections():
-    text = TEXTS["README.md"]
-    heads = [one.lower().replace(" ", "-") for one in re.findall(r"^## (.*)$", text, re.M)]
-    named = [one.removeprefix("#") for one in links(text) if one.startswith("#")]
-    assert named == [one for one in heads if one != "contents"]
+def test_every_page_is_reached_from_the_readme_and_has_a_place_on_the_site():
+    nav = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    placed = {f"docs/{one}" for one in _leaves(nav)}
+    pages = {one for one in TEXTS if one.startswith("docs/")}
+    assert placed - {"docs/contributing.md"} == pages
+    assert pages - set(links(TEXTS["README.md"])) == set()
 
 
-def test_the_contents_of_the_readme_list_every_page_in_the_order_that_leads_through_them():
-    listed = re.findall(r"^\| \[[^]]*\]\((docs/[^)]*)\) \|", TEXTS["README.md"], re.M)
-    assert sorted(listed) == sorted(one for one in TEXTS if one != "README.md")
-    for before, page, after in zip([None, *listed], listed, [*listed[1:], None], strict=False):
-        way = [Path(one).name for one in (before, after) if one]
-        assert links(TEXTS[page].split("\n")[2]) == ["../README.md#contents", *way]
+def _leaves(nav: Any) -> list[str]:
+    if isinstance(nav, str):
+        return [nav]
+    return [leaf for one in (nav.values() if isinstance(nav, dict) else nav) for leaf in _leaves(one)]
 
 
-def test_the_readme_is_an_entry_page():
-    assert len(TEXTS["README.md"].split()) < 2200
+def test_the_readme_is_one_screen():
+    assert len(TEXTS["README.md"].splitlines()) <= 120
+
+
+def test_the_python_of_the_pages_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for page in ("docs/index.md", "docs/python.md"):
+        code = re.findall(r"```python\n(.*?)```", TEXTS[page], flags=re.DOTALL)
+        assert code
+        exec("\n".join(code), {})
+
+
+def test_the_site_builds_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocs", reason="mkdocs-material is not installed")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "site" / "python" / "index.html").read_text(encoding="utf-8")
+    assert "to_dataframe" in page
+    sources = re.findall(r'(?:src|href)="(https?://[^"]+)"', page)
+    assert [one for one in sources if "squidfunk" not in one] == []
