@@ -88,6 +88,7 @@ def run(
     Returns: the signals by name, the summary, and where files are.
     Raises: ConfigError before anything runs; StepError or FmuError if the run fails: their attribute `result`
         holds what was recorded until then.
+
     """
     from .simulation.run import run as run_config
 
@@ -107,6 +108,7 @@ def load(system: str | Path | Mapping[str, Any], *, set: Mapping[str, Any] | Non
     Args:
         system, set: see `run`.
     Raises: ConfigError with all problems of the config's form; `System.check` looks into the FMUs.
+
     """
     from .report.system_view import System
 
@@ -135,6 +137,7 @@ def sweep(
         options: further keys of a study file, such as record="all".
     Returns: `.to_dataframe()` and `.columns()` give the points with what their runs gave.
     Raises: ConfigError with all problems before the first run.
+
     """
     from .base.temporary_folders import scratch_folder
     from .campaign.sweep import Study
@@ -145,7 +148,8 @@ def sweep(
         path: dict(values) if isinstance(values, Mapping) else [numbers.value(path, one) for one in values]
         for path, values in over.items()
     }
-    source = system.data if hasattr(system, "check") else system
+    source: Any = system
+    source = source.data if hasattr(source, "check") else source
     study: dict[str, Any] = {"system": dict(source) if isinstance(source, Mapping) else str(source)}
     study |= {"design": {"grid": grid}, **options}
     if set:
@@ -185,6 +189,7 @@ def build(
         platforms: such as ("linux64", "win64"); by default this machine's.
     Returns: `.path` is the FMU; notes say what the author of the model should know.
     Raises: BuildError for what cannot be translated, with the line.
+
     """
     from pathlib import Path
 
@@ -205,6 +210,7 @@ def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed:
         out: folder to write the page and diagnosis.json to.
     Returns: the diagnosis and its findings.
     Raises: ConfigError with all problems of the study.
+
     """
     from .diagnosis.diagnose import diagnose as diagnose_study
 

@@ -54,6 +54,7 @@ class FakeFmu:
         output: outputs as a function of the values.
         extra: further variables.
         reached: what instances give as their last successful time [s].
+
     """
 
     name: str = "Fake"
@@ -176,7 +177,7 @@ class FakeInstance:
 
 
 def gain(factor: float = 1.0, unit_in: str = "", unit_out: str = "", **changes: Any) -> FakeFmu:
-    """y = factor * u, without delay."""
+    """Y = factor * u, without delay."""
     return FakeFmu(
         **{
             "name": "Gain",
@@ -205,7 +206,7 @@ def mass(value: float = 1.0, **changes: Any) -> FakeFmu:
 
 
 def spring(stiffness: float = 1.0) -> FakeFmu:
-    """force = -stiffness * position, without delay."""
+    """Force = -stiffness * position, without delay."""
     return FakeFmu(
         name="Spring",
         inputs={"position": "m"},

@@ -93,7 +93,7 @@ def bits(results):
 
 
 def oscillator(through=(), **options):
-    """x'' = -x, x(0) = 1 m: x = cos t; the spring gets the position through effects."""
+    """X'' = -x, x(0) = 1 m: x = cos t; the spring gets the position through effects."""
     return assemble(
         [Part("mass", mass(), {"position": "1 m"}), Part("spring", spring())],
         [

@@ -119,6 +119,7 @@ def _made(make: Callable[[bool], _Made]) -> _Made:
 
     Args:
         make: is told whether to keep it.
+
     """
     from numba.core import config
 
@@ -182,7 +183,7 @@ class _BySources:
         try:
             with os.scandir(self.get_cache_path()) as entries:  # type: ignore[attr-defined]
                 for entry in entries:
-                    told = self._files.fullmatch(entry.name)
+                    told = self._files.fullmatch(entry.name)  # type: ignore[attr-defined]
                     if told and told[1] != self._digest:
                         state = told[1] or ""
                         others.append((state, entry.path))

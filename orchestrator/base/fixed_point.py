@@ -46,6 +46,7 @@ class Solution(NamedTuple):
         iterations: evaluations of F, differences not counted.
         converged: whether every residual is within the tolerance.
         why: what ended it otherwise; empty if the iterations were used up.
+
     """
 
     x: Array
@@ -85,6 +86,7 @@ def solve(
         max_iterations: evaluations of F besides those for differences, at least 1.
         discrete: components that take only certain values: they are passed on as they come and must agree
             exactly, shape (n,).
+
     """
     solver.begin()
     smooth = slice(None) if discrete is None or not discrete.any() else ~discrete
@@ -181,6 +183,7 @@ class Newton:
             nominal: shape (n,).
             slope: gives dF/dx, shape (n, n), at the x that was evaluated last, exactly or nearly: it serves
                 to begin with, where it does not do differences are taken; None: differences throughout.
+
         """
         self._nominal = nominal
         self._slope = slope
@@ -249,10 +252,10 @@ class Newton:
     def _solved(self, x: Array, f: Array, r: Array, function: Function) -> Array:
         assert self._matrix is not None
         try:
-            return np.linalg.solve(self._matrix, -r)
+            return np.linalg.solve(self._matrix, -r).astype(np.float64, copy=False)
         except np.linalg.LinAlgError:
             self._build(x, f, function)
-            return np.linalg.solve(self._matrix, -r)
+            return np.linalg.solve(self._matrix, -r).astype(np.float64, copy=False)
 
 
 def _is_singular(slope: Array) -> bool:

@@ -16,6 +16,7 @@ def strong_components(successors: Successors) -> list[list[int]]:
 
     Args:
         successors: per node, the nodes its edges lead to.
+
     """
     count = len(successors)
     found, low = [-1] * count, [0] * count
@@ -109,6 +110,7 @@ def shortest_cycle(successors: Successors, start: int, within: Sequence[int]) ->
 
     Args:
         within: the nodes that the cycle may visit.
+
     """
     allowed = set(within)
     came_from: dict[int, int] = {}

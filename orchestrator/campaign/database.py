@@ -37,6 +37,7 @@ class Store:
     Attributes:
         folder: of the store.
         database: the views, in DuckDB.
+
     """
 
     def __init__(self, folder: Path | str) -> None:

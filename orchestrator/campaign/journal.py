@@ -26,6 +26,7 @@ class Journal:
     Attributes:
         size: of the whole records in it [B].
         count: of the records in it.
+
     """
 
     def __init__(self, path: Path) -> None:

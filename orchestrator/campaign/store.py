@@ -156,6 +156,7 @@ class StoreWriter:
         Args:
             failed: whether an error is on its way that is to be told first.
         Raises: OrchestratorError if what came in cannot be brought to the disk.
+
         """
         try:
             if self._journal is not None:

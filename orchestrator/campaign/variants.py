@@ -30,6 +30,7 @@ class Variants:
         Args:
             config: of the system.
             axes: by path.
+
         """
         self._config, self._axes = config, axes
         self._instances: dict[tuple[str, Path], Instance | None] = {}

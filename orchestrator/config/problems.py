@@ -28,13 +28,14 @@ def validation_problems(
     model: type[BaseModel],
     gaps: Gaps | None = None,
 ) -> list[Problem]:
-    """pydantic's errors as problems with places; one for each value, also where several forms are allowed.
+    """Pydantic's errors as problems with places; one for each value, also where several forms are allowed.
 
     Args:
         error: what pydantic raised for `model`.
         places: where the values were written.
         prefix: path of the validated value in the config.
         gaps: where it is not known; nothing is told to be missing there.
+
     """
     problems: dict[Path, Problem] = {}
     errors = error.errors(include_url=False)
@@ -106,7 +107,7 @@ def unknown_key(places: Places, path: Path, names: Sequence[str]) -> Problem:
 
 
 def path_within(data: Any, location: Sequence[str | int]) -> Path:
-    """pydantic's location as a path of the data: without names of union members and the like."""
+    """Pydantic's location as a path of the data: without names of union members and the like."""
     path: list[str | int] = []
     for part in location:
         there = isinstance(data, Mapping) and part in data
@@ -127,7 +128,7 @@ def _misspelt(errors: Iterable[Any], model: type[BaseModel]) -> set[tuple[str | 
 
 
 def _plain_path(location: tuple[str | int, ...]) -> Path:
-    """pydantic's location without the names of union members and of key checks."""
+    """Pydantic's location without the names of union members and of key checks."""
     if location[:1] == ("connections",):
         inner = tuple(part for part in location[2:] if part in ("from", "to", "through"))
         return (*location[:2], *inner)

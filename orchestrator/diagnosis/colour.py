@@ -29,6 +29,7 @@ class Colour(NamedTuple):
     Attributes:
         deviation: over that of the white noise; keep: what a sample keeps of it.
         log_likelihood: over white noise alone [nats].
+
     """
 
     deviation: float
@@ -45,6 +46,7 @@ def _ar_likelihood(r, deviation, keep, white, innovations):
 
     Args:
         innovations: normalised, of the shape of r, or empty; written.
+
     """
     total, mean, variance = 0.0, 0.0, deviation * deviation
     for i in range(r.shape[0]):
@@ -93,6 +95,7 @@ def small_colour(parts: Sequence[Array]) -> Colour:
 
     Args:
         parts: residuals over their noise.
+
     """
     size = sum(map(len, parts))
     variance = sum(float(part @ part) for part in parts) / size
@@ -111,6 +114,7 @@ def whitened(left: Sequence[Array], colour: Colour) -> list[Array]:
 
     Args:
         left: residuals over their noise, by run.
+
     """
     if colour.deviation <= 0.0:
         return list(left)

@@ -20,6 +20,7 @@ class Diagnosed:
     Attributes:
         diagnosis: content of diagnosis.json.
         folder, files: where it was written and the files' names; None and none if it was not.
+
     """
 
     study: Study | PortStudy

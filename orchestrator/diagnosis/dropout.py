@@ -56,6 +56,7 @@ def piled(forces: Sequence[Array], step: float, noise: float) -> float:
 
     Args:
         forces: by run [N]; step, noise: resolution, below the noise, and its standard deviation [N].
+
     """
     chance, total = step / (noise * math.sqrt(2.0 * math.pi)), 0.0
     for force in forces:
@@ -78,6 +79,7 @@ def in_turn(parts: Sequence[Array]) -> float:
 
     Args:
         parts: whether samples repeat the last one, by flight, shape (n,) each.
+
     """
     if not parts or not any(_even(parts, lost) for lost in (True, False)):
         return 0.0
@@ -140,6 +142,7 @@ def lost_in_contact(
     Args:
         forces: by run [N]; contact: whether a replay touches, per tick, by run.
         step, noise: resolution and standard deviation of the force [N].
+
     """
     again, chances = [], []
     for force, touching in zip(forces, contact, strict=True):

@@ -132,6 +132,7 @@ class _Forms(NamedTuple):
 
     Attributes:
         named: families, and effects of none; chance: their probability, and that of each form.
+
     """
 
     named: list[str]
@@ -224,6 +225,7 @@ def leaves_in_words(one: Experiment) -> str:
 
 
 def listed_or(names: Sequence[str]) -> str:
+    """Names as "a, b or c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 

@@ -26,6 +26,7 @@ def loudest(channels: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise, by run.
+
     """
     found = 0.0
     for length in _WINDOWS:
@@ -48,6 +49,7 @@ def repeated(channels: Sequence[Array], touching: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise, by run; touching: whether the rod touches at each tick, by run.
+
     """
     found = 0.0
     noises = noises_beside(channels, touching)

@@ -35,7 +35,8 @@ class _Named(Protocol):
 
 def clock_slack(rows: int, step: float) -> float:
     """By how much the time that rows take may be another than their steps add up to [s]: by one of these, and
-    by what clocks differ by anyway."""
+    by what clocks differ by anyway.
+    """
     return step * (1.0 + _QUARTZ * rows)
 
 
@@ -44,6 +45,7 @@ def clock_told(time: Array, step: float) -> str:
 
     Args:
         time: stamps, shape (n,) [s], n at least 2; step: from one row to the next, as is believed [s].
+
     """
     taken, whole = float(time[-1] - time[0]), step * (len(time) - 1)
     share = 100.0 * (taken / whole - 1.0)
@@ -63,6 +65,7 @@ def unmapped_clock(
         mapped: columns that are signals.
         tick: from one row to the next, as is believed [s].
         key: what sets the tick.
+
     """
     others = []
     for name, signal in log.items():
@@ -120,6 +123,7 @@ def unread_rows(
         signals, mapping: what is read, and from which columns.
         rows: numbers of the rows that are taken, by signal.
         parted: whether a part of the log can be asked for.
+
     """
     for name, signal in signals.items():
         wrong = rows[name][~np.isfinite(signal.values[rows[name]])]

@@ -29,6 +29,7 @@ class Load:
 
     Attributes:
         effect: whose law adds it, at Site.FORCE; theta: its parameters.
+
     """
 
     effect: Effect
@@ -48,6 +49,7 @@ class Experiment:
         load: on the rod's tip.
         tracker: standard deviation of a measurement of the tip's position [m]; 0 where there is none.
         ticks: of each run.
+
     """
 
     name: str

@@ -39,6 +39,7 @@ class Contact:
     Attributes:
         begin, end: of the window with the flight before and after; `end` is excluded.
         first, last: with a push; peak: of the force.
+
     """
 
     begin: int

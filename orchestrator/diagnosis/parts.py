@@ -35,6 +35,7 @@ class Parts:
         energy: energy balance of contacts.
         how_far: as the models `verdict.HowFar`; next_experiment: `verdict.Experiment`;
         numerics: `verdict.Numerics`.
+
     """
 
     weigh: Callable[[Study], Finding]

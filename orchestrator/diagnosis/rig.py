@@ -111,7 +111,7 @@ _DOUBLE, _POINTER = ir.DoubleType(), ir.DoubleType().as_pointer()
 
 @intrinsic
 def _call_law(typing, address, time, step, value, context, memory, theta):
-    """double (*)(double, double, double, double *, double *, double *)"""
+    """Double (*)(double, double, double, double *, double *, double *)"""
     function_type = ir.FunctionType(_DOUBLE, [_DOUBLE] * 3 + [_POINTER] * 3)
 
     def generate(compiler: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -194,6 +194,7 @@ def run_rig(
         out: by `CHANNELS`, shape (8, n); written. With a pull its encoder holds what was measured when given.
         substeps: per tick.
         pull: both poles of the observer that draws the servo to the encoder; none, if zero [rad/s].
+
     """
     h = p[_TICK]
     dt = h / substeps

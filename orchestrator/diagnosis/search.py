@@ -50,6 +50,7 @@ class Search:
     Attributes:
         none: the fit of the calibration alone; beside what is there anyway.
         fits: of one effect and more, largest log evidence first.
+
     """
 
     none: Fit
@@ -79,6 +80,7 @@ def each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) ->
 
     Args:
         workers: threads.
+
     """
     if workers == 1:
         return [function(one) for one in items]
@@ -91,6 +93,7 @@ class Direction(NamedTuple):
 
     Attributes:
         place: of the start of its shape, among all of them that there are; many: how many.
+
     """
 
     effect: Effect
@@ -111,6 +114,7 @@ def roughness(
         sizes: standard deviations, as shares of the effect's prior, one per start of its shape, by id.
         about: of a model with other effects; by default, the nominal one.
     Returns: one column per effect and start, scaled to one standard deviation, shape (residuals, k).
+
     """
     at, beside = (None, ()) if about is None else (about.z, about.effects)
     columns = []
@@ -132,6 +136,7 @@ def directions(
     Args:
         at: normalised parameters; the nominal calibration by default.
         beside: effects that are there.
+
     """
     z = fitter.nominal if at is None else at
     r = fitter.stacked(beside, z)
@@ -165,6 +170,7 @@ def search(
         workers: threads; more than one pay where replays do not wait for each other.
         thorough: whether each effect of the best combination is tried to be exchanged for others.
         enough: whether a fit leaves nothing to find; no further effect is sought beside it.
+
     """
     count = len(fitter.replay.tolerances)
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
@@ -204,6 +210,7 @@ def exchanged(fitter: Fitter, effects: Sequence[Effect], fit: Fit, workers: int 
 
     Args:
         effects: to choose from.
+
     """
     stage("exchanged")
     return _further(fitter, effects, _without_one(fitter, fit, 0), workers)
@@ -226,6 +233,7 @@ def _without_one(fitter: Fitter, fit: Fit, kept: int) -> list[Fit]:
 
     Args:
         kept: how many effects, the first ones, always stay.
+
     """
     count, found = len(fitter.replay.tolerances), []
     for place in range(kept, len(fit.effects)):
@@ -246,6 +254,7 @@ def _grow(
     Args:
         highest: cost that the linearised problem must promise to stay below.
         kept: how many are fitted at most.
+
     """
     tasks = [
         (effect, base)
@@ -302,6 +311,7 @@ def counted(fitter: Fitter, fit: Fit, count: int, aim: float) -> Fit:
 
     Args:
         count: of calibrated numbers; aim: see `Fitter.fit`.
+
     """
     place = len(fit.z) - len(fit.effects[-1].parameters)
     number = fit.effects[-1].parameters[0]

@@ -56,6 +56,7 @@ class DynamicsReplay:
 
     Attributes:
         noise: standard deviation of that change by the log's digits alone, one per run [m/s].
+
     """
 
     def __init__(self, study: Study, runs: Sequence[Run]) -> None:
@@ -82,6 +83,7 @@ class DynamicsReplay:
         Args:
             memory, theta: of all laws, as `Laws.room` gives them; the memory is left as it is at the end.
             ticks: how many of the run; all by default.
+
         """
         run, laws = self.runs[index], Laws.of(effects)
         body = run["compensated_force"][:ticks].copy()
@@ -137,6 +139,7 @@ class ControllerReplay:
 
     Attributes:
         noise: standard deviations of both by the log's digits alone, one pair per run [N], [N/m].
+
     """
 
     def __init__(self, study: Study, runs: Sequence[Run]) -> None:
@@ -165,6 +168,7 @@ class ControllerReplay:
 
         Args:
             ticks: how many of the run; all by default.
+
         """
         run = self.runs[index]
         p = nominal_parameters(self.study, run)

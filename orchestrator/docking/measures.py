@@ -43,6 +43,7 @@ def _kept_speed(contacts: Sequence[Mapping[str, Any]], ideal: float) -> str:
     Args:
         contacts: each with its `rebound_velocity_ratio`.
         ideal: the size of the last ratio without delay.
+
     """
     if not contacts:
         return "No contact was completed."
@@ -128,7 +129,8 @@ class DockingMeasure:
 
     def figures(self, results: Results, options: DockingOptions) -> dict[str, Figure]:
         """Figures by name: `contacts` (velocity and force, free flight cut out), `rebounds` and,
-        with a controller, `estimates`."""
+        with a controller, `estimates`.
+        """
         from . import figures
 
         drawn = {

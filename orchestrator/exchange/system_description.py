@@ -28,6 +28,7 @@ def describe_system(inside: Inside, name: str, identifier: str, token: str, fmi_
         name, identifier: of the whole, and of its binaries.
         token: GUID or instantiation token.
         fmi_version: "2.0" or "3.0".
+
     """
     outers = (*inside.inputs, *inside.outputs, *inside.parameters)
     root = _head(inside, name, token, fmi_version)
@@ -94,6 +95,7 @@ class _Units:
 
     Attributes:
         element: UnitDefinitions; None while there are no units.
+
     """
 
     def __init__(self) -> None:
@@ -193,7 +195,8 @@ def _variable(
 
 def _structure(root: ET.Element, inside: Inside, second: bool) -> None:
     """What outputs depend on: at a communication point the inputs that reach them within one, at
-    initialisation those that reach them then, and every parameter."""
+    initialisation those that reach them then, and every parameter.
+    """
     references = {one.port: number for number, one in enumerate(inside.inputs, start=1)}
     first = 1 + len(inside.inputs)
     behind = first + len(inside.outputs)

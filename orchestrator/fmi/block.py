@@ -51,6 +51,7 @@ class Block:
         values: their values, arrays flattened in row-major order.
         direct: whether `values` is the caller's memory, so that nothing is copied.
         partial: whether `values` holds elements that are no ports, which must keep what the FMU has.
+
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class Block:
         """
         Args:
             ports: positions in `memory` and the variables that stand there, all of one FMI type.
+
         """
         offsets: dict[int, int] = {}
         count = 0
@@ -129,6 +131,8 @@ class Block:
             told = f"{self._variables[position].name} ({self._variables[position].type})"
             raise Unfit(f"{told} cannot hold {values[position]!r}: it is no whole number") from None
         if self._range is not None and not self._range[0] <= min(whole) <= max(whole) <= self._range[1]:
+            # Signals are doubles: of 64 bits, that next to the largest number is one beyond it.
+            whole = [self._range[1] if float(one) == float(self._range[1]) else one for one in whole]
             for variable, value in zip(self._variables, whole, strict=True):
                 check_fit(variable, self.ctype, value)
         return whole

@@ -36,6 +36,7 @@ class Capabilities:
         fixed_internal_step: of the FMU itself [s]; None where it has none or does not say.
         intermediate_update: whether inputs and outputs can be reached within a step (FMI 3.0).
         return_on_request: whether a step can be cut short there, and is so only on request.
+
     """
 
     variable_step_size: bool = False
@@ -76,6 +77,7 @@ class ModelDescription:
         own_step: the step size [s] that the FMU is made for, where it declares that it cannot take others;
             `own_step_divides` tells whether it takes whole multiples of it.
         tool: what the FMU was made with; empty where it does not say.
+
     """
 
     name: str
@@ -109,7 +111,8 @@ class ModelDescription:
     @cached_property
     def followed(self) -> frozenset[str]:
         """Inputs whose course over a step the FMU follows, where it is given one: FMI 2's interpolation of
-        inputs, FMI 3's intermediate update. In model exchange it is the integration here that follows it."""
+        inputs, FMI 3's intermediate update. In model exchange it is the integration here that follows it.
+        """
         if self.interface is Interface.MODEL_EXCHANGE:
             smooth = (v for v in self.inputs if v.variability is Variability.CONTINUOUS)
             return frozenset(v.name for v in smooth if v.kind is Kind.REAL)
@@ -145,6 +148,7 @@ def read_description(
         interface: the one to be run; None: co-simulation if the FMU offers it, else model exchange.
         structure: structural parameters with values other than their start values.
     Raises: FmuError if it is missing, no FMU, or has no such interface of FMI 1.0, 2.0 or 3.0.
+
     """
     if not path.is_file():
         raise FmuError(f"{path}: no such file")
@@ -203,7 +207,8 @@ def _resize(raw: Any, structure: Mapping[str, int]) -> None:
 
 def _add_attributes(raw: Any, root: Any) -> None:
     """Set relativeQuantity of variables, which fmpy looks for among an element's children, and the range of
-    unsigned integers, which it does not read."""
+    unsigned integers, which it does not read.
+    """
     given, ranges = {}, {}
     for item in root.findall("ModelVariables/*"):
         ranges[item.get("name")] = item.get("min"), item.get("max")
@@ -241,7 +246,7 @@ def _directional(root: Any, interface: Interface) -> bool:
 
 
 def _parsed(path: Path, version: str) -> tuple[Any, tuple[str, ...]]:
-    """fmpy's description, and where it breaks a rule of FMI without harm.
+    """Fmpy's description, and where it breaks a rule of FMI without harm.
 
     These are the rules that are not part of the XML schema, and attributes that the schema does not know, as
     misspelt ones; both are common in the field. What else breaks the schema is refused.

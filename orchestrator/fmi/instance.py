@@ -32,6 +32,7 @@ class Point(NamedTuple):
         time: start time + index * step size, rounded once [s].
         step_size: of the step that begins here [s].
         last: whether the run ends here; no step begins then.
+
     """
 
     index: int
@@ -68,6 +69,7 @@ class FmuInstance(Protocol):
         Args:
             inputs: names of numeric inputs; u: their values, shape (len(inputs),), contiguous.
             outputs: names of numeric variables to read; y: their values, shape (len(outputs),), contiguous.
+
         """
 
     def enter_initialisation(
@@ -124,7 +126,8 @@ class FmuInstance(Protocol):
 
     def output_derivatives(self, outputs: Sequence[str], inputs: Sequence[str]) -> Array:
         """Partial derivatives at the present instant, shape (outputs, inputs); only where the FMU
-        offers directional derivatives."""
+        offers directional derivatives.
+        """
 
     def serialise_state(self, state: object) -> bytes:
         """A saved state as bytes."""
@@ -138,6 +141,7 @@ class Fmu(Protocol):
 
     Attributes:
         path: the .fmu file; None for one that is made in memory.
+
     """
 
     description: ModelDescription

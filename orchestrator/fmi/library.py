@@ -166,7 +166,7 @@ class _TolerantLoading:
 
     _signatures: typing.ClassVar[dict[type, list[tuple[str, list[str], list[Any], Any]]]] = {}
 
-    def _loadFunctions(self) -> None:  # fmpy's name
+    def _loadFunctions(self) -> None:  # noqa: N802 (fmpy's name)
         for name, argument_names, argument_types, result in self._signature():
             try:
                 function = getattr(self.dll, self._exported(name))
@@ -208,6 +208,7 @@ def release_python_state(library: Any) -> None:
 
     Args:
         library: ctypes library.
+
     """
     finalise = getattr(library, "finalizePythonInterpreter", None)
     if finalise is not None:
@@ -220,7 +221,7 @@ class _Fmi1Loading(_TolerantLoading):
     def _exported(self, name: str) -> str:
         return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi', 1)}"  # type: ignore[attr-defined]
 
-    def _loadFunctions(self) -> None:
+    def _loadFunctions(self) -> None:  # noqa: N802
         super()._loadFunctions()
         for name, function in self._functions.items():
             if not re.match("fmi1(Instantiate|Free|GetVersion|GetTypes|GetModelTypes)", name):
@@ -239,7 +240,7 @@ class _Fmi1Model(_Fmi1Loading, fmi1.FMU1Model):
 
 
 class _Fmi2Slave(_TolerantLoading, fmi2.FMU2Slave):
-    def freeLibrary(self) -> None:  # fmpy's name
+    def freeLibrary(self) -> None:  # fmpy's name  # noqa: N802
         release_python_state(self.dll)
         super().freeLibrary()
 
@@ -264,7 +265,7 @@ _LIBRARIES = {
 
 
 def load_library(path: Path, folder: Path, description: ModelDescription, name: str) -> Any:
-    """fmpy's object for one instance of an unpacked FMU.
+    """Fmpy's object for one instance of an unpacked FMU.
 
     Raises: FmuError, naming the missing library where a dependency is not installed.
     """

@@ -32,7 +32,7 @@ class Values(ABC):
 
     @abstractmethod
     def _accessor(self, variable: Variable, verb: str) -> tuple[Any, Any]:
-        """ctypes type of the variable's values and the function that gets or sets them."""
+        """Ctypes type of the variable's values and the function that gets or sets them."""
 
     @abstractmethod
     def _fail(self, function: str, status: int) -> NoReturn:

@@ -47,6 +47,7 @@ def sweep(
         inputs: other inputs' values, held, FMU's units.
         periods: of the lowest frequency that are measured, after one that is not.
     Raises: ConfigError for names and numbers that do not fit; StepError if the FMU fails.
+
     """
     loaded = load(fmu)
     description = loaded.description
@@ -90,6 +91,7 @@ def direct_gains(
 
 
 def load(fmu: Fmu | Path | str) -> Fmu:
+    """An FMU from a path or the name of a bundled one. Raises: FmuError."""
     if not isinstance(fmu, str | Path):
         return fmu
     path = Path(fmu)

@@ -36,6 +36,7 @@ class Wire:
     Attributes:
         gain: of unit conversions and of a leg in a sum.
         effects: through which it goes, in turn, and their names.
+
     """
 
     source: tuple[str, str]
@@ -72,6 +73,7 @@ class Loop:
         notes: what of the system the linear loop leaves out.
         others: instances of models that are unknown here, with the model's name.
         order: of all instances, in which the master gauss-seidel steps them.
+
     """
 
     name: str
@@ -204,6 +206,7 @@ class Loop:
         Args:
             outputs: (instance, output) -> Laplace transform; the paths that lead to them are cut.
         Raises: ConfigError as `gain`.
+
         """
         transfers = self.transfers()
         incoming: dict[tuple[str, str], list[Wire]] = {}

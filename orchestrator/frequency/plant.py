@@ -51,7 +51,7 @@ def force_sensor(p: Parameters) -> Paths:
 
 
 def satellite_dynamics(p: Parameters) -> Paths:
-    """m s^2 position = force."""
+    """M s^2 position = force."""
     square = np.array([0.0, 0.0, 1.0])
     inverse = 1.0 / np.asarray(p["mass"], np.float64)
     return {

@@ -29,6 +29,7 @@ class StateSpace:
     Attributes:
         a, b, c, d: shapes (n, n), (n, m), (p, n), (p, m).
         states, inputs, outputs: names.
+
     """
 
     a: Array
@@ -70,6 +71,7 @@ def state_space(
     Raises: ConfigError if it offers no directional derivatives, if an input acts neither on a state nor on
         an output at once, as behind a delay, or if states are not named that an output needs: then only
         measuring tells the effect.
+
     """
     loaded = load(fmu)
     description = loaded.description
@@ -111,6 +113,7 @@ def system_state_space(
         outputs: as "contact.force".
     Raises: ConfigError with all instances that offer no directional derivatives or hide a delay, and all
         connections whose effects have memory: `sweep_system` measures those.
+
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     system, place = prepared.system, prepared.config.name
@@ -225,7 +228,8 @@ def _matrices(
 
 def _hidden(name: str, part: StateSpace, outputs: Iterable[str]) -> list[Problem]:
     """Inputs without effect at once: behind a delay, or sampled. And of an FMU that names no states those of
-    `outputs` that no input acts on: a co-simulation FMU need not name the states behind them."""
+    `outputs` that no input acts on: a co-simulation FMU need not name the states behind them.
+    """
     unmoved = [
         one
         for one in outputs

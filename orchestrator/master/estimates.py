@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import Problem, listed, nearest
 from ..base.units import ONE, UnitError, parse_quantity, parse_unit
@@ -37,6 +38,7 @@ class Attempt:
         worst: whose error it is, a signal or a power bond.
         steps: that were taken and count; their inputs are noted only where somebody asks.
         instance: that is to be told of it; empty: that of the signal.
+
     """
 
     signals: Signals
@@ -52,6 +54,7 @@ class Estimate(Protocol):
 
     Attributes:
         order: of the error in the part's size.
+
     """
 
     order: int
@@ -66,7 +69,7 @@ class Estimate(Protocol):
 class _Scale:
     """What errors of signals are measured against."""
 
-    def __init__(self, instances: Instances, tolerance: Tolerance, counted: Array) -> None:
+    def __init__(self, instances: Instances, tolerance: Tolerance, counted: NDArray[np.bool_]) -> None:
         layout = instances.layout
         self._names = [layout.told(place) for place in range(layout.size)]
         self._nominal = layout.nominal
@@ -191,6 +194,7 @@ def create_estimate(
     Args:
         tolerance: see `Adaptive.tolerance`.
         order, extrapolation: of the master that takes the steps.
+
     """
     if name == "power":
         return _Power(instances, tolerance, extrapolation)

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from itertools import pairwise
 from math import ulp
 from time import perf_counter_ns
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ class Curve(NamedTuple):
         begin, middle, end: values there, each of shape (layout.size,).
         order: of the polynomial through them, 1 or 2.
         step_size: [s].
+
     """
 
     begin: Array
@@ -64,6 +65,7 @@ class Instances:
         culprits: names who gave a number that is not finite.
         ender: the instance that asked to end the simulation at the end of its latest step, by index; None
             where none did.
+
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -118,6 +120,7 @@ class Instances:
         Args:
             time: the instant that the values belong to [s].
             wired: connections that make a signal of them (`layout.wired_to`).
+
         """
         self._values[places] = values
         if wired and self.wires is not None:
@@ -185,6 +188,7 @@ class Instances:
             places: of the inputs among all instances' inputs, one instance's after the other's.
         Returns: values at the beginning, in the middle and at the end, shape (3, len(places)), or
             (len(places),) where all were held.
+
         """
         if not self._bent:
             return self._all_u[places]
@@ -193,7 +197,7 @@ class Instances:
         for index, samples in self._bent.items():
             _, u, gain, offset = self._transfers[index]
             for row, sample in zip(whole, samples, strict=True):
-                run = sample if gain is None else gain * sample + offset
+                run = sample if gain is None or offset is None else gain * sample + offset
                 row[first[index] : first[index] + u.size] = run
         return whole[:, places]
 
@@ -278,6 +282,7 @@ class Instances:
         Args:
             begin, slopes: values and derivatives at its begin, each of shape (inputs,).
             passed: since then [s].
+
         """
         one, u, follows, first = self.running[index], self._u[index], self._follows(index), slopes[0]
         run = begin + passed * first
@@ -322,6 +327,7 @@ class Instances:
         Args:
             time: the instant they belong to [s], for messages; None before the first.
         Raises: StepError naming the first variable that is not a finite number.
+
         """
         if self.wires is not None and self._uncommitted and time is not None:
             self._uncommitted = False
@@ -330,13 +336,14 @@ class Instances:
         np.isfinite(self._values, self._finite)
         if 0 in self._finite.tobytes():
             self.culprits.report_non_finite(time)
-        return Signals(self._values.copy(), dict(self.texts) if self.texts else {})
+        return Signals(self._values.copy(), dict(self.texts))
 
     # What the native loop uses.
 
     def courses(self, index: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Of each input of an instance, whether it follows a curve, and whether an output depends on it at
-        once: see `transfer`."""
+        once: see `transfer`.
+        """
         return self._follows(index), self._through(index)
 
     @property
@@ -428,7 +435,7 @@ class Instances:
         if names:
             values = self.running[index].get_values(names)
             name = self.system.instances[index].name
-            self.texts.update({Port(name, key): value for key, value in values.items()})
+            self.texts.update((Port(name, key), cast(str | bytes, value)) for key, value in values.items())
 
 
 @contextmanager
@@ -440,6 +447,7 @@ def instantiate(
     Args:
         pool: from which they are taken and to which they are given back instead.
     Raises: FmuError if an FMU cannot be loaded.
+
     """
     instances = Instances(system, layout or Layout.of(system))
     directory = working_directory()

@@ -49,6 +49,7 @@ class StreamWriter:
             units: of the columns that have one.
             metadata: texts that the file carries.
         Raises: OSError if the file cannot be written.
+
         """
         # Imported late: it takes longer than a short run.
         import pyarrow as pa
@@ -66,7 +67,8 @@ class StreamWriter:
         self.file = file
         self.rows = 0
         self._broken = False
-        self._rows_of_frame, self._frame, self._slots = 0, np.empty(0, np.uint8), [np.empty(0)]
+        self._rows_of_frame, self._frame = 0, np.empty(0, np.uint8)
+        self._slots: list[NDArray[np.uint8]] = []
         self._put(self._schema.serialize())
 
     def write(self, first: Array, others: Array | Sequence[Array]) -> None:
@@ -76,6 +78,7 @@ class StreamWriter:
             first: the first column, shape (n,).
             others: shape (k - 1, n), in any layout; whole numbers and flags as floats, too.
         Raises: OSError if they cannot be written; what was written before stays readable.
+
         """
         count, columns = len(first), (first, *others)
         if not count:
@@ -90,7 +93,7 @@ class StreamWriter:
                     slot[:] = np.packbits(column != 0.0, bitorder="little")
                 else:
                     slot.view(kind)[:] = typed(column, kind)
-            self._put(memoryview(self._frame))
+            self._put(self._frame.data)
         self.rows += count
 
     def _batch(self, columns: Sequence[Array]) -> pa.Buffer:
@@ -158,6 +161,7 @@ class StreamedColumns(Mapping[str, Array]):
         rows: of the whole blocks that the file holds.
         units, types: of the columns.
         metadata: texts that the file carries.
+
     """
 
     def __init__(self, file: Path | BinaryIO) -> None:
@@ -165,6 +169,7 @@ class StreamedColumns(Mapping[str, Array]):
         Args:
             file: a path or an open binary file. A last block that is cut off is left out.
         Raises: OSError or ValueError if it cannot be read.
+
         """
         if isinstance(file, Path):
             with file.open("rb") as opened:

@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed, needs
 from .column_stream import StreamWriter
@@ -77,12 +77,18 @@ def check_formats(names: Iterable[str]) -> tuple[str, ...]:
 class Recorded(Protocol):
     """What is written: see orchestrator.results.recorders.Results."""
 
-    time: Array
-    signals: Mapping[str, Array]
+    signals: Mapping[str, NDArray[Any]]
     units: Mapping[str, str]
     parameters: Mapping[str, Any]
     provenance: Mapping[str, Any]
-    types: Mapping[str, np.dtype[Any]]
+
+    @property
+    def time(self) -> Array:
+        """Instants, shape (n,) [s]."""
+
+    @property
+    def types(self) -> Mapping[str, np.dtype[Any]]:
+        """Type of each signal."""
 
     def blocks(self) -> Iterator[pa.RecordBatch]:
         """All columns, the time's first, some rows at a time."""
@@ -129,7 +135,7 @@ def write_arrow(path: Path, recorded: Recorded) -> None:
     """Write an Arrow IPC stream."""
     about = {"parameters": recorded.parameters, "provenance": recorded.provenance}
     units = {TIME: "s", **recorded.units}
-    types = {TIME: np.float64, **recorded.types}
+    types: dict[str, DTypeLike] = {TIME: np.float64, **recorded.types}
     writer = StreamWriter(path, types, units, {ABOUT: json.dumps(strict(about), allow_nan=False)})
     for block in recorded.blocks():
         time, *columns = (one.to_numpy(zero_copy_only=False) for one in block.columns)

@@ -37,6 +37,7 @@ class Measure(Protocol):
         options: pydantic model of the options that the config gives. If it has a method `signals()`, the
             names that it returns are recorded whatever the config says; it is an error if they do not exist.
         units: where the measure tells them, units of its numbers by their keys.
+
     """
 
     options: ClassVar[type[BaseModel]]
@@ -59,7 +60,8 @@ class Measure(Protocol):
 
     def comparison(self, runs: Mapping[str, tuple[Results, Any]]) -> dict[str, Figure]:
         """Figures by file name without suffix, of `COMPARISONS`; `runs` holds results and options by the
-        system's name."""
+        system's name.
+        """
 
 
 # Numbers that are compared at a time, and the fewest rows: each costs a call for each signal.
@@ -127,8 +129,8 @@ def changes(before: Any, after: Any) -> Any:
     What is no number, or has no counterpart (a contact that only one of the runs has), becomes None.
     """
     if isinstance(before, Mapping):
-        other = after if isinstance(after, Mapping) else {}
-        return {key: changes(value, other.get(key)) for key, value in before.items()}
+        named = after if isinstance(after, Mapping) else {}
+        return {key: changes(value, named.get(key)) for key, value in before.items()}
     if isinstance(before, list | tuple):
         other = after if isinstance(after, list | tuple) else ()
         return [changes(value, other[n] if n < len(other) else None) for n, value in enumerate(before)]
@@ -147,6 +149,7 @@ def signal_changes(results: Results, halved: Results) -> dict[str, dict[str, flo
     Args:
         results: of a run.
         halved: of the same run with half the step size, recorded at every instant of `results` and between.
+
     """
     names = list(results.signals)
     apart, low, high = np.zeros(len(names)), np.full(len(names), np.inf), np.full(len(names), -np.inf)

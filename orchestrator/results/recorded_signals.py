@@ -66,6 +66,7 @@ class Results:
         units: unit of each signal, empty where the FMU declares none.
         parameters: values of all parameters and start values in the FMUs' units.
         provenance: what ran: config, versions, FMU checksums, timing.
+
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class Results:
         """
         Args:
             time: instants, shape (n,) [s]; the others: see the attributes.
+
         """
         self._hold({formats.TIME: time, **signals}, units, parameters, provenance)
 
@@ -91,9 +93,9 @@ class Results:
     ) -> None:
         self._columns = columns
         self.signals: Mapping[str, NDArray[Any]] = _Signals(columns)
-        self.units = units or {}
+        self.units: Mapping[str, str] = units or {}
         self.parameters: Mapping[str, Value] = _Named(parameters or {})
-        self.provenance = provenance or {}
+        self.provenance: Mapping[str, Any] = provenance or {}
 
     @staticmethod
     def streamed(
@@ -106,6 +108,7 @@ class Results:
         Args:
             columns: of the file.
             parameters, provenance: those that the file itself names if not given.
+
         """
         about = json.loads(columns.metadata.get(formats.ABOUT, "{}"))
         units = {name: unit for name, unit in columns.units.items() if name != formats.TIME}
@@ -129,8 +132,7 @@ class Results:
         return self.signals[name]
 
     def __len__(self) -> int:
-        on_disk = isinstance(self._columns, StreamedColumns)
-        return self._columns.rows if on_disk else len(self.time)
+        return self._columns.rows if isinstance(self._columns, StreamedColumns) else len(self.time)
 
     @property
     def types(self) -> dict[str, np.dtype[Any]]:

@@ -10,6 +10,7 @@ from time import monotonic
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from ..base.errors import OrchestratorError
 from ..fmi import Array, Kind, Point, Value, Variable
@@ -94,6 +95,7 @@ class Recorder:
             parameters, provenance: go into the file, and are told with the results.
         Raises: OSError if the file cannot be made; its methods raise OrchestratorError once it cannot be
             written any more.
+
         """
         layout = Layout.of(system)
         self.names = [str(port) for port in system.recorded]
@@ -112,7 +114,8 @@ class Recorder:
         if path is None:
             self._memory = _Memory(width, -(-points // every) or _ROWS)
         else:
-            columns = {formats.TIME: np.float64, **dict(zip(self.names, self._types, strict=True))}
+            columns: dict[str, DTypeLike] = {formats.TIME: np.float64}
+            columns |= dict(zip(self.names, self._types, strict=True))
             about = {formats.ABOUT: json.dumps(formats.strict(self._about), allow_nan=False)}
             self._writer = StreamWriter(path, columns, {formats.TIME: "s", **self.units}, about)
 
@@ -158,7 +161,9 @@ class Recorder:
 
     def _write(self, times: Array, columns: Array) -> None:
         try:
-            (self._writer or self._memory).write(times, columns)
+            sink = self._writer or self._memory
+            assert sink is not None
+            sink.write(times, columns)
         except OSError as error:
             raise OrchestratorError(
                 f"{self._path}: the results can no longer be written ({error}); those until then are kept"
@@ -176,6 +181,7 @@ class Recorder:
         self.flush()
         if self._path is not None:
             return Results.streamed(StreamedColumns(self._path), **self._about)
+        assert self._memory is not None
         time, *columns = self._memory.columns()
         signals = {
             name: column if kind.kind == "f" else typed(column, kind)
@@ -202,6 +208,7 @@ def read_results(path: Path | str) -> Results:
         path: a folder that `orchestrator run --out` wrote, or a file: arrow, csv, parquet, mat or h5. What is
             cut off at its end is left out. Large Arrow files stay on disk; columns are read when asked for.
     Raises: OrchestratorError if it cannot be read.
+
     """
     path = Path(path)
     parameters: Mapping[str, Value] | None = None

@@ -26,6 +26,7 @@ class Signal(NDArrayOperatorsMixin):
         time: instants, shape (n,) [s].
         values: shape (n,).
         unit: as the FMU declares it; empty where it declares none.
+
     """
 
     name: str

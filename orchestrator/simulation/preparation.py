@@ -47,6 +47,7 @@ class Judgement:
         prepared: None where there are problems.
         problems, unchecked: see `ConfigError`.
         whole: whether the system has all instances, and all signals that are to be recorded.
+
     """
 
     config: Config
@@ -67,6 +68,7 @@ def prepare(
     Args:
         config, overrides, folder: see `load_config`.
     Raises: ConfigError with all problems.
+
     """
     judgement = judge(config, overrides, folder)
     if judgement.prepared is None:

@@ -36,6 +36,7 @@ class Leg(NamedTuple):
 
     Attributes:
         links: effects that the value goes through before.
+
     """
 
     port: Port
@@ -52,6 +53,7 @@ class Link(NamedTuple):
         name: as the config has it.
         reads: the outputs that it reads beside the connection's own.
         at_once: whether its value at a communication point depends on the signal's at the same point.
+
     """
 
     effect: Effect
@@ -80,6 +82,7 @@ class Connection:
         source: where the signal comes from; of several sources the first.
         target: the input.
         wire: what makes the signal; None where it is the value at the source.
+
     """
 
     source: Port

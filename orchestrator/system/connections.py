@@ -34,6 +34,7 @@ class Ends:
         element: of an array, counted from 0; None for a scalar.
         known: whether it is all there is of the connection. Of one that is not, sources may be missing and
             the target be empty; what is there is judged, and no connection is made.
+
     """
 
     index: int
@@ -52,7 +53,7 @@ class Ends:
         if isinstance(connection, Mapping):
             connection = ConnectionModel.model_validate(connection)
         given = connection.source if isinstance(connection.source, list) else [connection.source]
-        sources = [one if isinstance(one, SourceModel) else SourceModel(port=one) for one in given]
+        sources = [one if isinstance(one, SourceModel) else SourceModel(port=one, gain=1) for one in given]
         return Ends(
             index,
             tuple((one.port.strip(), one.gain) for one in sources),
@@ -96,6 +97,7 @@ def elements(
     Args:
         descriptions: by instance.
     Returns: the connections, the inputs that they are meant to feed, and problems.
+
     """
     sources = [_family(name, descriptions, Causality.OUTPUT) for name, _ in ends.sources]
     target = _family(ends.target, descriptions, Causality.INPUT)
@@ -164,6 +166,7 @@ def connect(
         step_size: the communication step [s]; None if it is not known.
         problems, notes: what is found is added.
     Returns: None if there is a problem.
+
     """
     judge = _Judge(ends, descriptions, absent, places, problems)
     sources = [judge.port(name) for name, _ in ends.sources]
@@ -379,6 +382,7 @@ class _Judge:
 
         Args:
             measure: of what goes in; None: not known, and what depends on it is not judged.
+
         """
         links: list[Link] = []
         known = measure is not None

@@ -28,6 +28,7 @@ class Part:
         start: start values with units, as in a config.
         feedthrough: dependencies that replace the FMU's own, per output.
         ratio: its own step size over the communication step size, n or 1/n.
+
     """
 
     name: str
@@ -45,6 +46,7 @@ class Parts:
         parts: in the config's order.
         absent: those of which there are none.
         unsettled: names of parts whose own step size is not known.
+
     """
 
     parts: list[Part]
@@ -57,6 +59,7 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
 
     Args:
         problems: what is wrong is added.
+
     """
     config, gaps = draft.config, draft.gaps
     assert config is not None
@@ -143,6 +146,7 @@ def _add_signals(
 
     Args:
         ratios: their own step sizes over the communication step size, by name.
+
     """
     if not ratios:
         return
@@ -233,8 +237,8 @@ def _find_fmu(
         forms = {} if file.is_file() else bundled.fmu_forms(text)
         if form not in forms:
             what = f"{text!r} comes in one form only, there is no form to choose"
-            names = [name for name in bundled.fmu_names() if bundled.fmu_forms(name)]
-            allowed = f"bundled FMUs in the forms python and native: {listed(names)}"
+            two = [name for name in bundled.fmu_names() if bundled.fmu_forms(name)]
+            allowed = f"bundled FMUs in the forms python and native: {listed(two)}"
             problems.append(Problem(config.places.text((*path, "form")), what, allowed, "Leave form out."))
             return None
         found = forms[form]

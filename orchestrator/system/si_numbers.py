@@ -27,6 +27,7 @@ class SiNumbers:
         """
         Args:
             config: its FMUs say in which units their variables are.
+
         """
         self._config = config
 
@@ -54,7 +55,7 @@ class SiNumbers:
         if where[0] == "run" and where[-1] in _TIMES and _is_number(value):
             return f"{value!r} s"
         if where[0] == "instances" and len(where) > 3 and where[2] == "start":
-            return self.start(where[1], where[3], value)
+            return self.start(str(where[1]), str(where[3]), value)
         return value
 
     def start(self, instance: str, name: str, value: Any) -> Any:

@@ -27,10 +27,11 @@ class Signals(NamedTuple):
         values: numeric ports, in the FMUs' units, Boolean 0 or 1; then what comes out of connections with
             effects; shape (layout.size,).
         texts: String outputs that are connected.
+
     """
 
     values: Array
-    texts: Mapping[Port, str] = {}
+    texts: Mapping[Port, str | bytes] = {}
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Inputs:
         names: of the inputs.
         source: indices into the signal vector.
         gain, offset: None where no connection converts, so that values pass bit-identical.
+
     """
 
     names: tuple[str, ...]
@@ -60,6 +62,7 @@ class Wired:
         place: of the signal in the vector.
         source, gain, offset: of its legs, shape (n,): the signal begins as the sum of gain * value + offset.
         links: its effects, each with the places of the further signals that it reads.
+
     """
 
     connection: Connection
@@ -87,6 +90,7 @@ class Layout:
         owners: per place, the port that stands there, or the first source of the connection that does.
         nominal: usual magnitude of each signal, shape (size,).
         smooth: which signals may be extrapolated, shape (size,): others keep their value over a step.
+
     """
 
     size: int
@@ -105,7 +109,8 @@ class Layout:
     @staticmethod
     def of(system: System) -> Layout:
         """The layout of a system: recorded ports, the sources of connections and the motions of bonds are
-        read, others are not."""
+        read, others are not.
+        """
         read: list[dict[str, None]] = [{} for _ in system.instances]
         sources = (port for one in system.connections for port in one.sources)
         for port in (*system.recorded, *sources, *(bond.motion for bond in system.bonds)):

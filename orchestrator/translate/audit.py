@@ -48,6 +48,7 @@ def audit_sources(tree: SourceTree, model: str) -> list[ModelicaClass]:
         model: qualified name of the model.
     Returns: the classes that the model uses.
     Raises: BuildError that lists every finding as file:line.
+
     """
     used = used_classes(tree.classes, model)
     problems: list[str] = []
@@ -74,6 +75,7 @@ def audit_flattened(
         delays: path and byte offset of every delay in the flattened model.
         asserts: path, first and last byte offset of every assertion in the flattened model.
     Raises: BuildError if one is missing.
+
     """
     problems = []
     for item in used:
@@ -174,7 +176,8 @@ def _nested_asserts(tree: SourceTree, item: ModelicaClass) -> list[str]:
 
 def _asserts(item: ModelicaClass) -> list[tuple[Token, Token | None, bool]]:
     """Every assert of the equation sections, the index of the innermost for-loop around it, if any, and
-    whether an if-equation is around it."""
+    whether an if-equation is around it.
+    """
     found: list[tuple[Token, Token | None, bool]] = []
     tokens = item.tokens
     around: list[Token | None] = []  # index of a for-loop, None for an if-equation

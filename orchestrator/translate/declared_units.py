@@ -22,6 +22,7 @@ class UnitTable:
 
     Attributes:
         unknown: names that were declared but cannot be read; they get no base unit.
+
     """
 
     def __init__(self) -> None:
@@ -35,6 +36,7 @@ class UnitTable:
             unit, display_unit: as declared, "" if not.
             where: the declaration, for the message of an error.
         Raises: BuildError if the display unit measures something else.
+
         """
         if not unit:
             if display_unit:

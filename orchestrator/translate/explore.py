@@ -32,6 +32,7 @@ class Leaf:
         error: what was raised, or None.
         logs: what was logged, each a status and a text.
         state: attributes of the tracked objects at the end.
+
     """
 
     taken: tuple[tuple[Traced, bool], ...]
@@ -55,6 +56,7 @@ class Explorer:
         tape: of the numbers.
         module: name of the module; instances of its classes are what a call may change.
         roots: objects from which they are reached.
+
     """
 
     def __init__(self, tape: Tape, module: str, roots: Iterable[Any] = ()) -> None:

@@ -50,9 +50,11 @@ class ExpressionReader:
         shapes: name of every variable -> its dimensions.
         place: span of the representation -> line of the source.
         integers: name of every Integer parameter and constant -> expression of its value.
+
     Attributes:
         delays: source and byte offset of every delay that was read.
         structural: parameters whose value went into a subscript or size.
+
     """
 
     def __init__(
@@ -92,6 +94,7 @@ class ExpressionReader:
             where: line to name in an error if the node has none of its own.
         Returns: array of nodes with the expression's shape.
         Raises: BuildError for a node, operator or function that is not supported.
+
         """
         kind, body = _only_item(json, where)
         if isinstance(body, dict) and isinstance(body.get("span"), dict):

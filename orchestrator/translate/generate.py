@@ -31,6 +31,7 @@ class TableEntry:
         nominal: of states.
         variable: its declaration; None for time.
         constant: a constant of the model.
+
     """
 
     name: str
@@ -117,6 +118,7 @@ def generate_c(program: Program, identifier: str) -> str:
     Args:
         program: the functions of the model.
         identifier: model identifier, a C identifier.
+
     """
     functions = [
         *([program.dependent_parameters] if program.dependent else []),
@@ -245,6 +247,7 @@ def _filler(
 
 
 def work_array(function: ca.Function) -> str:
+    """Declare the memory that the C code of a function works in."""
     return f"double work[{max(1, function.sz_w())}];"
 
 
@@ -265,6 +268,7 @@ def _message(assertion: Assertion) -> str:
 
 
 def c_string(text: str) -> str:
+    """A text as a literal of C."""
     escaped = "".join(_escape(byte) for byte in text.encode())
     return f'"{escaped}"'
 

@@ -105,7 +105,7 @@ def product(left: Nodes, right: Nodes, where: Location) -> Nodes:
 
 
 def cross(left: Nodes, right: Nodes) -> Nodes:
-    """Modelica's cross() of two vectors of three elements (MLS 10.3.5)."""
+    """The cross product of two vectors, each of three elements (MLS 10.3.5)."""
     result = np.empty(3, dtype=object)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

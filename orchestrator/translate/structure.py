@@ -20,6 +20,7 @@ class Unknown:
         reference: its value reference.
         dependencies: value references of its knowns, ascending.
         kinds: FMI dependenciesKind of each; empty if all are dependent.
+
     """
 
     reference: int

@@ -120,7 +120,7 @@ def fmpy_loop(plant: Plant, record: bool, steps: int) -> Outcome:
 
 
 def libcosim(plant: Plant, record: bool, steps: int) -> Outcome:
-    """libcosim's fixed-step algorithm through libcosimpy; recorded by its time-series observer, in memory."""
+    """Libcosim's fixed-step algorithm through libcosimpy; recorded by its time-series observer, in memory."""
     from libcosimpy import CosimLogging
     from libcosimpy.CosimEnums import CosimVariableType
     from libcosimpy.CosimExecution import CosimExecution

@@ -36,8 +36,8 @@ def numbers(column: list[str]) -> np.ndarray | None:
         return None
 
 
-def largest_deviation(fmu: Path, model: Path, interface: str) -> tuple[float, str, str]:
-    """The largest deviation over a signal's range, of which signal, and who ended the run."""
+def largest_deviation(fmu: Path, model: Path, interface: str) -> tuple[float, str, int, str]:
+    """The largest deviation over a signal's range, of which signal, of how many that vary, and a remark."""
     data: dict[str, Any] = load_lone_fmu(fmu).data
     wanted = reference(model / f"{model.name}_out.csv")
     times = np.array([float(one) for one in wanted["time"]])
@@ -51,7 +51,7 @@ def largest_deviation(fmu: Path, model: Path, interface: str) -> tuple[float, st
     made = run(data, halving=False)
     rows = [int(np.argmin(abs(made.results.time - time))) for time in times]
     rows = [row for row, time in zip(rows, times, strict=True) if abs(made.results.time[row] - time) < 1e-6]
-    worst, where = 0.0, ""
+    worst, where, varying = 0.0, "", 0
     for signal, column in wanted.items():
         values = numbers(column)
         if signal == "time" or values is None:
@@ -64,11 +64,12 @@ def largest_deviation(fmu: Path, model: Path, interface: str) -> tuple[float, st
                 continue
             got = made.results[port][rows].astype(float)
             spread = float(np.ptp(expected)) or max(abs(float(expected[0])), 1.0)
+            varying += bool(np.ptp(expected) > 0.0)
             apart = float(abs(got - expected).max()) / spread
             if apart >= worst:
                 worst, where = apart, signal
     ended = made.summary["run"].get("ended")
-    return worst, where, f"ends the run at {ended['time']:g} s" if ended else ""
+    return worst, where, varying, f"ends the run at {ended['time']:g} s" if ended else ""
 
 
 def main() -> None:
@@ -81,8 +82,9 @@ def main() -> None:
         cells, remarks = [], []
         for interface in ("co-simulation", "model-exchange"):
             try:
-                worst, where, remark = largest_deviation(fmu, checkout / fmu.stem, interface)
-                cells.append(f"{worst:.1e} ({where})" if worst else "0")
+                worst, where, varying, remark = largest_deviation(fmu, checkout / fmu.stem, interface)
+                count = f"of {varying}"
+                cells.append(f"{worst:.1e} ({where}, {count})" if worst else f"0 ({count})")
                 remarks.append(remark)
             except (OrchestratorError, OSError) as error:
                 cells.append("-")

@@ -59,7 +59,7 @@ def packaged(tmp_path_factory):
     [("libcosimpy", "pushed"), ("ecospy", "pushed"), ("ecospy", "flying"), ("fmpy", "flying")],
 )
 def test_a_package_runs_there_as_here(client, name, packaged):
-    """libcosim takes the step size of the annotation, and evaluates transformations without delay."""
+    """Libcosim takes the step size of the annotation, and evaluates transformations without delay."""
     if why := CLIENTS[client].absent():
         pytest.skip(why)
     (outcome,) = outcomes(client, [packaged[name]])

@@ -144,7 +144,7 @@ def test_nothing_that_diagnoses_reaches_the_truth_or_the_kinds_outside():
             for module in users:
                 if module in named and (path.parent.name == "challenge" or "challenge" in named):
                     users[module].add(path.relative_to(DIAGNOSIS).as_posix())
-    own = {f"challenge/{name}.py" for name in ("cli", "make", "score")}
+    own = {f"challenge/{name}.py" for name in ("make", "score")}
     assert users["seal"] == own
     # The known kinds teach what evidence is worth; the fresh ones are kept for blind checks.
     assert users["outside_fresh"] == {"challenge/make.py"}

@@ -204,7 +204,7 @@ def test_halving_the_step_shows_the_masters_order_with_effects(name):
 
 
 def test_a_delayed_oscillator_follows_its_delay_differential_equation():
-    """x'' = -x(t - d), x = 1 until the start: by the method of steps, exact to t = 3 d."""
+    """X'' = -x(t - d), x = 1 until the start: by the method of steps, exact to t = 3 d."""
     d = 0.25
     system = oscillator([{"delay": f"{d} s"}])
     results = simulated(system, MASTERS["newton-1"], 300, Fraction(3, 4))
@@ -301,7 +301,7 @@ def test_a_delay_of_a_step_breaks_an_algebraic_loop_and_a_shorter_one_does_not()
 
 @pytest.mark.parametrize("method", ["newton", "anderson", "fixed-point"])
 def test_an_algebraic_loop_through_effects_is_solved(method):
-    """b = (a/2 + c) 1.5 + 1 with a = b/2: b = (1.5 c + 1)/(1 - 0.375)... at every point."""
+    """B = (a/2 + c) 1.5 + 1 with a = b/2: b = (1.5 c + 1)/(1 - 0.375)... at every point."""
     system = two_gains([{"gain": 1.5}, {"offset": 1.0}], loops=True)
     results = simulated(system, Iterative(tolerance=1e-12, method=method, max_iterations=200), 20)
     b = 0.5 * (1.5 * results["c.y"] + 1.0) / (1.0 - 0.5 * 1.5 * 0.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import subprocess
@@ -19,6 +20,7 @@ from archives import repack
 from orchestrator.base.errors import FmuError, StepError
 from orchestrator.fmi import Kind, Point, StepStatus, load_fmu
 from orchestrator.fmi.archive import binary_folder
+from orchestrator.fmi.block import Block, Unfit
 
 TYPES3 = {"real": 2.0, "single": 0.5, "byte": 3, "count": 7, "level": 2, "flag": True}
 
@@ -36,7 +38,7 @@ def started(fmu, name="one", **start):
 
 
 def test_whole_numbers_that_a_type_cannot_hold_are_refused(c_fmu):
-    """ctypes would take them modulo its size: 300 as 44."""
+    """Ctypes would take them modulo its size: 300 as 44."""
     instance, index, u, *_ = started(c_fmu, word_in="hello", limit=100.0)
     remedy = "\n  Give it a value within, or scale what feeds it."
     for value, told in ((-1.0, "-1"), (2.0**32, "4294967296")):
@@ -53,6 +55,22 @@ def test_whole_numbers_that_a_type_cannot_hold_are_refused(c_fmu):
     with pytest.raises(StepError, match=r"byte_in \(Int8\) cannot hold 300; .* from -128 to 127"):
         instance.set_values({"byte_in": 300})
     instance.free()
+
+
+@pytest.mark.parametrize(
+    ("ctype", "largest"),
+    [(ctypes.c_int64, 2**63 - 1), (ctypes.c_uint64, 2**64 - 1), (ctypes.c_int32, 2**31 - 1)],
+)
+def test_the_largest_whole_number_is_sent_through_a_double(ctype, largest, c_fmu):
+    """Signals are doubles: that next to the largest number of 64 bits is one beyond it."""
+    variable = load_fmu(c_fmu).description.variables["byte_in"]
+    memory = np.array([float(largest)])
+    block = Block("Int64", ctype, "Set", [(0, variable)], memory)
+    block.send()
+    assert block.values[0] == largest
+    memory[0] = np.nextafter(float(largest), np.inf) if largest > 2**53 else largest + 1.0
+    with pytest.raises(Unfit, match="cannot hold"):
+        block.send()
 
 
 def test_fmi3_moves_every_type(c_fmu):

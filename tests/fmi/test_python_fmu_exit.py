@@ -25,7 +25,7 @@ def test_no_heap_corruption_at_exit():
 
 
 def test_python_state_is_released_with_every_instance(monkeypatch):
-    """pythonfmu's second destruction at exit writes to freed memory; whether that shows is chance."""
+    """Pythonfmu's second destruction at exit writes to freed memory; whether that shows is chance."""
     from orchestrator.fmi import library
     from orchestrator.simulation.run import run
 

@@ -61,6 +61,7 @@ def inputs(name: str, line: list[dict[str, float]]) -> list[dict[str, float]]:
 
     Args:
         line: inputs of the controller on a line.
+
     """
     if name == "SensorNoise":
         return [{"time": i * STEP} for i in range(201)]

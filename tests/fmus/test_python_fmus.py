@@ -192,7 +192,7 @@ def _run(program: str, *paths: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_an_instance_that_refused_can_be_freed(tmp_path):
-    """pythonfmu's loader gives up its references twice then, which used to end the process."""
+    """Pythonfmu's loader gives up its references twice then, which used to end the process."""
     path = FMUS / "SatelliteDynamics" / "SatelliteDynamics.fmu"
     fmpy.extract(str(path), unzipdir=str(tmp_path))
     result = _run(

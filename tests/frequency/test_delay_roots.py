@@ -79,7 +79,7 @@ def test_triangular_systems_as_jarlebring_and_damm():
 
 
 def test_root_on_the_axis_at_the_critical_delay():
-    """x' = -x(t - pi/2) has the roots +-j."""
+    """X' = -x(t - pi/2) has the roots +-j."""
     found = rightmost_roots(characteristic(Transfer.rational([1.0], [1.0, 0.0], np.pi / 2)), 4)
     assert found.values[0] == pytest.approx(1j, abs=1e-10)
     assert found.values[1] == pytest.approx(-1j, abs=1e-10)

@@ -31,7 +31,7 @@ def test_a_soft_contact_behind_a_fast_sensor():
 
 
 def test_gain_margin_of_a_double_integrator_at_low_frequency():
-    """k (s + 1)^2/s^3 is stable from k = 1/2 on, however slow the rest of it."""
+    """K (s + 1)^2/s^3 is stable from k = 1/2 on, however slow the rest of it."""
     slow = 1e-5
     loop = Transfer.rational([1.0, 2 * slow, slow**2], [1.0 / slow, 0.0, 0.0, 0.0])
     told = margins(loop * Transfer.rational([1.0], [1e-6, 1.0]))
@@ -65,7 +65,7 @@ def test_at_rest():
 @pytest.mark.parametrize("damping", [0.0, 1e-9, 1e-6, 1e-5])
 @pytest.mark.parametrize("place", np.linspace(0.0, 1.0, 7))
 def test_a_resonance_narrower_than_the_grid(damping, place):
-    """a w^2/(s^2 + 2 z w s + w^2): |L| is above one where |1 - (x/w)^2| < a, wherever the grid stands."""
+    """A w^2/(s^2 + 2 z w s + w^2): |L| is above one where |1 - (x/w)^2| < a, wherever the grid stands."""
     # A lag in front, so that the grid does not move with the resonance.
     ratio, size, lag = 10 ** (1 / 1500), 4e-5, 0.01
     w = 3.0 * ratio**place

@@ -69,7 +69,7 @@ def test_what_a_state_space_cannot_hold_is_refused(tmp_path):
 
 
 def test_states_that_an_fmu_does_not_name_are_not_taken_for_none(tmp_path):
-    """y is the integral of u, z is 2 u."""
+    """Y is the integral of u, z is 2 u."""
     path = foreign.flawed(tmp_path / "Flawed.fmu")
     with pytest.raises(ConfigError) as caught:
         state_space(path)

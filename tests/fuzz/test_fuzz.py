@@ -43,6 +43,7 @@ class Sort(NamedTuple):
         seeds: right inputs.
         changed: what changes one.
         commands: what is run with the file; "{}" stands for it.
+
     """
 
     suffix: str

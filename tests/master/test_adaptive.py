@@ -255,7 +255,7 @@ def test_extrapolation_is_exact_on_points_at_any_distance():
 
 
 def test_the_iterative_base_solves_algebraic_loops():
-    """y = 1 + 0.5 x and x = -2 y, both at once: y = 0.5, along a ramp."""
+    """Y = 1 + 0.5 x and x = -2 y, both at once: y = 0.5, along a ramp."""
     ramp = FakeFmu(
         outputs={"y": ""},
         step=lambda values, time, h: values.update(now=time + h),

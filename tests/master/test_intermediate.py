@@ -31,7 +31,7 @@ def deaf(tmp_path):
 
 
 def squared(path, master, steps=10, handling=Handling()):  # noqa: B008
-    """x = integral of (1 + 2 t - 3 t^2)^2."""
+    """X = integral of (1 + 2 t - 3 t^2)^2."""
     system = assemble(
         [Part("source", polynomial(1.0, 2.0, -3.0)), Part("one", load_fmu(path, handling), {"w": 0})],
         ["source.y -> one.u"],

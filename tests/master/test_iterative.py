@@ -44,7 +44,7 @@ def oscillator(order=("mass", "spring"), stiffness=1.0):
 
 
 def loop_config(path, **changes):
-    """y = 50 (y + 0.5) + 1, so that y = -26/49."""
+    """Y = 50 (y + 0.5) + 1, so that y = -26/49."""
     return {
         "run": {
             "master": {"name": "iterative", "tolerance": 1e-10},
@@ -145,7 +145,7 @@ def test_other_masters_refuse_a_loop_hop_by_hop_and_name_the_remedy(python_fmu):
 
 
 def switch(turned, **changes):
-    """y = u, or its opposite."""
+    """Y = u, or its opposite."""
 
     def port(name, causality):
         return variable(name, causality, kind=Kind.BOOLEAN, type="Boolean", variability=Variability.DISCRETE)

@@ -36,7 +36,7 @@ def simulated(system, name: str, steps: int, stop: int = 1):
 
 
 def oscillator():
-    """x'' = -x, x(0) = 1: x = cos t."""
+    """X'' = -x, x(0) = 1: x = cos t."""
     return assemble(
         [Part("mass", mass(), {"position": "1 m"}), Part("spring", spring())],
         ["mass.position -> spring.position", "spring.force -> mass.force"],

@@ -49,7 +49,7 @@ def test_time_does_not_drift_from_the_grid():
 
 
 def held_forward(tau: float, time: float) -> float:
-    """x of x' = -x(t - tau), x = 1 before 0, by the method of steps: a polynomial per stretch of tau."""
+    """X of x' = -x(t - tau), x = 1 before 0, by the method of steps: a polynomial per stretch of tau."""
     terms = [1.0]
     k = 1
     while time - (k - 1) * tau > 0:

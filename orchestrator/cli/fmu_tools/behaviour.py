@@ -36,6 +36,7 @@ def _same(
 
     Args:
         first: communication point at which they begin.
+
     """
     found = trial.difference(one, other)
     if found is None:

@@ -36,6 +36,7 @@ class Finding:
         reason: a sentence: what was seen.
         remedy: a sentence: what to do; empty where nothing is to be done.
         figures: what was measured.
+
     """
 
     check: str

@@ -53,6 +53,7 @@ class Laboratory:
 
     Args:
         time_limit: of each check [s].
+
     """
 
     def __init__(

@@ -33,6 +33,7 @@ def validate_fmu(
         time_limit: of each check of behaviour [s].
         seen: called with each finding as it is made.
     Raises: FmuError if it cannot be read.
+
     """
     description = load_fmu(path, Handling(interface=interface)).description
     found: list[Finding] = []
@@ -73,6 +74,7 @@ def usable_conditions(
     Args:
         crashes: gets a sentence for each way in which it crashed or hung.
     Raises: Refused.
+
     """
 
     def attempt(conditions: Conditions) -> int:

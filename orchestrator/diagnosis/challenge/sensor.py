@@ -45,6 +45,7 @@ def beside_force(p, position, rate, drawn):
 
     Args:
         position [m], rate [m/s]: of the rod; drawn: what the drive asks of the motor [m/s2].
+
     """
     extra = 0.0
     if p.bushing > 0.0:
@@ -131,6 +132,7 @@ def _amplified(p, since, value, amplifier):
 
 @njit(error_model="numpy")
 def digits(p, reading, resolution):
+    """The reading as a faulty converter gives it: clipped, with a wrong bit, quantised."""
     if p.clip > 0.0:
         reading = min(max(reading, -p.clip), p.clip)
     if p.bit != 0.0 and math.floor((reading + p.bit_at) / p.bit_weight) % 2.0 == 1.0:

@@ -43,6 +43,7 @@ class Series:
             [s]; shape (n,).
         hits: logarithm of what the stiffness of each contact is off by, shape (400,).
         buzz: what the drive adds to the force at full speed, shape (n,) [N].
+
     """
 
     arrival: Array
@@ -78,6 +79,7 @@ def draw_series(
     Args:
         values: knobs of the rig.
         noise: standard deviations of encoder [m] and sensor [N].
+
     """
     get = values.get
     streams = [np.random.default_rng(one) for one in seed.spawn(31)]

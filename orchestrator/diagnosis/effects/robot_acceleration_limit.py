@@ -29,7 +29,8 @@ def _law(time, step, value, context, memory, theta):
 
 def _propose(seen: Seen) -> Sequence[tuple[float, ...]]:
     """A limit shows as the size that the acceleration mostly has, while commands ask for more; one that is
-    seldom reached lies below the largest acceleration that they ask for."""
+    seldom reached lies below the largest acceleration that they ask for.
+    """
     seldom = [(_largest(seen) * share,) for share in _SELDOM]
     if min(map(len, seen.position)) <= _TICKS:
         return seldom

@@ -31,6 +31,7 @@ class Component:
     Attributes:
         places: the instances, the compared one first.
         ports: outputs of the compared one that are compared, or drive others.
+
     """
 
     places: tuple[str, ...]
@@ -45,7 +46,8 @@ class Component:
 @dataclass(frozen=True)
 class Window:
     """Samples of a run: from `lead` on measured signals drive, from `begin` on the model goes ahead, until
-    `end`, which is excluded."""
+    `end`, which is excluded.
+    """
 
     lead: int
     begin: int
@@ -143,6 +145,7 @@ class Apart:
     Args:
         signals: see `estimates`.
         base: the model whose residuals are sought; without effects.
+
     """
 
     def __init__(

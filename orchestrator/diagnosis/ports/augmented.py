@@ -30,6 +30,7 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
         fmus: whether laws of friction that are added to a force stand as instances of FrictionForce, so that
             the system can be exported; what they give is added from one communication point to the next.
             Those that cannot, and stand as effects in it, are told with what it does not hold.
+
     """
     config = study.prepared.config
     data = config.model.to_data()
@@ -79,7 +80,8 @@ def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> Non
 
 def _long(one: Any) -> dict[str, Any]:
     """A connection with its sources as a list, each with its port, and how many of its effects act ahead of
-    its own."""
+    its own.
+    """
     if isinstance(one, str):
         source, _, target = one.partition("->")
         one = {"from": source.strip(), "to": target.strip()}

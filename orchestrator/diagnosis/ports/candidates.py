@@ -98,7 +98,8 @@ def _fit(names: Sequence[str], patterns: Sequence[str]) -> list[str]:
 
 def _apart(effects: Sequence[Effect]) -> list[Effect]:
     """Effects, of which those whose ids others have before are called otherwise, as where a parameter is
-    called as a law is."""
+    called as a law is.
+    """
     found: dict[str, Effect] = {}
     for one in effects:
         name = one.id

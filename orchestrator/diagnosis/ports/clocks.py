@@ -40,6 +40,7 @@ class _Clock:
 
     Attributes:
         left: share of the excess that is left without that; missed: the largest mean square at a port then.
+
     """
 
     ports: frozenset[Port]
@@ -60,6 +61,7 @@ def wrong_clocks(
 
     Args:
         given: what the model as configured gives, by run.
+
     """
     if not all(np.isfinite(one).all() for signals in given.values() for one in signals.values()):
         return [], []
@@ -161,7 +163,8 @@ def _ratio(after: Mapping[Port, float], before: Mapping[Port, float]) -> float:
 
 def _shifted(study: PortStudy, given: Mapping[str, Mapping[Port, Array]], port: Port, longest: int) -> Array:
     """Mean square of what is missed at a port, over its noise's, if its log is late by -longest to longest
-    samples; shape (2 longest + 1,)."""
+    samples; shape (2 longest + 1,).
+    """
     total, count = np.zeros(2 * longest + 1), np.zeros(2 * longest + 1)
     for run in study.runs:
         if port not in run.logs:
@@ -219,7 +222,8 @@ def _squares(replay: PortReplay, stacked: Array) -> dict[Port, float]:
 
 def _rival(study: PortStudy, clock: _Clock) -> tuple[str, float, float]:
     """The single effect that explains most in a clock's place, the share of the excess that it leaves, and
-    the largest mean square that it leaves at a port."""
+    the largest mean square that it leaves at a port.
+    """
     effects = candidates_of(replace(study, only=(), without=()))
     replay = PortReplay(study, study.of(Role.TRAIN))
     fitter = WaryFitter(replay)

@@ -32,6 +32,7 @@ class PortEffect(Effect):
         kin: what it is told together with, if anything; unlike a family's, such effects may be combined.
         comb: where to look for its one parameter, if runs tell it only from very near.
         untold: whether its signal takes so few values that any error of these could be its doing.
+
     """
 
     port: Port | None = None
@@ -63,6 +64,7 @@ class Sizes:
         peak: largest magnitude; rate: largest change per time, per second.
         way: standard deviation of the integral over time, of velocities.
         levels: how many values it takes, where these are no more than `FEW_LEVELS`; else more than that.
+
     """
 
     spread: Mapping[Port, float]
@@ -74,7 +76,8 @@ class Sizes:
 
 def unit_at(study: PortStudy, port: Port) -> str:
     """Unit of the signal that an effect at a port works on: that of the source, where an input converts what
-    comes from it as it is."""
+    comes from it as it is.
+    """
     for one in study.prepared.system.connections:
         if one.target == port and one.wire is None and (one.gain, one.offset) != (1.0, 0.0):
             return study.unit(one.source)

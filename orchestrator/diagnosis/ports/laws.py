@@ -184,7 +184,8 @@ class LuGre(_Added, _OfPath):
 
 class _Slip(_OfPath):
     """Four springs in parallel that slip at a quarter of the level each, after 1/8, 1/4, 1/2 and 1 times the
-    distance. Iwan (1966)."""
+    distance. Iwan (1966).
+    """
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Array, commit: bool) -> float:
@@ -194,6 +195,7 @@ class _Slip(_OfPath):
             options: whether x itself is the level, or else x is passed on and the springs add to it; their
                 level then; the distance [m].
             memory: further the level as it was on the last part of the path, and the four bendings [m].
+
         """
         if options[2] == 0.0:
             return x[0]
@@ -222,7 +224,8 @@ class _Slip(_OfPath):
 
 class MaxwellSlip(_Added, _Slip):
     """Four springs in parallel that slip at a quarter of the level each, after 1/8, 1/4, 1/2 and 1 times the
-    distance. Zero size: level 0. Iwan (1966); Lampaert, Al-Bender, Swevers (2003)."""
+    distance. Zero size: level 0. Iwan (1966); Lampaert, Al-Bender, Swevers (2003).
+    """
 
     level: Annotated[float, OfSignal()] = Field(ge=0, description="Force of sliding.")
     distance: Annotated[float, Pure("m")] = Field(gt=0, description="After which all slide.")
@@ -301,7 +304,8 @@ class ElasticSlip(_OfPath):
 
 class SofteningMaxwellSlip(_Slip):
     """Four springs in parallel that slip at a quarter of x each, after 1/8, 1/4, 1/2 and 1 times the
-    distance. Zero size: 0. The level is |x|, as it was on the last part of the path. Iwan (1966)."""
+    distance. Zero size: 0. The level is |x|, as it was on the last part of the path. Iwan (1966).
+    """
 
     distance: Annotated[float, Pure("m")] = Field(ge=0, description="After which all slide.")
 

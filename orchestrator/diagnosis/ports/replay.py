@@ -55,6 +55,7 @@ class PortReplay:
 
     Args:
         seen: ports whose signals are given, in place of the compared ones.
+
     """
 
     def __init__(self, study: PortStudy, runs: Sequence[PortRun], seen: Sequence[Port] | None = None) -> None:
@@ -89,6 +90,7 @@ class PortReplay:
 
         Args:
             off: by what runs begin elsewhere than at the first samples of ports, in their units.
+
         """
         start, inserted = self.made(calibrated, effects, theta)
         for port, column in self.study.columns.items():
@@ -119,7 +121,8 @@ class PortReplay:
         self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array
     ) -> list[Array]:
         """See `Replay`: per run, and in it per compared port; less what noise of the first samples makes of
-        them, where runs begin at these: see `Begun`."""
+        them, where runs begin at these: see `Begun`.
+        """
         families = [one.family for one in effects if isinstance(one, PortEffect) and one.family]
         if len(set(families)) < len(families):
             # Two forms of one cause explain nothing together that a third form of it would not.
@@ -154,7 +157,8 @@ class PortReplay:
 
     def _begin(self, number: int) -> Begun:
         """How noise of the first samples strays a run. About the system as believed: effects and other
-        calibrations hardly change what so little makes."""
+        calibrations hardly change what so little makes.
+        """
         if number not in self._begun:
             run = self.runs[number]
             ports = [port for port, one in self.study.columns.items() if one.start and one.noise]
@@ -188,6 +192,7 @@ class Weighted:
 
     Args:
         weights: of the channels, in the order of the replay's residuals.
+
     """
 
     def __init__(self, replay: PortReplay, weights: Sequence[float]) -> None:
@@ -248,6 +253,7 @@ class _Size(NamedTuple):
 
     Attributes:
         levels: its values, if they are few, or one more than are.
+
     """
 
     spread: float
@@ -301,6 +307,7 @@ def _force(replay: PortReplay, port: Port, given: Sequence[Mapping[Port, Array]]
 
     Args:
         given: what the system gives without it, by run.
+
     """
     settled = replay.study.settled
     unit = Parameter("offset", "1", 1.0)

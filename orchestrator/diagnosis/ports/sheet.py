@@ -30,6 +30,7 @@ class Sheet:
         unchecked: see `ConfigError`.
 
     Raises: ConfigError if the file is no text, no YAML, or holds no keys.
+
     """
 
     def __init__(self, file: Path) -> None:
@@ -81,6 +82,7 @@ class Sheet:
 
         Args:
             difference: see `units.Quantity.exactly`.
+
         """
         found = quantity("", measure, value, self.place(*path), difference)
         if isinstance(found, Problem):
@@ -114,6 +116,7 @@ class Sheet:
             overrides: that were made to the system, by their numbers; changed: where they stand.
             otherwise: where that stands which brings in all other problems; None: these are not told.
         Returns: numbers of the overrides that are blamed.
+
         """
         blamed = set()
         if otherwise is not None:

@@ -54,6 +54,7 @@ class _Limit:
     Attributes:
         own: the study whose step it is.
         onward: by how much shorter steps are whose error is not seen, without extrapolation.
+
     """
 
     own: PortStudy
@@ -83,6 +84,7 @@ class Stepped(NamedTuple):
     Attributes:
         study: with shorter steps where they are right.
         worse: by how much less the logs are explained without the step's error [nats]; 0 if they are not.
+
     """
 
     study: PortStudy
@@ -198,6 +200,7 @@ def _singles(replay: PortReplay, fitter: WaryFitter, effects: Sequence[Effect]) 
 
     Args:
         replay: what the fitter fits to, whatever it weighs.
+
     """
     with threadpool_limits(limits=1, user_api="blas"):
         workers = 2 if replay.player.parallel else 1
@@ -206,7 +209,8 @@ def _singles(replay: PortReplay, fitter: WaryFitter, effects: Sequence[Effect]) 
 
 def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tuple[Effect, ...], Array]]:
     """Single effects that explain the logs best once the error of the step is off, that of the model as
-    believed: with their fits' normalised parameters."""
+    believed: with their fits' normalised parameters.
+    """
     corrected = _corrected(study, limit, (), np.zeros(len(study.nominal)))
     if not all(map(_finite, corrected.runs)):
         return []
@@ -274,6 +278,7 @@ def _limit(study: PortStudy, weights: Mapping[Port, float], model: Augmented) ->
 
     Args:
         model: whose signals tell.
+
     """
     runs = study.of(Role.TRAIN)
     longer, given = study, PortReplay(study, runs).of(model)
@@ -312,6 +317,7 @@ def _corrected(study: PortStudy, limit: _Limit, effects: tuple[Effect, ...], z: 
 
     Args:
         z: normalised parameters of the model.
+
     """
     calibrated, theta = WaryFitter(PortReplay(study, [])).values(effects, z)
     # What acts on the way to the log acts on what the step made of the signal, too.

@@ -26,6 +26,7 @@ class PortRun:
         logs: by port, in the unit of the port, each of shape (n,), a communication step apart.
         repeats: name of the run that it repeats; file: that it was read from.
         errors: what is to be added to replays of compared ports for the error of their step; see `steps`.
+
     """
 
     name: str
@@ -53,6 +54,7 @@ class Trial:
     Attributes:
         name, description: for the lab.
         prepared: the system as it is then; its grid is that of the experiment.
+
     """
 
     name: str
@@ -82,6 +84,7 @@ class PortStudy:
         places: where in its file things stand; None of one that was not read.
         natives: FMUs that replays take in place of others, by the files of these; see
             `native.in_native_form`.
+
     """
 
     name: str
@@ -127,7 +130,8 @@ class PortStudy:
     @property
     def unasked(self) -> tuple[Port, ...]:
         """Outputs that are fed for want of a noise, though their components are driven: of a source, such as
-        a path, nothing could be compared."""
+        a path, nothing could be compared.
+        """
         driven = {one.target.instance for one in self.prepared.system.connections}
         driven |= {port.instance for port in self.fed if self._is_input(port)}
         return tuple(

@@ -70,7 +70,8 @@ class WaryFitter(Fitter):
 
     def _paying(self, fit: Fit) -> Fit:
         """A fit whose volume is as small as chance makes it where values were sought among many: see
-        `chance_saves`. For less Laplace's has paid."""
+        `chance_saves`. For less Laplace's has paid.
+        """
         for place, effect in enumerate(fit.effects):
             comb = effect.comb if isinstance(effect, PortEffect) else None
             if comb is None or not comb.chance or not fit.z[self._first(fit.effects, place)]:

@@ -31,6 +31,7 @@ class Reproduction:
     Attributes:
         summary: as in reproduction.json.
         figures: by name, in the source's order.
+
     """
 
     summary: dict[str, Any]
@@ -53,6 +54,7 @@ def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bo
         progress: whether to show a bar on a terminal.
     Returns: numbers beside the source's, and figures. Runs that failed are told in the summary.
     Raises: ConfigError for an unknown name.
+
     """
     begin = perf_counter()
     figures = chosen_figures(only)

@@ -39,10 +39,12 @@ def _schema(space: str) -> Any:
 
 
 def tag_of(space: str, name: str) -> str:
+    """The tag of an element as lxml has it."""
     return f"{{{SPACES[space]}}}{name}"
 
 
 def children(node: Any, space: str, name: str) -> list[Any]:
+    """The child elements of a name."""
     return node.findall(tag_of(space, name))
 
 
@@ -54,4 +56,5 @@ def space_of(node: Any) -> str:
 
 
 def local(node: Any) -> str:
+    """The tag of an element without its namespace; empty for comments."""
     return node.tag.rpartition("}")[2] if isinstance(node.tag, str) else ""

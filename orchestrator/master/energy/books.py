@@ -63,6 +63,7 @@ class Step:
         size: [s].
         after: signals at its end, shape (layout.size,).
         inputs: see `Instances.given`.
+
     """
 
     size: float
@@ -86,6 +87,7 @@ class Books:
         bonds: of the system.
         names: of the connections, per bond.
         inputs: places of the inputs that are needed, see `Instances.given`.
+
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -99,7 +101,8 @@ class Books:
         self._displaced = np.array([one[2] for one in entries.products], np.bool_)
         self._bind(system, layout, entries.columns)
         # Without an input of its own in the bond an output counts as jumping all at once.
-        self._partner = np.array([entries.partners.get(column, -1) for column in self._outputs], np.intp)
+        partners = [entries.partners.get(column, -1) for column in self._outputs.tolist()]
+        self._partner = np.array(partners, np.intp)
         self._is_jumping = np.isin(self._outputs, list(entries.jumping))
         self._is_curved = np.isin(self._outputs, list(entries.curved))
 
@@ -114,7 +117,7 @@ class Books:
         self._offset = np.array([float(unit.offset) if unit else 0.0 for unit in units])
         wired = {one.connection.target: one for one in layout.wired}
         self._read = np.zeros(len(self._outputs), np.intp)
-        for row, column in enumerate(self._outputs):
+        for row, column in enumerate(self._outputs.tolist()):
             kind, port = columns[column]
             if kind == "output":
                 self._read[row] = layout.index[port]
@@ -127,7 +130,7 @@ class Books:
         self._sources = np.zeros(len(self._fed), np.intp)
         self._gain, self._shift = np.ones(len(self._fed)), np.zeros(len(self._fed))
         owners = []
-        for row, column in enumerate(self._fed):
+        for row, column in enumerate(self._fed.tolist()):
             port = columns[column][1]
             index = system.position[port.instance]
             owners.append(index)
@@ -164,6 +167,7 @@ class Books:
             values: signals at the points, shape (n + 1, layout.size).
             late: which of `inputs` were given the value of the step's end, not of its beginning.
         Returns: shape (n, 3, len(inputs)).
+
         """
         sources = values[:, self._sources]
         held = np.where(late, sources[1:], sources[:-1]) * self._gain + self._shift
@@ -174,6 +178,7 @@ class Books:
 
         Args:
             last: whether inputs are fed right before each instance's own step, not all at the beginning.
+
         """
         rank = {index: place for place, index in enumerate(order)}
         owners, position = instances.layout.owners, instances.system.position
@@ -198,6 +203,7 @@ class Books:
             before: what precedes the first of the steps.
         Returns: taken, given, shape (n, bonds) each, created, shape (n, connections of all bonds) [J]; and
             what precedes the next step.
+
         """
         outputs, inputs = self._unfrozen(outputs, inputs)
         count, width = len(sizes), len(self._factor)

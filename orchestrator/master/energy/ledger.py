@@ -31,6 +31,7 @@ class Account:
         created: by the coupling.
         parts: of `created`, per connection.
         exchanged: all energy that went to or from the taker, regardless of its direction.
+
     """
 
     taken: float
@@ -57,6 +58,7 @@ class Ledger:
 
     Attributes:
         books: how energies are computed.
+
     """
 
     def __init__(self, system: System, *, every: int = 1) -> None:
@@ -65,6 +67,7 @@ class Ledger:
             system: what runs.
             every: keep the course of the energies at every n-th communication point; of long runs at every
                 2 n-th, 4 n-th, ..., so that memory does not grow with them.
+
         """
         self.layout = Layout.of(system)
         self.books = Books(system, self.layout)
@@ -103,6 +106,7 @@ class Ledger:
         Args:
             point: where the steps end.
             steps: one, or the parts that it was divided in.
+
         """
         for step in steps:
             if self._used == len(self._sizes):
@@ -214,7 +218,8 @@ class Ledger:
 
     def course(self) -> tuple[Array, dict[str, Array]]:
         """Energies over time, from the start: times, shape (n,) [s], and per bond, shape (n, 3) [J]: taken,
-        given, created."""
+        given, created.
+        """
         self.settle()
         times = np.concatenate(self._times) if self._times else np.zeros(0)
         whole = np.concatenate(self._course) if self._course else np.zeros((0, 3, len(self.books.bonds)))

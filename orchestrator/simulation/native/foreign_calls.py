@@ -84,13 +84,13 @@ def call_fmi3_step(
 
 @intrinsic
 def call_timer(typing, function, clock, result):
-    """int (*)(clockid_t, struct timespec *)"""
+    """Int (*)(clockid_t, struct timespec *)"""
     return _TIMER()
 
 
 @intrinsic
 def call_effect(typing, function, time, x, x_count, options, option_count, memory, memory_count, commit):
-    """double (*)(double, double[], int64, const double[], int64, double[], int64, int64)"""
+    """Double (*)(double, double[], int64, const double[], int64, double[], int64, int64)"""
     return _EFFECT()
 
 

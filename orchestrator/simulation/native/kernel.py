@@ -122,10 +122,21 @@ def _fits(code, whole):
     elif code == _I32 or code == _U32:
         count = 4294967296.0
     else:
-        count = 2.0 * _BIGGEST
+        # The double next to the largest number of 64 bits stands for it; see `_whole_64`.
+        return (-_BIGGEST <= whole <= _BIGGEST) if signed else (0.0 <= whole <= 2.0 * _BIGGEST)
     if signed:
         return -0.5 * count <= whole < 0.5 * count
     return 0.0 <= whole < count
+
+
+@register_jitable
+def _whole_64(code, value):
+    """A whole number as 64 bits. Signals are doubles: that next to the largest number is one beyond it."""
+    if code == _I64 and value >= _BIGGEST:
+        return np.uint64((1 << 63) - 1)
+    if value >= 2.0 * _BIGGEST:
+        return np.uint64((1 << 64) - 1)
+    return _unsigned(value)
 
 
 @register_jitable
@@ -147,7 +158,7 @@ def _send(row, places, memory):
         if code == _BOOL:
             store(address + index, np.uint8(np.rint(value) != 0.0))
             continue
-        whole = _unsigned(np.rint(value))
+        whole = _whole_64(code, np.rint(value))
         if code == _I64 or code == _U64:
             store(address + 8 * index, whole)
         elif code == _I32 or code == _U32:
@@ -229,6 +240,7 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
     Args:
         wired: whether connections have effects; what serves them is left out of the code otherwise.
         bent: whether inputs follow curves; the same.
+
     """
 
     def run_steps(
@@ -259,6 +271,7 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
             ahead: of inputs that follow curves, see `ahead.Curves`; square: of `step_size`.
             outcome: how it ended, shape (4,).
         Returns: the number of steps that were finished.
+
         """
         _end(outcome.ctypes.data, 0, _DONE, 0, 0)
         steps_at, calls_at, places_at = steps.ctypes.data, calls.ctypes.data, places.ctypes.data

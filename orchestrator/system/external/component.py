@@ -39,6 +39,7 @@ class ExternalFmu:
 
     Attributes:
         path: None: there is no file.
+
     """
 
     path: Path | None = None
@@ -140,6 +141,7 @@ class ExternalInstance:
         sequence = point.index + 1
         try:
             self._link.send(sequence, point.time, np.array([self._values[one] for one in self._sent]))
+            values: Array | None
             if self._model.exchange == "lockstep":
                 values = self._link.of_step(sequence, self._timeout)
             else:

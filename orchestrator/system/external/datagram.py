@@ -39,6 +39,7 @@ class Datagram:
         stamp: the sender's clock when it sent this [ns].
         echo: the latest stamp that the sender had received [ns]; 0: none.
         values: shape (n,).
+
     """
 
     flags: Flag
