@@ -90,7 +90,7 @@ _SIGNATURE = types.float64(types.float64, types.float64, types.float64, _POINTER
 
 
 def law(function: Callable[..., float]) -> Any:
-    """Compile the law of an effect, called as law(time, step, value, context, memory, theta).
+    """Compile the law of an effect.
 
     Args:
         function: of time [s], step since the last call [s], the value at the site, and three arrays: the
