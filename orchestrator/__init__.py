@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .base.errors import ConfigError, FmuError, OrchestratorError, StepError
     from .campaign.sweep import Swept
     from .diagnosis.diagnosed import Diagnosed
+    from .frequency.from_system import Linearised
     from .report.system_view import System
     from .results.signal import Signal
     from .results.summary import Summary
@@ -46,6 +47,7 @@ __all__ = [
     "__version__",
     "build",
     "diagnose",
+    "linearise",
     "load",
     "read_results",
     "run",
@@ -169,6 +171,23 @@ def _changed(system: Any, changes: Mapping[str, Any] | None) -> Any:
         return config
     numbers = SiNumbers(config)
     return load_config(config, [numbers.override(path, value) for path, value in changes.items()])
+
+
+def linearise(
+    system: str | Path | Mapping[str, Any] | System,
+    *,
+    set: Mapping[str, Any] | None = None,
+) -> Linearised:
+    """The linear system with delays that a system is around its start, without communication steps.
+
+    Args:
+        system, set: see `run`.
+    Returns: `.modes()`, `.margins()` of each connection in a feedback loop, `.system` with its matrices.
+    Raises: ConfigError with what cannot be linearised.
+    """
+    from .frequency.from_system import linearise as linearise_config
+
+    return linearise_config(_changed(system, set))
 
 
 def build(

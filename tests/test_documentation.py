@@ -97,7 +97,7 @@ def test_the_readme_is_one_screen():
 
 def test_the_python_of_the_pages_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for page in ("docs/index.md", "docs/python.md"):
+    for page in ("docs/index.md", "docs/python.md", "docs/frequency.md"):
         code = re.findall(r"```python\n(.*?)```", TEXTS[page], flags=re.DOTALL)
         assert code
         exec("\n".join(code), {})

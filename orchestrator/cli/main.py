@@ -40,7 +40,7 @@ COMMANDS: dict[str, tuple[str, str | None, str]] = {
         "exchange:new_main",
     ),
     "stability": (
-        "margins, critical delays, characteristic roots and growth of a docking system's loop",
+        "modes of a system, and margins of its feedback loops",
         "stability:add_arguments",
         "stability:main",
     ),

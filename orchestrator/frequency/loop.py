@@ -22,11 +22,7 @@ from .transfer import Transfer
 __all__ = ["Loop", "Wire"]
 
 
-_ANY_SYSTEM = (
-    "This analyses docking loops alone. For any system orchestrator.frequency has functions in Python: "
-    "system_state_space gives A, B, C, D, sweep_system measures responses under the master; see "
-    "docs/frequency.md."
-)
+_ANY_SYSTEM = "This analyses docking loops alone; `orchestrator.linearise` takes any system."
 
 
 @dataclass(frozen=True)
@@ -106,6 +102,12 @@ class Loop:
         loop = replace(loop, notes=tuple(loop._left_out()))
         loop.gain()
         return loop
+
+    @staticmethod
+    def fits(system: System) -> bool:
+        """Whether a system is one of those that are analysed here."""
+        names = {one.fmu.description.name.rpartition(".")[2] for one in system.instances}
+        return "SatelliteDynamics" in names
 
     def named(self, model: str) -> list[str]:
         """Names of the instances of a model."""

@@ -19,7 +19,7 @@ from .connections import static_gain
 from .linearise import load
 from .transfer import Array
 
-__all__ = ["StateSpace", "state_space", "system_state_space"]
+__all__ = ["StateSpace", "linearised", "real_ports", "state_space", "system_state_space"]
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,14 @@ class StateSpace:
         eye = np.eye(len(self.a))
         inner = np.linalg.solve(s[:, None, None] * eye - self.a, self.b[:, column, None])[..., 0]
         return inner @ self.c[row] + self.d[row, column]
+
+    def named(self, instance: str) -> StateSpace:
+        """The same with the names of an instance's variables in a system."""
+        states, inputs, outputs = (
+            tuple(str(Port(instance, one)) for one in names)
+            for names in (self.states, self.inputs, self.outputs)
+        )
+        return StateSpace(self.a, self.b, self.c, self.d, states, inputs, outputs)
 
     def control(self) -> Any:
         """As python-control's StateSpace."""
@@ -90,7 +98,7 @@ def state_space(
     try:
         instance.enter_initialisation(0.0, dict(start or {}))
         instance.exit_initialisation()
-        found = _matrices(loaded, instance, chosen, seen)
+        found = linearised(loaded, instance, chosen, seen)
     finally:
         instance.free()
     problems = _hidden(description.name, found, found.outputs)
@@ -140,11 +148,11 @@ def system_state_space(
         instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
         for one, running in zip(system.instances, instances.running, strict=True):
             own = tuple(name for name in _real(one.fmu, Causality.INPUT) if f"{one.name}.{name}" in fed)
-            part = _matrices(one.fmu, running, own, _real(one.fmu, Causality.OUTPUT))
+            part = linearised(one.fmu, running, own, _real(one.fmu, Causality.OUTPUT))
             problems += _hidden(
                 one.name, part, [name for name in part.outputs if f"{one.name}.{name}" in seen]
             )
-            parts.append(_named(part, one.name))
+            parts.append(part.named(one.name))
     if problems:
         raise ConfigError(problems)
     return _joined(parts, gains, inputs, outputs, place)
@@ -192,6 +200,13 @@ def _real(fmu: Fmu, causality: Causality) -> tuple[str, ...]:
     )
 
 
+def real_ports(fmu: Fmu) -> list[tuple[str, bool]]:
+    """Real inputs and outputs by name, and whether it is an output."""
+    return [(name, False) for name in _real(fmu, Causality.INPUT)] + [
+        (name, True) for name in _real(fmu, Causality.OUTPUT)
+    ]
+
+
 def _cannot(name: str, fmu: Fmu) -> list[Problem]:
     if fmu.description.capabilities.directional_derivatives and fmu.path is not None:
         return []
@@ -208,9 +223,10 @@ def _states(fmu: Fmu) -> list[tuple[str, str]]:
     return [(rate.name, state.name) for rate, state in found if state is not None]
 
 
-def _matrices(
+def linearised(
     fmu: Fmu, instance: FmuInstance, inputs: tuple[str, ...], outputs: tuple[str, ...]
 ) -> StateSpace:
+    """The state space of a running FMU by its directional derivatives, where it stands."""
     pairs = _states(fmu)
     rates, states = [rate for rate, _ in pairs], tuple(state for _, state in pairs)
     n = len(states)
@@ -257,13 +273,6 @@ def _hidden(name: str, part: StateSpace, outputs: Iterable[str]) -> list[Problem
         )
         for one in unmoved
     ]
-
-
-def _named(part: StateSpace, name: str) -> StateSpace:
-    states, inputs, outputs = (
-        tuple(str(Port(name, one)) for one in names) for names in (part.states, part.inputs, part.outputs)
-    )
-    return StateSpace(part.a, part.b, part.c, part.d, states, inputs, outputs)
 
 
 def _legs(connection: Connection) -> list[tuple[Port, float]]:

@@ -5,7 +5,6 @@ import json
 import numpy as np
 
 from orchestrator.cli.main import main
-from orchestrator.frequency import system_state_space
 from orchestrator.frequency.gain import verdict
 
 
@@ -75,15 +74,3 @@ def test_verdicts_are_the_same_wherever_they_stand():
 def test_wrong_parameters_are_refused(capsys):
     assert main(["stability", "docking-1d-uncompensated", "--set", "robot.taum=1 ms"]) == 2
     assert "taum" in capsys.readouterr().err
-
-
-def test_a_system_that_is_no_docking_loop_is_sent_on(capsys):
-    assert main(["stability", "emps"]) == 2
-    assert capsys.readouterr().err == (
-        "orchestrator: emps: no SatelliteDynamics in it\n"
-        "  exactly one is needed. This analyses docking loops alone. For any system orchestrator.frequency "
-        "has functions in Python: system_state_space gives A, B, C, D, sweep_system measures responses under "
-        "the master; see docs/frequency.md.\n"
-    )
-    model = system_state_space("emps", [], [])  # as that page has it
-    assert model.a.shape == (3, 3) and np.linalg.eigvals(model.a).real.max() <= 0.0

@@ -1,0 +1,483 @@
+"""Linear systems of delayed connections: x' = A x + B u, y = C x + D u, u = sum of K_k y(t - tau_k).
+
+Roots: each delay is discretised by Chebyshev collocation of its transport line, which makes an ordinary
+system whose eigenvalues begin Newton's method on the exact equation (Breda, Maset, Vermiglio, SIAM J. Sci.
+Comput. 27, 2005). What counts is the residual on the exact equation, and that the argument principle finds as
+many roots to the right of a line as are listed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from ..base import graph
+from ..base.errors import ConfigError, OrchestratorError, Problem
+from .margins import Crossover, Margins, gain_crossovers
+
+__all__ = ["FILTER", "DelaySystem", "Link", "Mode", "Modes"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Stands in the names of blocks and links that low-pass filters of connections become.
+FILTER = " filter"
+
+_ORDERS = (12, 20, 32, 48)
+_RESIDUAL = 1e-9
+# Neighbouring values on the contour turn by less than this [rad], or more are taken between them.
+_TURN = 0.7
+_MOST_POINTS = 400_000
+
+
+class Link(NamedTuple):
+    """One term of a connection: input += gain * output(t - delay).
+
+    Attributes:
+        connection: the connection that it belongs to, as messages name it.
+        source, target: indices of the output and the input.
+        delay: [s].
+    """
+
+    connection: str
+    source: int
+    target: int
+    gain: float
+    delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A characteristic root, or a conjugate pair of them.
+
+    Attributes:
+        root: the one with the imaginary part that is not negative [rad/s].
+        residual: smallest singular value of the equation's matrix there, relative to its norm.
+        participation: share of each state in the mode, by name, largest first; they sum to 1.
+    """
+
+    root: complex
+    residual: float
+    participation: tuple[tuple[str, float], ...]
+
+    @property
+    def frequency(self) -> float:
+        """|root| / (2 pi) [Hz]."""
+        return abs(self.root) / (2.0 * np.pi)
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio, -Re/|root|; 1 at zero."""
+        return float(-self.root.real / abs(self.root)) if self.root else 1.0
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The rightmost modes.
+
+    Attributes:
+        modes: from the right to the left.
+        line: a real part [rad/s] to the right of which there are these roots and no others, by counting.
+    """
+
+    modes: tuple[Mode, ...]
+    line: float
+
+    @property
+    def unstable(self) -> int:
+        """How many roots have a positive real part."""
+        return sum((2 if one.root.imag > 0.0 else 1) for one in self.modes if one.root.real > 0.0)
+
+    @property
+    def stable(self) -> bool:
+        """Whether all roots lie to the left of the imaginary axis."""
+        return all(one.root.real < 0.0 for one in self.modes)
+
+
+@dataclass(frozen=True)
+class DelaySystem:
+    """A closed linear system with delays.
+
+    Attributes:
+        a, b, c, d: of all instances, block by block; shapes (n, n), (n, m), (p, n), (p, m).
+        states, inputs, outputs: names.
+        links: what feeds the inputs.
+    """
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    links: tuple[Link, ...]
+
+    def later(self, connection: str, delay: float) -> DelaySystem:
+        """The same system with a connection that is later by a delay [s]."""
+        links = tuple(
+            one._replace(delay=one.delay + delay) if one.connection == connection else one
+            for one in self.links
+        )
+        return replace(self, links=links)
+
+    def scaled(self, connection: str, factor: float) -> DelaySystem:
+        """The same system with the gain of a connection times a factor."""
+        links = tuple(
+            one._replace(gain=one.gain * factor) if one.connection == connection else one
+            for one in self.links
+        )
+        return replace(self, links=links)
+
+    @cached_property
+    def _delays(self) -> Array:
+        return np.unique([one.delay for one in self.links] or [0.0])
+
+    def _gains(self, links: Sequence[Link]) -> Array:
+        """One matrix for each of `_delays`, shape (k, m, p)."""
+        made = np.zeros((len(self._delays), len(self.inputs), len(self.outputs)))
+        for one in links:
+            made[np.searchsorted(self._delays, one.delay), one.target, one.source] += one.gain
+        return made
+
+    @cached_property
+    def _k(self) -> Array:
+        return self._gains(self.links)
+
+    def _matrix(self, s: Complex, gains: Array | None = None) -> Complex:
+        """P(s) = [[s - A, -B], [-K(s) C, 1 - K(s) D]], shape (len(s), n + m, n + m)."""
+        n, m = len(self.states), len(self.inputs)
+        k = np.einsum("sk,kmp->smp", np.exp(-s[:, None] * self._delays), self._k if gains is None else gains)
+        made = np.zeros((len(s), n + m, n + m), np.complex128)
+        made[:, :n, :n] = s[:, None, None] * np.eye(n) - self.a
+        made[:, :n, n:] = -self.b
+        made[:, n:, :n] = -k @ self.c
+        made[:, n:, n:] = np.eye(m) - k @ self.d
+        return made
+
+    def _slope(self, s: complex) -> Complex:
+        """dP/ds."""
+        n = len(self.states)
+        k = np.einsum("k,kmp->mp", -self._delays * np.exp(-s * self._delays), self._k)
+        made = np.zeros((n + len(self.inputs),) * 2, np.complex128)
+        made[:n, :n] = np.eye(n)
+        made[n:, :n], made[n:, n:] = -k @ self.c, -k @ self.d
+        return made
+
+    def check(self) -> None:
+        """Raises: ConfigError if an algebraic loop has no solution, or a loop with a delay has no state."""
+        m = len(self.inputs)
+        at_once = self._k[0] if self._delays[0] == 0.0 else np.zeros((m, len(self.outputs)))
+        loop = np.eye(m) - at_once @ self.d
+        if m and np.linalg.cond(loop) > 1e12:
+            what = "an algebraic loop has no solution, or no single one"
+            raise ConfigError([Problem("system", what, "", "Put a state or a delay into the loop.")])
+        if self._shift().size and max(abs(np.linalg.eigvals(self._shift()))) >= 1.0 - 1e-9:
+            what = "a loop holds a delay and direct feedthrough of gain 1 or more, and no state"
+            remedy = "Put a filter into the loop: a real system has one."
+            raise ConfigError([Problem("system", what, "loops with delay need a state", remedy)])
+
+    def _shift(self, line: float = 0.0) -> Array:
+        """Bound of what delayed feedthrough makes of inputs: |S| sum |K_k| |D| right of a line."""
+        delayed = self._delays > 0.0
+        weight = np.exp(-line * self._delays[delayed])
+        sums = np.einsum("k,kmp->mp", weight, abs(self._k[delayed]))
+        return abs(self._solved()) @ sums @ abs(self.d)
+
+    def _solved(self) -> Array:
+        m = len(self.inputs)
+        at_once = self._k[0] if self._delays[0] == 0.0 else np.zeros((m, len(self.outputs)))
+        return np.linalg.inv(np.eye(m) - at_once @ self.d)
+
+    def _reach(self, line: float) -> float:
+        """A radius that holds all roots right of a line: |s| |x| <= N |x|, element by element."""
+        shift = self._shift(line)
+        weight = np.exp(-line * self._delays)
+        fed = abs(self._solved()) @ np.einsum("k,kmp->mp", weight, abs(self._k)) @ abs(self.c)
+        if shift.size and max(abs(np.linalg.eigvals(shift))) >= 1.0 - 1e-9:
+            return np.inf
+        bound = abs(self.a) + abs(self.b) @ np.linalg.solve(np.eye(len(shift)) - shift, fed)
+        return 1.001 * max(abs(np.linalg.eigvals(bound)), default=0.0) + abs(line) + 1e-300
+
+    def count_right_of(self, line: float = 0.0) -> int:
+        """Number of roots with Re s > line, by the argument principle.
+
+        Raises: OrchestratorError if a root lies on the line, or if no circle is known that holds them all.
+        """
+        radius = self._reach(line)
+        if not np.isfinite(radius):
+            raise OrchestratorError(f"roots right of {line:g} rad/s cannot be counted: no circle holds them")
+        half = np.arccos(np.clip(line / radius, -1.0, 1.0))
+        top = radius * np.sin(half)
+        low = max(1e-9 * radius, 1e-12)
+        straight = np.concatenate([[0.0], np.geomspace(low, top, 400)])[::-1]
+        path = np.concatenate(
+            [radius * np.exp(1j * half * np.linspace(0.0, 1.0, 65)[:-1]), line + 1j * straight]
+        )
+        path[0] = radius
+        sign = self._signs(path)
+        while True:
+            turn = np.angle(sign[1:] / sign[:-1])
+            rough = np.flatnonzero(abs(turn) > _TURN)
+            if not rough.size:
+                break
+            if len(path) > _MOST_POINTS or min(abs(path[rough + 1] - path[rough])) < 1e-13 * radius:
+                raise OrchestratorError(f"a root lies on the line Re s = {line:g} to within rounding")
+            middle = 0.5 * (path[rough] + path[rough + 1])
+            path = np.insert(path, rough + 1, middle)
+            sign = np.insert(sign, rough + 1, self._signs(middle))
+        return round(float(np.sum(turn)) / np.pi)
+
+    def _signs(self, s: Complex) -> Complex:
+        """det P(s) / |det P(s)|."""
+        parts = [np.linalg.slogdet(self._matrix(one))[0] for one in np.array_split(s, max(len(s) // 2000, 1))]
+        return np.concatenate(parts)
+
+    def modes(self, count: int = 6) -> Modes:
+        """The rightmost modes, at least `count` roots where there are so many.
+
+        Raises: ConfigError as `check`; OrchestratorError if the roots cannot be certified.
+        """
+        self.check()
+        if not self.states:
+            return Modes((), -np.inf)
+        for order in _ORDERS:
+            found = self._certified(self._guesses(order), count)
+            if found is not None:
+                return found
+        raise OrchestratorError(
+            f"the rightmost roots could not be certified with {_ORDERS[-1]} points a delay\n"
+            "  Two may lie on top of one another, as of parts that are there twice."
+        )
+
+    def _guesses(self, order: int) -> Complex:
+        """Eigenvalues of the system with every delay as a line of so many points."""
+        n, m, p = len(self.states), len(self.inputs), len(self.outputs)
+        delayed = [
+            (delay, source)
+            for delay, gains in zip(self._delays, self._k, strict=True)
+            for source in range(p)
+            if delay > 0.0 and gains[:, source].any()
+        ]
+        size = n + order * len(delayed)
+        a, b, c = np.zeros((size, size)), np.zeros((size, m)), np.zeros((p, size))
+        a[:n, :n], b[:n], c[:, :n] = self.a, self.b, self.c
+        # u = K0 (C x + D u) + F v, with v the ends of the lines.
+        at_once = self._k[0] if self._delays[0] == 0.0 else np.zeros((m, p))
+        ends = np.zeros((m, size))
+        derivative = _differentiation(order)
+        into = np.zeros((size, p))
+        for index, (delay, source) in enumerate(delayed):
+            low = n + index * order
+            own = derivative / delay
+            a[low : low + order, low : low + order] = own[1:, 1:]
+            into[low : low + order, source] = own[1:, 0]
+            which = int(np.searchsorted(self._delays, delay))
+            ends[:, low + order - 1] += self._k[which][:, source]
+        u_of_x = np.linalg.solve(np.eye(m) - at_once @ self.d, at_once @ c + ends)
+        whole = a + into @ (c + self.d @ u_of_x) + b @ u_of_x
+        balanced, _ = scipy.linalg.matrix_balance(whole)
+        return np.linalg.eigvals(balanced)
+
+    def _certified(self, guesses: Complex, count: int) -> Modes | None:
+        ordered = guesses[np.argsort(-guesses.real)]
+        upper = ordered[ordered.imag >= -1e-9 * abs(ordered)][: count + 12]
+        roots: list[complex] = []
+        for guess in upper:
+            found = self._newton(complex(guess))
+            if found is not None and not any(abs(found - one) <= 1e-7 * max(abs(one), 1e-9) for one in roots):
+                roots.append(found)
+        roots.sort(key=lambda one: (-one.real, one.imag))
+        totals = np.cumsum([2 if one.imag > 0.0 else 1 for one in roots])
+        for wanted in range(len(roots), 0, -1):
+            if wanted < len(roots):
+                line = 0.5 * (roots[wanted - 1].real + roots[wanted].real)
+                close = roots[wanted - 1].real - roots[wanted].real
+            elif len(self._delays) == 1 and self._delays[0] == 0.0:
+                line, close = roots[-1].real - 0.1 * abs(roots[-1]) - 1e-6, np.inf
+            else:
+                continue
+            if close <= 1e-9 * abs(roots[wanted - 1]):
+                continue
+            if totals[wanted - 1] < min(count, int(totals[-1])) and wanted < len(roots) - 1:
+                return None
+            try:
+                if self.count_right_of(line) == totals[wanted - 1]:
+                    return Modes(tuple(self._mode(one) for one in roots[:wanted]), float(line))
+            except OrchestratorError:
+                continue
+        return None
+
+    def _newton(self, s: complex) -> complex | None:
+        """The root of P(s) v = 0 near a guess; None if the iteration does not settle there."""
+        start, vector = s, None
+        for _ in range(40):
+            matrix = self._matrix(np.array([s]))[0]
+            if vector is None:
+                vector = np.linalg.svd(matrix)[2][-1].conj()
+                norm = vector.conj()
+            slope = self._slope(s) @ vector
+            whole = np.block([[matrix, slope[:, None]], [norm[None], np.zeros((1, 1))]])
+            try:
+                step = np.linalg.solve(whole, np.concatenate([-(matrix @ vector), [1.0 - norm @ vector]]))
+            except np.linalg.LinAlgError:
+                break
+            vector = vector + step[:-1]
+            s = s + complex(step[-1])
+            if not np.isfinite(s) or abs(s - start) > 0.5 * abs(start) + 10.0:
+                return None
+            if abs(step[-1]) <= 1e-13 * abs(s) + 1e-15:
+                break
+        if abs(s.imag) <= 1e-10 * abs(s):
+            s = complex(s.real, 0.0)
+        return complex(s.real, abs(s.imag)) if self._residual(s) <= _RESIDUAL else None
+
+    def _residual(self, s: complex) -> float:
+        matrix = self._matrix(np.array([s]))[0]
+        # Units of states and inputs differ by many orders: rows and columns are scaled first.
+        matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
+        matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=0, keepdims=True), 1e-300)
+        values = np.linalg.svd(matrix, compute_uv=False)
+        return float(values[-1] / values[0])
+
+    def _mode(self, root: complex) -> Mode:
+        n = len(self.states)
+        left, _, right = np.linalg.svd(self._matrix(np.array([root]))[0])
+        share = abs(left[:n, -1].conj() * right[-1, :n].conj())
+        share = share / share.sum() if share.sum() else np.full(n, 1.0 / n)
+        order = np.argsort(-share)
+        named = tuple((self.states[index], float(share[index])) for index in order if share[index] > 1e-3)
+        return Mode(root, self._residual(root), named)
+
+    def loops(self) -> tuple[str, ...]:
+        """Connections within feedback loops, in their order."""
+        owners = {_owner(one) for one in (*self.inputs, *self.outputs)}
+        place = {name: index for index, name in enumerate(sorted(owners))}
+        after: list[set[int]] = [set() for _ in place]
+        ends = [
+            (one.connection, place[_owner(self.outputs[one.source])], place[_owner(self.inputs[one.target])])
+            for one in self.links
+        ]
+        for _, source, target in ends:
+            after[source].add(target)
+        group: dict[int, int] = {}
+        for number, members in enumerate(graph.strong_components([sorted(one) for one in after])):
+            group |= dict.fromkeys(members, number)
+        # What leads into a connection's filter is a part of that connection.
+        named = (
+            name for name, source, target in ends if group[source] == group[target] and FILTER not in name
+        )
+        return tuple(dict.fromkeys(named))
+
+    def open_loop(self, connection: str, omega: ArrayLike) -> Complex:
+        """L(j omega) with one connection cut, of negative feedback: the closed loop is 1 + L.
+
+        Args:
+            connection: as a link names it.
+            omega: shape (k,) [rad/s].
+        """
+        return self._open(connection, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
+
+    def _open(self, connection: str, s: Complex) -> Complex:
+        own = [one for one in self.links if one.connection == connection]
+        rest = self._gains([one for one in self.links if one.connection != connection])
+        n = len(self.states)
+        targets = sorted({one.target for one in own})
+        drive = np.zeros(n + len(self.inputs))
+        # Further places that a connection feeds, as the delayed path into an FMU, carry the same signal.
+        for target in targets:
+            drive[n + target] = 1.0
+        shape = np.broadcast_to(drive[:, None], (len(s), len(drive), 1))
+        solved = np.linalg.solve(self._matrix(s, rest), shape)[..., 0]
+        y = solved[:, :n] @ self.c.T + solved[:, n:] @ self.d.T
+        first = [one for one in own if one.target == targets[0]]
+        back = sum(one.gain * np.exp(-s * one.delay) * y[:, one.source] for one in first)
+        return -np.asarray(back)
+
+    def margins(self, connection: str, modes: Modes | None = None) -> Margins:
+        """Margins of the loop through one connection, all crossovers considered."""
+        unstable = (modes or self.modes()).unstable
+        omega = self._span(modes)
+
+        def response(s: Complex) -> Complex:
+            return self._open(connection, np.atleast_1d(s).ravel()).reshape(np.shape(s))
+
+        crossovers = []
+        for w, falling in gain_crossovers(response, omega):
+            angle = float(np.angle(-response(np.array([1j * w]))[0]))
+            crossovers.append(Crossover(w, np.degrees(angle), float(np.mod(angle, 2.0 * np.pi)) / w, falling))
+        value = response(1j * omega)
+        real = _real_crossings(response, omega, value)
+        distance = abs(1.0 + value)
+        least = int(np.argmin(distance))
+        peak = abs(value) / np.maximum(distance, 1e-300)
+        most = int(np.argmax(peak))
+        return Margins(
+            unstable,
+            tuple(crossovers),
+            tuple(real),
+            float(distance[least]),
+            float(omega[least]),
+            float(peak[most]),
+            float(omega[most]),
+        )
+
+    def _span(self, modes: Modes | None) -> Array:
+        """Frequencies that show all of a loop, shape (k,) [rad/s]."""
+        poles = [*np.linalg.eigvals(self.a), *(one.root for one in modes.modes if modes)] if modes else []
+        sizes = [abs(one) for one in (poles or np.linalg.eigvals(self.a)) if abs(one) > 1e-9]
+        low, high = (min(sizes), max(sizes)) if sizes else (1.0, 1.0)
+        longest = float(self._delays[-1])
+        high = max(high, 20.0 / longest if longest else high)
+        grid = [np.geomspace(1e-3 * low, 1e2 * high, 1500)]
+        for one in poles:
+            if abs(one.imag) > 0.0:
+                width = max(abs(one.real), 1e-6 * abs(one))
+                grid.append(abs(one.imag) + width * np.linspace(-8.0, 8.0, 81))
+        every = np.concatenate(grid)
+        return np.unique(every[every > 0.0])
+
+
+def _owner(port: str) -> str:
+    """The block that a port belongs to: its instance, or a connection's filter."""
+    return port if FILTER in port else port.partition(".")[0]
+
+
+def _differentiation(order: int) -> Array:
+    """d/dtheta at Chebyshev points from 0 to -1, for a line of unit length; shape (order + 1,) squared."""
+    nodes = 0.5 * (np.cos(np.pi * np.arange(order + 1) / order) - 1.0)
+    weights = np.ones(order + 1)
+    weights[[0, -1]] = 0.5
+    weights[1::2] *= -1.0
+    gaps = nodes[:, None] - nodes[None, :]
+    np.fill_diagonal(gaps, 1.0)
+    made = weights[None, :] / weights[:, None] / gaps
+    np.fill_diagonal(made, 0.0)
+    np.fill_diagonal(made, -made.sum(axis=1))
+    return made
+
+
+def _real_crossings(response: Any, omega: Array, value: Complex) -> list[tuple[float, float]]:
+    """(omega, factor by which the gain may change there) where L is real and negative."""
+    from scipy.optimize import brentq
+
+    found: list[tuple[float, float]] = []
+    sign = np.where(abs(value.imag) > 1e-9 * abs(value), np.sign(value.imag), 0.0)
+    for index in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
+        if value.real[index] < 0.0 and value.real[index + 1] < 0.0:
+            w = brentq(
+                lambda w: float(response(np.array([1j * w]))[0].imag),
+                omega[index],
+                omega[index + 1],
+                rtol=1e-13,
+            )
+            factor = float(-1.0 / response(np.array([1j * w]))[0].real)
+            if factor > 0.0:
+                found.append((float(w), factor))
+    return found

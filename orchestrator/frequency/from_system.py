@@ -1,0 +1,327 @@
+"""A configured system -> the linear system with delays that it is around its start.
+
+Each FMU by its directional derivatives. An input that acts on nothing at once stands behind a delay within
+the FMU: the delay is measured, by two runs of the FMU that differ in a step of the input. Delays of
+connections are exact, low-pass filters become states, sample and hold counts as a delay of half its period,
+and effects that are not linear count as one and are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from ..base.errors import ConfigError, OrchestratorError, Problem, listed
+from ..fmi import FmuInstance, Point, StepStatus
+from ..master.running_instances import instantiate
+from ..simulation.run import Prepared, prepare
+from ..system.connection import Connection
+from ..system.system import Instance
+from .connections import effect_note, effect_path, known_effects
+from .delay_system import FILTER, DelaySystem, Link, Modes
+from .margins import Margins
+from .statespace import StateSpace, linearised, real_ports
+
+__all__ = ["Linearised", "linearise"]
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 5_000
+# Samples after the first answer that the delay and the gains are fitted to.
+_SAMPLES = 24
+# Of the fit, relative to the answer: a delay is one only if nothing else remains.
+_LEFT = 2e-3
+
+
+@dataclass(frozen=True, repr=False)
+class Linearised:
+    """A linear system with delays, and what it was made of.
+
+    Attributes:
+        system: the closed system.
+        point: values of states and connected inputs that it is linear around, by name, in the FMUs' units.
+        notes: what was measured, assumed or left out, one sentence each.
+    """
+
+    system: DelaySystem
+    point: Mapping[str, float]
+    notes: tuple[str, ...]
+
+    def modes(self, count: int = 6) -> Modes:
+        """The rightmost modes; see `DelaySystem.modes`."""
+        return self.system.modes(count)
+
+    def margins(self) -> dict[str, Margins]:
+        """Margins of each connection within a feedback loop, the weakest first; see `DelaySystem.margins`."""
+        modes = self.modes()
+        found = {name: self.system.margins(name, modes) for name in self.system.loops()}
+        return dict(sorted(found.items(), key=lambda item: item[1].modulus_margin))
+
+    def __repr__(self) -> str:
+        modes = self.modes().modes
+        shown = ", ".join(f"{one.frequency:.4g} Hz (damping {one.damping:.3g})" for one in modes[:3])
+        return f"{len(self.system.states)} states, {len(self.system.links)} links; modes at {shown or 'none'}"
+
+
+@dataclass(frozen=True)
+class _Hidden:
+    """A measured path from an input through a delay to the states."""
+
+    delay: float
+    gains: Array
+
+
+def linearise(config: str | Path | Mapping[str, Any] | Prepared, overrides: Iterable[str] = ()) -> Linearised:
+    """The linear system with delays of a configured system, around its start, without communication steps.
+
+    Args:
+        config, overrides: as `orchestrator.simulation.run.prepare`.
+    Raises: ConfigError with all FMUs that offer no directional derivatives or whose input acts on their
+        states in no way that is known here, and all effects without a transfer function.
+    """
+    prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
+    system = prepared.system
+    problems: list[Problem] = []
+    notes: list[str] = []
+    parts: list[StateSpace] = []
+    hidden: dict[str, _Hidden] = {}
+    point: dict[str, float] = {}
+    fed = {str(connection.target) for connection in system.connections}
+    with instantiate(system) as instances:
+        instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
+        for one, running in zip(system.instances, instances.running, strict=True):
+            if not one.fmu.description.capabilities.directional_derivatives or one.fmu.path is None:
+                problems.append(
+                    Problem(
+                        one.name,
+                        "it offers no directional derivatives",
+                        "they give its linear equations",
+                        "Export it with providesDirectionalDerivative, or measure the loop with "
+                        "orchestrator.frequency.sweep_system.",
+                    )
+                )
+                continue
+            inputs = tuple(name for name, _ in real_ports(one.fmu) if f"{one.name}.{name}" in fed)
+            outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
+            part = linearised(one.fmu, running, inputs, outputs)
+            values = running.get_values([*part.states, *inputs])
+            point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
+            for index, name in enumerate(inputs):
+                if part.b[:, index].any() or part.d[:, index].any():
+                    continue
+                found = _measured(one, part, name, values, prepared)
+                if found == "idle":
+                    notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
+                    continue
+                if found is None:
+                    problems.append(
+                        Problem(
+                            one.name,
+                            f"input {name} acts on no state's derivative and no output at once",
+                            "no pure delay was measured between them: a sample, hidden states or an inactive "
+                            "part of the model",
+                            "Measure the loop with orchestrator.frequency.sweep_system.",
+                        )
+                    )
+                    continue
+                hidden[f"{one.name}.{name}"] = found
+                notes.append(
+                    f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)"
+                )
+            parts.append(part.named(one.name))
+    chains, wrong = _chains(system.connections, notes)
+    if problems or wrong:
+        raise ConfigError([*problems, *wrong])
+    return Linearised(_closed(parts, chains, hidden), point, tuple(dict.fromkeys(notes)))
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """One source of a connection, with what happens on the way."""
+
+    connection: str
+    source: str
+    target: str
+    gain: float
+    delay: float
+    lags: tuple[float, ...]
+
+
+def _chains(connections: Iterable[Connection], notes: list[str]) -> tuple[list[_Chain], list[Problem]]:
+    chains, problems = [], []
+    for connection in connections:
+        name = str(connection)
+        wire = connection.wire
+        legs = (
+            [(connection.source, 1.0, ())]
+            if wire is None
+            else [(leg.port, leg.gain, leg.links) for leg in wire.legs]
+        )
+        for port, gain, own in legs:
+            total, delay, lags = gain * connection.gain, 0.0, []
+            for link in (*own, *(wire.links if wire is not None else ())):
+                path = effect_path(link.effect)
+                if path is None or len(path.terms) > 1:
+                    what = f"the effect {link.name} has no transfer function that is known here"
+                    allowed = f"effects with one: {listed(known_effects())}"
+                    problems.append(Problem(name, what, allowed, "Leave it out, or measure the loop."))
+                    continue
+                if note := effect_note(link.effect):
+                    notes.append(f"{name}: {link.name} {note}")
+                for term in path.terms:
+                    total *= float(np.ravel(term.numerator)[0])
+                    delay += float(np.max(term.delay))
+                    lags += [float(np.ravel(factor)[1]) for factor in term.factors]
+                if not path.terms:
+                    total = 0.0
+            chains.append(_Chain(name, str(port), str(connection.target), total, delay, tuple(lags)))
+    return chains, problems
+
+
+def _closed(parts: list[StateSpace], chains: list[_Chain], hidden: Mapping[str, _Hidden]) -> DelaySystem:
+    lags = [(index, place, lag) for index, one in enumerate(chains) for place, lag in enumerate(one.lags)]
+    blocks = [(one.a, one.b, one.c, one.d) for one in parts]
+    states = [name for one in parts for name in one.states]
+    inputs = [name for one in parts for name in one.inputs]
+    outputs = [name for one in parts for name in one.outputs]
+    for index, place, lag in lags:
+        rate = np.array([[1.0 / lag]])
+        blocks.append((-rate, rate, np.eye(1), np.zeros((1, 1))))
+        name = f"{chains[index].target}{FILTER}" + (f"[{place}]" if place else "")
+        states.append(name)
+        inputs.append(f"{name}@{index}")
+        outputs.append(f"{name}@{index}")
+    a, b, c, d = (scipy.linalg.block_diag(*(one[n] for one in blocks)) for n in range(4))
+    if not blocks:
+        a = b = c = d = np.zeros((0, 0))
+    first = 0
+    # A delayed path into an FMU is an input of its own.
+    behind: dict[str, int] = {}
+    for part in parts:
+        for name in part.inputs:
+            if name in hidden:
+                column = np.zeros((len(a), 1))
+                column[first : first + len(part.states), 0] = hidden[name].gains
+                behind[name] = b.shape[1]
+                b = np.hstack([b, column])
+                d = np.hstack([d, np.zeros((len(d), 1))])
+                inputs.append(f"{name} delayed")
+        first += len(part.states)
+    links = []
+    for index, one in enumerate(chains):
+        if one.source not in outputs:
+            continue  # a parameter-like output that nothing drives
+        source, gain = outputs.index(one.source), one.gain
+        for place, _ in enumerate(one.lags):
+            name = f"{one.target}{FILTER}" + (f"[{place}]" if place else "") + f"@{index}"
+            links.append(Link(f"{one.connection}{FILTER}", source, inputs.index(name), 1.0))
+            source = outputs.index(name)
+        if one.target in hidden:
+            links.append(
+                Link(one.connection, source, behind[one.target], gain, one.delay + hidden[one.target].delay)
+            )
+        else:
+            links.append(Link(one.connection, source, inputs.index(one.target), gain, one.delay))
+    return DelaySystem(a, b, c, d, tuple(states), tuple(inputs), tuple(outputs), tuple(links))
+
+
+def _measured(
+    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], prepared: Prepared
+) -> _Hidden | Literal["idle"] | None:
+    """The delay between an input and the states, from two runs that differ in a step of it.
+
+    Returns: "idle" if nothing answers, None if what answers is no pure delay before the states.
+    """
+    step = float(prepared.grid.step_size)
+    variable = one.variable(name)
+    height = 1e-3 * (abs(float(values[name])) or float(variable.nominal or 1.0))
+    try:
+        runs = [_answer(one, part, name, values, change, step, prepared) for change in (0.0, height)]
+    except OrchestratorError:  # it refuses to run on its own
+        return None
+    length = min(len(run) for run in runs)
+    answer = (runs[1][:length] - runs[0][:length]) / height
+    size = np.max(abs(answer), axis=0)
+    scale = np.where(size > 0.0, size, 1.0)
+    moved = np.flatnonzero(np.max(abs(answer) / scale, axis=1) > 1e-9)
+    if not moved.size:
+        return "idle"
+    states = len(part.states)
+    if not size[:states].any():
+        return None
+    answer, scale = answer[:, :states], scale[:states]
+    moved = np.flatnonzero(np.max(abs(answer) / scale, axis=1) > 1e-9)
+    onset = int(moved[0])
+    rows = np.arange(onset, min(onset + _SAMPLES, length))
+    if len(rows) < 4:
+        return None
+    wanted = answer[rows] / scale
+
+    def fitted(delay: float) -> tuple[float, Array]:
+        since = step * rows - delay
+        design = np.concatenate([_integral(part.a, max(t, 0.0)) / scale[:, None] for t in since])
+        gains, *_ = np.linalg.lstsq(design, wanted.ravel(), rcond=None)
+        return float(np.linalg.norm(design @ gains - wanted.ravel())), gains
+
+    low, high = step * max(onset - 1, 0), step * onset
+    best = minimize_scalar(
+        lambda delay: fitted(delay)[0], bounds=(low, high), method="bounded", options={"xatol": 1e-12}
+    )
+    delays = [float(best.x), low, high]
+    misfits = [fitted(delay)[0] for delay in delays]
+    delay = delays[int(np.argmin(misfits))]
+    misfit, gains = fitted(delay)
+    return _Hidden(delay, gains) if misfit <= _LEFT * np.linalg.norm(wanted) else None
+
+
+def _integral(a: Array, time: float) -> Array:
+    """Integral of exp(A t) from 0 to `time`, shape of A."""
+    n = len(a)
+    whole = np.zeros((2 * n, 2 * n))
+    whole[:n, :n], whole[:n, n:] = a, np.eye(n)
+    return scipy.linalg.expm(whole * time)[:n, n:]
+
+
+def _answer(
+    one: Instance,
+    part: StateSpace,
+    name: str,
+    values: Mapping[str, Any],
+    change: float,
+    step: float,
+    prepared: Prepared,
+) -> Array:
+    """States and outputs after each step, shape (steps + 1, n); an input changes at the first step."""
+    begin = float(prepared.grid.start)
+    instance: FmuInstance = one.fmu.instantiate(f"{one.name} linearised")
+    try:
+        u, y = np.zeros(1), np.zeros(0)
+        instance.bind([name], u, [], y)
+        start = {**one.start, **{key: values[key] for key in part.inputs}}
+        instance.enter_initialisation(begin, start, float(prepared.grid.stop))
+        instance.exit_initialisation()
+        watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
+        states = [[float(value) for value in instance.get_values(watched).values()]]
+        u[0] = float(values[name]) + change
+        moved = 0
+        for index in range(_MOST_STEPS):
+            instance.write_inputs()
+            status = instance.do_step(Point(index, begin + index * step, step))
+            if status > StepStatus.WARNING:
+                break
+            states.append([float(value) for value in instance.get_values(watched).values()])
+            # A system at rest answers to nothing but the change.
+            far = np.max(abs(np.subtract(states[-1], states[0]))) > 1e-12
+            moved += bool(far)
+            if moved > 4 * _SAMPLES:
+                break
+    finally:
+        instance.free()
+    return np.array(states)

@@ -1,0 +1,188 @@
+"""The stability of any configured system: modes, and margins of each connection within a feedback loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import ConfigError, Problem, listed, nearest
+from ..simulation.run import Prepared
+from .delay_system import Modes
+from .from_system import Linearised, linearise
+from .margins import Margins
+
+__all__ = ["system_figures", "system_stability", "system_text"]
+
+# A root this near to the imaginary axis, relative to its size or to the largest, counts as on it.
+_BORDER = 1e-9
+_MOST_SHOWN = 3
+
+
+def system_stability(
+    prepared: Prepared, opened: Sequence[str] = (), linear: Linearised | None = None
+) -> dict[str, Any]:
+    """Modes and margins of a system around its start, without communication steps.
+
+    Args:
+        prepared: the checked system.
+        opened: connections to open, by their target, as "drive.voltage"; all within loops if none is named.
+        linear: what `linearise` gave; made here if it is not.
+    Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `point`, `notes`.
+    Raises: ConfigError with all problems; OrchestratorError if the roots cannot be certified.
+    """
+    linear = linear or linearise(prepared)
+    if not linear.system.states:
+        what = "no FMU in it has continuous states: there is nothing to be stable or not"
+        raise ConfigError([Problem(prepared.config.name, what)])
+    modes = linear.system.modes()
+    told = {}
+    for name in linear.system.loops() if not opened else _named(linear, opened):
+        told[name] = linear.system.margins(name, modes)
+    order = sorted(told, key=lambda name: told[name].modulus_margin)
+    return {
+        "title": prepared.config.model.title or prepared.config.name,
+        "verdict": _verdict(modes),
+        "modes": [
+            {
+                "root": [one.root.real, one.root.imag],
+                "frequency": one.frequency,
+                "damping": one.damping,
+                "residual": one.residual,
+                "participation": dict(one.participation[:_MOST_SHOWN]),
+            }
+            for one in modes.modes
+        ],
+        "line": modes.line,
+        "margins": {name: _margins(told[name]) for name in order},
+        "point": dict(linear.point),
+        "notes": [*linear.notes, "the communication step of the co-simulation is not part of this model"],
+    }
+
+
+def _verdict(modes: Modes) -> str:
+    border = [one for one in modes.modes if abs(one.root.real) <= _BORDER * max(abs(one.root), 1e-6)]
+    unstable = [one for one in modes.modes if one not in border and one.root.real > 0.0]
+    if unstable:
+        count = sum(2 if one.root.imag > 0.0 else 1 for one in unstable)
+        return f"unstable: {count} root{'s' if count > 1 else ''} with positive real part"
+    if border:
+        names = listed(dict.fromkeys(one.participation[0][0] for one in border if one.participation))
+        return (
+            f"on the border: {len(border)} root{'s' if len(border) > 1 else ''} without damping, of {names}"
+        )
+    return "stable"
+
+
+def _named(linear: Linearised, opened: Sequence[str]) -> list[str]:
+    known = {name.rpartition("-> ")[2]: name for name in (one.connection for one in linear.system.links)}
+    problems = [
+        Problem("--open", f"nothing is connected to {one}", f"targets: {listed(known)}", nearest(one, known))
+        for one in opened
+        if one not in known
+    ]
+    if problems:
+        raise ConfigError(problems)
+    return [known[one] for one in opened]
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _margins(one: Margins) -> dict[str, Any]:
+    low, high = one.gain_margin
+    return {
+        "gain_margin": [_number(low), _number(high)],
+        "phase_margin": _number(one.phase_margin),
+        "delay_margin": _number(one.delay_margin),
+        "modulus_margin": one.modulus_margin,
+        "sensitivity_peak": one.sensitivity_peak,
+        "crossovers": [vars(each) for each in one.crossovers],
+    }
+
+
+def system_text(report: dict[str, Any]) -> str:
+    """The report as text for terminals."""
+    lines = [report["title"], report["verdict"], "modes, from the right:"]
+    for one in report["modes"]:
+        real, imaginary = one["root"]
+        root = f"{real:.6g}" + (f" +-{imaginary:.6g}j" if imaginary else "")
+        share = ", ".join(f"{name} {100 * part:.0f} %" for name, part in one["participation"].items())
+        size = f"{one['frequency']:.4g} Hz, damping {one['damping']:.4g}" if imaginary else "real"
+        lines.append(f"  {root} 1/s: {size}; {share}")
+    if report["margins"]:
+        lines.append("margins of connections in feedback loops, the weakest first:")
+    for name, one in report["margins"].items():
+        lines.append(f"  {name}: {_in_words(one)}")
+    lines += [f"note: {one}" for one in report["notes"]]
+    return "\n".join(lines)
+
+
+def _in_words(one: dict[str, Any]) -> str:
+    low, high = one["gain_margin"]
+    parts = []
+    if one["phase_margin"] is not None:
+        parts.append(f"phase {one['phase_margin']:.4g} deg")
+    if one["delay_margin"] is not None:
+        parts.append(f"delay {1e3 * one['delay_margin']:.6g} ms")
+    bounds = ([f"down to {low:.4g}"] if low else []) + ([f"up to {high:.4g}"] if high else [])
+    if bounds:
+        parts.append(f"gain times {' or '.join(bounds)}")
+    parts.append(f"modulus {one['modulus_margin']:.4g}")
+    return ", ".join(parts)
+
+
+def system_figures(report: dict[str, Any], linear: Linearised) -> dict[str, Any]:
+    """Bode and Nyquist figures of the weakest connection, and a map of the roots, by name."""
+    from matplotlib.figure import Figure
+
+    roots = Figure(figsize=(5.5, 4.5), layout="constrained")
+    axes = roots.subplots()
+    for one in report["modes"]:
+        real, imaginary = one["root"]
+        axes.plot([real, real], [imaginary, -imaginary], "x", color="#D55E00" if real > 0 else "#0072B2")
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    axes.set_xlabel("real part [1/s]")
+    axes.set_ylabel("imaginary part [rad/s]")
+    axes.grid(alpha=0.3)
+    made = {"roots": roots}
+    if report["margins"]:
+        name = next(iter(report["margins"]))
+        omega = np.geomspace(*_shown(report), 1500)
+        made |= _responses(name, omega, linear.system.open_loop(name, omega))
+    return made
+
+
+def _shown(report: dict[str, Any]) -> tuple[float, float]:
+    """Lowest and highest frequency that figures show [rad/s]."""
+    sizes = [abs(complex(*one["root"])) for one in report["modes"]]
+    sizes = [one for one in sizes if one > 1e-9] or [1.0]
+    crossings = [each["omega"] for one in report["margins"].values() for each in one["crossovers"]]
+    return 0.05 * min([*sizes, *crossings]), 20.0 * max([*sizes, *crossings])
+
+
+def _responses(name: str, omega: Any, value: Any) -> dict[str, Any]:
+    from matplotlib.figure import Figure
+
+    bode = Figure(figsize=(7.5, 5.0), layout="constrained")
+    upper, lower = bode.subplots(2, 1, sharex=True)
+    upper.semilogx(omega / (2 * np.pi), 20 * np.log10(np.maximum(abs(value), 1e-300)))
+    upper.axhline(0.0, color="black", linewidth=0.8)
+    upper.set_ylabel("gain [dB]")
+    upper.set_title(f"open at {name}")
+    lower.semilogx(omega / (2 * np.pi), np.degrees(np.unwrap(np.angle(value))))
+    lower.set_ylabel("phase [deg]")
+    lower.set_xlabel("frequency [Hz]")
+    nyquist = Figure(figsize=(5.0, 5.0), layout="constrained")
+    axes = nyquist.subplots()
+    near = abs(value) < 10.0
+    axes.plot(value.real[near], value.imag[near])
+    axes.plot([-1.0], [0.0], "+", color="#D55E00", markersize=12)
+    axes.set_xlabel("Re L")
+    axes.set_ylabel("Im L")
+    axes.set_aspect("equal", adjustable="datalim")
+    for one in (upper, lower, axes):
+        one.grid(alpha=0.3)
+    return {"bode": bode, "nyquist": nyquist}

@@ -1,0 +1,113 @@
+"""Stability of configured systems of any kind: what is linearised, measured, refused, and what comes out."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import orchestrator as orc
+from orchestrator.cli.main import main
+from orchestrator.frequency.quasi import characteristic
+from orchestrator.frequency.roots import rightmost_roots
+from orchestrator.frequency.transfer import Transfer
+
+
+def late(delay, *more):
+    """The positioning system with a delay before its drive."""
+    data = orc.load("emps").data
+    data["connections"][3] = {
+        "from": "controller.voltage",
+        "to": "drive.voltage",
+        "through": [{"delay": f"{delay!r} s"}, *more],
+    }
+    return data
+
+
+def feedback(gain):
+    """A delayed robot that is commanded by its own position."""
+    system = orc.System(step_size="0.1 ms", stop_time="1 s")
+    system.add("robot", "RobotResponse", omega_n="75 Hz", xi_n=0.8, tau_m="3.33 ms")
+    return system.connect("robot.position", "robot.command", {"gain": gain})
+
+
+def test_modes_of_the_positioning_system_are_those_of_its_equations():
+    """m x'' = k_f k_v (k_p (r - x) - x') - c x'."""
+    mass, viscous, force, position, velocity = 95.1, 203.5, 35.150651882485466, 160.18, 243.45
+    modes = orc.linearise("emps").modes()
+    expected = np.roots([mass, viscous + force * velocity, force * velocity * position])
+    assert modes.modes[0].root == 0.0  # the clock of the path
+    assert modes.modes[1].root == pytest.approx(expected[np.argmax(expected.imag)], rel=1e-9)
+
+
+def test_the_delay_margin_is_where_the_delayed_system_becomes_unstable():
+    weakest = orc.linearise("emps").margins()["controller.voltage -> drive.voltage"]
+    assert orc.linearise(late(0.999 * weakest.delay_margin)).modes().unstable == 0
+    assert orc.linearise(late(1.001 * weakest.delay_margin)).modes().unstable == 2
+
+
+@pytest.mark.parametrize("delay", [0.004, 0.0062])
+def test_co_simulation_decays_and_oscillates_as_the_dominant_root(delay):
+    """From a start beside the path's, with half the step as well."""
+    root = orc.linearise(late(delay)).modes().modes
+    root = next(one.root for one in root if one.root.imag > 0.0)
+    rates = []
+    for step in ("0.1 ms", "0.05 ms"):
+        changes = {
+            "run.step_size": step,
+            "run.stop_time": "0.6 s",
+            "path.stroke": "1e-12 m",
+            "drive.position": "1 mm",
+        }
+        result = orc.run(late(delay), set=changes, halving=False)
+        time, signal = result.time, result["drive.position"].values
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(signal))) != 0) + 1
+        turns = turns[(time[turns] > 0.15) & (time[turns] < 0.5)]
+        rate = np.polyfit(time[turns], np.log(abs(signal[turns])), 1)[0]
+        frequency = np.pi / np.mean(np.diff(time[turns]))
+        rates.append((rate, frequency))
+    error = [abs(one[0] - root.real) for one in rates]
+    assert error[1] < 0.62 * error[0] or error[1] < 2e-3 * abs(root)
+    assert rates[1][0] == pytest.approx(root.real, abs=0.01 * abs(root))
+    assert rates[1][1] == pytest.approx(root.imag, rel=0.01)
+
+
+def test_a_delay_within_an_fmu_is_measured():
+    made = orc.linearise(feedback(-0.5))
+    (note,) = made.notes
+    measured = float(re.search(r"after a delay of (\S+) s within the FMU", note)[1])
+    assert measured == pytest.approx(3.33e-3, rel=1e-7)
+    omega, xi, tau = 2.0 * np.pi * 75.0, 0.8, 3.33e-3
+    loop = Transfer.rational([0.5 * omega**2], [1.0, 2.0 * xi * omega, omega**2], tau)
+    expected = [one for one in rightmost_roots(characteristic(loop)).values if one.imag >= 0.0]
+    for mode, root in zip(made.modes().modes[:2], expected[:2], strict=True):
+        assert mode.root == pytest.approx(root, rel=1e-6)
+
+
+def test_filters_become_states():
+    made = orc.linearise(late(0.002, {"low-pass": "300 Hz"}))
+    assert "drive.voltage filter" in made.system.states
+    names = [name for name in made.margins() if name.endswith("drive.voltage")]
+    assert len(names) == 1
+
+
+def test_the_command_reports_and_draws(tmp_path, capsys):
+    assert main(["stability", "emps", "--out", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["files"] == ["stability.json", "roots.png", "bode.png", "nyquist.png"]
+    assert all((tmp_path / name).stat().st_size > 1000 for name in told["files"])
+    margins = told["margins"]["controller.voltage -> drive.voltage"]
+    assert margins["delay_margin"] == pytest.approx(5.267e-3, rel=1e-3)
+    assert main(["stability", "emps", "--open", "drive.voltage"]) == 0
+    text = capsys.readouterr().out
+    assert "19.11 Hz, damping 0.3837" in text
+    assert text.count("->") == 1
+
+
+def test_what_cannot_be_opened_or_linearised_is_named(capsys):
+    assert main(["stability", "emps", "--open", "drive.volt"]) == 2
+    assert "nothing is connected to drive.volt" in capsys.readouterr().err
+    assert main(["stability", "docking-1d-uncompensated", "--open", "satellite.force"]) == 2
+    assert "satellite: it offers no directional derivatives" in capsys.readouterr().err

@@ -1,0 +1,153 @@
+"""Linear systems with delays of any shape, against closed forms and simulations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import lambertw
+
+from orchestrator.base.errors import ConfigError, OrchestratorError
+from orchestrator.frequency.delay_system import DelaySystem, Link
+from orchestrator.frequency.quasi import characteristic
+from orchestrator.frequency.roots import rightmost_roots
+from orchestrator.frequency.transfer import Transfer
+
+
+def chain(a, b, c, d=0.0, *links):
+    """A system of one input and one output."""
+    a, b, c = np.atleast_2d(a), np.reshape(b, (-1, 1)), np.reshape(c, (1, -1))
+    names = tuple(f"x{index}" for index in range(len(a)))
+    return DelaySystem(a, b, c, np.array([[float(d)]]), names, ("p.u",), ("p.y",), links)
+
+
+def loop(gain, delay):
+    return Link("p.y -> p.u", 0, 0, gain, delay)
+
+
+@pytest.mark.parametrize("gain", [0.2, 1.0, 1.5, 2.0, 5.0])
+def test_roots_of_a_delayed_integrator_are_lamberts(gain):
+    """x' = -k x(t - tau): s tau = W(-k tau), on every branch."""
+    tau = 0.7
+    modes = chain(0.0, 1.0, 1.0, 0.0, loop(-gain, tau)).modes(6)
+    branches = [lambertw(-gain * tau, k) / tau for k in range(-6, 6)]
+    expected = sorted((s for s in branches if s.imag >= -1e-12), key=lambda s: -s.real)
+    for mode, root in zip(modes.modes, expected, strict=False):
+        assert mode.root == pytest.approx(root, rel=1e-10, abs=1e-10)
+    assert modes.stable == (gain * tau < np.pi / 2)
+
+
+@pytest.mark.parametrize(("a", "b"), [(-1.0, -2.0), (0.5, -1.5), (-0.3, -0.9)])
+def test_the_border_of_hayes_equation(a, b):
+    """x' = a x + b x(t - tau) leaves stability at tau = arccos(-a/b)/sqrt(b^2 - a^2)."""
+    border = np.arccos(-a / b) / np.sqrt(b * b - a * a)
+    for factor, stable in ((0.999, True), (1.001, False)):
+        assert chain(a, 1.0, 1.0, 0.0, loop(b, factor * border)).modes().stable is stable
+    start = chain(a, 1.0, 1.0, 0.0, loop(b, 0.0))
+    assert start.margins("p.y -> p.u").delay_margin == pytest.approx(border, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_loops_have_the_roots_of_their_scalar_equation(seed):
+    draw = np.random.default_rng(seed)
+    order = int(draw.integers(1, 6))
+    a = draw.normal(size=(order, order)) - 1.5 * np.eye(order)
+    b, c = draw.normal(size=(order, 1)), draw.normal(size=(1, order))
+    delay, gain = float(draw.uniform(0.1, 2.0)), float(draw.normal())
+    modes = chain(a, b, c, 0.0, loop(gain, delay)).modes(6)
+    numerator = np.poly(a - b @ c) - np.poly(a)
+    transfer = Transfer.rational(-gain * numerator, np.poly(a), delay)
+    roots = rightmost_roots(characteristic(transfer)).values
+    expected = [one for one in roots if one.imag >= 0.0]
+    for mode, root in zip(modes.modes[:3], expected[:3], strict=False):
+        assert mode.root == pytest.approx(root, rel=1e-7)
+    assert all(mode.residual < 1e-9 for mode in modes.modes)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_signs_of_stability_are_those_of_simulations(seed):
+    """Random systems of two to six states with two delays, simulated by the method of steps."""
+    draw = np.random.default_rng(1000 + seed)
+    n = int(draw.integers(2, 7))
+    a = draw.normal(size=(n, n)) - draw.uniform(0.5, 3.0) * np.eye(n)
+    b, c = draw.normal(size=(n, 2)), draw.normal(size=(2, n))
+    delays = np.array([int(draw.integers(20, 100)), int(draw.integers(20, 100))]) / 100.0
+    links = (Link("one", 0, 0, 1.0, delays[0]), Link("two", 1, 1, -1.0, delays[1]))
+    names = tuple(f"x{index}" for index in range(n))
+    system = DelaySystem(a, b, c, np.zeros((2, 2)), names, ("p.u", "q.u"), ("p.y", "q.y"), links)
+    rightmost = system.modes().modes[0].root
+    if abs(rightmost.real) < 0.02:
+        pytest.skip("too near to the border to be seen in so short a simulation")
+    growth = simulated_growth(a, b, c, np.array([1.0, -1.0]), delays)
+    assert growth == pytest.approx(rightmost.real, rel=0.05, abs=0.01)
+
+
+def simulated_growth(a, b, c, gains, delays, step=0.0025, length=60.0):
+    """Mean rate of log |x| over the second half of a simulation; the implicit trapezoidal rule."""
+    n, late = len(a), np.rint(delays / step).astype(int)
+    steps = int(length / step)
+    states, outputs = np.zeros((steps + 1, n)), np.zeros((steps + 1, 2))
+    states[0] = np.random.default_rng(0).normal(size=n)
+    outputs[0] = c @ states[0]
+    right, inverse = np.eye(n) + 0.5 * step * a, np.linalg.inv(np.eye(n) - 0.5 * step * a)
+
+    def fed(index):
+        return np.array([gains[k] * outputs[index - late[k], k] if index >= late[k] else 0.0 for k in (0, 1)])
+
+    for index in range(steps):
+        drive = 0.5 * step * b @ (fed(index) + fed(index + 1))
+        states[index + 1] = inverse @ (right @ states[index] + drive)
+        outputs[index + 1] = c @ states[index + 1]
+        if not 1e-100 < np.linalg.norm(states[index + 1]) < 1e100:
+            states = states[: index + 1]
+            break
+    logs = np.log(np.linalg.norm(states, axis=1))
+    # Peaks only: an oscillation's zeros say nothing of its decay.
+    blocks = np.array_split(np.arange(len(logs) // 2, len(logs)), 12)
+    peaks = [(step * block[np.argmax(logs[block])], np.max(logs[block])) for block in blocks]
+    return float(np.polyfit(*np.transpose(peaks), 1)[0])
+
+
+def test_margins_of_a_double_integrator_with_lead():
+    """L = (1 + s)/s^2: crossover at sqrt((1 + sqrt 5)/2)."""
+    a, b, c = np.array([[0.0, 1.0], [0.0, 0.0]]), [0.0, 1.0], [1.0, 1.0]
+    system = chain(a, b, c, 0.0, loop(-1.0, 0.0))
+    found = system.margins("p.y -> p.u", system.modes())
+    omega = np.sqrt((1.0 + np.sqrt(5.0)) / 2.0)
+    assert found.crossovers[0].omega == pytest.approx(omega, rel=1e-10)
+    assert found.phase_margin == pytest.approx(np.degrees(np.arctan(omega)), rel=1e-9)
+    assert found.delay_margin == pytest.approx(np.arctan(omega) / omega, rel=1e-9)
+    late = system.later("p.y -> p.u", 1.0001 * found.delay_margin)
+    early = system.later("p.y -> p.u", 0.9999 * found.delay_margin)
+    assert late.modes().unstable == 2 and early.modes().stable
+
+
+def test_a_gain_margin_is_where_the_gain_makes_it_unstable():
+    a = np.array([[-1.0, 1.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, -1.0]])
+    system = chain(a, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], 0.0, loop(-2.0, 0.0))
+    found = system.margins("p.y -> p.u", system.modes())
+    assert found.gain_margin[1] == pytest.approx(4.0, rel=1e-6)  # 8 of (s + 1)^3 over 2
+    assert system.scaled("p.y -> p.u", 4.001).modes().unstable == 2
+    assert system.scaled("p.y -> p.u", 3.999).modes().stable
+
+
+def test_counting_agrees_with_the_list():
+    system = chain(0.0, 1.0, 1.0, 0.0, loop(-9.0, 1.0))
+    modes = system.modes(8)
+    assert system.count_right_of(0.0) == modes.unstable == 4
+    with pytest.raises(OrchestratorError, match="lies on the line"):
+        chain(0.0, 1.0, 1.0, 0.0, loop(-np.pi / 2, 1.0)).count_right_of(0.0)
+
+
+def test_loops_without_a_state_are_refused():
+    with pytest.raises(ConfigError, match="holds a delay and direct feedthrough"):
+        chain(-1.0, 1.0, 1.0, 2.0, loop(1.0, 0.1)).modes()
+    with pytest.raises(ConfigError, match="algebraic loop has no solution"):
+        chain(-1.0, 1.0, 1.0, 1.0, loop(1.0, 0.0)).modes()
+
+
+def test_participation_names_the_states_of_a_mode():
+    a = np.diag([-1.0, -50.0])
+    system = chain(a, [1.0, 0.0], [1.0, 0.0], 0.0, loop(-0.5, 0.0))
+    slow, fast = system.modes(2).modes
+    assert slow.participation[0] == ("x0", pytest.approx(1.0))
+    assert fast.participation[0] == ("x1", pytest.approx(1.0))
