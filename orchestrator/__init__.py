@@ -76,7 +76,7 @@ def run(
     halving: bool = True,
     progress: bool = False,
 ) -> RunResult:
-    """Run a system, and once more with half the step size, which tells how far the numbers can be trusted.
+    """Run a system, and once more with half the step size, which says how far the numbers can be trusted.
 
     Args:
         system: name of a bundled system, path of a .yaml, .fmu, .ssp or .ssd file, plain values, a `System`.

@@ -10,7 +10,7 @@ from orchestrator.system.assembly import assemble
 
 
 def refusal(parts, connections=(), **options) -> str:
-    """What is told of them, as of a config docking.yaml."""
+    """What is reported about them, as of a config docking.yaml."""
     with pytest.raises(ConfigError) as caught:
         assemble(parts, connections, places=Places("docking.yaml"), **options)
     return str(caught.value)

@@ -45,7 +45,7 @@ def link():
 
 
 def moved_spring(stiffness=1.0):
-    """A spring that is told a velocity, which it integrates; its energy is its own affair."""
+    """A spring that is reported a velocity, which it integrates; its energy is its own affair."""
 
     def step(values, time, h):
         values["stretch"] += h * values["velocity"]

@@ -91,7 +91,7 @@ def test_a_crash_or_a_hang_costs_one_test(fatal, options, tmp_path):
             cwd=tmp_path, capture_output=True, text=True, timeout=300,
         )  # fmt: skip
         # xdist 3.8 sometimes asks the worker that is gone for tests, and stops with an internal error: such a
-        # run ends and fails, too, but tells less.
+        # run ends and fails, too, but says less.
         if done.returncode != 3:
             break
         assert "INTERNALERROR" in done.stdout + done.stderr

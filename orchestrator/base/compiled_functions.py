@@ -109,7 +109,7 @@ def _changed(state: os.stat_result) -> bool:
     """Whether a file has changed since the package was loaded.
 
     Copies may keep the time of their content: that of the file itself counts as well. What is to come is the
-    time of another clock, and tells nothing.
+    time of another clock, and says nothing.
     """
     return any(LOADED < at <= time.time_ns() for at in (state.st_mtime_ns, state.st_ctime_ns))
 
@@ -118,7 +118,7 @@ def _made(make: Callable[[bool], _Made]) -> _Made:
     """What numba makes with our locators, or without keeping it where that cannot be.
 
     Args:
-        make: is told whether to keep it.
+        make: is reported whether to keep it.
 
     """
     from numba.core import config
@@ -214,7 +214,7 @@ def __getattr__(name: str) -> type[_CacheLocator]:
 def _reached(function: Any) -> tuple[set[str], list[bytes]]:
     """What a function outside the package is made of: the files of all that it names, and the constants.
 
-    Left out are the standard library, this package and the libraries below it: `digest` tells of them.
+    Left out are the standard library, this package and the libraries below it: `digest` says about them.
     """
 
     def left_out(module: str) -> bool:

@@ -1,6 +1,6 @@
 """Solve x = F(x), where every value of F costs a step of FMUs and no derivative of F may be at hand.
 
-Residuals are told relative to max(|F(x)|, nominal), per component.
+Residuals are reported relative to max(|F(x)|, nominal), per component.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Function = Callable[[Array], Array]
 
 # Of a one-sided difference: balances truncation and rounding for functions of order one.
 _DIFFERENCE = float(np.sqrt(np.finfo(np.float64).eps))
-# Differences carry an error of about 1.5e-8: what is nearer to singular than this cannot be told from it.
+# Differences carry an error of about 1.5e-8: what is nearer to singular than this cannot be reported from it.
 _SINGULAR = 1e-7
 
 
@@ -259,7 +259,7 @@ class Newton:
 
 
 def _is_singular(slope: Array) -> bool:
-    """Whether I - slope cannot be told from a singular matrix."""
+    """Whether I - slope cannot be distinguished from a singular matrix."""
     # Singular values would depend on the components' units, newtons beside metres; eigenvalues do not.
     gains = np.linalg.eigvals(slope)
     return bool(np.abs(gains - 1.0).min() < _SINGULAR * max(1.0, float(np.abs(gains).max())))

@@ -106,7 +106,7 @@ def _milliseconds(times: Mapping[str, Any]) -> str:
 
 def _heading(summary: Mapping[str, Any]) -> str:
     run = summary["run"]
-    # The ratio is of the time that stands beside it; loading and initialising are told apart.
+    # The ratio is of the time that stands beside it; loading and initialising are distinguished.
     text = (
         f"{run['steps']} steps of {run['step_size']:g} s, {run['master']}, "
         f"in {_seconds(run['stepping_time'])}: {run['real_time_factor']:.3g} times real time; "

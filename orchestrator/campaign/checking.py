@@ -1,4 +1,4 @@
-"""A study as it is written -> its system, axes and points; all that is wrong with it is told at once."""
+"""A study as it is written -> its system, axes and points; all that is wrong with it is reported at once."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def check_study(
     Args:
         places: where the values were written, for messages.
         folder: from which relative paths in it start.
-        problems: found earlier, to be told together with those found here.
+        problems: found earlier, to be reported together with those found here.
     Raises: ConfigError with all problems.
 
     """
@@ -216,7 +216,7 @@ class _Check:
             except (ValueError, ZeroDivisionError):
                 rows = -1
             if rows < 0:
-                continue  # there is no such run, which is told as that
+                continue  # there is no such run, which is reported as that
             first, last = float(start), float(start + rows * step * every)
             for name, instant in wanted:
                 if first <= instant <= last or (name, instant) in told:

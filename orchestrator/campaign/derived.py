@@ -106,7 +106,7 @@ class Derived:
         return value if math.isfinite(value) else None
 
     def _walk(self, node: ast.AST, within: bool, depth: int) -> None:
-        """Check an expression; `within` tells whether names are signals."""
+        """Check an expression; `within` says whether names are signals."""
         if depth > _DEEPEST:
             raise _Wrong("too deep")
         if isinstance(node, ast.BinOp | ast.UnaryOp):

@@ -250,7 +250,7 @@ def begin(order: Order, folder: Path) -> Context:
 
 
 def execute(context: Context, task: Task) -> Row:
-    """Make a run. Failures of the run are told in the row."""
+    """Make a run. Failures of the run are reported in the row."""
     attempts = 0
     while True:
         row, attempts = context.run(task), attempts + 1

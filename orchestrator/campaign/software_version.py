@@ -59,7 +59,7 @@ def effect_sources(system: System) -> list[str]:
     """Digests of the code of a system's effects that `product` does not hold, in their order.
 
     Of a package all sources count, not those of one module alone: which others that one takes its law from
-    cannot be told without running it.
+    cannot be determined without running it.
     """
     wires = (one.wire for one in system.connections if one.wire is not None)
     kinds = {type(link.effect) for wire in wires for link in wire.every_link}

@@ -92,7 +92,7 @@ class StoreWriter:
     """Writes runs to a store; one at a time per store."""
 
     def __init__(self, folder: Path) -> None:
-        """Make the store, or open it and mend what a kill has left.
+        """Make the store, or open it and correct what a kill has left.
 
         Raises: ConfigError if the folder is none, or somebody writes to it; OrchestratorError if the disk
             does not take it.
@@ -154,7 +154,7 @@ class StoreWriter:
         """Turn what came in into a part, and let others write.
 
         Args:
-            failed: whether an error is on its way that is to be told first.
+            failed: whether an error is on its way that is to be reported first.
         Raises: OrchestratorError if what came in cannot be brought to the disk.
 
         """

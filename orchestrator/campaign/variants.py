@@ -72,7 +72,7 @@ class Variants:
         if known is None:
             try:
                 known = effect_sources(prepare(self._config, [f"{path}={level.text}"]).system)
-            except ConfigError:  # its run fails and tells why
+            except ConfigError:  # its run fails and says why
                 known = []
             self._sources[path, level] = known
         return known

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Diagnose each case.
 
-    A case that fails is told, and the others are done all the same.
+    A case that fails is reported, and the others are done all the same.
 
     Returns: 0; 1 if some case failed; 2 if none of several could be read.
     Raises: ConfigError if the command is wrong, or the only case could not be read.

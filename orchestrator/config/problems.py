@@ -15,7 +15,7 @@ from .unresolved import Gaps
 
 __all__ = ["is_of_another_form", "names_of", "path_within", "unknown_key", "validation_problems"]
 
-# Of pydantic's locations: key checks, and members of unions that are told apart by a tag.
+# Of pydantic's locations: key checks, and members of unions that are distinguished by a tag.
 _MARKS = ("[key]", "[list]", "[range]")
 # Of the other unions there are: that of `bonds`, and those in bonds and in external ones.
 _MEMBER = re.compile(r"(str|constrained-str|ReceivedModel|(literal|list|function-after)\[.*\])")
@@ -34,7 +34,7 @@ def validation_problems(
         error: what pydantic raised for `model`.
         places: where the values were written.
         prefix: path of the validated value in the config.
-        gaps: where it is not known; nothing is told to be missing there.
+        gaps: where it is not known; nothing is reported to be missing there.
 
     """
     problems: dict[Path, Problem] = {}

@@ -1,4 +1,4 @@
-"""What is not known of a config, because of problems that are told already."""
+"""What is not known of a config, because of problems that are reported already."""
 
 from __future__ import annotations
 

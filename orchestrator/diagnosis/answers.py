@@ -18,7 +18,7 @@ __all__ = ["REPLAYS", "Answer", "Group", "complete", "simplest", "strongest", "t
 
 REPLAYS = dict(zip(SOFTWARE, (DynamicsReplay, ControllerReplay), strict=True))
 # Effects whose log evidence differs by less [nats], and whose fitted replays data like these would hardly
-# separate, cannot be told apart.
+# separate, cannot be distinguished.
 _TIED, _APART = 5.0, 8.0
 # Software is exact: residuals beyond this mean square, in last digits, are a gap.
 _EXACT = 3.0
@@ -32,8 +32,8 @@ class Answer:
 
     Attributes:
         effects: ids, or ("outside",), or none.
-        gain: log evidence over none [nats]; of none, that of wider tolerances. random: what of it tells of
-            effects that draw; their form is not that of an equation, which others could mend.
+        gain: log evidence over none [nats]; of none, that of wider tolerances. random: what of it says about
+            effects that draw; their form is not that of an equation, which others could correct.
         left: unexplained by it [nats]; parts: what that is made of, of the runs that were searched in, then
             of all, see `unseen.Leaves`, if any.
         odd: log likelihood that what it holds to be random is not [nats].

@@ -41,8 +41,8 @@ def any_law(
 
     Args:
         weights: of samples, by run and channel, as the fitter's.
-        colour: small coloured noise of the force: slow shapes tell less beside it. It may be a law instead
-            that made the noise appear coloured; then they must tell more than colour does.
+        colour: small coloured noise of the force: slow shapes say less beside it. It may be a law instead
+            that made the noise appear coloured; then they must say more than colour does.
         chosen: derivatives of the stacked residuals by what was fitted, where they are known.
         noise: of the force, over what is specified.
 
@@ -66,7 +66,7 @@ def any_law(
         columns, families = _columns([shapes(*one, model.study.tick) for one in played], weight)
         return _Along(*fitter.marginal.products(fit.residuals, columns, rows, chosen, z), families)
 
-    # What the encoder strays slowly on every rig makes shapes tell less.
+    # What the encoder deviates slowly on every rig makes shapes say less.
     slow = inflation(fitter.marginal.left(fit.residuals)[0::2])
     moved, pushed = along(0, motion_shapes).evidence(slow), along(1, force_shapes)
     told = []

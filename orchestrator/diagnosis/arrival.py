@@ -21,7 +21,7 @@ PACKETS, JITTER = "link.packet-loss", "link.jitter"
 # A hundred particles take one kind of random arrival for the other now and then.
 _PARTICLES = 300
 # Kinds of random arrival are weighed at these times the deviation found: particles starve where a kind is
-# weaker than what the encoder strays.
+# weaker than what the encoder deviates.
 _STRENGTHS = (1.0, 1.4)
 # Of the arrival of commands, all about as likely beforehand [s].
 _DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
@@ -190,7 +190,7 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
 def arrival_innovations(model: RigModel, fit: Fit, left: Sequence[Array], deviation: float) -> list[Array]:
     """What remains unforeseen of the encoder where commands arrive with a deviation, normalised, by run.
 
-    Arguments as those of `random_arrival`. It is white where that is what the encoder strays by.
+    Arguments as those of `random_arrival`. It is white where that is what the encoder deviates by.
     """
     servos = _servos(model, fit)
     weighed = [_arriving(model, servos, left, deviation, slow) for slow in STRAYS]
@@ -238,7 +238,7 @@ def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
     Args:
         lag: by which the robot follows a ramp of commands, as fitted [s]; delay, servo and the mean of what
             is random make it up. The servo is taken as calibrated, since a fit that knows of no randomness
-            strays in it.
+            deviates in it.
         deviation: of the arrival of commands, as `random_arrival` finds it [s]: of so strong a kind of each,
             it is weighed which the samples are like.
     Returns: both, each at the likelier of two strengths, with its log likelihood, which is -chi2/2 where

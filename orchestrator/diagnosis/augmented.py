@@ -2,7 +2,7 @@
 
 It extends the bundled system docking-lab: calibrated numbers and effects that change parameters become start
 values; effects that act on a signal stand on its connection; robot, contact and sensor are the FMUs LabRobot,
-LabContact and LabSensor where they need more than those of the nominal rig. Each effect's file tells how it
+LabContact and LabSensor where they need more than those of the nominal rig. Each effect's file says how it
 stands here.
 """
 

@@ -36,7 +36,7 @@ __all__ = [
 
 # Standard deviation of where a contact begins, from one to the next, on every rig [m].
 _SCATTER = 1e-6
-# First ticks of a run that tell nothing: how the robot is moving when a log begins is not known as well as
+# First ticks of a run that say nothing: how the robot is moving when a log begins is not known as well as
 # the encoder sees it. A servo as that of the docking rig has forgotten it to a thousandth by then.
 SETTLED = 20
 # A wave of the encoder's scale that is no larger than this, in standard deviations of its noise, is roughness
@@ -95,7 +95,7 @@ def force_weights(runs: Sequence[Run], louder: float, lost: bool) -> list[Array]
     """Weights of samples, by run and channel, where the force's noise is larger than specified.
 
     Args:
-        louder: by which its deviation is; lost: whether samples that repeat the one before tell nothing.
+        louder: by which its deviation is; lost: whether samples that repeat the one before say nothing.
 
     """
     weights = []

@@ -35,7 +35,7 @@ _RUNAWAY = 1e6
 LEAVES = 0.003
 # Probability that a set of answers holds.
 SET = 0.95
-# A replay that halving its sub-steps changes strays from the rig by more: on rigs at a servo's limit by one
+# A replay that halving its sub-steps changes deviates from the rig by more: on rigs at a servo's limit by one
 # to three times as much.
 _ASTRAY = 4.0
 # Size at which many an effect shows and many do not, see `strength`.
@@ -191,7 +191,7 @@ class Calibration:
         """
 
         def left(name: str, own: float) -> float:
-            # A replay that runs away without an effect strays in proportion with it; software has its exact
+            # A replay that runs away without an effect deviates in proportion with it; software has its exact
             # form.
             return self.leaves[name] * own if name in self.leaves else LEAVES * min(own, _RUNAWAY)
 

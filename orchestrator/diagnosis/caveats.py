@@ -52,7 +52,7 @@ def _leaves(diagnosis: Diagnosis) -> str:
 def _elsewhere(diagnosis: Diagnosis) -> str:
     """That the gap shows at another place than where the effects named act; "" if it does not.
 
-    Nor of something outside a docking rig's catalogue: its place is told by how residuals look. That of a
+    Nor of something outside a docking rig's catalogue: its place is shown by how residuals look. That of a
     study of ports is where components driven by what was measured stray most.
     """
     effects, places = diagnosis.verdict.effects, diagnosis.verdict.places

@@ -1,4 +1,4 @@
-"""Bad data told apart from a bad model: what is wrong with logs, before anything is fitted to them."""
+"""Bad data distinguished from a bad model: what is wrong with logs, before anything is fitted to them."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _masses(study: Study) -> list[Problem]:
                 remedy="Correct its mass, or name the log that was meant.",
             )
         )
-    # Where several stray, it is no slip of the pen.
+    # Where several deviate, it is no slip of the pen.
     return found if len(found) == 1 else []
 
 
@@ -129,7 +129,7 @@ def _time(study: Study, run: Run) -> list[Problem]:
             _at(place, back[0] + 1, time, "time runs backwards", "Sort the rows by time, and look why.")
         )
     gaps = np.flatnonzero(steps > (1.0 + _LATE) * tick)
-    # A row out of order leaves a gap where it belongs; it is told once.
+    # A row out of order leaves a gap where it belongs; it is reported once.
     if gaps.size and not back.size:
         row = int(gaps[0]) + 1
         lost = round(float(steps[gaps].sum()) / tick) - len(gaps)
@@ -172,7 +172,7 @@ def _stuck(run: Run) -> list[Problem]:
     for name in _MOVING:
         values = run[name]
         stretches = clipped(values) if name in ("encoder_position", "sensor_force") else []
-        # Coarse steps, or no noise: a force at rest is told by equal values.
+        # Coarse steps, or no noise: a force at rest is recognised by equal values.
         if "force" not in name or np.median(np.abs(np.diff(values))) != 0.0:
             stretches += frozen(values)
         found += [Problem(f"{run.name}: column {name}", one.what, remedy=one.remedy) for one in stretches]

@@ -304,7 +304,7 @@ _RELATIONS: tuple[Callable[[Study, Run], _Broken | None], ...] = (
 
 
 def _clock_of_encoder(study: Study, run: Run) -> list[Problem]:
-    """Only the controller's arithmetic tells how old the encoder's reading is, if nothing is hidden in it."""
+    """Only the controller's arithmetic says how old the encoder's reading is, if nothing is hidden in it."""
 
     def misfit(one: Run) -> float:
         replay = ControllerReplay(study, [one])

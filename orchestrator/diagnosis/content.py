@@ -105,7 +105,7 @@ def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:
     """What a diagnosis was made from and by.
 
     Args:
-        files: that were read, by the names that they are told by.
+        files: that were read, by the names that they are recognised by.
         more: further entries.
 
     """
@@ -130,7 +130,7 @@ def _which(finding: Finding) -> list[Which]:
 
 
 def _families(which: list[Which], finding: Finding) -> list[Family]:
-    """Families of the answers that are told."""
+    """Families of the answers that are reported."""
     found = families_of(which, finding.kin)
     return [
         Family(name=one.name, place=one.place, probability=whole, members=members)

@@ -59,7 +59,7 @@ class Descent:
     Attributes:
         residuals: of normalised parameters; derivatives: of parameters and residuals there, shape
             (residuals, parameters).
-        low, high: least and largest parameters; smooth: places of those that derivatives tell of.
+        low, high: least and largest parameters; smooth: places of those that derivatives say about.
         patient: whether a descent that hardly gets on, though derivatives promise more, goes on undamped.
 
     """
@@ -111,7 +111,7 @@ class Descent:
         return self.smooth[~held[self.smooth]]
 
     def _advance(self, at: Place, hessian: Array, slope: Array, free: NDArray[np.intp]) -> float:
-        """Take a step as long as the cost lets it be, and tell what it gains; 0 if none does."""
+        """Take a step as long as the cost lets it be, and say what it gains; 0 if none does."""
         for _ in range(_RAISED):
             damped = (hessian + self._damping * np.diag(np.diag(hessian)))[np.ix_(free, free)]
             z, r, cost = self._at(self._less(at.z, free, np.linalg.solve(damped, slope[free])))

@@ -29,7 +29,7 @@ __all__ = ["STAGES", "diagnose"]
 STAGES = ("read", "check", "weigh", "where", "how far", "what next", "numerics", "write")
 # What a diagnosis writes, but for practice.json, which the next one may go by.
 _FILES = (NAME, PAGE, AUGMENTED, EXPORTABLE)
-# What runs that no fit saw tell of something outside the catalogue.
+# What runs that no fit saw say about something outside the catalogue.
 _JUDGED = "judging_by_held_out_runs"
 # Cases weighed in a practice that has not come to its end.
 _PRACTISED = "practice-cases.jsonl"
@@ -124,7 +124,7 @@ def _any_system(
 
 
 def _told(parts: Parts, study: Study, finding: Finding, progress: Report) -> Told:
-    """What all analyses tell of a finding."""
+    """What all analyses say about a finding."""
     found: dict[str, Any] = {}
     left_out = {_JUDGED: finding.unjudged} if finding.unjudged else {}
     for stage, analyses in (

@@ -34,7 +34,7 @@ _OF = {
 
 
 def without_rival(study: Study, finding: Finding, among: Sequence[Experiment]) -> dict[str, Any] | None:
-    """What would tell more of an answer that no other law rivals.
+    """What would say more of an answer that no other law rivals.
 
     - Of an effect that draws, evidence grows with the samples: the runs again give as much as they gave.
     - An effect outside the catalogue, or a doubtful calibration, has no law to simulate: an experiment in

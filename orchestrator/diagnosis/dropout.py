@@ -20,9 +20,9 @@ _SELDOM = 2e-3
 # evidence from which on they are not [nats].
 _NEAR, _PILED = 3.0, 10.0
 # Variance of the distances of lost samples, or of those between, over what chance makes of it, below which
-# they are regular; and how many samples before one may tell whether it is lost.
+# they are regular; and how many samples before one may say whether it is lost.
 _REGULAR, _BEFORE = 0.7, 4
-# Fewer distances tell nothing of that.
+# Fewer distances say nothing of that.
 _FEWEST = 50
 
 
@@ -109,7 +109,7 @@ def _even(parts: Sequence[Array], lost: bool) -> bool:
 def lost_in_flight(parts: Sequence[Array], step: float) -> tuple[float, float]:
     """Probability of a lost sample and its log evidence, from how often a sample repeats the last one.
 
-    Steps of one and two resolutions tell how often it would by chance: they are normally distributed.
+    Steps of one and two resolutions say how often it would by chance: they are normally distributed.
     """
     counts = np.zeros(3)
     total = 0
@@ -121,7 +121,7 @@ def lost_in_flight(parts: Sequence[Array], step: float) -> tuple[float, float]:
         return 0.0, 0.0
     chance = counts[1] ** (4.0 / 3.0) / counts[2] ** (1.0 / 3.0)
     rest = total - counts[0]
-    # Lost samples are not among the steps that tell of chance.
+    # Lost samples are not among the steps that say about chance.
     share = counts[0] / total
     expected = chance / (chance + rest)
     lost = (share - expected) / (1.0 - expected)

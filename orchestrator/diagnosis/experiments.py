@@ -1,4 +1,4 @@
-"""What to run next: the experiment that is expected to tell tied candidates apart best."""
+"""What to run next: the experiment that is expected to distinguish tied candidates best."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SHORTEST = 20
 
 
 def posterior(study: Study, model: Augmented, inflation: float = 1.0) -> Posterior:
-    """What the training runs tell of a fitted model's parameters; see `outlook.laplace`."""
+    """What the training runs say about a fitted model's parameters; see `outlook.laplace`."""
     return laplace(Fitter(Chain.of(study, study.of(Role.TRAIN), model.effects), inflation), model)
 
 
@@ -37,7 +37,7 @@ def expected_evidence(
     """Evidence for a candidate over a rival that an experiment is expected to give, if it is right [nats].
 
     The rival is fitted to the logs that the candidate predicts, its calibration and parameters held by what
-    the runs at hand tell of them: half of the least sum of squared residuals over the noise and of squared
+    the runs at hand say about them: half of the least sum of squared residuals over the noise and of squared
     departures from there. What is left of the noise is the same for both on average. Both calibrations being
     uncertain, the candidate's is taken as it stands, and the rival's may move.
 

@@ -1,4 +1,4 @@
-"""Effects at one place that are forms of one cause, told together where logs do not tell which it is."""
+"""Effects at one place that are forms of one cause, told together where logs do not say which it is."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _Likely(Protocol):
 
 
 class _Family(Protocol):
-    """A family as it is told."""
+    """A family as it is reported."""
 
     @property
     def name(self) -> str: ...

@@ -43,7 +43,7 @@ class Candidate:
     Attributes:
         effects: ids; none for "no effect", ("outside",) for one that the catalogue does not hold.
         parameters: fitted, by "effect-id.parameter", SI.
-        ties: effects that the data cannot tell from these.
+        ties: effects that the data cannot distinguish from these.
         log_evidence: over that of no effect [nats].
         model: what it was fitted as; None for "outside".
 
@@ -65,14 +65,14 @@ class Finding:
         candidates: most probable first; probabilities add up to 1.
         effects, places: the answer given.
         outside_place: where an effect outside the catalogue acts; "" if there is none. Places that no logged
-            signal tells apart are joined by "+".
+            signal distinguishes are joined by "+".
         answer_set: names of the most probable answers that hold enough together, see `Calibration.enough`.
         recalibrated: the model without effects, its calibration refitted.
         doubtful_tolerances: whether calibrated parameters moved farther than their tolerances allow: of a
             docking rig, while no effect explains it; of other systems, with the answer's effects.
         misfit: mean square of what the answer leaves, normalised by the noise, by place.
-        unjudged: why runs that no fit saw do not tell what answers leave; "" if they do, or there are none.
-        kin: what effects are told together with, by id.
+        unjudged: why runs that no fit saw do not say what answers leave; "" if they do, or there are none.
+        kin: what effects are reported together with, by id.
 
     """
 

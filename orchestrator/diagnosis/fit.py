@@ -389,9 +389,9 @@ class Fitter:
         return best
 
     def _instead(self, effect: Effect, base: Base) -> tuple[float, Base, Array] | None:
-        """Where an effect that changes a calibrated number does what that strays by, and the cost there.
+        """Where an effect that changes a calibrated number does what that deviates by, and the cost there.
 
-        Both do the very same, and so little tells them apart that a linearised problem misses it.
+        Both do the very same, and so little distinguishes them that a linearised problem misses it.
 
         Returns: None where the effect does another thing, or cannot be as large.
         """

@@ -39,7 +39,7 @@ _HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
 # Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
 # each of which is one of many and costs `_EACH`. Where calibrated numbers of one kind alone stray by more
 # than `_STRAYED`, it costs `_SAME_KIND`: one effect, as a delay, strays in all numbers of its kind. A number
-# that strays alone, while no other does by more than `_BESIDE`, is an effect's doing.
+# that deviates alone, while no other does by more than `_BESIDE`, is an effect's doing.
 _STRAYED, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
 # A further effect that gains less is hardly named [nats].
 _TOLD = 2.0
@@ -48,7 +48,7 @@ _TOLD = 2.0
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
 # Share of a coloured noise's scale below which it is another one.
 _QUIETER = 0.8
-# Not even wider tolerances make more strays than these ordinary.
+# Not even wider tolerances make more deviates than these ordinary.
 _ORDINARY = 3.0
 # Why what answers leave is not looked at in runs that no fit saw.
 _RANDOM = "which of their commands were lost or late is not known"
@@ -70,7 +70,7 @@ def weigh_rig(
 
 
 class _Sensor(NamedTuple):
-    """What the force tells of its noise.
+    """What the force says about its noise.
 
     Attributes:
         force: of the fit that tells it; noises: effects known by statistics; coloured: by which coloured
@@ -89,7 +89,7 @@ class _Sensor(NamedTuple):
 
 
 class _Told(NamedTuple):
-    """What is told of the rig once the link's randomness is weighed, too.
+    """What is reported about the rig once the link's randomness is weighed, too.
 
     Attributes:
         answers: largest log evidence first; left: residuals of the best fit, by run and channel.
@@ -178,7 +178,7 @@ def _weigh(
 def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Fitter, Search]:
     """Search with roughness as it shows beside the best fit, where that is strong and leaves much.
 
-    About the nominal rig it tells nothing of motions that only an effect leads to, as far deeper contacts.
+    About the nominal rig it says nothing of motions that only an effect leads to, as far deeper contacts.
     It may take up what the effect itself does, too, or lead astray: then it is none. Beside a servo at its
     limits it is always looked at.
 
@@ -283,7 +283,7 @@ def _judging(
 
 
 def _foreseen(judge: Judge, fit: Fit) -> Force:
-    """What the force tells of all runs beside a fit to some."""
+    """What the force says about all runs beside a fit to some."""
     by, here, _ = judge.carried(fit)
     return _force(by.weighing.model, by.fitter, here)
 
@@ -336,7 +336,7 @@ def _linked(
     ]
     answers = sorted([*answers, *beside, *other_link(beside, links)], key=lambda one: -one.gain)
     left = behind.marginal.left(again.best.residuals) if again.best.effects else left
-    # Lost commands that keep a period are told apart from chance, or beside it, or within what is random.
+    # Lost commands that keep a period are distinguished from chance, or beside it, or within what is random.
     by = behind if {PACKETS, JITTER} & set(answers[0].effects) else fitter
     return _Told(answers, left, 0.0, chance.regular, by)
 
@@ -378,7 +378,7 @@ def _doubted(weighing: Weighing, answers: list[Answer]) -> list[Answer]:
 def _doubt(weighing: Weighing, fit: Fit) -> tuple[float, float]:
     """Log evidence of wider tolerances over those given, and what an effect costs beside them [nats].
 
-    It is zero unless some number strays, and not it alone, and none does beyond wider tolerances.
+    It is zero unless some number deviates, and not it alone, and none does beyond wider tolerances.
 
     Args:
         fit: without any effect, or with those that act anyway.

@@ -27,11 +27,11 @@ __all__ = [
 
 # An answer that is likelier than this is named alone, its ties after it.
 _SURE = 0.8
-# Evidence below which an experiment tells nothing apart [nats].
+# Evidence below which an experiment distinguishes nothing [nats].
 TELLS = 1.0
-# Beyond this an experiment decides; how far beyond only tells how many digits exact software has [nats].
+# Beyond this an experiment decides; how far beyond only says how many digits exact software has [nats].
 _DECIDES = 1000.0
-# Mean square of what is left, over that of the noise, from which it is told: twice the noise.
+# Mean square of what is left, over that of the noise, from which it is reported: twice the noise.
 MUCH = 4.0
 # Share of the gap that an answer closes which is the whole cause.
 _CLOSED = 0.7
@@ -128,7 +128,7 @@ def _answer(diagnosis: Diagnosis) -> str:
 
 
 class _Forms(NamedTuple):
-    """An answer that is told by the families of its effects: which form of them acts is not clear.
+    """An answer that is recognised by the families of its effects: which form of them acts is not clear.
 
     Attributes:
         named: families, and effects of none; chance: their probability, and that of each form.
@@ -219,7 +219,7 @@ def given(diagnosis: Diagnosis) -> Which:
 
 
 def leaves_in_words(one: Experiment) -> str:
-    """Pairs that an experiment does not tell apart, and what would."""
+    """Pairs that an experiment does not distinguish, and what would."""
     pairs = "; ".join(" from ".join(pair) for pair in one.leaves)
     return f"It does not tell {pairs}" + (f": {one.then} does." if one.then else ".")
 

@@ -34,13 +34,13 @@ _LIKELIER, _REST = 2.0, 0.1
 # Beside the log evidence of commands out of order, of which few are found where they run into each other, as
 # how much of theirs that of losses counts, and that of random arrivals, which may come at any time.
 _UNSURE, _FREER = 1.4, 0.7
-# Share of the mean square of what the encoder strays that effects leave at most where they explain much of
+# Share of the mean square of what the encoder deviates that effects leave at most where they explain much of
 # it; what imitates random arrivals alone leaves nearly all.
 _MOST = 0.7
 
 
 class Arrivals(NamedTuple):
-    """What the encoder tells of commands that arrive at random, beside a fit.
+    """What the encoder says about commands that arrive at random, beside a fit.
 
     Attributes:
         seen: log evidence of random arrivals over none [nats].
@@ -73,7 +73,7 @@ class Arrivals(NamedTuple):
 
     @property
     def periodic(self) -> float:
-        """Log evidence of losses that keep a period, too few to be told as lost by chance [nats].
+        """Log evidence of losses that keep a period, too few to be reported as lost by chance [nats].
 
         Chance keeps none, so that they are believed from as much evidence on as its losses, the period's
         added.
@@ -85,7 +85,7 @@ class Arrivals(NamedTuple):
 
 
 def arrivals(model: RigModel, fit: Fit, left: Sequence[Array], seek_losses: bool) -> Arrivals:
-    """What the encoder tells of random arrivals beside a fit.
+    """What the encoder says about random arrivals beside a fit.
 
     Args:
         left: the fit's residuals of the encoder, normalised, by run.
@@ -147,7 +147,7 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...], best: Fit) -> 
     """Search again where the encoder's residuals are mostly the link's.
 
     They count less, and no more in the contact, which is given the position that was measured. Where other
-    effects explain much of what the encoder strays, what they leave is the link's.
+    effects explain much of what the encoder deviates, what they leave is the link's.
 
     Args:
         always: the link's effect; best: the best fit without it.

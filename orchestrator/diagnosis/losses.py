@@ -25,7 +25,7 @@ _CHANCES = 5e-4 * 2.0 ** np.arange(8)
 _OVER, _LONGEST = 5.0, 128
 # Rounds in which losses are sought between those that were found.
 _ROUNDS = 8
-# Fewer losses do not tell whether they keep a period.
+# Fewer losses do not say whether they keep a period.
 _FEWEST = 8
 # Periods that are tried [ticks], as finely as this share of a turn over a run; how many of them are weighed
 # in full; and how sharply losses may keep to them (von Mises' concentration).

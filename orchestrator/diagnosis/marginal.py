@@ -132,7 +132,7 @@ class Marginal:
 
         Along each of its directions residuals have the variance that noise and roughness make together; see
         `misfit.unexplained` for what a larger mean square tells. Some directions count by themselves, if that
-        tells more: among all of them they would drown.
+        says more: among all of them they would drown.
         """
         if self._shrink is None:
             return 0.0

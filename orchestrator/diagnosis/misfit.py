@@ -26,15 +26,15 @@ __all__ = [
 _BLOCKS = (1, 4, 16, 64, 256)
 # Of noise's square over what is specified; and the largest gain that noise has in a channel by chance [nats].
 LOUDER, _CHANCE = 1.5, 1.0
-# The same within contacts, which go on for some ticks in the sensor's filter; shorter ones tell nothing.
+# The same within contacts, which go on for some ticks in the sensor's filter; shorter ones say nothing.
 _WITHIN, _AFTER, _SHORTEST = (1, 2, 4, 8, 16), 12, 8
-# Samples out of contact that tell how large a noise is.
+# Samples out of contact that say how large a noise is.
 _TELLING = 100
 # Degrees of freedom of Student's distribution, rounds in which its scale is found, and blocks needed.
 _FREEDOMS, _ROUNDS, _FEWEST = (1.0, 2.0, 4.0, 8.0), 20, 20
 # Turns that a line which keeps its phase makes in a window at least.
 _TURNS = 2.0
-# Of encoders' scales and interpolators [m]: as fine as ways of a centimetre tell apart.
+# Of encoders' scales and interpolators [m]: as fine as ways of a centimetre distinguish.
 _PITCHES = 3e-4 * 1.01 ** np.arange(300)
 
 
@@ -168,7 +168,7 @@ def hum(channels: Sequence[Array], windows: Sequence[Sequence[slice]]) -> tuple[
     line which keeps its phase less is known.
 
     Args:
-        channels: residuals, by run, zero where they tell nothing; windows: of each.
+        channels: residuals, by run, zero where they say nothing; windows: of each.
     Returns: its log likelihood over none, number of tried frequencies accounted for [nats], and its
         frequency in cycles per sample.
 

@@ -24,7 +24,7 @@ _FACTORS = {
 }
 
 # The same of any system's ports: units that a value was logged in and taken for, and the factor that this
-# makes. Of 9.81 and 10, which both may help, the one that fits best is told.
+# makes. Of 9.81 and 10, which both may help, the one that fits best is reported.
 _PAIRS = {
     10.0: "mm, not in cm",
     100.0: "cm, not in m, or in percent, not in 1",
@@ -102,7 +102,7 @@ def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Prob
 
     Args:
         more: what is said of further ones, with `{}` for how many and `{s}` for the plural.
-        kind: of those that are told as one; others are told one by one.
+        kind: of those that are reported as one; others are reported one by one.
 
     """
     kinds: dict[object, list[Problem]] = {}

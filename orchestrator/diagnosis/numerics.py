@@ -24,7 +24,7 @@ def numerics(study: Study, finding: Finding) -> dict[str, Any]:
         the model as handed over and the log; `fraction`, of the two; `substeps` per tick. Numbers are None
         without contacts. `replay_change`, root mean square, that of the encoder position over whole runs that
         the answer's model replays from the logged commands, and the encoder's `replay_noise` [m]: a servo at
-        its limit may go another way, and then its replay tells nothing of a run's end.
+        its limit may go another way, and then its replay says nothing of a run's end.
     """
     changes, gaps = [], []
     for run in study.of(Role.HELDOUT) or study.of(Role.TRAIN):

@@ -19,7 +19,7 @@ __all__ = ["RIVAL", "RIVALS", "Posterior", "chosen", "evidence_over", "laplace",
 
 # Candidates at least this probable are rivals of the first; how many of them an experiment is chosen for.
 RIVAL, RIVALS = 0.01, 4
-# Evidence that tells two apart [nats].
+# Evidence that distinguishes two [nats].
 _TOLD_APART = 10.0
 # Of experiments within so much of the best, the first of the menu is taken: it costs least.
 _AS_GOOD = 0.95
@@ -30,7 +30,7 @@ _SETTLED = 1e-4
 
 @dataclass(frozen=True)
 class Posterior:
-    """What the runs at hand tell of a candidate's parameters.
+    """What the runs at hand say about a candidate's parameters.
 
     Attributes:
         z: all parameters, normalised by their priors; precision: their inverse covariance.
@@ -93,7 +93,7 @@ def evidence_over(fitter: Fitter, rival: Posterior, places: Sequence[int]) -> fl
     """Evidence over a rival that logs give which another candidate predicts [nats].
 
     Half of the least sum of squared residuals over the noise and of squared departures of the rival's
-    parameters from what the runs at hand tell of them.
+    parameters from what the runs at hand say about them.
 
     Args:
         fitter: of the predicted logs, without noise: what is left of it is the same for both on average.
@@ -111,7 +111,7 @@ def chosen(
     """The experiment that tells a candidate from its rivals best; of those as good, the first.
 
     Where several tell the first candidate from all its rivals, that counts which tells the rivals from each
-    other best: one of them may be right. Pairs that none of these tells apart do not count.
+    other best: one of them may be right. Pairs that none of these distinguishes do not count.
 
     Args:
         menu: descriptions by name, in order of effort.

@@ -22,7 +22,7 @@ _CLEAR = 20.0
 # Log likelihood of a period in the link from which it is where something outside the catalogue acts: other
 # things shake commands as well [nats].
 _PERIOD = 3.0
-# Share of what the encoder strays that a wave along the way explains, from which on the robot is where it
+# Share of what the encoder deviates that a wave along the way explains, from which on the robot is where it
 # comes from.
 _WAY = 0.5
 # Variances that residuals may have where a run is fastest, over that of the noise.
@@ -30,7 +30,7 @@ _VARIANCES = np.geomspace(1e-2, 1e8, 60)
 # Log likelihood of commands at wrong times from which the link is where it comes from, and what it may cost
 # to take for them what keeps a period [nats].
 _WRONG, _CHANCE = 15.0, 50.0
-# Samples of a run that tell of its flights, or of its contacts.
+# Samples of a run that say about its flights, or of its contacts.
 _FEWEST = 100
 
 

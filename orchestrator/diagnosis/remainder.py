@@ -25,7 +25,7 @@ KINDS = (
     ("contact_stiffness",),
     ("force_bias",),
 )
-# Roughness that strays by more, against what is usual, is none [nats].
+# Roughness that deviates by more, against what is usual, is none [nats].
 _ROUGHER = 20.0
 
 
@@ -35,7 +35,7 @@ class Remains(NamedTuple):
     Attributes:
         encoder, force: slow or local structure, see `misfit.unexplained`; contact: see `misfit.in_contact`.
         moved, pushed: laws of the encoder and of the force, see `any_law`.
-        bent: how far calibrated numbers stray; without any effect that is for tolerances to tell.
+        bent: how far calibrated numbers deviate; without any effect that is for tolerances to tell.
         rough: what roughness takes up beyond what it does of rigs; it is not left.
         shaken, struck: what is loudest of the encoder and of the force, see `local.loudest`.
         repeated: what contacts leave again and again, see `local.repeated`.
@@ -55,7 +55,7 @@ class Remains(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Of parts that may tell of the same the largest counts; the last three only tell more of it."""
+        """Of parts that may say about the same the largest counts; the last three only tell more of it."""
         moved, pushed = max(self.encoder, self.moved), max(self.force, self.contact, self.pushed)
         return moved + pushed + self.bent + self.rough
 
@@ -96,7 +96,7 @@ def own_error(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> floa
     any other, make such a replay follow the rig to the end.
 
     Args:
-        fitter: of the weighing; left: see `Remains.total`. No more is told.
+        fitter: of the weighing; left: see `Remains.total`. No more is reported.
 
     """
     if left < _ROUGHER:

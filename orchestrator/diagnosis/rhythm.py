@@ -1,4 +1,4 @@
-"""Commands that come at wrong times by turns: what the encoder strays then keeps a period."""
+"""Commands that come at wrong times by turns: what the encoder deviates then keeps a period."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from .study import Array
 
 __all__ = ["rhythm"]
 
-# Periods that are looked for [ticks]: what strays more slowly has other causes, and rounding of the encoder
+# Periods that are looked for [ticks]: what deviates more slowly has other causes, and rounding of the encoder
 # makes something of nearly two ticks on every rig.
 _SHORTEST, _LONGEST = 2.25, 50.0
-# Bins of the spectrum about each, whose median tells what strays there without a period.
+# Bins of the spectrum about each, whose median says what deviates there without a period.
 _ABOUT = 129
 # Power of a line over that of noise, all about as likely beforehand.
 _POWERS = 2.0 ** np.arange(10)
@@ -28,7 +28,7 @@ def rhythm(channels: Sequence[Array], positions: Sequence[Array]) -> float:
     """Log evidence of a period that the encoder's residuals keep, as large as the robot is fast [nats].
 
     A command that comes late by turns, or waits for its turn, moves the robot in proportion to its speed. The
-    period is that of all runs, the phase each run's own; what strays without one is told by the spectrum
+    period is that of all runs, the phase each run's own; what deviates without one is shown by the spectrum
     about it. Little evidence is none.
 
     Args:

@@ -18,7 +18,7 @@ from .study import Array, Role, Study
 __all__ = ["Strayed", "learn_roughness", "strayed"]
 
 # Shares of the priors between which what is learned is kept: rigs may be rough in other ways than those
-# practised on, if hardly by more than shows; and directions that hardly move any residual tell nothing of
+# practised on, if hardly by more than shows; and directions that hardly move any residual say nothing of
 # themselves.
 _LEAST, _MOST = 0.003, 0.015
 _ROUNDS = 3000

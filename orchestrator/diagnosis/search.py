@@ -108,7 +108,7 @@ def roughness(
     sizes: Mapping[str, Sequence[float]] | None = None,
     about: Fit | None = None,
 ) -> Array:
-    """Directions of the stacked residuals in which every rig strays a little, as effects would move them.
+    """Directions of the stacked residuals in which every rig deviates a little, as effects would move them.
 
     Args:
         sizes: standard deviations, as shares of the effect's prior, one per start of its shape, by id.

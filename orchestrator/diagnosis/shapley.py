@@ -71,7 +71,7 @@ def shapley_shares(study: Study, runs: Sequence[Run], model: Augmented) -> Share
 def where(study: Study, finding: Finding) -> Mapping[str, float]:
     """Shares of the held-out closed-loop gap by place, adding up to 1.
 
-    Signals tell components apart; within one, its share goes to its places as probable as the candidates
+    Signals distinguish components; within one, its share goes to its places as probable as the candidates
     make them, or to all alike where no candidate lies in it.
 
     Returns: share by place; negative where a component hides another's part.

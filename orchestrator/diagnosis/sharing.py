@@ -47,7 +47,7 @@ def by_place(
 ) -> dict[str, float]:
     """Shares of components, shared out to their places.
 
-    Signals tell components apart; within one, its share goes to its places as probable as the candidates
+    Signals distinguish components; within one, its share goes to its places as probable as the candidates
     make them, or to all alike where no candidate lies in it.
 
     Args:

@@ -24,7 +24,7 @@ __all__ = [
 
 # Ticks about a contact that count with it.
 _MARGIN = 40
-# Shorter flights tell nothing.
+# Shorter flights say nothing.
 _FLIGHT = 40
 # Of one sample to the next, from which on what is coloured is no noise but wanders.
 _WANDER = 0.99
@@ -129,13 +129,13 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     if step > noise:
         noise = math.hypot(noise, step / math.sqrt(12.0))
     evidence, deviation, keep = coloured(parts, noise)
-    # What is lost tells of no line, but keeps its place in time.
+    # What is lost says about no line, but keeps its place in time.
     kept = [np.where(again, 0.0, r) if lost > 0.02 else r for r, again in zip(left, repeats, strict=True)]
     line = max(hum(kept, windows)[0], _along_way(model, kept, windows))
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held)
     small = small_colour([part / noise for part in parts])
-    # Little of it is roughness of every rig; only what that does not explain tells of an effect.
+    # Little of it is roughness of every rig; only what that does not explain says about an effect.
     evidence -= small.log_likelihood
     if deviation > COLOUR * noise and 0.3 < keep < _WANDER and evidence > 0.0:
         apparent = deviation * math.sqrt((1.0 + keep) / (1.0 - keep))
@@ -150,7 +150,7 @@ def _along_way(model: RigModel, left: Sequence[Array], windows: Sequence[Sequenc
     """Log evidence of a wave along the robot's way in flights, as of what motors or magnets induce [nats].
 
     Args:
-        left: residuals over their noise, by run, zero where they tell nothing; windows: flights of each.
+        left: residuals over their noise, by run, zero where they say nothing; windows: flights of each.
 
     """
     parts, ways = [], []

@@ -147,7 +147,7 @@ def case_file(folder: Path) -> Path:
 def load_study(folder: Path) -> Study:
     """Read a case folder (case.yaml and its logs), or a study file.
 
-    A study file has the keys of case.yaml, the format gap-study/1, and `columns`, which tells how its logs
+    A study file has the keys of case.yaml, the format gap-study/1, and `columns`, which says how its logs
     call the signals; see `mapping.Column`. Logs are of any kind that `logs.read_log` reads.
 
     Raises: ConfigError with all problems at once: missing files, columns, units, numbers that are not finite.

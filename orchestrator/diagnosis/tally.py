@@ -56,24 +56,24 @@ PLAN = (
 _FIT, _BELIEVED = 4.0, 3.0
 # Times of more than so many medians are taken for that.
 _OUTLYING = 4.0
-# Looks before which no time is told: the first ones compile.
+# Looks before which no time is reported: the first ones compile.
 _FEWEST = 20
-# Seconds until told, and until told again; what is told follows what is expected within this share of the
+# Seconds until told, and until told again; what is reported follows what is expected within this share of the
 # time passed, and so many seconds at least.
 _FIRST, _EVERY, _SLOW, _SLOWEST = 2.0, 0.5, 0.2, 3.0
 
 
 class Tally:
-    """Counts what a search does, and tells how far it is.
+    """Counts what a search does, and says how far it is.
 
     The time left is what stages that are to come usually do, at the pace of this search so far. What is told
     of it runs down with the clock and follows what is expected slowly, so that no stage that is left out, or
     made anew, makes it jump. A search that begins anew is that of `steps`, and is told as such; the time that
-    it takes counts from when `twice` is told.
+    it takes counts from when `twice` is reported.
 
     Args:
         candidates: how many there are.
-        report: is told, as "weigh 340/1001 candidates and fits, about 2 min left".
+        report: is reported, as "weigh 340/1001 candidates and fits, about 2 min left".
         clock: seconds.
 
     """
@@ -131,7 +131,7 @@ class Tally:
         return counted * max((now - self._begun) / max(self._seconds, 1e-9), 1.0)
 
     def _steady(self, now: float) -> float:
-        """Seconds left as they are told, see `Tally`."""
+        """Seconds left as they are reported, see `Tally`."""
         expected = self._expected(now)
         if self._told is not None:
             then, told = self._told

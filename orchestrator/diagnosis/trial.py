@@ -171,7 +171,7 @@ class Trial:
         """A run's log as the cause makes it."""
         ticks, tick = self.experiment.ticks, self.study.tick
         time = np.arange(ticks) * tick
-        # The software is told the mass that acts along the moved line.
+        # The software is reported the mass that acts along the moved line.
         run = replace(run, mass=run.mass / (1.0 + (lever / _GYRATION) ** 2))
         columns = {name: np.zeros(ticks) for name in (*CHANNELS[:6], "time")} | {"time": time}
         if self.experiment.motion is not None:

@@ -42,7 +42,7 @@ NAME, PAGE, AUGMENTED, EXPORTABLE = "diagnosis.json", "report.html", "augmented.
 # Probability of something outside the catalogue from which on it is mentioned beside another answer: of rigs
 # that hide nothing of the kind one in thirty shows as much.
 SUSPECTED = 0.2
-# A gap smaller than this many times the noise floor is within the noise: it cannot be told to shrink.
+# A gap smaller than this many times the noise floor is within the noise: it cannot be asked to shrink.
 WITHIN = 1.5
 # Parts of a whole are sums of floating-point numbers.
 _ADDS_UP = 1e-9
@@ -147,7 +147,7 @@ class Experiment(_Open):
     """What to run next, and the evidence that it is expected to give between the tied candidates [nats].
 
     Attributes:
-        leaves: pairs of them that it does not tell apart.
+        leaves: pairs of them that it does not distinguish.
         then: the experiment for these, "" if there is none.
 
     """

@@ -21,7 +21,7 @@ __all__ = ["comparison", "contact_time", "contacts", "estimates", "rebounds"]
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's palette: told apart with any colour vision.
+# Okabe and Ito's palette: distinguished with any colour vision.
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
 
 

@@ -29,7 +29,7 @@ def earlier(
 
     Args:
         value: of the signal now; back, longest: the delay now, and the longest of any instant [s].
-        told, before: whether the signal before the start is told, and what it was.
+        told, before: whether the signal before the start is reported, and what it was.
         memory: a ring of instants. How many there are, place of the oldest, whether it is the start, then
             times [s], then values; an odd entry at the end is not of it.
         commit: see Effect.kernel.

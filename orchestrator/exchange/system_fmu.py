@@ -131,7 +131,7 @@ def _members(
 
 
 def _system(inside: Inside) -> str:
-    """What the page tells of the system: its instances, its connections, and how it is stepped."""
+    """What the page says about the system: its instances, its connections, and how it is stepped."""
     system, run = inside.system, inside.prepared.config.model.run
     rows = "".join(
         f"<tr><td>{escape(one.name)}</td><td>{escape(one.fmu.description.name)}</td>"

@@ -164,7 +164,7 @@ class Unpacked:
                     )
                 for member in needed:
                     archive.extract(member, folder)
-                # Its place is told to the FMU, and some look there without need.
+                # Its place is asked to the FMU, and some look there without need.
                 (folder / "resources").mkdir(exist_ok=True)
         except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError) as error:
             raise FmuError(f"{self._path}: cannot be unpacked ({error})") from error

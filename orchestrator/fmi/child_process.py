@@ -16,7 +16,7 @@ from ..base.temporary_folders import scratch_root
 
 __all__ = ["cause_of_death", "end", "guarded_pipes", "start_child"]
 
-# After which a child that was told to end is killed [s].
+# After which a child that was asked to end is killed [s].
 _SECONDS_TO_END = 5.0
 _START = (
     "import json, sys; from importlib import import_module; sys.path[:] = json.loads(sys.argv[1]); "

@@ -16,7 +16,7 @@ from .run_options import Interface
 from .safe_xml import read_markup
 from .variable import Causality, Initial, Kind, Variability, Variable
 
-# How fmpy tells what breaks the XML schema.
+# How fmpy says what breaks the XML schema.
 _OF_SCHEMA = re.compile(r"(FATAL|ERROR|WARNING) \(line")
 _UNKNOWN_ATTRIBUTE = re.compile(
     r"ERROR \(line (\d+), column \d+\): Element '[^']*', attribute '[^']*': "
@@ -75,7 +75,7 @@ class ModelDescription:
         default_step, default_start, default_stop: step size, start and stop time that the FMU proposes [s];
             None where it does not.
         own_step: the step size [s] that the FMU is made for, where it declares that it cannot take others;
-            `own_step_divides` tells whether it takes whole multiples of it.
+            `own_step_divides` says whether it takes whole multiples of it.
         tool: what the FMU was made with; empty where it does not say.
 
     """

@@ -31,7 +31,7 @@ class Handling:
         interface: None: co-simulation where the FMU offers it, else model exchange.
         tolerance: relative tolerance of the integration; None: that of the FMU's default experiment, else
             `DEFAULT_TOLERANCE`. In model exchange the absolute tolerance of a state is this times its nominal
-            value. A co-simulation FMU is told it, and does
+            value. A co-simulation FMU is reported it, and does
             with it what it will; FMI 1.0 has no call for that.
         event_mode: whether an FMI 3.0 co-simulation FMU returns at its events to have them handled, instead
             of handling them within its steps.

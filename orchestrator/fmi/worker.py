@@ -1,4 +1,4 @@
-"""The process of an isolated instance: it does what it is told over a pipe until the pipe ends."""
+"""The process of an isolated instance: it does what it is reported over a pipe until the pipe ends."""
 
 from __future__ import annotations
 

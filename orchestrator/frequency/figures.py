@@ -86,7 +86,7 @@ def nyquist(loops: Mapping[str, Transfer], growth: Mapping[str, float] | None = 
     """L(j w) around -1, with the circle that the modulus margin leaves free.
 
     Args:
-        growth: of the velocity per contact, where it is known; tells which loops are on the border.
+        growth: of the velocity per contact, where it is known; says which loops are on the border.
 
     """
     figure = Figure(figsize=(6.5, 6.0), layout="constrained")
@@ -205,7 +205,7 @@ def stability_chart(chart: Chart, points: Mapping[str, tuple[float, float]] | No
         bar.set_ticks(ticks, labels=[f"{tick:.2f}" for tick in ticks])
         bar.ax.minorticks_off()
     if chart.stable.any() and not chart.stable.all():
-        # Where the contact's root alone decides, its growth tells where between two points the border lies;
+        # Where the contact's root alone decides, its growth says where between two points the border lies;
         # where it does not oscillate, the count of roots does.
         known = np.isfinite(chart.growth)
         alone = np.array_equal(chart.growth[known] < 1.0, chart.stable[known])

@@ -84,7 +84,7 @@ def _critical(loop: Loop) -> dict[str, Any]:
     """Critical values of the robot's delay, which only those terms of the loop hold that pass the robot."""
     name = f"{loop.only('RobotResponse')}.tau_m"
     without = loop.with_parameters({name: 0.0}).gain()
-    # A delay that no sum of the others can equal tells which terms hold it.
+    # A delay that no sum of the others can equal says which terms hold it.
     mark = 1.0 + 10.0 * without.longest_delay
     marked = loop.with_parameters({name: mark}).gain()
     fixed = Transfer(tuple(term for term in marked.terms if float(term.delay) < mark))

@@ -102,7 +102,7 @@ class Iterative(Master):
 
     Instances that form a cycle are stepped back and stepped again, in Gauss-Seidel's order, until what they
     were given agrees with what they gave; the others step once. FMI 2 forbids further rounds of set and get
-    at a communication point, so that only a repeated step tells what an input does. Algebraic loops are
+    at a communication point, so that only a repeated step says what an input does. Algebraic loops are
     solved with all other couplings. The first iterate is Gauss-Seidel's: where the tolerance takes it, the
     result is the same to the bit.
     """

@@ -31,7 +31,7 @@ class Culprits:
         Args:
             running: the instances; the list may still be filled.
             values: the signals as they stand, shape (layout.size,); inputs: of each instance. Both are looked
-                at when something is to be told.
+                at when something is to be reported.
 
         """
         self._system, self._layout, self._running = system, layout, running

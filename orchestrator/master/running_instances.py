@@ -56,7 +56,7 @@ class Instances:
         system, layout: what runs, and where its signals stand.
         running: the instances in the config's order.
         started: how many of them have left initialisation mode.
-        terminated: whether all were told that the run went well.
+        terminated: whether all were reported that the run went well.
         texts: outputs of text and binary values as they stand.
         noted_inputs: places of the inputs, see `given`, that masters note of every step that they divide a
             communication step in; None: nobody asks.

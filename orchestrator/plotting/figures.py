@@ -26,7 +26,7 @@ __all__ = [
     "svg",
 ]
 
-# Okabe and Ito's palette: told apart with any colour vision, and dark enough on white.
+# Okabe and Ito's palette: distinguished with any colour vision, and dark enough on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", ":", "-.")
 _MOST_LINES = len(COLORS) * 2

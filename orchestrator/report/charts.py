@@ -65,7 +65,7 @@ def _unit_chart(store: SignalStore, results: Results, unit: str, members: Sequen
 
 
 def _comparable(results: Results, members: Sequence[str]) -> list[str]:
-    """The first signals that can be told apart in one chart: none is flat beside another's range."""
+    """The first signals that can be distinguished in one chart: none is flat beside another's range."""
     chosen: list[str] = []
     low, high, least = np.inf, -np.inf, np.inf
     for name in members:

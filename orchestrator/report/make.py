@@ -64,7 +64,7 @@ def left_out(folders: Sequence[Path | str]) -> tuple[str, ...]:
     """What else the folders hold that their page does not show, and where it is to be seen.
 
     Commands that write to one folder leave each other's files alone, and which of them a page is wanted of
-    cannot be told from their files: files that were copied have lost their times.
+    cannot be distinguished from their files: files that were copied have lost their times.
     """
     paths = [Path(one) for one in folders]
     shown = {run.resolve() for path in paths for run in _runs(path)}

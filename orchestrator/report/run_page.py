@@ -44,7 +44,7 @@ def page(run: RunFolder, budget: int = BUDGET, notes: Sequence[str] = ()) -> str
 
     Args:
         budget: what the signals may take in it [B].
-        notes: to be told with it.
+        notes: to be reported with it.
 
     """
     store = SignalStore(budget)

@@ -22,7 +22,7 @@ def page(runs: Sequence[RunFolder], budget: int = BUDGET, notes: Sequence[str] =
     Args:
         runs: two or more, with names of their own.
         budget: what the signals may take in it [B].
-        notes: to be told with it.
+        notes: to be reported with it.
 
     """
     done = sum(run.state is State.DONE for run in runs)

@@ -48,7 +48,7 @@ class Measure(Protocol):
     def figures(self, results: Results, options: Any) -> dict[str, Figure]:
         """Figures by file name without suffix, of `FIGURES`."""
 
-    # Only where a report has more to tell of it:
+    # Only where a report has more to say about it:
 
     def headline(self, measured: dict[str, Any]) -> str:
         """What `measure` found, in a sentence."""

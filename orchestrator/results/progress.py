@@ -107,7 +107,7 @@ def counting(total: int, label: str, unit: str, shown: bool = True) -> Iterator[
                 return
             bar.total = of
             if bar.n == 0 and done > 1:
-                bar.initial = done  # what was there before tells nothing of the rate
+                bar.initial = done  # what was there before says nothing of the rate
             if note:
                 bar.set_postfix_str(note, refresh=False)
             bar.update(done - bar.n)

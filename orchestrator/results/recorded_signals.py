@@ -25,7 +25,7 @@ _SMALL = 64 << 20
 
 
 class _Named(dict[str, Any]):
-    """A dict that tells what there is when something is asked for that there is not."""
+    """A dict that says what there is when something is asked for that there is not."""
 
     def __missing__(self, name: str) -> Any:
         raise KeyError(_missing(name, self))

@@ -92,7 +92,7 @@ class Recorder:
             every: keep every n-th communication point.
             path: of the file, or an unbuffered binary file open for writing and reading; in memory if None.
             points: how many communication points are expected, if that is known.
-            parameters, provenance: go into the file, and are told with the results.
+            parameters, provenance: go into the file, and are reported with the results.
         Raises: OSError if the file cannot be made; its methods raise OrchestratorError once it cannot be
             written any more.
 

@@ -94,7 +94,7 @@ class Grid:
     def latest(self) -> float:
         """The last instant as FMUs add it up: the last step's begin plus its size, if beyond `stop` [s].
 
-        It may be so by a rounding, and FMUs are met that refuse to go beyond the stop time they are told.
+        It may be so by a rounding, and FMUs are met that refuse to go beyond the stop time they are reported.
         """
         begin = float(self.start + (self.steps - 1) * self.step_size)
         return max(float(self.stop), begin + float(self.step_size))

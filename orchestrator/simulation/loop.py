@@ -49,7 +49,7 @@ class BlockObserver(Protocol):
 
 @dataclass
 class Report:
-    """What is told of a run besides its signals.
+    """What is reported about a run besides its signals.
 
     Attributes:
         instance_time: wall time spent in each instance's steps [s].

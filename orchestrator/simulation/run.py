@@ -46,7 +46,7 @@ def run(
     figures: bool = True,
     progress: bool = False,
 ) -> RunResult:
-    """Run a system, and once more with half the step size, which tells how far the numbers can be trusted.
+    """Run a system, and once more with half the step size, which says how far the numbers can be trusted.
 
     Args:
         config: bundled name, path, plain values, or what `prepare` returned.

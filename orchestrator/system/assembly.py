@@ -1,6 +1,6 @@
 """Parts and connections -> a system.
 
-Everything that can be known before a run is checked here, and all problems are told at once.
+Everything that can be known before a run is checked here, and all problems are reported at once.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def assemble(
         record: signals to record as instance.variable; None: every numeric output.
         needed: signals to record besides, and the path in the config that asks for each.
         places: where the values were written, for messages.
-        problems: found earlier, to be told together with those found here.
+        problems: found earlier, to be reported together with those found here.
         absent: names of instances that already have a problem: what concerns them is not judged.
         loops: whether algebraic loops at communication points are let pass, for a master that solves them.
         step_size: the largest communication step that the system is to take [s]: a delay that is no shorter

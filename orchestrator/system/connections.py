@@ -106,7 +106,7 @@ def elements(
     fed = [*target.values()] or [ends.target]
     named = {name.partition(".")[0] for name in (ends.target, *(name for name, _ in ends.sources))}
     if not ends.known or not named <= descriptions.keys():
-        # Of an array at one end alone it cannot be told whether it fits.
+        # Of an array at one end alone it cannot be determined whether it fits.
         return [replace(ends, known=False)], fed, []
     for (name, _), found in zip(ends.sources, sources, strict=True):
         if found.keys() != target.keys():

@@ -112,7 +112,7 @@ def _structural(fmu: Fmu, start: Mapping[str, Any]) -> dict[str, Any]:
 def _resized(
     fmu: Fmu, name: str, sizes: Mapping[str, Any], config: Config, problems: list[Problem]
 ) -> Fmu | None:
-    """The FMU with values of its structural parameters; None if there is a problem, which is told."""
+    """The FMU with values of its structural parameters; None if there is a problem, which is reported."""
     wrong = len(problems)
     for key, value in sizes.items():
         variable, place = (
@@ -221,7 +221,7 @@ def _find_fmu(
     path: tuple[str, ...],
     problems: list[Problem],
 ) -> Fmu | None:
-    """The FMU of an instance; None if there is a problem, which is told."""
+    """The FMU of an instance; None if there is a problem, which is reported."""
     place = config.places.text((*path, "fmu"))
     file = config.folder / text
     found = file if file.is_file() else bundled.find_fmu(text)

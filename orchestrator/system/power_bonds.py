@@ -96,7 +96,7 @@ def find_bonds(
 
     A bond is sought wherever connections whose unit is an effort's lead from one instance to another, and
     connections of the same domain's flow or displacement lead back. Where two that have a connection in
-    common are found, nobody but the author can tell which of them carries the energy: both are left out,
+    common are found, nobody but the author can say which of them carries the energy: both are left out,
     and with them all others between the same two instances.
     Between two instances that are connected by a flow and its displacement, the displacement counts, and the
     bond tells the other.

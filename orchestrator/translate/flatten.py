@@ -149,7 +149,7 @@ def _syntax(tree: SourceTree, validate: Callable[[str], Iterable[Any]]) -> list[
 
 
 def _keywords_as_names(text: str, shown: str) -> list[str]:
-    """Variables called by a keyword, as in `Real flow;`: the compiler tells of what stands beside them."""
+    """Variables called by a keyword, as in `Real flow;`: the compiler says about what stands beside them."""
     tokens = tokenise(text, shown)
     found = []
     for kind, name, then in zip(tokens, tokens[1:], tokens[2:], strict=False):

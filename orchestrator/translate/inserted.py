@@ -14,7 +14,7 @@ from orchestrator.base.errors import BuildError
 
 __all__ = ["appended", "memory_told", "own_source", "requirements_check"]
 
-# Put before the model's own imports, where it has requirements: what is missing is told by name and remedy,
+# Put before the model's own imports, where it has requirements: what is missing is shown by name and remedy,
 # on the error stream as well, since pythonfmu passes on what is raised only where logging is asked for.
 _CHECK = r"""
 

@@ -1,4 +1,4 @@
-"""Units are exact, tell dimensions apart, and never take Hz for rad/s."""
+"""Units are exact, distinguish dimensions, and never take Hz for rad/s."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@
 The first command weighs the cases, in about an hour on two cores; the second learns all of the map from
 evidence to probabilities anew in each fold, but for the roughness and the cases of one clear effect each,
 which are others. Of the challenge's known kinds outside the catalogue all cases of a kind are in one fold: it
-is told by what other kinds teach.
+is recognised by what other kinds teach.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ def fitter_of(study: Study, place: str) -> Fitter:
 
 
 def recover(name: str, magnitude: float, seed: int, number: int) -> str:
-    """Fit one case, and tell how it went in a line."""
+    """Fit one case, and say how it went in a line."""
     case = draw.draw_case(draw.Plan("single", (hidden.HIDDEN[name],), magnitude), seed, number)
     effect = catalogue()[name]
     truth = list(case.hidden[name].values())[: len(effect.parameters)]

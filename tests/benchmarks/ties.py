@@ -56,7 +56,7 @@ class Told(NamedTuple):
 
     @property
     def broken(self) -> bool:
-        """Whether the truth is told from every rival."""
+        """Whether the truth is distinguished from every rival."""
         return self.lead >= (_NOTHING if self.alone else _BROKEN)
 
 

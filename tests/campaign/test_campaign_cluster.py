@@ -159,7 +159,7 @@ class Scaled(Effect):
 def test_effects_from_files_that_a_design_varies_travel_to_workers_elsewhere(tmp_path):
     """The worker has a working directory and a cache of its own, and the files are gone when it begins."""
     distributed = pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
-    # Files of one name, which their content tells apart; the folder's name needs quotes in a config.
+    # Files of one name, which their content distinguishes; the folder's name needs quotes in a config.
     here, there = tmp_path / "study #1", tmp_path / "there"
     names = []
     for factor in (0.5, 0.7, 0.9):

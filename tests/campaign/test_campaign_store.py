@@ -269,7 +269,7 @@ def test_a_disk_that_is_full_when_a_part_is_made_loses_nothing(tmp_path):
     assert not list((store / "parts").iterdir()), "nothing half made is left"
     assert [one.stat().st_size < part // 2 for one in journals(store)] == [True]
     assert _values(store) == expected[:8]
-    # As long as there is no room it is told again, and nothing is lost by trying.
+    # As long as there is no room it is reported again, and nothing is lost by trying.
     assert "the disk is full" in _told_when_opened(store, part // 2)
     assert _values(store) == expected[:8]
     with StoreWriter(store) as writer:

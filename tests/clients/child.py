@@ -1,6 +1,6 @@
 """Run jobs in one client: `python -m tests.clients.child CLIENT JOBS.json RESULTS.json`.
 
-Each job is run by a process forked off after the client is imported: a crash in one is told and harms no
+Each job is run by a process forked off after the client is imported: a crash in one is reported and harms no
 other.
 """
 

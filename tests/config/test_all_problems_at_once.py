@@ -1,4 +1,4 @@
-"""All that is wrong with a config is told at once, whatever stage finds it, and nothing that only follows."""
+"""All problems of a config are reported at once, whatever stage finds it, and nothing that only follows."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ STEP = "step_size: 0.1 ms"
 
 
 def told(text: str, overrides=()) -> ConfigError:
-    """What is told of a config as text."""
+    """What is reported about a config as text."""
     with pytest.raises(ConfigError) as caught:
         prepare(parse(text, "config")[0], overrides)
     return caught.value

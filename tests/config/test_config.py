@@ -1,4 +1,4 @@
-"""Configs: file -> models -> file is the identity; every problem is told with its place."""
+"""Configs: file -> models -> file is the identity; every problem is reported with its place."""
 
 from __future__ import annotations
 

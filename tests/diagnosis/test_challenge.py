@@ -260,7 +260,7 @@ def test_figures_of_verdicts_made_by_hand():
         marked("single", bias, [(drift, 0.6, ()), (bias, 0.4, ())]),  # second; the place is right
         marked("single", gain, [(stiff, 0.5, gain), (gain, 0.5, stiff)]),  # a declared tie
         marked("single", mass, [([], 1.0, ())], magnitude=0.1),  # missed
-        marked("single", mass, [([], 1.0, ())], evidence=1.0, magnitude=0.05),  # could not be told
+        marked("single", mass, [([], 1.0, ())], evidence=1.0, magnitude=0.05),  # could not be reported
         marked("none", [], [([], 0.8, ()), (bias, 0.2, ())]),
         marked("none", [], [(bias, 0.6, ()), ([], 0.4, ())]),  # a false alarm
         marked("outside", ["sensor.hum"], [(["outside"], 0.7, ()), (drift, 0.3, ())]),

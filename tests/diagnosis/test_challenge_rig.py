@@ -92,7 +92,7 @@ def test_a_strong_effect_shows_and_only_where_it_acts(effect):
 
 
 def test_roughness_is_benign():
-    """A rough rig is told from a smooth one by a few percent of the noise, not by more."""
+    """A rough rig is distinguished from a smooth one by a few percent of the noise, not by more."""
     squares = []
     for number in range(1, 5):
         case = draw_case(Plan("none", (), 0.0), 8, number)
@@ -230,7 +230,7 @@ def test_what_is_hidden_beside_noise_tells_no_more_than_the_noise_lets_it():
 
 
 def test_what_an_effect_shows_counts_from_what_the_lab_believes():
-    """A sensor whose offset is what its lab takes it for tells nothing, though the offset is an effect."""
+    """A sensor whose offset is what its lab takes it for says nothing, though the offset is an effect."""
     bare = draw_case(Plan("none", (), 0.0), 5, 5)
     width = tolerances(bare.lab)["force_bias"]
     strays = (bare.plain["bias"] - bare.lab.nominal["force_bias"]) / width

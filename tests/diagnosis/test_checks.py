@@ -1,4 +1,4 @@
-"""Bad data is told apart from a bad model: mistakes put into good logs are named, effects are not."""
+"""Bad data is distinguished from a bad model: mistakes put into good logs are named, effects are not."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ def test_runs_without_contacts_are_taken_whole():
 
 
 def test_a_model_that_runs_away_on_held_out_runs_has_no_gap():
-    """It is told as None, whatever the others do: JSON has no infinite numbers."""
+    """It is reported as None, whatever the others do: JSON has no infinite numbers."""
     fine, lost = np.full(40, 4.0), np.full(40, np.nan)
     told = closure_of({"before": fine, "after": lost, "recalibrated": fine / 4.0}, 0.1, 2)
     assert (told["before"], told["after"], told["closure"], told["interval"]) == (2.0, None, None, None)

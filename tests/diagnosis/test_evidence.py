@@ -303,7 +303,7 @@ def test_beside_a_strong_effect_another_one_seldom_stays_unseen():
     usual, strong, weak = (unseen_beside(size) for size in (0.2, 0.4, 0.2 / 3.0))
     assert strong == pytest.approx(usual * (5.0 / 2.0) ** -0.8, rel=0.05)
     assert weak == pytest.approx(usual * (10.0 / 9.0 / 2.0) ** -0.8, rel=0.05)
-    assert unseen_beside(0.0) == usual  # whose size tells nothing
+    assert unseen_beside(0.0) == usual  # whose size says nothing
 
 
 def test_samples_that_pile_up_at_the_end_of_the_range_are_no_noise():

@@ -1,4 +1,4 @@
-"""Laws that are nested in each other split a clear cause's probability: they are told together."""
+"""Laws that are nested in each other split a clear cause's probability: they are reported together."""
 
 from __future__ import annotations
 

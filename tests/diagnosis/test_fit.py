@@ -162,7 +162,7 @@ def test_a_fit_finds_what_the_true_parameters_allow(name, theta):
 
 
 def test_an_effect_takes_over_what_a_calibrated_number_strays_by():
-    """Both do the same, so that derivatives about where the number strays promise next to nothing."""
+    """Both do the same, so that derivatives about where the number deviates promise next to nothing."""
     own = lab(["contact.wall-offset", "contact.viscoelastic"], (1.2e-4, 0.2, 0.007))
     model, (offset, relaxing) = (
         RigModel(own, own.runs),
@@ -209,7 +209,7 @@ def test_inflation_is_the_time_over_which_residuals_resemble_each_other():
 
 
 def delayed_at_random(own, model, amount, kind):
-    """How the robot strays if each command is late by up to `amount` [s], or lost as often as that."""
+    """How the robot deviates if each command is late by up to `amount` [s], or lost as often as that."""
     rng = np.random.default_rng(11)
     strayed = []
     omega, xi = NOMINAL["natural_frequency"].value, NOMINAL["damping_ratio"].value

@@ -1,4 +1,4 @@
-"""What a lab hands over: what is wrong with it is told before anything is blamed on the rig."""
+"""What a lab hands over: what is wrong with it is reported before anything is blamed on the rig."""
 
 from __future__ import annotations
 

@@ -279,7 +279,7 @@ def test_units_that_do_not_begin_at_zero(tmp_path):
 
 
 def csv(tmp_path, text, **entries):
-    """What is told of a log with the signal `force`, of the unit N."""
+    """What is reported about a log with the signal `force`, of the unit N."""
     (tmp_path / "a.csv").write_text(text)
     units, problems = {"time": "s", "force": "N"}, []
     mapping = read_mapping({"force": "f", **entries}, units, Places("study.yaml"), ("columns",), problems)

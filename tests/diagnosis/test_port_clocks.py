@@ -1,4 +1,4 @@
-"""Columns whose clock is off are told as such, and are not confused with what delays."""
+"""Columns whose clock is off are reported as such, and are not confused with what delays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a study of ports is told: all of it at once, where it stands, with what to do."""
+"""What is wrong with a study of ports is reported: all of it at once, where it stands, with what to do."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_patterns_that_fit_nothing_are_told_with_what_is_near(told):
 
 
 def test_a_model_that_runs_away_is_told_before_anything_is_blamed(told):
-    """The controller's loop is unstable at this gain and step: no effect could be told from that."""
+    """The controller's loop is unstable at this gain and step: no effect could be distinguished from that."""
 
     def change(data):
         data["set"] = ["run.step_size=2 ms", "controller.velocity_gain=50000 V.s/m"]
@@ -335,7 +335,7 @@ def test_studies_in_one_folder_are_called_after_their_files(made, tmp_path, caps
 
 @pytest.fixture
 def recorded(made, told, tmp_path):
-    """What is told of a study of messages: rows of a log, recorded at given stamps [s]."""
+    """What is reported about a study of messages: rows of a log, recorded at given stamps [s]."""
     log = np.loadtxt(made / "run-0.csv", delimiter=",", skiprows=1)
 
     def said(rows, stamps, **run):

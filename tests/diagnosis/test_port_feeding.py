@@ -214,7 +214,7 @@ def test_candidates_at_a_sum_are_of_its_size(tmp_path, legs):
 
 @pytest.mark.parametrize("legs", LEGS)
 def test_the_augmented_system_has_effects_before_gains(tmp_path, legs):
-    """Where a sum leaves no place for it, an effect is left out, and why is told."""
+    """Where a sum leaves no place for it, an effect is left out, and why is reported."""
     velocity = {"column": "path.velocity", "noise": "1 mm/s", "feed": False}
     own, _ = summed(tmp_path, legs, [{"offset": "1 N"}], **{"path.velocity": velocity})
     known = {one.id: one for one in candidates_of(own)}

@@ -1,4 +1,4 @@
-"""Noise that is larger than specified is told as such, and is nothing outside the candidates."""
+"""Noise that is larger than specified is reported as such, and is nothing outside the candidates."""
 
 from __future__ import annotations
 

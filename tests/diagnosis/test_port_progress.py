@@ -1,4 +1,4 @@
-"""A long search tells how far it is."""
+"""A long search says how far it is."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from orchestrator.results.progress import Share
 
 
 class Clock:
-    """Seconds that pass as they are told to."""
+    """Seconds that pass as they are asked to."""
 
     now = 0.0
 

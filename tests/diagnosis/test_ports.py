@@ -57,7 +57,7 @@ def test_a_hidden_friction_is_found(tmp_path):
     assert found.calibration["drive.mass"]["fitted"] == pytest.approx(95.1, abs=1.0)
     page = (tmp_path / "out" / "report.html").read_text()
     assert found.verdict.effects[0] in page and page.count("<svg") == 2 and "one contact ahead" not in page
-    # What was changed is told, in words of a system, not of the docking rig.
+    # What was changed is reported, in words of a system, not of the docking rig.
     assert found.augmented.changed[0].startswith(f"{found.verdict.effects[0]}: level 1")
     assert " N" in found.augmented.changed[0] and "duration of" not in page
     # The system with the effect added runs, and gives what was logged.

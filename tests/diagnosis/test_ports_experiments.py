@@ -1,4 +1,4 @@
-"""Which effects of any system tie, and what to run next to tell them apart."""
+"""Which effects of any system tie, and what to run next to distinguish them."""
 
 from __future__ import annotations
 

@@ -243,7 +243,7 @@ def test_an_axis_at_rest_is_not_frozen(tmp_path):
         (one,) = clipped(position)
     assert one.first == 0 and rest <= one.end < rest + 50 and "the lowest" in one.what
     assert check_logs(load_port_study(path)) == ([], [])
-    # A sensor at the end of its range is told.
+    # A sensor at the end of its range is reported.
     with change_log(tmp_path / "run-1.csv") as columns:
         columns["drive.position"][:] = np.minimum(columns["drive.position"], 0.1)
     assert ["clipped" in one.what for one in check_logs(load_port_study(path))[1]] == [True]

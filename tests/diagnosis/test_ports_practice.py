@@ -157,7 +157,7 @@ def test_what_practice_is_of_does_not_depend_on_logs_or_folders(rubbing):
 
 
 def test_practice_on_the_command_line(tmp_path, capsys):
-    """Ten cases teach little, but are told with how often they were covered, and can be used again."""
+    """Ten cases teach little, but are reported with how often they were covered, and can be used again."""
     few = {"only": ["drive.viscous", "drive.voltage.gain", "drive.voltage.offset"]}
     # The study names already what practice is yet to write.
     path = study(tmp_path / "case", candidates=few, practice="../out/practice.json")

@@ -167,7 +167,7 @@ def test_energy_at_a_measured_interface_adds_up(tmp_path):
 
 def test_forces_do_work_along_their_own_velocities(tmp_path):
     """Vectors by their elements; what a controller is fed and gives is no interface, and a force that may go
-    with several velocities is told, not counted."""
+    with several velocities is reported, not counted."""
     draw = np.random.default_rng(2)
     units = {
         "contact.force": "N",

@@ -1,4 +1,4 @@
-"""What the page and the lines of a diagnosis say beside the verdict, and what it is told to be made from."""
+"""What the page and the lines of a diagnosis say beside the verdict, and what it is asked to be made from."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def page(diagnosis, known=None, believed=None):
          "The answer leaves 2.5 times the noise at drive.position."),
         ({"drive.position": 6.25, "controller.voltage": 900.0, "drive.velocity": 3.0},
          "The answer leaves 30 times the noise at controller.voltage, and more than 2 times at 1 more port."),
-        # A docking rig's is told by place and holds what random effects draw.
+        # A docking rig's is recognised by place and holds what random effects draw.
         ({"contact": 900.0}, None),
     ],
 )  # fmt: skip
@@ -216,7 +216,7 @@ def test_a_gap_that_shows_elsewhere_than_least_is_explained_is_told_of_what_is_o
     # What is left may be more at another port, of which a larger share is explained.
     left, told = caveats(outside("controller", misfit={"drive.position": 900.0, "controller.voltage": 2.0}))
     assert left.endswith("leaves 30 times the noise at drive.position.") and told == said
-    # A docking rig's place is told by how residuals look, not by what is explained.
+    # A docking rig's place is recognised by how residuals look, not by what is explained.
     assert not caveats(outside("controller", misfit={"contact": 2.0}))
 
 
@@ -257,7 +257,7 @@ def test_the_floor_is_that_of_repeats_where_there_are_any(plain):
 def test_a_changed_parameter_is_told_with_its_value(plain):
     answer = Augmented({}, (CHANGE,), np.array([-2.5]))
     assert _changed(plain, answer, {}) == [f"{GAIN}: 32.6507 N/V, not 35.1507 N/V (change -2.5 N/V)"]
-    # One that is calibrated, too, is told once, against what the study believes.
+    # One that is calibrated, too, is reported once, against what the study believes.
     known = replace(plain, nominal={GAIN: Nominal(34.0, 1.0), "drive.mass": Nominal(95.1, 2.0)})
     answer = Augmented({GAIN: 35.0, "drive.mass": 96.0}, (CHANGE,), np.array([-2.5]))
     assert _changed(known, answer, {}) == [
@@ -281,7 +281,7 @@ def test_names_stand_as_they_are(plain):
     html = page(diagnosis, {low_pass.id: low_pass, GAIN: CHANGE}, {GAIN: 35.15})
     assert "time_constant 0.02 s" in html and "drive.viscous_friction" in html
     assert "viscous friction" not in html and "time constant" not in html
-    # What is changed is told by its value, too.
+    # What is changed is recognised by its value, too.
     assert "another value than configured (32.65 N/V, not 35.15 N/V, change -2.5 N/V)" in html
 
 

@@ -59,7 +59,7 @@ def test_a_limit_is_found_wherever_it_lies(name, size, number, knob, near):
 
 
 def test_roughness_is_larger_where_a_limit_leads_the_rig():
-    """Deep in the frames the force strays farther by a contact's roughness than without the limit."""
+    """Deep in the frames the force deviates farther by a contact's roughness than without the limit."""
     own, values = hiding("robot.acceleration-limit", 0.6)
     model = RigModel(own, own.of(Role.TRAIN))
     weighing = Weighing.of(model, [catalogue()["contact.cubic"]], calibration().roughness)

@@ -261,7 +261,7 @@ def test_misfit_ignores_white_noise_and_sees_structure():
     line, frequency = hum([humming], [[slice(0, 3000), slice(3000, 6000)]])
     assert line > 500.0 and frequency == pytest.approx(0.05, abs=1e-3)
     assert hum([white], [[slice(0, 6000)]])[0] < 5.0
-    # Samples that tell nothing, as lost ones, are left out: they neither make nor hide a line.
+    # Samples that say nothing, as lost ones, are left out: they neither make nor hide a line.
     gone = np.random.default_rng(2).random(len(white)) < 0.3
     shifted = np.where(gone, 0.0, humming + 2.0)
     assert hum([shifted], [[slice(0, 3000), slice(3000, 6000)]])[0] == pytest.approx(0.7 * line, rel=0.15)

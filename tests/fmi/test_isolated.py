@@ -148,7 +148,7 @@ def test_isolation_changes_no_bit(kind, tmp_path):
         foreign.bounce(path, 1, slave=True)
     else:
         {"wild": foreign.wild, "arrays": foreign.arrays}[kind](path)
-    tolerance = None if kind == "slave1" else 1e-6  # FMI 1.0 cannot be told one
+    tolerance = None if kind == "slave1" else 1e-6  # FMI 1.0 cannot be determined one
     here = driven(path, Handling(tolerance=tolerance))
     there = driven(path, Handling(tolerance=tolerance, isolated=True, time_limit=30.0))
     assert here[0] == there[0]

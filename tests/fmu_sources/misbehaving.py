@@ -1,4 +1,4 @@
-"""An integrator that fails in the way and at the time it is told to."""
+"""An integrator that fails in the way and at the time it is asked to."""
 
 import math
 

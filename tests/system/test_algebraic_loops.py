@@ -1,4 +1,4 @@
-"""Loops of direct feedthrough are told, with the way out of each; and in what order a system runs."""
+"""Loops of direct feedthrough are reported, with the way out of each; and in what order a system runs."""
 
 from __future__ import annotations
 

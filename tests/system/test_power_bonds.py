@@ -26,7 +26,7 @@ def test_a_chain_through_a_robot_is_one_bond():
 
 
 def both_told(**changes):
-    """A mass whose spring is told position and velocity."""
+    """A mass whose spring is reported position and velocity."""
     damped = FakeFmu(
         inputs={"position": "m", "velocity": "m/s"},
         outputs={"force": "N"},

@@ -1,4 +1,4 @@
-"""Start values and inputs without one: what is taken, and what is told of the rest."""
+"""Start values and inputs without one: what is taken, and what is reported about the rest."""
 
 from __future__ import annotations
 

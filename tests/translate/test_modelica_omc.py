@@ -12,7 +12,7 @@ import pytest
 from orchestrator.base.errors import BuildError
 from orchestrator.translate.build import build
 
-# Copies the script it is given to a place the test can read, says something, and makes what it is told to.
+# Copies the script it is given to a place the test can read, says something, and makes what it is asked to.
 STAND_IN = """#!{python}
 import pathlib, sys
 script = pathlib.Path(sys.argv[1])

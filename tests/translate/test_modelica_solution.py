@@ -262,7 +262,7 @@ def test_a_corrupted_solution_fails_the_self_check(tmp_path, factor):
 
 
 def test_two_symbols_of_one_name_fail_the_self_check(tmp_path):
-    """The trap of CasADi: symbols are told apart by identity, names are only printed."""
+    """The trap of CasADi: symbols are distinguished by identity, names are only printed."""
     item = program(tmp_path, "input Real u;\nReal y;\nequation\ny = 2*u;")
     impostor = ca.SX.sym("u")
     solved = replace(item.model, algebraics={"y": 2 * impostor})

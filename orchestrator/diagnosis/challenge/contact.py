@@ -20,7 +20,7 @@ _LATCH_WIDTH = 1.0 / 3.0  # of a latch's depth: from where it is hardest to its 
 # Of its reach, over which a brush stiffens; rate over which it turns [m/s]; of its force, what it keeps on
 # the way out.
 _BRUSH_SHARE, _BRUSH_RATE, _BRUSH_OUT = 0.3, 2e-3, 0.2
-_PAD_SPEED = 0.02  # at which a pad that stiffens with it is told how much [m/s]
+_PAD_SPEED = 0.02  # at which a pad that stiffens with it is reported how much [m/s]
 _SEAL = 5e-5  # over which a seal opens [m]
 _TOOTH = 0.8  # of a ratchet's pitch, what its pawl climbs
 _TOOTH_RATE = 1e-3  # over which a ratchet turns [m/s]

@@ -158,7 +158,7 @@ def _turns(rng: np.random.Generator, pool: Sequence[Hidden]):
 
 
 def _pair(rng: np.random.Generator, pool: Sequence[Hidden], alike: bool) -> tuple[Hidden, ...]:
-    """Two effects, of one place or of two, that theory can tell apart."""
+    """Two effects, of one place or of two, that theory can distinguish."""
     while True:
         first, second = (pool[i] for i in rng.choice(len(pool), 2, replace=False))
         if (first.place == second.place) != alike:

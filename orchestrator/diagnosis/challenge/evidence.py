@@ -1,4 +1,4 @@
-"""How much the logs of a case could tell of its hidden effects at best, from the rig that made them."""
+"""How much the logs of a case could say about its hidden effects at best, from the rig that made them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 _BEGIN = 20
 # Samples of which a spectrum is taken, and frequencies over which it is averaged.
 _WINDOW, _BAND = 64, 8
-# Of a tolerance or a usual size, for differences: small ones, and large ones for where small ones tell of a
+# Of a tolerance or a usual size, for differences: small ones, and large ones for where small ones say about a
 # dent alone.
 _STEP, _WIDE = 0.1, 2.0
 # Evidences between which it is sought more than once: below there is hardly any, and above no search leads
@@ -101,11 +101,11 @@ class _Sight:
 
 @dataclass(frozen=True)
 class _Place:
-    """A rig, and how its knobs may stray.
+    """A rig, and how its knobs may deviate.
 
     Attributes:
-        knobs: from where they stray, as the lab believes them; free: by what they may.
-        at: how far they do; firm: what their strays cost, each of shape (free,).
+        knobs: from where they deviate, as the lab believes them; free: by what they may.
+        at: how far they do; firm: what their deviates cost, each of shape (free,).
 
     """
 
@@ -116,7 +116,7 @@ class _Place:
 
     @staticmethod
     def of(case: Case, knobs: Mapping[str, float]) -> _Place:
-        """A rig of a case, with the strays that it has."""
+        """A rig of a case, with the deviates that it has."""
         believed = dict.fromkeys(ROUGHNESS, 0.0)
         believed |= {knob: case.lab.nominal[name] for name, knob in CALIBRATED.items()}
         free = _usual(case)
@@ -314,7 +314,7 @@ def _least(sight: _Sight, place: _Place, target: Array, own: float) -> tuple[flo
     """Half the least d'd + z'z from a place on, see `visibility`.
 
     What a drive's acceleration ripples with a command's steps, a tool passes on to the force, and a delay
-    of a small part of a tick moves samples along it: derivatives tell which way that goes, and not which way
+    of a small part of a tick moves samples along it: derivatives say which way that goes, and not which way
     a larger one would. So it is sought by small differences alone, and by large ones first, too.
 
     Args:

@@ -45,7 +45,7 @@ _TAPE_REACH = 6.0  # reaches of a tape's hooks beyond which the last has let go
 _WINDING = 2e-3  # how long a motor's current takes [s]
 _KICK_RATE = 5e-4  # from which on a servo is sure that it has turned [m/s]
 _CLUTCH_BACK = 0.75  # of the force at which an overload clutch gives way: where it comes back
-_WHIP_FORCE = 50.0  # at which a rod that bows is told by how much [N]
+_WHIP_FORCE = 50.0  # at which a rod that bows is recognised by how much [N]
 _BRAKE_RATE = 5e-4  # over which a brake's friction turns [m/s]
 _CYCLE = 2e-4  # from which on a servo's cycle is one [s]
 _CHUCKED = 5e-4  # how long a rod takes to slide in its chuck [s]
@@ -53,7 +53,7 @@ _EXCITED, _LOADED = 0.3, 4.0  # how fast a slide's swing grows, and by how much 
 FORWARD = 1.5e-3  # how long a drive takes to tell the rate of its command [s]
 _STRAIGHT = 2e-3  # how long ropes take to be straight again [s]
 _CUP_REACH = 4e-4  # beyond which a cup has let go [m]
-_WORK = 0.1  # at which rubber that its work warms is told by how much [J]
+_WORK = 0.1  # at which rubber that its work warms is recognised by how much [J]
 _OPENING = 5e-3  # how long what a seal held takes to leave [s]
 
 

@@ -31,7 +31,7 @@ COLUMNS = (
 )
 LIMIT = 0.08  # a run that leaves this range is stopped [m]
 POSITION_RESOLUTION, FORCE_RESOLUTION = 1e-6, 0.1
-_FAST = 0.02  # at which it is told how loud the drive is [m/s]
+_FAST = 0.02  # at which it is reported how loud the drive is [m/s]
 _STOP_WIDTH = 5e-5  # over which a soft stop sets in [m]
 _SUBSTEPS = 40  # per tick
 _DRIVEN_SUBSTEPS = 12  # enough where differences between two runs are wanted, not the runs

@@ -99,7 +99,7 @@ class Marked:
 
     @property
     def confidence(self) -> float:
-        """Probability of the first candidate with those that it cannot be told from."""
+        """Probability of the first candidate with those that it cannot be distinguished from."""
         first = self.verdict.answers[0]
         return min(
             sum(
@@ -299,7 +299,7 @@ def _rms_debiased(group: Sequence[tuple[float, bool]]) -> float | None:
     """Root mean square calibration error less what chance makes of it (Kumar, Liang and Ma, 2019).
 
     In the bins of `_ece` the square of what was stated too much, less the variance that the share of right
-    ones has by chance; 0 where chance makes more. Bins of a single case tell nothing.
+    ones has by chance; 0 where chance makes more. Bins of a single case say nothing.
     """
     if not group:
         return None

@@ -30,7 +30,7 @@ class Series:
         held, missed: ticks at which sensor or controller do nothing, shape (n,).
         wall: where the frames stand in each contact, shape (400,) [m].
         payload: which tick's command is the one that then holds, shape (64 + n,).
-        stray: by how much each command is falsified on its way [m], shape (n,).
+        deviate: by how much each command is falsified on its way [m], shape (n,).
         supply: by which share the sensor's supply is off, shape (n,).
         floor: phase in which the floor vibrates at the start [rad].
         zero: where the sensor's zero is from each contact on, shape (400,) [N].

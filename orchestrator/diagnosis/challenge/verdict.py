@@ -19,7 +19,7 @@ _SET = 0.95
 
 @dataclass(frozen=True)
 class Answer:
-    """One candidate: effects, its probability, and what the data cannot tell from it."""
+    """One candidate: effects, its probability, and what the data cannot distinguish from it."""
 
     effects: frozenset[str]
     probability: float
@@ -34,7 +34,7 @@ class Verdict:
         effects, places: the answer given; ties: those of the candidate that it is.
         answers: all candidates, most probable first.
         closure, recalibration: share of the gap closed one contact ahead, by the answer and by recalibration
-            alone; None where it could not be told.
+            alone; None where it could not be reported.
         doubtful: whether it doubts the tolerances of the calibration.
         answer_set: the answers that it cannot exclude; where it names none, the most probable ones that hold
             95 % of the probability.

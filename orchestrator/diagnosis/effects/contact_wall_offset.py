@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..effect import Effect, Parameter
 
-# Between these the depth of contacts, and with it the force, hardly tells which way to go.
+# Between these the depth of contacts, and with it the force, hardly says which way to go.
 _STARTS = (1e-5, -1e-5, 1e-4, -1e-4, 3e-4, -3e-4)
 
 EFFECT = Effect(

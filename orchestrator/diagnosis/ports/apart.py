@@ -55,7 +55,7 @@ class Window:
 
 
 def components(study: PortStudy) -> tuple[Component, ...]:
-    """The components that the compared ports of a study tell apart, in the order of the system."""
+    """The components that the compared ports of a study distinguish, in the order of the system."""
     system = study.prepared.system
     given = set(study.given)
     measured = list(dict.fromkeys(port.instance for port in study.compared))

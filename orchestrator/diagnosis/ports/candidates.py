@@ -35,7 +35,7 @@ __all__ = ["candidates"]
 # Levels between zero and a signal's peak, of the finest resolution that is looked for; and by how much of a
 # level, or of a period, what is farthest from the begin may be astray.
 _FINEST, _NEAR = 60, 0.25
-# Effects of connections that are told together.
+# Effects of connections that are reported together.
 _KIN = {
     **dict.fromkeys(("delay", "low-pass", "sample-and-hold"), "a lag"),
     **dict.fromkeys(("dead-band", "backlash"), "a play or dead band"),

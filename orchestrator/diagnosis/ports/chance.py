@@ -12,7 +12,7 @@ from .comb import Comb
 
 __all__ = ["chance_saves"]
 
-# How many unrelated values tell what chance makes.
+# How many unrelated values say what chance makes.
 _DRAWN = 48
 # Share of its square by which a trace leaves what other parameters do, below which it is rounding.
 _SAME = 1e-9

@@ -1,4 +1,4 @@
-"""Clocks of logs that are late or early: told apart from effects that delay."""
+"""Clocks of logs that are late or early: distinguished from effects that delay."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def wrong_clocks(
     A delay of the plant shows in the same way, if it lies beyond all that the logs tell of: before what alone
     drives the system, or at an output that nothing reads. No delay is negative, and a delay within a loop
     changes the loop. So all single candidates are tried in the clock's place, struck ones, too: where none
-    comes near, the logs are refused; where one explains about as much, both are told.
+    comes near, the logs are refused; where one explains about as much, both are reported.
 
     Args:
         given: what the model as configured gives, by run.
@@ -261,7 +261,7 @@ def _fitted(fitter: WaryFitter, base: Base, one: tuple[float, Effect, Array]) ->
 
 
 def _told(study: PortStudy, clock: _Clock) -> tuple[str, str]:
-    """Where a clock is wrong, and how it is mended, in words."""
+    """Where a clock is wrong, and how it is corrected, in words."""
     ports = [port for port in study.columns if port in clock.ports]
     shift = clock.late * study.interval
     way = f"{'late' if shift > 0.0 else 'early'} by {abs(shift):.6g} s"

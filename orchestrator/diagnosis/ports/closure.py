@@ -31,7 +31,7 @@ def how_far(study: PortStudy, finding: Finding) -> dict[str, Any]:
     Errors are relative: root mean square of log minus model over the standard deviation of the log, root mean
     square over the compared ports where the gap stands beyond the noise, or grows beyond it with the answer:
     a precise port would drown in the noise of others. Where it does at none, over all of them.
-    `noise_floor_from` tells where the noise floor is from; see `_Floor`; `over_recalibration` is the log
+    `noise_floor_from` says where the noise floor is from; see `_Floor`; `over_recalibration` is the log
     likelihood of the answer over other calibrated numbers alone [nats].
     """
     models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}

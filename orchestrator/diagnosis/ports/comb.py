@@ -16,7 +16,7 @@ _KEPT, _CLOSER, _POINTS, _WORTH = 3, 6, 100, 10.0
 # Of resolutions so many are kept at first, and half as many each time; and by how many times as many are
 # looked at where signals have few values.
 _FEW_VALUES, _DENSER = 16, 3
-# Values farther apart than so many times the comb's width have nothing in common; those that tell what chance
+# Values farther apart than so many times the comb's width have nothing in common; those that say what chance
 # makes are smaller or larger than the one found by this factor at most; and points to count values by.
 _ALIEN, _AS_LARGE, _FINE = 4.0, 2.0, 400
 

@@ -58,7 +58,7 @@ def diagnose_ports(
 
     Args:
         path: the study's file or folder.
-        progress: is told each stage as it begins, and how far weighing is: see `Tally`.
+        progress: is reported each stage as it begins, and how far weighing is: see `Tally`.
         report: whether to make the page.
         practice: cases to practise on first, if any.
     Raises: ConfigError with all problems of study and logs; OrchestratorError if an analysis fails.
@@ -145,7 +145,7 @@ def _as_effects(kept: Mapping[str, str], missing: Collection[str]) -> list[Warne
     """Laws of friction that are no FMUs in the augmented systems.
 
     Args:
-        missing: what these do not hold at all, of which that is told.
+        missing: what these do not hold at all, of which that is reported.
 
     """
     return [

@@ -29,7 +29,7 @@ class PortEffect(Effect):
         make: the effect on connections that it is, of its parameters.
         reads: ports that the effect reads.
         family: effects of one family are forms of one cause, and are not combined; "" for none.
-        kin: what it is told together with, if anything; unlike a family's, such effects may be combined.
+        kin: what it is reported together with, if anything; unlike a family's, such effects may be combined.
         comb: where to look for its one parameter, if runs tell it only from very near.
         untold: whether its signal takes so few values that any error of these could be its doing.
 

@@ -1,4 +1,4 @@
-"""What to run next on any system: the experiment that is expected to tell tied answers apart best."""
+"""What to run next on any system: the experiment that is expected to distinguish tied answers best."""
 
 from __future__ import annotations
 

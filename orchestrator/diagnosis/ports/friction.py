@@ -131,7 +131,7 @@ def _laws(study: PortStudy, port: Port, read: Port, sign: int, sizes: Sizes, pre
 
 
 def _kin(name: str, place: str, sign: int) -> Kin | None:
-    """What a law is told together with: one that is nested in another hardly differs from it."""
+    """What a law is reported together with: one that is nested in another hardly differs from it."""
     if name in _DRY:
         return Kin("dry friction" if sign < 0 else "another form of dry friction", place)
     return Kin("friction that grows with speed", place) if name in _WITH_SPEED else None

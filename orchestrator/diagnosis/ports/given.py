@@ -25,7 +25,7 @@ __all__ = ["check_logs"]
 Signals = Mapping[Port, Array]
 
 # Misfit of a port, over the variance of its log, from which on a mistake is sought; what it may be once that
-# is mended, and as what share of the misfit before.
+# is corrected, and as what share of the misfit before.
 _WRONG, _FITS, _MENDED = 0.25, 0.25, 0.1
 
 # A model that moves by no more times the noise is at rest.
@@ -47,7 +47,7 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     found = [_mistake(study, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
     refused = told_once(mistakes, "the same in {} more run{s}") + _runaways(study, given)
-    # Beside a mistake of another kind nothing tells of clocks.
+    # Beside a mistake of another kind nothing says about clocks.
     late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
     return [*refused, *late], [
         *_stuck(study, given),

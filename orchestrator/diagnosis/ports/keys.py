@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 FORMAT = "port-study/1"
-# Units by which motion is told: that of the speed that goes with each.
+# Units by which motion is reported: that of the speed that goes with each.
 SPEEDS = {"m": "m/s", "m/s": "m/s", "rad": "rad/s", "rad/s": "rad/s"}
 
 

@@ -93,7 +93,7 @@ def _rms(pairs: Sequence[tuple[float, float]]) -> dict[str, float]:
 
 
 def doubts(found: Mapping[str, Any]) -> list[Warned]:
-    """What to tell of a step that is too long."""
+    """What to say about a step that is too long."""
     fraction = found["fraction"]
     runs_away = found["error"] is None
     loud = not runs_away and found["error"] > _LOUD * found["noise"]
@@ -114,7 +114,7 @@ def doubts(found: Mapping[str, Any]) -> list[Warned]:
 
 
 def doubts_of_answer(found: Mapping[str, Any], fed: Collection[str] = ()) -> list[Warned]:
-    """What to tell of a step that is too long for the answer, though it may do for the system as believed.
+    """What to say about a step that is too long for the answer, though it may do for the system as believed.
 
     Dry friction and limits switch from one sample to the next: what a step misses of them is no effect's, but
     the answer's own numbers, or a further effect, make up for it.

@@ -229,7 +229,7 @@ class Player:
         Gauss-Seidel gives so what passes at once to an output, and what comes from instances that have
         stepped; the log comes as these do. What integrates over the step would be early by half of it instead
         of late, and by all of it where the log is held. FMUs made of Python tell of no states: that they hold
-        some is told by outputs that no input passes to at once.
+        some is recognised by outputs that no input passes to at once.
         """
         about = instance.fmu.description
         if not isinstance(self._master, GaussSeidel) or about.states:

@@ -52,7 +52,7 @@ class Practise:
         cases: to simulate; seed: of their draws.
         jobs: processes; as many as there are cores by default.
         kept: file that weighed cases are kept in, one a line, and that an interrupted practice goes on from.
-        progress: is told how many are weighed.
+        progress: is reported how many are weighed.
 
     """
 
@@ -76,7 +76,7 @@ class Case:
 
     Attributes:
         truth: ids; ("outside",); or none.
-        evidence: what the logs tell of it over the calibration alone [nats].
+        evidence: what the logs say about it over the calibration alone [nats].
         answers: none first; candidates: how many there were; share: see `Weighed.share`.
 
     """
@@ -140,7 +140,7 @@ def practise(path: Path, order: Practise) -> dict[str, Any]:
 def parts_of(study: PortStudy) -> dict[str, str]:
     """Digests of what makes a study's system what it is, by name; what was logged of it is none of them."""
     config = study.prepared.config.model.to_data()
-    # A file of an FMU may stand elsewhere: its checksum tells which it is.
+    # A file of an FMU may stand elsewhere: its checksum says which it is.
     own = {name: {**one, "fmu": None} for name, one in config["instances"].items()}
     fmus = {name: one["checksum"] for name, one in instance_fmus(study.prepared.system).items()}
     parts = {

@@ -153,7 +153,7 @@ class _Reader:
         return parts
 
     def study(self) -> PortStudy | None:
-        """The study; None if something is wrong, which is told."""
+        """The study; None if something is wrong, which is reported."""
         sheet, model = self.sheet, self.model
         units = {name: _column_unit(one) for name, one in self.ports.items()} | {"time": "s"}
         mapping, fed, compared = self._columns(units)
@@ -245,7 +245,7 @@ class _Reader:
         """Tell if nothing moves at any port at which runs of training are compared."""
         train = [run for run in runs if run.role is Role.TRAIN]
         logs = [(port, run.logs[port][settled:]) for run in train for port in compared if port in run.logs]
-        # A run that is too short to settle is told as such.
+        # A run that is too short to settle is reported as such.
         if logs and all(log.size and np.ptp(log) == 0.0 for _, log in logs):
             found = {f"{port}: {log[0]:g} {self.ports[str(port)].unit_name or '1'}" for port, log in logs}
             what = "the logs of all compared ports are constant in the runs of the role train"
@@ -253,7 +253,7 @@ class _Reader:
             self.sheet.tell(("columns",), f"{what} ({listed(sorted(found))})", "one that moves", remedy)
 
     def _motion(self) -> tuple[Port | None, float | None]:
-        """The port by which phases of motion are told, and the speed of rest in its unit."""
+        """The port by which phases of motion are reported, and the speed of rest in its unit."""
         if self.model.motion is None:
             return None, None
         model, _ = self.sheet.taken(MotionModel, self.model.motion, "motion")

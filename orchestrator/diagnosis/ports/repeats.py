@@ -39,7 +39,7 @@ def unlike(study: PortStudy, run: PortRun, of: PortRun) -> Iterator[tuple[Port, 
 def apart(study: PortStudy, run: PortRun, port: Port) -> list[Array]:
     """What differs at a port between a run and each of its repeats, as noise of one of them, once settled.
 
-    Repeats that were driven otherwise are left out: they tell of their inputs.
+    Repeats that were driven otherwise are left out: they say about their inputs.
     """
     found = []
     for other in repeats_of(study, run):

@@ -156,7 +156,7 @@ class PortReplay:
         return found
 
     def _begin(self, number: int) -> Begun:
-        """How noise of the first samples strays a run. About the system as believed: effects and other
+        """How noise of the first samples deviates a run. About the system as believed: effects and other
         calibrations hardly change what so little makes.
         """
         if number not in self._begun:

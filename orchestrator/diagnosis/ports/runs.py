@@ -29,7 +29,7 @@ _CLOCKS = {1e-3: "ms", 1e3: "s, not ms", 1e-6: "us", 1e6: "s, not us", 1e-9: "ns
 # Samples of a run that are compared, at the least.
 _FEWEST = 100
 # Messages may come late for good by so many steps, and by so many times what the least late ones of so many
-# stray; the first and the last so many tell where others should be, since any one may itself be late.
+# deviate; the first and the last so many say where others should be, since any one may itself be late.
 _STRAYED, _JITTERS, _ENDS = 3.0, 8.0, 20
 # Messages that are apart by so much more or less of the step have another, and not a clock that is off.
 _ANOTHER = 0.1
@@ -58,7 +58,7 @@ class Columns:
 def read_runs(
     sheet: Sheet, entries: Sequence[Any] | None, columns: Columns, settled: int
 ) -> tuple[PortRun, ...]:
-    """The runs that can be read; all that is wrong with the others, and with any, is told.
+    """The runs that can be read; all that is wrong with the others, and with any, is reported.
 
     Args:
         entries: of the study; None if they are no list.
@@ -132,7 +132,7 @@ class _Run:
         self.first = 0
 
     def read(self) -> PortRun | None:
-        """None if it cannot be read, which is told."""
+        """None if it cannot be read, which is reported."""
         model, mapping, sheet = self.model, self.columns.mapping, self.sheet
         before = len(sheet.problems)
         unknown = [name for name in model.without if name not in self.columns.named]
@@ -198,7 +198,7 @@ class _Run:
         return slice(first, last)
 
     def _even(self, time: Array, first: int) -> bool:
-        """Whether samples are a step apart, and stay so; tells if not. first: number of the first row."""
+        """Whether samples are a step apart, and stay so; says if not. first: number of the first row."""
         step = self.columns.step
         assert step is not None
         if not np.isclose(np.diff(time), step, rtol=0, atol=_UNEVEN * step).all():
@@ -210,7 +210,7 @@ class _Run:
         return True
 
     def _steady(self, time: Array, first: int) -> bool:
-        """Whether as many messages came as steps went by; tells if not. Arguments as those of `_even`.
+        """Whether as many messages came as steps went by; says if not. Arguments as those of `_even`.
 
         Messages come early and late, or many at once after a while: how late one is counts only as far as
         none of those after it makes up for it, or all of those before it were as late.

@@ -79,7 +79,7 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     """
     stage("candidates")
     plain = WaryFitter(replay).fit(())
-    # What a channel carries is told by what the best model at hand leaves of it: what an effect would
+    # What a channel carries is recognised by what the best model at hand leaves of it: what an effect would
     # explain is slow, and makes a channel seem to carry little before the effect is found. So effects are
     # first sought as if residuals were white, only to see what remains.
     white = WaryFitter(Weighted(replay, _weights(replay, plain.residuals, _square)))

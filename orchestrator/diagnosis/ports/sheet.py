@@ -26,7 +26,7 @@ class Sheet:
     """A study's file.
 
     Attributes:
-        problems: what is wrong so far; reading goes on, so that all of it can be told at once.
+        problems: what is wrong so far; reading goes on, so that all of it can be determined at once.
         unchecked: see `ConfigError`.
 
     Raises: ConfigError if the file is no text, no YAML, or holds no keys.
@@ -56,7 +56,7 @@ class Sheet:
         self.problems.append(Problem(self.place(*path), what, allowed, remedy))
 
     def taken(self, kind: type[Part], data: Any, *path: str | int) -> tuple[Part, frozenset[str]]:
-        """A part of the study as far as nothing is wrong with it; what is, is told.
+        """A part of the study as far as nothing is wrong with it; what is, is reported.
 
         Returns: the part, with None in place of keys that it needs and that are wrong; and the wrong keys.
         """

@@ -30,7 +30,7 @@ __all__ = ["simulated"]
 _KINDS = {"none": 0.25, "one": 0.45, "two": 0.15, "outside": 0.15}
 # Sizes of effects are drawn from so many decades below their prior.
 _DECADES = 2.5
-# An effect of which logs tell less is none [nats].
+# An effect of which logs say less is none [nats].
 _SEEN = 10.0
 # Signals this many times as large as the logs' are those of no rig that would have been left running.
 _WILD = 3.0
@@ -50,7 +50,7 @@ def simulated(
     Args:
         effects: to draw from.
     Returns: the study, train and validation runs only; what is hidden, as far as logs can tell; and how much
-        they tell of it, see `_told` [nats].
+        they say about it, see `_told` [nats].
     Raises: OrchestratorError if whatever is drawn makes a loop swing up.
 
     """

@@ -1,4 +1,4 @@
-"""Noise of the samples at which runs begin: told apart from what the rest of the run tells."""
+"""Noise of the samples at which runs begin: distinguished from what the rest of the run tells."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ from .weigh import Weighed, weigh_ports
 
 __all__ = ["Stepped", "told_of_step", "weighed_without_step", "with_steps"]
 
-# By how much shorter the step is at most by which its error is told, and with which a study goes on then.
+# By how much shorter the step is at most by which its error is reported, and with which a study goes on then.
 _SHORTEST, _ONWARD = 32, 8
 # An error of the step that moves the weighed residuals by less makes nothing that logs could tell [nats].
 _UNSEEN = 1.0
@@ -123,7 +123,7 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
     distinct = {(effects, z.tobytes()): (effects, z) for effects, z in models}
     before = _evidence(study, top.effects, top.z, weighed.weights)
     tried = [(_corrected(study, limit, effects, z), effects, z) for effects, z in distinct.values()]
-    # Where a model runs away with shorter steps, it tells nothing of the error of the step.
+    # Where a model runs away with shorter steps, it says nothing of the error of the step.
     steady = [one for one in tried if all(map(_finite, one[0].runs))]
     if not steady:
         return Stepped(study, weighed)
@@ -144,7 +144,7 @@ def weighed_without_step(study: PortStudy, tempering: Tempering) -> Stepped:
 
 def _onward(study: PortStudy, limit: _Limit) -> PortStudy:
     """The study with the steps to go on with."""
-    # FMUs may refuse steps that are shorter still than those by which the error was told.
+    # FMUs may refuse steps that are shorter still than those by which the error was reported.
     halvings = range(int(math.log2(limit.onward)), 0, -1)
     shorter = (with_steps(study, 2**number) for number in halvings)
     return next(one for one in shorter if one is not None)
@@ -221,7 +221,7 @@ def _others(study: PortStudy, limit: _Limit, weighed: Weighed) -> list[tuple[tup
 
 
 def told_of_step(found: Stepped, configured: PortStudy) -> list[Warned] | None:
-    """What to tell of a step other than the configured one, or of that as the machine's; None: nothing."""
+    """What to say about a step other than the configured one, or of that as the machine's; None: nothing."""
     study = found.study
     step, before = (f"{1e3 * float(one.prepared.grid.step_size):g} ms" for one in (study, configured))
     interval = f"{1e3 * study.interval:g} ms"
@@ -274,7 +274,7 @@ def _apart(
 
 
 def _limit(study: PortStudy, weights: Mapping[Port, float], model: Augmented) -> _Limit | None:
-    """Steps short enough to tell what none would give; None if the study's own are, or it takes no other.
+    """Steps short enough to say what none would give; None if the study's own are, or it takes no other.
 
     Args:
         model: whose signals tell.

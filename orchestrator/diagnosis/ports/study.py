@@ -74,7 +74,7 @@ class PortStudy:
         settled: samples at the begin of each run that are not compared.
         priors: of further parameters that may be other than configured, by "instance.parameter".
         only, without: patterns of candidates; see `candidates`.
-        motion: port by whose velocity, or position, phases of motion are told; None: as the logs offer.
+        motion: port by whose velocity, or position, phases of motion are reported; None: as the logs offer.
         rest: speed below which nothing moves [the port's unit, per second if a position]; None: by its size.
         window: samples after which components are taken up from the measured state anew; 0: by the run.
         leads: windows before one in which measured signals lead components to its begin; see `where.lasting`.

@@ -1,4 +1,4 @@
-"""Effects that cannot be told from those of an answer: fitted in their place, they predict the same."""
+"""Effects that cannot be determined from those of an answer: fitted in their place, they predict the same."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _acts(fitter: Fitter, fit: Fit) -> bool:
 
 
 def _bent(fitter: Fitter, one: Fit, other: Fit) -> float:
-    """What the calibration of the other fit strays more, in log probability [nats]."""
+    """What the calibration of the other fit deviates more, in log probability [nats]."""
     count = len(fitter.nominal)
     return max(0.5 * float(other.z[:count] @ other.z[:count] - one.z[:count] @ one.z[:count]), 0.0)
 

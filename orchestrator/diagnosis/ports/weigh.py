@@ -29,17 +29,17 @@ from .ties import alike
 
 __all__ = ["Weighed", "foremost", "weigh_ports"]
 
-# Answers that are told.
+# Answers that are reported.
 _KEPT = 12
 # Excess counts where it is this part of the noise at least.
 _EXCESS = 0.5
 # What is left of a port's excess is of something else where it is this many times the noise's mean square.
 _OTHER = 16.0
-# Answers of a larger probability tell which of their effects counts most.
+# Answers of a larger probability say which of their effects counts most.
 _WORTH = 0.01
 # What a model that runs away leaves of the validation runs beyond others, in squares of the noise.
 _RUNAWAY = 1e6
-# Tolerances by which a calibrated number may stray.
+# Tolerances by which a calibrated number may deviate.
 _STRAYED = 3.0
 
 

@@ -21,7 +21,7 @@ __all__ = ["Shares", "lasting", "ledger", "no_shares", "shapley_shares", "where"
 
 # Edges of the bands, as shares of the sampling frequency.
 _BANDS = (0.0, 0.002, 0.01, 0.05)
-# Runs of noise alone, from which the energy that noise leaves is told.
+# Runs of noise alone, from which the energy that noise leaves is reported.
 _DRAWS, _SEED = 2, 20190611
 # Energies beyond the noise are shared out where they are more than so many times what they scatter by.
 _CHANCE = 3.0
@@ -177,7 +177,7 @@ class _Grid(NamedTuple):
 class _Energy(NamedTuple):
     """Energy of a port's residuals, see `cells`, and what the sum of it scatters by, squared.
 
-    Windows are taken up at measured signals, so that noise there goes through each as a whole: they tell what
+    Windows are taken up at measured signals, so that noise there goes through each as a whole: they say what
     the sum scatters by, and samples do not.
     """
 

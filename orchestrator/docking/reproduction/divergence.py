@@ -54,7 +54,7 @@ def cases() -> tuple[Case, ...]:
 
 
 def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
-    """Growth per contact of every curve, and what the text tells of the one at 6 ms."""
+    """Growth per contact of every curve, and what the text says about the one at 6 ms."""
     found = []
     growth = {}
     for name, (frequency, delay) in _points().items():

@@ -52,7 +52,7 @@ def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bo
         only: figures, groups of them or experiments, for example ("fig6", "fig3"); everything if empty.
         jobs: number of processes; as many as there are cores by default.
         progress: whether to show a bar on a terminal.
-    Returns: numbers beside the source's, and figures. Runs that failed are told in the summary.
+    Returns: numbers beside the source's, and figures. Runs that failed are reported in the summary.
     Raises: ConfigError for an unknown name.
 
     """

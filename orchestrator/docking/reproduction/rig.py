@@ -1,4 +1,4 @@
-"""A model of the source's rig of Section 4.3, derived from what the text tells of it.
+"""A model of the source's rig of Section 4.3, derived from what the text says about it.
 
 The mechanisms themselves are not at hand: stiffness follows from contact frequency and mass, the robot's
 delay from the divergence without compensation, and what the text leaves open is assumed and named.

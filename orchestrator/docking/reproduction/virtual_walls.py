@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 NOISE = "0.2 N"
 SEEDS = (1, 2, 3)
-CONTACTS = 11  # the first, which the source tells apart, and ten more
+CONTACTS = 11  # the first, which the source distinguishes, and ten more
 
 TITLE = "Section 4.2: virtual walls"
 ABOUT = (

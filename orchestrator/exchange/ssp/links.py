@@ -65,7 +65,7 @@ def links_of(
 def _judged(
     index: int, connection: Connection, descriptions: Mapping[str, ModelDescription], lost: list[str]
 ) -> Link | None:
-    """A connection as SSP has it; what it cannot say is told in `lost`."""
+    """A connection as SSP has it; what it cannot say is reported in `lost`."""
     factor, offset, table = 1.0, 0.0, None
     wire = connection.wire
     if wire is not None and len(wire.legs) > 1:

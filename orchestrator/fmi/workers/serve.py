@@ -1,4 +1,4 @@
-"""The process of a worker: it does the tasks that it is told over a pipe until the pipe ends."""
+"""The process of a worker: it does the tasks that it is reported over a pipe until the pipe ends."""
 
 from __future__ import annotations
 

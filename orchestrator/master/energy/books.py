@@ -14,7 +14,7 @@ the sum of what its two connections do, each with the true partner of what it ca
 
     created = integral of (e~ - e) f dt  -  integral of e (f~ - f) dt
 
-In this form it holds for longer ways, too: where a robot lies between, that moves by what it is told, a
+In this form it holds for longer ways, too: where a robot lies between, that moves by what it is reported, a
 force held on the way costs or gains (e~ - e) times the taker's flow, a motion held on the way e times
 (f~ - f), each being what the satellite would otherwise have been given. The rest of taken - given is what
 the instances on the way inject of themselves, `between`. With instances on the way the share of a connection
@@ -23,7 +23,7 @@ that they filter is right to leading order only: as if they passed it on at once
 Where effects stand on a connection, e and f of it are what comes out of them: they are part of the system,
 and what they take or give counts as `between`.
 
-Where A is told a displacement x, the work is the integral of e dx~: a held x~ jumps at the communication
+Where A is reported a displacement x, the work is the integral of e dx~: a held x~ jumps at the communication
 points, by what the source moved, against the mean of the effort before and after.
 
 Signals are known at communication points, inputs over the whole step; products are integrated by Simpson's

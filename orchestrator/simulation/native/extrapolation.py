@@ -127,7 +127,7 @@ def feed(row, ahead, source, gain, offset, inputs):
 
 @register_jitable
 def bends(ahead, who):
-    """Whether an instance is told derivatives of its inputs."""
+    """Whether an instance is reported derivatives of its inputs."""
     bounds = word(ahead, _BOUNDS)
     return word(bounds, who + 1) > word(bounds, who)
 

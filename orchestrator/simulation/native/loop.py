@@ -118,7 +118,7 @@ def _largest(width: int, seen: bool, paced: bool) -> int:
 
 @dataclass
 class _Native:
-    """Instances in machine code, and what it tells of the steps that it took.
+    """Instances in machine code, and what it says about the steps that it took.
 
     Attributes:
         running: the instances; planned: their order.

@@ -14,7 +14,7 @@ class _Column(IntEnum):
 
 
 class Call(_Column):
-    """Columns of the table of get and set functions; addresses unless told otherwise."""
+    """Columns of the table of get and set functions; addresses unless set otherwise."""
 
     FUNCTION = auto()
     COMPONENT = auto()
@@ -27,7 +27,7 @@ class Call(_Column):
 
 
 class Step(_Column):
-    """Columns of the table of instances; addresses unless told otherwise."""
+    """Columns of the table of instances; addresses unless set otherwise."""
 
     VERSION = auto()  # of FMI
     FUNCTION = auto()
@@ -59,7 +59,7 @@ class Path(_Column):
 
 
 class Chained(_Column):
-    """Columns of the table of effects on connections; addresses unless told otherwise."""
+    """Columns of the table of effects on connections; addresses unless set otherwise."""
 
     KIND = auto()  # number of a built-in effect; -1: another, by its function
     FUNCTION = auto()
@@ -73,7 +73,7 @@ class Chained(_Column):
 
 
 class Ahead(_Column):
-    """What a master that extrapolates keeps; addresses unless told otherwise. See `ahead.Curves`."""
+    """What a master that extrapolates keeps; addresses unless set otherwise. See `ahead.Curves`."""
 
     ORDER = auto()  # of the polynomial
     SIZE = auto()  # how many signals there are
@@ -98,7 +98,7 @@ class Given(_Column):
 
 
 class Bend(_Column):
-    """Columns of the table of functions that take derivatives of inputs; addresses unless told otherwise."""
+    """Columns of the table of functions that take derivatives of inputs; addresses unless set otherwise."""
 
     FUNCTION = auto()
     COMPONENT = auto()
@@ -110,7 +110,7 @@ class Bend(_Column):
 
 
 class Plain(_Column):
-    """Columns of the plan of a plain system; addresses unless told otherwise."""
+    """Columns of the plan of a plain system; addresses unless set otherwise."""
 
     COMPONENT = auto()
     SETTER = auto()
@@ -160,7 +160,7 @@ class Phase(_Column):
 
 
 class Outcome(_Column):
-    """Entries of what a chunk tells of its end."""
+    """Entries of what a chunk says about its end."""
 
     WHO = auto()  # position of the instance
     PHASE = auto()

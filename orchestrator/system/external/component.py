@@ -67,7 +67,7 @@ class ExternalFmu:
         """Nothing can be known before the peer answers."""
 
     def checksum(self) -> str:
-        """What the connection is told by; its content is another program's."""
+        """What the connection is recognised by; its content is another program's."""
         return f"udp:{self.model.peer}"
 
     def instantiate(self, name: str) -> ExternalInstance:
