@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import ConfigError, Problem, in_order, listed, nearest
-from ..config import Places, file_of, take_as_meant
+from ..config import Places, correct_spelling, file_of
 from ..simulation.preparation import Judgement, Prepared, judge
 from ..system.system import Instance
 from .axes import Axis, Level, as_text, axis_of
@@ -77,7 +77,7 @@ class _Check:
         """See `check_study`."""
         unchecked: list[str] = []
         data = dict(data)
-        self._problems += take_as_meant(data, self._places, StudyModel)[0]
+        self._problems += correct_spelling(data, self._places, StudyModel)[0]
         self._model, unread, whole = read_study(data, self._places, self._problems)
         judged = self._system(data.get("system"), folder, unchecked) if "system" not in unread else None
         if judged is None:

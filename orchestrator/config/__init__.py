@@ -8,7 +8,7 @@ from .files import file_of, move_effects, move_value
 from .load import Config, Draft, json_schema, load_config, read_config
 from .models import BondModel, ConnectionModel, InstanceModel, RunModel, Scalar, SourceModel, SystemModel
 from .overrides import override_path, put_value, unknown_path
-from .partial_config import take_as_meant
+from .partial_config import correct_spelling
 from .problems import path_within, validation_problems
 from .text import Place, Places, compose, copied, dump, parse, path_text
 from .unresolved import Absent, Gaps
@@ -31,6 +31,7 @@ __all__ = [
     "SystemModel",
     "compose",
     "copied",
+    "correct_spelling",
     "dump",
     "file_of",
     "json_schema",
@@ -43,7 +44,6 @@ __all__ = [
     "path_within",
     "put_value",
     "read_config",
-    "take_as_meant",
     "unknown_path",
     "validation_problems",
 ]

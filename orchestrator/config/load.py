@@ -14,7 +14,7 @@ from ..fmi import bundled
 from .files import file_of, rebase
 from .models import SystemModel
 from .overrides import override
-from .partial_config import read_model, take_as_meant
+from .partial_config import correct_spelling, read_model
 from .text import Path, Place, Places, compose, copied, dump
 from .unresolved import FURTHER, Gaps
 
@@ -111,7 +111,7 @@ def read_config(
         own, name, notes, unpacked = source.folder, source.name, source.notes, source.unpacked
     elif isinstance(source, Mapping):
         data, places = copied(source), Places("config")
-        found.misspelt, _ = take_as_meant(data, places, SystemModel)
+        found.misspelt, _ = correct_spelling(data, places, SystemModel)
         own, name = pathlib.Path.cwd(), "config"
     else:
         path = _find(source)
@@ -200,7 +200,7 @@ def _read(
     data, places, problems = compose(text, path.name)
     renamed: dict[str, str] = {}
     if isinstance(data, dict):
-        misspelt, renamed = take_as_meant(data, places, SystemModel)
+        misspelt, renamed = correct_spelling(data, places, SystemModel)
         wrong.misspelt += misspelt
     for where, problem in problems:
         wrong.problems.append(problem)

@@ -24,7 +24,7 @@ from .problems import is_of_another_form, names_of, path_within, unknown_key, va
 from .text import Path, Places
 from .unresolved import Gaps
 
-__all__ = ["read_model", "take_as_meant"]
+__all__ = ["correct_spelling", "read_model"]
 
 _ARROW = TypeAdapter(Arrow)
 _NAMED = ("instances", "external")
@@ -32,7 +32,7 @@ _NAMED = ("instances", "external")
 _ANY_PEER = {"listen": "127.0.0.1:1", "peer": "127.0.0.1:2", "exchange": "latest"}
 
 
-def take_as_meant(
+def correct_spelling(
     data: dict[str, Any], places: Places, model: type[BaseModel]
 ) -> tuple[list[Problem], dict[str, str]]:
     """Give misspelt sections the one name that they can be meant for, so that what is in them is read, too.

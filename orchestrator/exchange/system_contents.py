@@ -191,13 +191,13 @@ def _unfit(one: Instance, places: Places) -> list[Problem]:
         return [Problem(place, what, f"it is of FMI {description.fmi_version}; 2.0 and 3.0 can")]
     if description.interface is not Interface.CO_SIMULATION:
         return [Problem(place, what, "it runs as model exchange; co-simulation can")]
-    handling = one.fmu.handling if isinstance(one.fmu, CompiledFmu) else None
-    if handling is None:
+    run_options = one.fmu.run_options if isinstance(one.fmu, CompiledFmu) else None
+    if run_options is None:
         return [Problem(place, what, "it is no FMU of a file, but lives outside of the run")]
-    if handling.event_mode:
+    if run_options.event_mode:
         remedy = f"Leave instances.{one.name}.event_mode out."
         return [Problem(place, what, "it runs with event_mode, of which the inner master has none", remedy)]
-    if handling.tolerance is not None:
+    if run_options.tolerance is not None:
         remedy = f"Leave instances.{one.name}.tolerance out."
         return [Problem(place, what, "it is told a tolerance, which the inner master does not do", remedy)]
     return []

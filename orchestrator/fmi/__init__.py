@@ -6,7 +6,7 @@ Imports `base` only.
 from .description import Capabilities, ModelDescription, read_description
 from .instance import Array, Fmu, FmuInstance, Point, StepStatus, integration_tolerance
 from .loading import CompiledFmu, load_fmu
-from .run_options import DEFAULT_TOLERANCE, Handling, Interface
+from .run_options import DEFAULT_TOLERANCE, Interface, RunOptions
 from .variable import Causality, Initial, Kind, Value, Variability, Variable
 
 __all__ = [
@@ -17,12 +17,12 @@ __all__ = [
     "CompiledFmu",
     "Fmu",
     "FmuInstance",
-    "Handling",
     "Initial",
     "Interface",
     "Kind",
     "ModelDescription",
     "Point",
+    "RunOptions",
     "StepStatus",
     "Value",
     "Variability",

@@ -20,7 +20,7 @@ from .archive import Unpacked
 from .block import Block, Unfit
 from .description import ModelDescription
 from .instance import Array, Point, StepStatus
-from .run_options import Handling
+from .run_options import RunOptions
 from .values import Values
 from .variable import Value
 
@@ -71,13 +71,13 @@ class CompiledInstance(Values):
         path: Path,
         description: ModelDescription,
         unpacked: Unpacked,
-        handling: Handling,
+        run_options: RunOptions,
     ) -> None:
         from .library import LogBook, load_library
 
         super().__init__(name, description)
         self.path = path
-        self.handling = handling
+        self.run_options = run_options
         self._unpacked = unpacked
         self._time: float | None = None
         self._freed = False
@@ -114,7 +114,7 @@ class CompiledInstance(Values):
 
         Only one that the config gives: an FMU knows the one that it proposes itself.
         """
-        tolerance = self.handling.tolerance
+        tolerance = self.run_options.tolerance
         return tolerance is not None, tolerance or 0.0
 
     # For loops outside the interpreter.

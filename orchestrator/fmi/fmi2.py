@@ -65,7 +65,7 @@ class Fmi2Instance(CompiledInstance):
 
     def native_calls(self) -> NativeCalls | None:
         """See CompiledInstance.native_calls."""
-        if self.handling.event_mode or not self._moves_plainly():
+        if self.run_options.event_mode or not self._moves_plainly():
             return None
         return NativeCalls(
             version=2,

@@ -77,7 +77,7 @@ class Fmi3Instance(CompiledInstance):
         self._find_functions()
 
     def _modes(self) -> dict[str, Any]:
-        wanted, able = self.handling.event_mode, self.description.capabilities
+        wanted, able = self.run_options.event_mode, self.description.capabilities
         modes = {"eventModeUsed": wanted, "earlyReturnAllowed": wanted}
         if able.intermediate_update:
             self._intermediate = Intermediate(self)
@@ -141,9 +141,9 @@ class Fmi3Instance(CompiledInstance):
         self, start_time: float, start_values: Mapping[str, Value], stop_time: float | None = None
     ) -> None:
         """See FmuInstance.enter_initialisation; sizes of arrays are set first."""
-        if self.handling.structure:
+        if self.run_options.structure:
             self._call("fmi3EnterConfigurationMode")
-            super().set_values(dict(self.handling.structure))
+            super().set_values(dict(self.run_options.structure))
             self._call("fmi3ExitConfigurationMode")
         super().enter_initialisation(start_time, start_values, stop_time)
 
@@ -154,7 +154,7 @@ class Fmi3Instance(CompiledInstance):
     def exit_initialisation(self) -> None:
         """See FmuInstance.exit_initialisation."""
         super().exit_initialisation()
-        if self.handling.event_mode:
+        if self.run_options.event_mode:
             self._wants_end = self._update_discrete_states()
             self._call("fmi3EnterStepMode")
             self._stepping = True
@@ -232,7 +232,7 @@ class Fmi3Instance(CompiledInstance):
             if judged > StepStatus.WARNING:
                 return judged
             worst = max(worst, judged)
-            if self.handling.event_mode and self._event.value:
+            if self.run_options.event_mode and self._event.value:
                 self._call("fmi3EnterEventMode")
                 stop = self._update_discrete_states()
                 self._call("fmi3EnterStepMode")
@@ -265,7 +265,7 @@ class Fmi3Instance(CompiledInstance):
     def native_calls(self) -> NativeCalls | None:
         """See CompiledInstance.native_calls."""
         watched = self._intermediate is not None and self._intermediate.watcher is not None
-        if self.handling.event_mode or watched or not self._moves_plainly():
+        if self.run_options.event_mode or watched or not self._moves_plainly():
             return None
         event, terminate, early, reached = (one.value or 0 for one in self._returned)
         return NativeCalls(

@@ -13,10 +13,10 @@ from .instance import Array
 if TYPE_CHECKING:
     from .binary_instance import CompiledInstance
 
-__all__ = ["Course"]
+__all__ = ["InputCurves"]
 
 
-class Course:
+class InputCurves:
     """Sets those inputs of one instance that follow a curve, at points within its step."""
 
     def __init__(self, instance: CompiledInstance) -> None:

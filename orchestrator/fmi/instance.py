@@ -158,5 +158,5 @@ def integration_tolerance(fmu: Fmu) -> float | None:
     """The relative tolerance with which a model-exchange FMU is integrated; None for any other FMU."""
     if fmu.description.interface is not Interface.MODEL_EXCHANGE:
         return None
-    asked = getattr(getattr(fmu, "handling", None), "tolerance", None)
+    asked = getattr(getattr(fmu, "run_options", None), "tolerance", None)
     return asked or fmu.description.tolerance or DEFAULT_TOLERANCE

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .block import Block
-from .input_curves import Course
+from .input_curves import InputCurves
 from .instance import Array
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ __all__ = ["Intermediate", "Watcher"]
 Watcher = Callable[[float, Array], None]
 
 
-class Intermediate(Course):
+class Intermediate(InputCurves):
     """Serves the intermediate updates of one instance.
 
     Attributes:

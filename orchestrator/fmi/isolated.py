@@ -19,7 +19,7 @@ from .child_process import cause_of_death, end, start_child
 from .description import ModelDescription
 from .instance import Array, Point, StepStatus
 from .log_file import LogFile, log_folder
-from .run_options import Handling
+from .run_options import RunOptions
 from .variable import Value
 
 __all__ = ["IsolatedInstance"]
@@ -34,12 +34,17 @@ class IsolatedInstance:
     """
 
     def __init__(
-        self, name: str, path: Path, description: ModelDescription, handling: Handling, unpacked: Unpacked
+        self,
+        name: str,
+        path: Path,
+        description: ModelDescription,
+        run_options: RunOptions,
+        unpacked: Unpacked,
     ) -> None:
         self.name = name
         self.path = path
         self.description = description
-        self.handling = handling
+        self.run_options = run_options
         self._unpacked = unpacked
         self._time: float | None = None
         self._log: tuple[str, ...] = ()
@@ -57,7 +62,7 @@ class IsolatedInstance:
         try:
             self._start()
             logs = log_folder()
-            self._call("instantiate", name, path, description, handling, folder, logs and logs.absolute())
+            self._call("instantiate", name, path, description, run_options, folder, logs and logs.absolute())
         except BaseException:
             self.free()
             raise
@@ -68,8 +73,8 @@ class IsolatedInstance:
         self._process = start_child("orchestrator.fmi.worker", self._output)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._commands, self._answers = self._process.stdin.fileno(), self._process.stdout.fileno()
-        if self.handling.time_limit is not None:
-            watch = threading.Thread(target=self._watch, args=(self.handling.time_limit,), daemon=True)
+        if self.run_options.time_limit is not None:
+            watch = threading.Thread(target=self._watch, args=(self.run_options.time_limit,), daemon=True)
             watch.start()
         self._calling = "start"
         self._answer()  # not timed: it imports
@@ -88,8 +93,8 @@ class IsolatedInstance:
         if self._dead:
             raise self._death()
         self._calling = calling
-        if self.handling.time_limit is not None:
-            self._deadline = monotonic() + self.handling.time_limit
+        if self.run_options.time_limit is not None:
+            self._deadline = monotonic() + self.run_options.time_limit
         try:
             frames.send(self._commands, kind, payload)
         except OSError:
@@ -127,7 +132,7 @@ class IsolatedInstance:
         end(self._process)
         code = self._process.returncode
         if self._expired:
-            limit = self.handling.time_limit
+            limit = self.run_options.time_limit
             what = f"{self._calling} did not return within {limit:g} s; its process was ended"
             status = "time limit"
             remedy = f"If the FMU is only slow, raise instances.{self.name}.time_limit."

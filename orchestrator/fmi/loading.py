@@ -15,7 +15,7 @@ from ..base.errors import FmuError
 from .archive import Unpacked
 from .description import ModelDescription, read_description
 from .instance import FmuInstance
-from .run_options import Handling, Interface
+from .run_options import Interface, RunOptions
 
 if TYPE_CHECKING:
     from .binary_instance import CompiledInstance
@@ -29,17 +29,17 @@ class CompiledFmu:
     Raises: FmuError if it is missing, malformed or has no interface that can be run.
     """
 
-    def __init__(self, path: Path, handling: Handling = Handling()) -> None:  # noqa: B008 (it is frozen)
+    def __init__(self, path: Path, run_options: RunOptions = RunOptions()) -> None:  # noqa: B008 (it is frozen)
         self.path: Path = path
-        self.handling = handling
-        found = read_description(path, handling.interface, handling.structure)
-        if handling.any_step:
+        self.run_options = run_options
+        found = read_description(path, run_options.interface, run_options.structure)
+        if run_options.any_step:
             found = replace(found, own_step=None)
-        if handling.isolated:
+        if run_options.isolated:
             alone = replace(found.capabilities, once_per_process=False)
             found = replace(found, capabilities=alone)
         self.description: ModelDescription = found
-        if handling.event_mode and not self.description.capabilities.event_mode:
+        if run_options.event_mode and not self.description.capabilities.event_mode:
             raise FmuError(
                 f"{path}: event_mode is asked for, which needs an FMI 3.0 co-simulation FMU that declares "
                 f"hasEventMode\n  It is run as {self.description.interface} of FMI "
@@ -47,7 +47,7 @@ class CompiledFmu:
             )
 
         exchange = found.interface is Interface.MODEL_EXCHANGE
-        if handling.tolerance is not None and found.fmi_version == "1.0" and not exchange:
+        if run_options.tolerance is not None and found.fmi_version == "1.0" and not exchange:
             raise FmuError(
                 f"{path}: a tolerance is given, which cannot be handed to a co-simulation FMU of FMI 1.0\n"
                 "  Take tolerance away, or set a parameter of the FMU that does the same."
@@ -63,12 +63,12 @@ class CompiledFmu:
 
     def instantiate(self, name: str) -> FmuInstance:
         """Unpack, load and instantiate. Raises: FmuError."""
-        if self.handling.isolated:
+        if self.run_options.isolated:
             from .isolated import IsolatedInstance
 
-            return IsolatedInstance(name, self.path, self.description, self.handling, self._unpacked)
+            return IsolatedInstance(name, self.path, self.description, self.run_options, self._unpacked)
         made = instance_class(self.description)
-        return made(name, self.path, self.description, self._unpacked, self.handling)
+        return made(name, self.path, self.description, self._unpacked, self.run_options)
 
     @contextmanager
     def unpacked(self) -> Iterator[None]:
@@ -111,14 +111,14 @@ def instance_class(description: ModelDescription) -> Callable[..., CompiledInsta
 
 
 @lru_cache(maxsize=256)
-def _load(path: Path, modified: int, size: int, handling: Handling) -> CompiledFmu:
-    return CompiledFmu(path, handling)
+def _load(path: Path, modified: int, size: int, run_options: RunOptions) -> CompiledFmu:
+    return CompiledFmu(path, run_options)
 
 
-def load_fmu(path: Path | str, handling: Handling = Handling()) -> CompiledFmu:  # noqa: B008 (it is frozen)
+def load_fmu(path: Path | str, run_options: RunOptions = RunOptions()) -> CompiledFmu:  # noqa: B008 (it is frozen)
     """The FMU of a file, read once as long as the file stays the same. Raises: FmuError."""
     path = Path(path)
     if not path.is_file():
         raise FmuError(f"{path}: no such file")
     found = path.stat()
-    return _load(path.resolve(), found.st_mtime_ns, found.st_size, handling)
+    return _load(path.resolve(), found.st_mtime_ns, found.st_size, run_options)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..base.errors import StepError
 from .binary_instance import CompiledInstance, NativeCalls
-from .input_curves import Course
+from .input_curves import InputCurves
 from .instance import Array, Point, StepStatus
 from .run_options import DEFAULT_TOLERANCE
 from .solver import Integrator, Model
@@ -43,7 +43,7 @@ class Exchange(CompiledInstance):
     _sent: Array | None = None
 
     def __init__(self, *arguments: Any) -> None:
-        self._course = Course(self)
+        self._course = InputCurves(self)
         super().__init__(*arguments)
 
     # What differs between the versions.
@@ -92,7 +92,7 @@ class Exchange(CompiledInstance):
 
     def _begin(self, start_time: float) -> None:
         """After initialisation: settle the discrete states and set the integrator up."""
-        tolerance = self.handling.tolerance or self.description.tolerance or DEFAULT_TOLERANCE
+        tolerance = self.run_options.tolerance or self.description.tolerance or DEFAULT_TOLERANCE
         self._time = start_time
         self._wants_end = self._settle()
         self._running = True

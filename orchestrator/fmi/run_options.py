@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     pass
 
-__all__ = ["DEFAULT_TOLERANCE", "Handling", "Interface"]
+__all__ = ["DEFAULT_TOLERANCE", "Interface", "RunOptions"]
 
 # Relative, of the integration of a model-exchange FMU for which nobody names one.
 DEFAULT_TOLERANCE = 1e-6
@@ -23,7 +23,7 @@ class Interface(StrEnum):
 
 
 @dataclass(frozen=True)
-class Handling:
+class RunOptions:
     """How an FMU is to be run.
 
     Attributes:

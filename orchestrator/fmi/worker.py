@@ -43,13 +43,13 @@ class _Server:
         self._told: tuple[str, ...] = ()
 
     def instantiate(
-        self, name: str, path: Path, description: Any, handling: Any, folder: Path, logs: Path | None
+        self, name: str, path: Path, description: Any, run_options: Any, folder: Path, logs: Path | None
     ) -> None:
         from .loading import instance_class
 
         made = instance_class(description)
         with logs_in(logs):
-            self.instance = made(name, path, description, _Given(folder), handling)
+            self.instance = made(name, path, description, _Given(folder), run_options)
 
     def bind(self, inputs: list[str], outputs: list[str]) -> None:
         self._u, self._y = np.zeros(len(inputs)), np.zeros(len(outputs))

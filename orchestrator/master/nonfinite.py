@@ -13,10 +13,10 @@ from ..system.connection import Port
 from ..system.signal_vector import Layout, Wired
 from ..system.system import System
 
-__all__ = ["Culprits"]
+__all__ = ["NonFiniteSources"]
 
 
-class Culprits:
+class NonFiniteSources:
     """Names the source of numbers that are not finite."""
 
     def __init__(

@@ -21,7 +21,7 @@ from ..system.instance_pool import InstancePool
 from ..system.running_connections import Wires
 from ..system.signal_vector import Layout, Signals, Wired
 from ..system.system import System
-from .nonfinite import Culprits
+from .nonfinite import NonFiniteSources
 
 __all__ = ["Curve", "Instances", "instantiate"]
 
@@ -62,7 +62,7 @@ class Instances:
             communication step in; None: nobody asks.
         memory: what a master keeps from one step to the next, so that one master serves several runs.
         wires: evaluates connections with effects; None if there are none.
-        culprits: names who gave a number that is not finite.
+        nonfinite_sources: names who gave a number that is not finite.
         ender: the instance that asked to end the simulation at the end of its latest step, by index; None
             where none did.
 
@@ -86,7 +86,7 @@ class Instances:
             (inputs.source, u, inputs.gain, inputs.offset)
             for inputs, u in zip(layout.inputs, self._u, strict=True)
         ]
-        self.culprits = Culprits(system, layout, self.running, self._values, self._u)
+        self.nonfinite_sources = NonFiniteSources(system, layout, self.running, self._values, self._u)
         self.terminated = False
         self._complaints: dict[str, list[str]] = {}
         self._elapsed = [0] * len(system.instances)
@@ -246,7 +246,7 @@ class Instances:
                 if self.wires is not None:
                     self.wires.follow(index, point.time + point.step_size, self._values)
         except StepError as error:
-            self.culprits.blame_inputs(index, point, error)
+            self.nonfinite_sources.blame_inputs(index, point, error)
             raise
         self._elapsed[index] += perf_counter_ns() - begin
         return status
@@ -335,7 +335,7 @@ class Instances:
         # A search in bytes, since a reduction of the Boolean array would cost four times as much per step.
         np.isfinite(self._values, self._finite)
         if 0 in self._finite.tobytes():
-            self.culprits.report_non_finite(time)
+            self.nonfinite_sources.report_non_finite(time)
         return Signals(self._values.copy(), dict(self.texts))
 
     # What the native loop uses.
@@ -374,7 +374,9 @@ class Instances:
             if stop is not None and instance.ratio != 1:  # the ends of own steps are rounded once more
                 stop += 2.0 * ulp(stop)
             one.enter_initialisation(start_time, instance.start, stop)
-        unsolved = settle(self.system, self.running, start_time, self.culprits.check_initial, self._made)
+        unsolved = settle(
+            self.system, self.running, start_time, self.nonfinite_sources.check_initial, self._made
+        )
         for error in unsolved:
             what = f"[{error.status}] {error.what}; it begins with start values"
             self._complaints.setdefault(error.instance, []).append(" ".join(what.split()))
@@ -396,7 +398,7 @@ class Instances:
         self.wires.try_out(chain, time, self._values)
         for one in chain:
             if not np.isfinite(self._values[one.place]):
-                self.culprits.raise_made(one, None)
+                self.nonfinite_sources.raise_made(one, None)
         return float(self._values[chain[-1].place])
 
     def terminate(self) -> None:

@@ -288,7 +288,7 @@ def shared_process(fmus: Iterable[tuple[str, Fmu]], places: Places) -> list[Prob
 
 def integration(name: str, fmu: Fmu, places: Places) -> list[str]:
     """A note on a model-exchange FMU for which neither the config nor the FMU names a tolerance."""
-    description, asked = fmu.description, getattr(getattr(fmu, "handling", None), "tolerance", None)
+    description, asked = fmu.description, getattr(getattr(fmu, "run_options", None), "tolerance", None)
     if asked or description.tolerance or not description.states or integration_tolerance(fmu) is None:
         return []
     return [

@@ -11,7 +11,7 @@ from typing import Any
 from ..base.errors import ConfigError, FmuError, Problem, listed, nearest
 from ..config import Absent, Config, Draft, InstanceModel, Scalar
 from ..config.base import exact_time
-from ..fmi import Causality, CompiledFmu, Fmu, Handling, Interface, Variability, bundled, load_fmu
+from ..fmi import Causality, CompiledFmu, Fmu, Interface, RunOptions, Variability, bundled, load_fmu
 from .connections import Ends
 from .external import SUFFIX, ExternalFmu, SignalFmu, targets_of
 
@@ -67,7 +67,7 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
     parts: list[Part] = []
     unsettled: set[str] = set()
     ratios: dict[str, Fraction] = {}  # of files of signals
-    known: dict[tuple[str, str | None, Handling], Fmu | None] = {}
+    known: dict[tuple[str, str | None, RunOptions], Fmu | None] = {}
     for name, instance in model.instances.items():
         if not gaps.knows("instances", name):
             continue
@@ -130,9 +130,9 @@ def _resized(
             problems.append(Problem(place, what, f"between {low:g} and {high:g}"))
     if len(problems) > wrong or not isinstance(fmu, CompiledFmu):
         return None
-    handling = replace(fmu.handling, structure=tuple(sorted(sizes.items())))
+    run_options = replace(fmu.run_options, structure=tuple(sorted(sizes.items())))
     try:
-        return load_fmu(fmu.path, handling)
+        return load_fmu(fmu.path, run_options)
     except FmuError as error:
         place = config.places.text(("instances", name, "start"))
         problems.append(Problem(place, " ".join(str(error).split())))
@@ -202,8 +202,8 @@ def _ratio(name: str, draft: Draft, problems: list[Problem]) -> Fraction | None:
     return ratio
 
 
-def _handling(instance: InstanceModel) -> Handling:
-    return Handling(
+def _handling(instance: InstanceModel) -> RunOptions:
+    return RunOptions(
         any_step=instance.any_step,
         interface=None if instance.interface is None else Interface(instance.interface),
         tolerance=instance.tolerance,
@@ -216,7 +216,7 @@ def _handling(instance: InstanceModel) -> Handling:
 def _find_fmu(
     text: str,
     form: str | None,
-    handling: Handling,
+    run_options: RunOptions,
     config: Config,
     path: tuple[str, ...],
     problems: list[Problem],
@@ -243,7 +243,7 @@ def _find_fmu(
             return None
         found = forms[form]
     try:
-        fmu = load_fmu(found, handling)
+        fmu = load_fmu(found, run_options)
         fmu.check()
         return fmu
     except FmuError as error:

@@ -17,7 +17,7 @@ from archives import repack
 from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import load_config
 from orchestrator.exchange.ssp.write import write_ssp
-from orchestrator.fmi import Handling, Interface, Kind, Point, StepStatus, load_fmu
+from orchestrator.fmi import Interface, Kind, Point, RunOptions, StepStatus, load_fmu
 from orchestrator.fmi.block import Block
 from orchestrator.simulation.run import prepare, run
 
@@ -26,9 +26,9 @@ EXCHANGE = Interface.MODEL_EXCHANGE
 TOLERANCE = 1e-8
 
 
-def started(path, inputs=(), handling=Handling(tolerance=TOLERANCE), **start):  # noqa: B008
+def started(path, inputs=(), run_options=RunOptions(tolerance=TOLERANCE), **start):  # noqa: B008
     """An initialised instance, its inputs and outputs, and the names of the outputs."""
-    instance = load_fmu(path, handling).instantiate("one")
+    instance = load_fmu(path, run_options).instantiate("one")
     outputs = [v.name for v in instance.description.outputs if v.kind.numeric]
     u, y = np.zeros(len(inputs)), np.zeros(len(outputs))
     instance.bind(inputs, u, outputs, y)
@@ -108,7 +108,7 @@ def test_inputs_are_held_over_a_step_and_change_at_its_beginning(ball):
 @pytest.mark.parametrize("version", [1, 2, 3])
 def test_continuous_inputs_follow_a_curve_within_the_integration(version, isolated, tmp_path):
     path = foreign.bounce(tmp_path / "Bounce.fmu", version, smooth=True)
-    instance, u, y, _ = started(path, ["u"], Handling(tolerance=TOLERANCE, isolated=isolated), v=0.0)
+    instance, u, y, _ = started(path, ["u"], RunOptions(tolerance=TOLERANCE, isolated=isolated), v=0.0)
     assert instance.description.followed == {"u"}
     h, v, size = 1.0, 0.0, 0.25
     # The acceleration is begin + slope t + bend t^2 / 2; the third step is held, and the last one jumps.
@@ -247,7 +247,7 @@ def test_fmi1_co_simulation(slave):
     assert description.capabilities.variable_step_size and description.capabilities.once_per_process
     assert description.feedthrough["v"] == ()
     assert description.feedthrough["h"] == ("u",) and "h" in description.assumed
-    instance, u, y, outputs = started(slave, ["u"], Handling(), restitution=0.25)
+    instance, u, y, outputs = started(slave, ["u"], RunOptions(), restitution=0.25)
     u[0] = 4.0
     row = dict(zip(outputs, steps(instance, y, 1, 0.5)[0], strict=True))
     assert row == {"h": 1.5, "v": 2.0, "count": 1.0, "fall": -2.0, "rises": 1.0}
@@ -266,7 +266,7 @@ def test_fmi1_status_of_initialisation_is_heeded(slave):
 
 
 def test_fmi1_start_value_of_a_negated_alias(slave):
-    instance, *_ = started(slave, (), Handling())
+    instance, *_ = started(slave, (), RunOptions())
     instance.set_values({"fall": 3.0})
     assert instance.get_values(["v", "fall"]) == {"v": -3.0, "fall": 3.0}
     instance.free()
@@ -283,7 +283,7 @@ def test_fmi1_negated_alias_of_a_boolean_is_its_opposite(slave, tmp_path):
         return name, data
 
     repack(slave, path, with_alias)
-    instance, u, y, outputs = started(path, ["u"], Handling())
+    instance, u, y, outputs = started(path, ["u"], RunOptions())
     for speed, rises in ((4.0, True), (-9.0, False)):
         u[0] = speed
         row = dict(zip(outputs, steps(instance, y, 1, 0.25, first=int(not rises))[0], strict=True))
@@ -355,7 +355,7 @@ def test_elements_of_arrays_are_connected(tmp_path):
 @pytest.mark.parametrize("event_mode", [False, True])
 def test_events_are_counted_with_and_without_event_mode(event_mode, tmp_path):
     path = foreign.arrays(tmp_path / "Arrays.fmu")
-    instance, _, y, outputs = started(path, ["u[1]", "u[2]", "u[3]"], Handling(event_mode=event_mode))
+    instance, _, y, outputs = started(path, ["u[1]", "u[2]", "u[3]"], RunOptions(event_mode=event_mode))
     rows = steps(instance, y, 6, 0.25)
     # At 0.3, 0.6, 0.9, 1.2 and 1.5 s; a row at an event shows the values after it.
     assert rows[:, outputs.index("count")].tolist() == [0, 1, 2, 3, 4, 5]
@@ -367,7 +367,7 @@ def test_two_events_in_one_step_need_event_mode(tmp_path):
     path = foreign.arrays(tmp_path / "Arrays.fmu")
     counts = []
     for event_mode in (False, True):
-        instance, _, y, outputs = started(path, [], Handling(event_mode=event_mode))
+        instance, _, y, outputs = started(path, [], RunOptions(event_mode=event_mode))
         counts.append(steps(instance, y, 1, 0.7)[0, outputs.index("count")])
         instance.free()
     assert counts == [1.0, 2.0]
@@ -383,7 +383,7 @@ def test_an_attribute_that_the_schema_does_not_know_is_told_and_ignored(tmp_path
 def test_event_mode_where_there_is_none(tmp_path):
     path = foreign.wild(tmp_path / "Wild.fmu")
     with pytest.raises(FmuError) as caught:
-        load_fmu(path, Handling(event_mode=True))
+        load_fmu(path, RunOptions(event_mode=True))
     assert str(caught.value) == (
         f"{path}: event_mode is asked for, which needs an FMI 3.0 co-simulation FMU that declares "
         "hasEventMode\n"
@@ -394,14 +394,14 @@ def test_event_mode_where_there_is_none(tmp_path):
 @pytest.mark.parametrize("tolerance", [None, 2e-8])
 def test_a_tolerance_reaches_a_co_simulation_fmu(tolerance, tmp_path):
     path = foreign.arrays(tmp_path / "Arrays.fmu")
-    instance, _, y, outputs = started(path, [], Handling(tolerance=tolerance))
+    instance, _, y, outputs = started(path, [], RunOptions(tolerance=tolerance))
     assert y[outputs.index("count")] == (0 if tolerance is None else 20)
     instance.free()
 
 
 def test_co_simulation_of_fmi_1_cannot_be_told_a_tolerance(slave):
     with pytest.raises(FmuError) as caught:
-        load_fmu(slave, Handling(tolerance=1e-6))
+        load_fmu(slave, RunOptions(tolerance=1e-6))
     assert str(caught.value) == (
         f"{slave}: a tolerance is given, which cannot be handed to a co-simulation FMU of FMI 1.0\n"
         "  Take tolerance away, or set a parameter of the FMU that does the same."

@@ -19,11 +19,11 @@ from archives import repack
 
 from orchestrator.base.errors import ConfigError, FmuError, StepError
 from orchestrator.config import load_config
-from orchestrator.fmi import Handling, Point, StepStatus, load_fmu
+from orchestrator.fmi import Point, RunOptions, StepStatus, load_fmu
 from orchestrator.results.recorders import read_results
 from orchestrator.simulation.run import prepare, run
 
-ISOLATED = Handling(isolated=True)
+ISOLATED = RunOptions(isolated=True)
 CRASH, HANG, LEAVE = 1, 2, 4
 posix = pytest.mark.skipif(os.name != "posix", reason="signals are told by name on POSIX only")
 
@@ -116,9 +116,9 @@ def test_nothing_is_left_behind(wild, monkeypatch, tmp_path):
     assert list(folder.glob("*/fmu-*")) == []
 
 
-def driven(path, handling, count=20):
+def driven(path, run_options, count=20):
     """Outputs of an FMU under an input that changes at every step."""
-    instance = load_fmu(path, handling).instantiate("one")
+    instance = load_fmu(path, run_options).instantiate("one")
     outputs = [v.name for v in instance.description.outputs if v.kind.numeric]
     inputs = [v.name for v in instance.description.inputs if v.kind.numeric]
     u, y = np.zeros(len(inputs)), np.zeros(len(outputs))
@@ -149,15 +149,15 @@ def test_isolation_changes_no_bit(kind, tmp_path):
     else:
         {"wild": foreign.wild, "arrays": foreign.arrays}[kind](path)
     tolerance = None if kind == "slave1" else 1e-6  # FMI 1.0 cannot be determined one
-    here = driven(path, Handling(tolerance=tolerance))
-    there = driven(path, Handling(tolerance=tolerance, isolated=True, time_limit=30.0))
+    here = driven(path, RunOptions(tolerance=tolerance))
+    there = driven(path, RunOptions(tolerance=tolerance, isolated=True, time_limit=30.0))
     assert here[0] == there[0]
     assert np.array_equal(here[1], there[1])
     assert len(np.unique(here[1][:, 0])) > 1
 
 
 def test_isolation_changes_no_bit_for_every_type(c_fmu):
-    here, there = driven(c_fmu, Handling(), 5), driven(c_fmu, ISOLATED, 5)
+    here, there = driven(c_fmu, RunOptions(), 5), driven(c_fmu, ISOLATED, 5)
     assert here[0] == there[0] and np.array_equal(here[1], there[1])
 
 
@@ -186,8 +186,8 @@ def test_states_are_saved_in_the_process(serialised, c_fmu):
 
 def test_an_error_of_the_fmu_is_the_same_as_without_isolation(c_fmu):
     told = []
-    for handling in (Handling(), ISOLATED):
-        instance = load_fmu(c_fmu, handling).instantiate("one")
+    for run_options in (RunOptions(), ISOLATED):
+        instance = load_fmu(c_fmu, run_options).instantiate("one")
         instance.bind(["real_in"], np.array([1.0]), ["real_out"], np.zeros(1))
         instance.enter_initialisation(0.0, {"limit": 0.2})
         instance.exit_initialisation()
@@ -210,9 +210,9 @@ def test_an_fmu_that_cannot_be_made_is_told_as_without_isolation(c_fmu, tmp_path
 
     path = repack(c_fmu, tmp_path / "X.fmu", other_token)
     told = []
-    for handling in (Handling(), ISOLATED):
+    for run_options in (RunOptions(), ISOLATED):
         with pytest.raises(FmuError) as caught:
-            load_fmu(path, handling).instantiate("one")
+            load_fmu(path, run_options).instantiate("one")
         told.append(str(caught.value))
     assert told[0] == told[1]
     assert "wrong instantiation token" in told[0]
@@ -231,8 +231,8 @@ def test_a_process_that_hangs_ends_with_its_parent(wild, tmp_path):
     script.write_text(
         "import os, sys, threading, numpy as np\n"
         "from pathlib import Path\n"
-        "from orchestrator.fmi import Handling, Point, load_fmu\n"
-        "one = load_fmu(Path(sys.argv[1]), Handling(isolated=True)).instantiate('one')\n"
+        "from orchestrator.fmi import Point, RunOptions, load_fmu\n"
+        "one = load_fmu(Path(sys.argv[1]), RunOptions(isolated=True)).instantiate('one')\n"
         "one.enter_initialisation(0.0, {'way': 2})\n"
         "one.exit_initialisation()\n"
         "threading.Thread(target=one.do_step, args=(Point(0, 0.0, 0.1),), daemon=True).start()\n"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from orchestrator.base.errors import ConfigError
-from orchestrator.fmi import Handling, load_fmu
+from orchestrator.fmi import RunOptions, load_fmu
 from orchestrator.frequency import direct_gains, sweep
 from orchestrator.frequency.plant import docking_contact, force_sensor, robot_response
 
@@ -58,7 +58,7 @@ def contact(amplitude: float):
 
 def test_a_model_exchange_fmu_follows_the_sines_within_steps(tmp_path):
     """Speed over acceleration; held over steps of 10 ms, that of 2 Hz would be 6.6e-4 off."""
-    fmu = load_fmu(foreign.bounce(tmp_path / "Bounce.fmu", 2, smooth=True), Handling(tolerance=1e-9))
+    fmu = load_fmu(foreign.bounce(tmp_path / "Bounce.fmu", 2, smooth=True), RunOptions(tolerance=1e-9))
     start = {"h": 5.0, "v": 0.0}
     measured = sweep(fmu, "u", "v", [1.0, 2.0], step_size=0.01, amplitude=0.1, start=start)
     assert measured.response == pytest.approx(1 / (1j * measured.omega), rel=1.2e-4)

@@ -11,12 +11,12 @@ from doubles import FakeFmu
 from test_extrapolation import fixed_masters, polynomial, simulated
 
 from orchestrator.base.errors import FmuError, StepError
-from orchestrator.fmi import Handling, Point, StepStatus, load_fmu
+from orchestrator.fmi import Point, RunOptions, StepStatus, load_fmu
 from orchestrator.master import create_master
 from orchestrator.simulation.run import run
 from orchestrator.system.assembly import Part, assemble
 
-ISOLATED = Handling(isolated=True)
+ISOLATED = RunOptions(isolated=True)
 
 
 @pytest.fixture
@@ -30,10 +30,10 @@ def deaf(tmp_path):
     return foreign.within(tmp_path / "Deaf.fmu", "")
 
 
-def squared(path, master, steps=10, handling=Handling()):  # noqa: B008
+def squared(path, master, steps=10, run_options=RunOptions()):  # noqa: B008
     """X = integral of (1 + 2 t - 3 t^2)^2."""
     system = assemble(
-        [Part("source", polynomial(1.0, 2.0, -3.0)), Part("one", load_fmu(path, handling), {"w": 0})],
+        [Part("source", polynomial(1.0, 2.0, -3.0)), Part("one", load_fmu(path, run_options), {"w": 0})],
         ["source.y -> one.u"],
     )
     return simulated(system, master, steps)
@@ -59,11 +59,11 @@ def test_inputs_follow_the_extrapolation_within_a_step(name, within, deaf):
     assert follows["one.held"][-1] == 1  # the first step knows one point only
 
 
-@pytest.mark.parametrize("handling", [Handling(), ISOLATED], ids=["here", "isolated"])
+@pytest.mark.parametrize("run_options", [RunOptions(), ISOLATED], ids=["here", "isolated"])
 @fixed_masters
-def test_without_extrapolation_nothing_is_set_and_no_bit_changes(name, handling, within, deaf):
+def test_without_extrapolation_nothing_is_set_and_no_bit_changes(name, run_options, within, deaf):
     master = create_master(name)
-    plain, updating = squared(deaf, master), squared(within, master, handling=handling)
+    plain, updating = squared(deaf, master), squared(within, master, run_options=run_options)
     for signal in ("one.x", "one.y"):
         assert plain[signal].tolist() == updating[signal].tolist()
     assert updating["one.held"][-1] == 10
@@ -72,7 +72,7 @@ def test_without_extrapolation_nothing_is_set_and_no_bit_changes(name, handling,
 @fixed_masters
 def test_isolation_changes_no_bit_of_an_update(name, within):
     master = create_master({"name": name, "extrapolation": 2})
-    here, there = squared(within, master), squared(within, master, handling=ISOLATED)
+    here, there = squared(within, master), squared(within, master, run_options=ISOLATED)
     assert here["one.x"].tolist() == there["one.x"].tolist()
 
 

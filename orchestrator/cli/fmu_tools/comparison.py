@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import FmuError, StepError
-from ...fmi import Array, Handling, ModelDescription, Variable, load_fmu
+from ...fmi import Array, ModelDescription, RunOptions, Variable, load_fmu
 from .search import Refused, usable
 from .stimulus import stimulus
 from .trial import Conditions, Ended, Trial, fmu_for_trial
@@ -159,8 +159,8 @@ def _driven(
         if _plain(v) and v.name in second.variables and _plain(second.variables[v.name])
     ]
     names = [v.name for v in inputs]
-    handling = Handling(isolated=True, time_limit=_CALL_LIMIT, any_step=True)
-    fmus = [fmu_for_trial(path, handling) for path in paths]
+    run_options = RunOptions(isolated=True, time_limit=_CALL_LIMIT, any_step=True)
+    fmus = [fmu_for_trial(path, run_options) for path in paths]
 
     def trials(conditions: Conditions) -> list[Trial]:
         return [Trial(fmu, conditions, names, outputs) for fmu in fmus]

@@ -16,7 +16,7 @@ from typing import Any
 
 from ...base.errors import FmuError, OrchestratorError
 from ...base.temporary_folders import scratch_folder
-from ...fmi import Handling, Interface
+from ...fmi import Interface, RunOptions
 from ...fmi import messages as frames
 from ...fmi.child_process import cause_of_death, end, guarded_pipes, start_child
 from . import behaviour, sensitivity
@@ -174,7 +174,7 @@ def main() -> None:
             break
         try:
             if trial is None:
-                trial = Trial(fmu_for_trial(path, Handling(interface=interface)), conditions)
+                trial = Trial(fmu_for_trial(path, RunOptions(interface=interface)), conditions)
                 # Never left: the files go with the folder, the libraries with the process.
                 trial.fmu.unpacked().__enter__()
             if name in CHECKS:

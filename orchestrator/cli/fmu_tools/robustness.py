@@ -122,7 +122,7 @@ ILLEGAL = {f"refuses {what}": _checker(what, call) for what, call in _CALLS.item
 def wrong_token(trial: Trial) -> Finding:
     """A description of another build is noticed at instantiation."""
     check = "refuses a wrong token"
-    fmu = load_fmu(trial.fmu.path, trial.fmu.handling)
+    fmu = load_fmu(trial.fmu.path, trial.fmu.run_options)
     other = type(fmu).__new__(type(fmu))
     other.__dict__.update(fmu.__dict__)
     other.description = replace(fmu.description, token="{00000000-0000-0000-0000-000000000000}")

@@ -14,11 +14,11 @@ import numpy as np
 from ...fmi import (
     Array,
     CompiledFmu,
-    Handling,
     Interface,
     Kind,
     ModelDescription,
     Point,
+    RunOptions,
     StepStatus,
     load_fmu,
 )
@@ -60,11 +60,11 @@ class Ended(Exception):
         super().__init__(f"step {steps + 1}: {status.name.lower()}")
 
 
-def fmu_for_trial(path: Path, handling: Handling = Handling()) -> CompiledFmu:  # noqa: B008 (it is frozen)
+def fmu_for_trial(path: Path, run_options: RunOptions = RunOptions()) -> CompiledFmu:  # noqa: B008 (it is frozen)
     """An FMU, with a tolerance where its integration needs one and it proposes none. Raises: FmuError."""
-    fmu = load_fmu(path, handling)
+    fmu = load_fmu(path, run_options)
     if fmu.description.interface is Interface.MODEL_EXCHANGE and not fmu.description.tolerance:
-        fmu = load_fmu(path, replace(handling, tolerance=handling.tolerance or _TOLERANCE))
+        fmu = load_fmu(path, replace(run_options, tolerance=run_options.tolerance or _TOLERANCE))
     return fmu
 
 

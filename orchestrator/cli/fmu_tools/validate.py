@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...fmi import Interface, ModelDescription, load_fmu
-from ...fmi.run_options import Handling
+from ...fmi.run_options import RunOptions
 from .declared import declared_checks, library_can_run
 from .finding import Finding, Level, Verdict, failed
 from .guarded_checks import CHECKS, Broken, Laboratory
@@ -35,7 +35,7 @@ def validate_fmu(
     Raises: FmuError if it cannot be read.
 
     """
-    description = load_fmu(path, Handling(interface=interface)).description
+    description = load_fmu(path, RunOptions(interface=interface)).description
     found: list[Finding] = []
 
     def add(finding: Finding) -> None:

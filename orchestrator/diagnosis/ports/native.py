@@ -88,7 +88,7 @@ def _in_python(fmu: object) -> bool:
     return (
         isinstance(fmu, CompiledFmu)
         and str(fmu.description.tool).startswith(_PYTHON)
-        and not fmu.handling.isolated
+        and not fmu.run_options.isolated
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...base.errors import ConfigError, Problem, in_order, listed, nearest
 from ...base.quantities import Measure
 from ...base.units import parse_unit
-from ...config import take_as_meant
+from ...config import correct_spelling
 from ...fmi import Causality, Kind, Variable
 from ...simulation.run import Prepared, prepare
 from ...system.checks import in_range
@@ -45,7 +45,7 @@ def load_port_study(path: Path, practising: bool = False) -> PortStudy:
 
     """
     sheet = Sheet(study_file(path))
-    sheet.problems += take_as_meant(sheet.data, sheet.places, StudyModel)[0]
+    sheet.problems += correct_spelling(sheet.data, sheet.places, StudyModel)[0]
     model, wrong = sheet.taken(StudyModel, sheet.data)
     prepared, faithful = _prepared(sheet, model, wrong)
     if prepared is not None:

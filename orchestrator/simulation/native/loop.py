@@ -278,5 +278,5 @@ def _judged(
             one.fail_block(tables.blocks[row], status)
         return one.judge_step(status, own)
     except StepError as error:
-        instances.culprits.blame_inputs(who, point, error)
+        instances.nonfinite_sources.blame_inputs(who, point, error)
         raise
