@@ -90,7 +90,6 @@ def run(
     Returns: the signals by name, the summary, and where files are.
     Raises: ConfigError before anything runs; StepError or FmuError if the run fails: their attribute `result`
         holds what was recorded until then.
-
     """
     from .simulation.run import run as run_config
 
@@ -110,7 +109,6 @@ def load(system: str | Path | Mapping[str, Any], *, set: Mapping[str, Any] | Non
     Args:
         system, set: see `run`.
     Raises: ConfigError with all problems of the config's form; `System.check` looks into the FMUs.
-
     """
     from .report.system_view import System
 
@@ -139,7 +137,6 @@ def sweep(
         options: further keys of a study file, such as record="all".
     Returns: `.to_dataframe()` and `.columns()` give the points with what their runs gave.
     Raises: ConfigError with all problems before the first run.
-
     """
     from .base.temporary_folders import scratch_folder
     from .campaign.sweep import Study
@@ -208,7 +205,6 @@ def build(
         platforms: such as ("linux64", "win64"); by default this machine's.
     Returns: `.path` is the FMU; notes say what the author of the model should know.
     Raises: BuildError for what cannot be translated, with the line.
-
     """
     from pathlib import Path
 
@@ -229,7 +225,6 @@ def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed:
         out: folder to write the page and diagnosis.json to.
     Returns: the diagnosis and its findings.
     Raises: ConfigError with all problems of the study.
-
     """
     from .diagnosis.diagnose import diagnose as diagnose_study
 

@@ -54,7 +54,6 @@ class FakeFmu:
         output: outputs as a function of the values.
         extra: further variables.
         reached: what instances give as their last successful time [s].
-
     """
 
     name: str = "Fake"

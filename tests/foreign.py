@@ -131,7 +131,6 @@ def quirks(
         encoding: of the model description; declared: what its first line says of it, nothing if empty.
         helped: whether its library needs another one that stands beside it.
         resources: whether it has any.
-
     """
     library, helper = _quirky_libraries(helped)
     said = encoding if declared is None else declared

@@ -26,7 +26,6 @@ def advance(
         mass: effective mass [kg].
         step_size: length of the step [s].
     Returns: position [m] and velocity [m/s] at the end of the step.
-
     """
     acceleration = force / mass
     return (

@@ -40,7 +40,6 @@ class Frames(NamedTuple):
     Attributes:
         target_position, target_orientation: of O_t in the base frame [m], [1].
         tool_position, tool_orientation: of O_u in the flange frame [m], [1].
-
     """
 
     target_position: Vector
@@ -57,7 +56,6 @@ class Arm(NamedTuple):
         forearm, normal: along A4 away from the base, and upwards across it in the arm's plane.
         left_4, approach: axis of A5; z axis of the flange.
         column, shoulder, elbow, wrist, flange: points on A1, A2, A3, the wrist's centre, the flange [m].
-
     """
 
     heading: Vector
@@ -85,7 +83,6 @@ def arm(geometry: Geometry, joints: Joints) -> Arm:
     Args:
         geometry: lengths [m].
         joints: rail [m] and A1 to A6 [rad].
-
     """
     rail, q_1, q_2, q_3, q_4, q_5, _ = joints
     heading = (math.cos(q_1), -math.sin(q_1), 0.0)
@@ -128,7 +125,6 @@ def jacobian(geometry: Geometry, joints: Joints, point: Vector) -> tuple[tuple[V
         point: of the flange, in the base frame [m].
     Returns: seven pairs, the columns of the geometric Jacobian: (1, 0) for the rail, (axis x arm, axis) for
         the others.
-
     """
     parts = arm(geometry, joints)
     down = (0.0, 0.0, -1.0)

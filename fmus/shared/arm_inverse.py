@@ -18,7 +18,6 @@ class Solution(NamedTuple):
         shoulder: distance of the wrist's centre from A1 [m].
         elbow: sine of the angle between upper arm and forearm; 0 when they are in line.
         wrist: sine of A5; 0 when A4 and A6 are in line.
-
     """
 
     joints: Joints
@@ -77,7 +76,6 @@ def branch(
         way: whether the arm reaches backward over itself, whether the elbow is below the line from A2 to the
             wrist, whether A5 is negative.
     Returns: joints; where the pose cannot be reached, those of the arm stretched or folded towards it.
-
     """
     backward, low, negative = way
     shoulder = math.hypot(wrist[0], wrist[1])
@@ -145,7 +143,6 @@ def joint_rates(parts: Arm, joints: Joints, rail_rate: float, velocity: Vector, 
         rail_rate: of the rail [m/s].
         velocity: of the wrist's centre in the base frame [m/s].
         angular: angular velocity of the flange in the base frame [rad/s].
-
     """
     moved = subtract(velocity, (rail_rate, 0.0, 0.0))
     radius = dot(subtract(parts.wrist, parts.column), parts.heading)

@@ -67,7 +67,6 @@ def register_array(
         units: of every element, or one for all.
         text: description.
         more: goes to pythonfmu's Real.
-
     """
     setattr(slave, name, start)
 
@@ -104,7 +103,6 @@ def register_computed(
         attributes: all that the result follows from; they are replaced, never changed, when they are set.
         compute: gives the result.
     Returns: `compute`, done once as long as the attributes stay.
-
     """
     memory: dict[str, Any] = {"of": ()}
 

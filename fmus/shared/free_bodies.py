@@ -89,7 +89,6 @@ def rates(y: tuple[float, ...], bodies: tuple[Body, Body], start: tuple[Vector, 
         start: linear momentum of A and of B, angular momentum of A and of B about the fixed point, all when
             the step began.
     Returns: shape (20,).
-
     """
     a, b = bodies
     r_a, r_b, impulse, moment = y[0:3], y[3:6], y[14:17], y[17:20]
@@ -112,7 +111,7 @@ def rates(y: tuple[float, ...], bodies: tuple[Body, Body], start: tuple[Vector, 
 
 
 def stage(y: tuple[float, ...], step: float, slope: tuple[float, ...]) -> tuple[float, ...]:
-    """Y + step slope."""
+    """y + step slope."""
     return tuple(value + step * rate for value, rate in zip(y, slope, strict=True))
 
 
@@ -131,7 +130,6 @@ def advance(
         wrench: on A; B feels the opposite, along the same line.
         step_size: length of the step [s].
     Returns: motions when the step ends.
-
     """
     a, b = motions
     fixed = b.position

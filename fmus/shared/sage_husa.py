@@ -42,7 +42,6 @@ def phase_lead(
         tau_s: sensor delay [s].
         filter_time: time constant of the low-pass [s]; 0 for the bare difference.
     Returns: compensated force F_S [N] and filtered difference [N/s].
-
     """
     keep = math.exp(-sample_period / filter_time) if filter_time > 0.0 else 0.0
     rate = keep * rate + (1.0 - keep) * (force - previous_force) / sample_period

@@ -16,7 +16,6 @@ def sample_due(slave: Any, current_time: float, step_size: float) -> bool:
         slave: with `parameters.sample_period`, `state.start_time` and `state.samples`.
         current_time, step_size: of the step [s].
     Raises: ValueError, which the FMI layer logs and turns into a status, if the step leaves out a sample.
-
     """
     p, s = slave.parameters, slave.state
     end = current_time + step_size

@@ -15,32 +15,32 @@ TINY = 1e-9
 
 
 def add(a: Vector, b: Vector) -> Vector:
-    """A + b."""
+    """a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def subtract(a: Vector, b: Vector) -> Vector:
-    """A - b."""
+    """a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def scale(factor: float, a: Vector) -> Vector:
-    """Factor a."""
+    """factor a."""
     return (factor * a[0], factor * a[1], factor * a[2])
 
 
 def mix(x: float, a: Vector, y: float, b: Vector) -> Vector:
-    """X a + y b."""
+    """x a + y b."""
     return (x * a[0] + y * b[0], x * a[1] + y * b[1], x * a[2] + y * b[2])
 
 
 def dot(a: Vector, b: Vector) -> float:
-    """A . b."""
+    """a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """A x b."""
+    """a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 

@@ -20,7 +20,6 @@ def replaceable(path: Path, suffixes: Collection[str], option: str) -> None:
     Args:
         suffixes: of that kind; option: that names the path.
     Raises: ConfigError if it is a file of another kind, which may be the only copy of somebody's work.
-
     """
     if path.is_file() and path.suffix.lower() not in suffixes:
         what = f"{path} is there already, and is no {listed(suffixes)} file"

@@ -119,7 +119,6 @@ def _made(make: Callable[[bool], _Made]) -> _Made:
 
     Args:
         make: is reported whether to keep it.
-
     """
     from numba.core import config
 

@@ -40,7 +40,6 @@ class Problem:
         what: what is wrong, with what was got.
         allowed: what would be accepted, or the reason; empty where `what` says it all.
         remedy: what to do, as a full sentence; empty where `allowed` says it.
-
     """
 
     place: str
@@ -65,7 +64,6 @@ class ConfigError(OrchestratorError):
     Attributes:
         problems: every problem, in the order of the config.
         unchecked: what could not be checked for want of what has problems; further ones may be there.
-
     """
 
     def __init__(self, problems: Iterable[Problem], unchecked: Iterable[str] = ()) -> None:
@@ -98,7 +96,6 @@ class StepError(OrchestratorError):
         status: what the FMU returned or what was found, for example "error", "discard", "not finite".
         log: the FMU's log lines, oldest first.
         what, remedy: what happened and what to do, without the rest of the message.
-
     """
 
     def __init__(
@@ -138,7 +135,6 @@ class SimulationEnded(StepError):
 
     Attributes:
         time: when it asked [s].
-
     """
 
 
@@ -174,7 +170,6 @@ def nearest(name: str, names: Iterable[str], prefix: str = "") -> str:
         name: what was given.
         names: what exists.
         prefix: put before each suggestion, for example "robot.".
-
     """
     found = close(name, names)
     return f"Did you mean {' or '.join(prefix + match for match in found)}?" if found else ""

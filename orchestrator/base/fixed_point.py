@@ -46,7 +46,6 @@ class Solution(NamedTuple):
         iterations: evaluations of F, differences not counted.
         converged: whether every residual is within the tolerance.
         why: what ended it otherwise; empty if the iterations were used up.
-
     """
 
     x: Array
@@ -86,7 +85,6 @@ def solve(
         max_iterations: evaluations of F besides those for differences, at least 1.
         discrete: components that take only certain values: they are passed on as they come and must agree
             exactly, shape (n,).
-
     """
     solver.begin()
     smooth = slice(None) if discrete is None or not discrete.any() else ~discrete
@@ -183,7 +181,6 @@ class Newton:
             nominal: shape (n,).
             slope: gives dF/dx, shape (n, n), at the x that was evaluated last, exactly or nearly: it serves
                 to begin with, where it does not do differences are taken; None: differences throughout.
-
         """
         self._nominal = nominal
         self._slope = slope

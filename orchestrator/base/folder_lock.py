@@ -30,7 +30,6 @@ def locked(folder: Path | None) -> Iterator[None]:
     Args:
         folder: that exists; None: nothing is to be kept.
     Raises: ConfigError if another run is writing there, or the lock's file cannot be made.
-
     """
     if folder is None:
         yield

@@ -16,7 +16,6 @@ def strong_components(successors: Successors) -> list[list[int]]:
 
     Args:
         successors: per node, the nodes its edges lead to.
-
     """
     count = len(successors)
     found, low = [-1] * count, [0] * count
@@ -110,7 +109,6 @@ def shortest_cycle(successors: Successors, start: int, within: Sequence[int]) ->
 
     Args:
         within: the nodes that the cycle may visit.
-
     """
     allowed = set(within)
     came_from: dict[int, int] = {}

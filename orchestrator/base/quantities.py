@@ -19,7 +19,6 @@ class Measure(NamedTuple):
         name: of the unit, as declared; empty if none is.
         unit: None where none is declared, or one that is not known here.
         display_units: further units that are taken for it, by name.
-
     """
 
     name: str = ""
@@ -37,7 +36,6 @@ def quantity(
         value: a number, or text with number and unit.
         place: where it was written.
         difference: see `units.Quantity.exactly`.
-
     """
     before, named = (f"{label}: ", f"{label} ") if label else ("", "")
     if isinstance(value, bool):

@@ -35,7 +35,6 @@ class Unit:
         factor, offset: value in base units = factor * value + offset.
         difference: whether values are differences of two quantities, so that no origin counts: 1 degC is 1 K
             (FMI's relativeQuantity). The offset is then 0.
-
     """
 
     name: str = field(compare=False)
@@ -78,7 +77,6 @@ class Quantity:
 
         Args:
             difference: whether it is a difference of two values, so that no origin counts: 1 degC is 1 K.
-
         """
         shift = Fraction(0) if difference or unit.difference else _shift(self.unit, unit)
         if not self.unit.same_dimension(unit):
@@ -311,7 +309,6 @@ def quantity_in(
         display_units: the display units that the FMU declares for it, by name.
         difference: see `Quantity.exactly`.
     Raises: UnitError, telling both readings where Hz and rad/s meet.
-
     """
     match = _QUANTITY.fullmatch(text)
     if match is None:

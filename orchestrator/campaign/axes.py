@@ -39,7 +39,6 @@ class Level:
         text: as an override has it; of an FMU's file "files:" and its place below the folder of files.
         file: of an FMU, which has to travel.
         source: the Python file of an effect, which has to travel.
-
     """
 
     shown: float | int | str | bool
@@ -58,7 +57,6 @@ class Axis:
         unit: of the numbers in tables; empty where they have none.
         start: whether it is a start value: an instance and a variable.
         effect: whether its values are names of effects.
-
     """
 
     def __init__(
@@ -73,7 +71,6 @@ class Axis:
         Args:
             system, config: without values of the design.
             moved: what the config has for a file that the study names.
-
         """
         self.path, self.target, self._moved = path, target, moved
         self.unit = ""
@@ -141,7 +138,6 @@ class Axis:
 
         Args:
             whole: what `whole` tells.
-
         """
         if self.start:
             value = round(number) if whole else float(number)

@@ -39,7 +39,6 @@ class Checked:
         variants: the system with values of the design.
         files: FMUs, and Python files of effects, that the design varies.
         effects: values of axes over effects, with their paths.
-
     """
 
     model: StudyModel
@@ -62,7 +61,6 @@ def check_study(
         folder: from which relative paths in it start.
         problems: found earlier, to be reported together with those found here.
     Raises: ConfigError with all problems.
-
     """
     return _Check(places, list(problems)).study(data, folder)
 

@@ -37,7 +37,6 @@ class Store:
     Attributes:
         folder: of the store.
         database: the views, in DuckDB.
-
     """
 
     def __init__(self, folder: Path | str) -> None:

@@ -77,7 +77,6 @@ class Derived:
         signals: names of the signals that it reads.
         numbers: names of summary numbers and parameters that it reads.
         instants: at which it reads signals [s].
-
     """
 
     def __init__(self, name: str, text: str) -> None:
@@ -239,7 +238,6 @@ def parse_derived(
         recorded: names of the signals that a run records; None: not known, and not judged.
         place: where each was written.
     Raises: ConfigError with all that is wrong with them.
-
     """
     made, problems = [], []
     for name, text in texts.items():
@@ -277,7 +275,6 @@ def unknown_numbers(
         instances: by name.
         measured: whether the system has measures.
         place: where each quantity was written.
-
     """
     problems = []
     for one in derived:

@@ -188,7 +188,6 @@ class Blocks:
 
     Attributes:
         levels: values of each axis that are to be tried before the first run: all of those that are written.
-
     """
 
     def __init__(
@@ -198,7 +197,6 @@ class Blocks:
         Args:
             problems: found ones are put here.
             text: a path of the study as messages have it.
-
         """
         self._axes, self._problems, self._text = axes, problems, text
         self.levels: dict[str, dict[Level, str]] = {path: {} for path in axes}

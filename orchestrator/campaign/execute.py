@@ -57,7 +57,6 @@ class Order:
         halving: whether each run is made with half the step, too.
         retry: what to do about runs that fail without their process.
         warm: whether so many steps are to be made that the native loop is worth loading at once.
-
     """
 
     config: Mapping[str, Any]
@@ -82,7 +81,6 @@ class Row:
         timing: wall_time, stepping_time, of both runs [s]; loop; steps.
         trajectory: an Arrow stream; empty if none is kept.
         attempts: how many were made in this process.
-
     """
 
     key: str

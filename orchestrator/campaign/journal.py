@@ -26,7 +26,6 @@ class Journal:
     Attributes:
         size: of the whole records in it [B].
         count: of the records in it.
-
     """
 
     def __init__(self, path: Path) -> None:

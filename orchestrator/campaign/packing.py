@@ -23,7 +23,6 @@ class Packed:
         config: plain values; FMUs and files of effects stand as FILES and their place.
         files: contents by place.
         varied: places of the FMUs and files of effects that the design varies, by path.
-
     """
 
     config: dict[str, Any]
@@ -36,7 +35,6 @@ def pack(prepared: Prepared, varied: Iterable[Path]) -> Packed:
 
     Args:
         varied: FMUs and files of effects that the design puts in place of its own.
-
     """
     config, files = prepared.config, dict[str, bytes]()
 

@@ -26,7 +26,6 @@ def read_study(
         problems: what is wrong is added.
     Returns: the model, keys that say nothing in it because they are wrong, and whether the design is whole;
         it may lack values that it varies.
-
     """
     try:
         return StudyModel.model_validate(data), frozenset(), True

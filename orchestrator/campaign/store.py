@@ -156,7 +156,6 @@ class StoreWriter:
         Args:
             failed: whether an error is on its way that is to be reported first.
         Raises: OrchestratorError if what came in cannot be brought to the disk.
-
         """
         try:
             if self._journal is not None:

@@ -40,7 +40,6 @@ class CheckedStudy:
         prepared: the system without the design's values.
         axes: what the design varies, by path.
         name: the file's stem, for progress and lists.
-
     """
 
     def __init__(self, source: Mapping[str, Any] | None = None, /, **values: Any) -> None:
@@ -49,7 +48,6 @@ class CheckedStudy:
             source, values: what a study file holds, by key; `format` may be left out, and keys that are words
                 of Python end in an underscore (`set_`).
         Raises: ConfigError with all problems.
-
         """
         data = {key.rstrip("_"): value for key, value in {**(source or {}), **values}.items()}
         self._take("study", check_study({"format": "sweep/1", **data}, Places("study"), Path.cwd()))
@@ -94,7 +92,6 @@ class CheckedStudy:
 
         Args:
             runs: how many are to be made.
-
         """
         steps = runs * self.prepared.grid.steps * (3 if self.model.step_halving else 1)
         return Order(

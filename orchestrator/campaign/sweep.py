@@ -52,7 +52,6 @@ class Swept:
         examples: the first message of each kind.
         seconds: wall time of all [s].
         busy: wall time of the runs themselves, summed over the workers [s].
-
     """
 
     store: Path
@@ -120,7 +119,6 @@ def sweep(
         progress: called with runs done, of how many, and failed.
     Raises: ConfigError before the first run; OrchestratorError if the store takes no more; Interrupted.
         What is in the store by then stays, and the same call goes on from there.
-
     """
     began = monotonic()
     pool = pool or pool_of(scheduler, jobs)

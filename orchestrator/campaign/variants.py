@@ -30,7 +30,6 @@ class Variants:
         Args:
             config: of the system.
             axes: by path.
-
         """
         self._config, self._axes = config, axes
         self._instances: dict[tuple[str, Path], Instance | None] = {}

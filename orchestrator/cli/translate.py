@@ -63,7 +63,6 @@ def main(args: argparse.Namespace) -> int:
         args: as declared by `add_arguments`.
     Returns: 0.
     Raises: BuildError for what cannot be built.
-
     """
     file: Path = args.model_file
     if not file.exists():  # before anything about what a build needs

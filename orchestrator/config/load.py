@@ -37,7 +37,6 @@ class Config:
         name: the file's stem, for figures and folders.
         notes: what was accepted in a file of another tool without being clear.
         unpacked: folder of FMUs that is removed when the process ends; None without such.
-
     """
 
     model: SystemModel
@@ -62,7 +61,6 @@ class Draft:
         problems: what is wrong.
         gaps: what is not known of it therefore.
         unchecked: see `ConfigError`.
-
     """
 
     config: Config | None
@@ -85,7 +83,6 @@ def load_config(
         folder: where they were written, from which relative paths in them start; None: the working directory.
             Files that are not there are looked for in the config's own.
     Raises: ConfigError with all problems.
-
     """
     draft = read_config(source, overrides, folder)
     if draft.problems or draft.config is None:
@@ -144,7 +141,6 @@ class _Found:
     Attributes:
         misspelt: names of sections.
         wanting: configs that are extended and cannot be read.
-
     """
 
     problems: list[Problem] = field(default_factory=list)

@@ -23,7 +23,6 @@ def override(
     Args:
         moved: what the config has for a file that the override names.
     Returns: problems found, and the paths that it may have been meant for if it has some.
-
     """
     place = f"--set {text}"
     name, equals, value_text = (part.strip() for part in text.partition("="))

@@ -41,7 +41,6 @@ def correct_spelling(
         data: plain values of a whole file; it and `places` are changed.
         model: what its sections are known by.
     Returns: a problem of each, and the name that each has now.
-
     """
     names, problems, meant = names_of(model), list[Problem](), dict[str, str]()
     kinds = dict(zip(names, (one.annotation for one in model.model_fields.values()), strict=True))
@@ -73,7 +72,6 @@ def read_model(
     Args:
         gaps: known before.
     Returns: the model, what is wrong, and all gaps.
-
     """
     try:
         return SystemModel.model_validate(data), [], gaps
@@ -90,7 +88,6 @@ class _Reader:
     Attributes:
         problems: that the error does not tell, because pydantic looks at a part as a whole only if all that
             is in it is right.
-
     """
 
     def __init__(self, data: Mapping[str, Any], places: Places, error: ValidationError, gaps: Gaps) -> None:

@@ -35,7 +35,6 @@ def validation_problems(
         places: where the values were written.
         prefix: path of the validated value in the config.
         gaps: where it is not known; nothing is reported to be missing there.
-
     """
     problems: dict[Path, Problem] = {}
     errors = error.errors(include_url=False)

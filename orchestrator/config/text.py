@@ -96,7 +96,6 @@ def parse(text: str, source: str) -> tuple[Any, Places]:
         source: the file's name, for messages.
     Returns: plain values, and where each was written.
     Raises: ConfigError if the text is no YAML or a key is given twice.
-
     """
     value, places, problems = compose(text, source)
     if problems:

@@ -20,7 +20,6 @@ class Gaps:
     Attributes:
         paths: of values that are not known, with all beneath them; (..., FURTHER) where a mapping or a list
             may have more entries than are known.
-
     """
 
     paths: frozenset[Path] = frozenset()
@@ -54,7 +53,6 @@ class Absent:
     Attributes:
         names: of those that are there, and have a problem of their own.
         known: names of all others; None if every name that does not exist is a mistake.
-
     """
 
     names: frozenset[str] = frozenset()

@@ -43,7 +43,6 @@ class Answer:
         numerics: what of that which is left the replay's own error may make, see `remainder.numerics` [nats].
         size: of the strongest effect that the logs speak for, see `Effect.size`; 0 where none has one.
         doubtful: whether it holds tolerances to be wider than stated, by whose log evidence it gains.
-
     """
 
     effects: tuple[str, ...]
@@ -77,7 +76,6 @@ class Group:
         none: the fit of the calibration alone.
         misfit: mean square of what the best answer leaves, by place.
         unjudged: why it is not judged on further runs what answers leave; "" if it is, or there are none.
-
     """
 
     answers: tuple[Answer, ...]
@@ -141,7 +139,6 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
         answers: none first, then by falling evidence.
         ids: of all effects of the group.
     Returns: none first, then by falling evidence.
-
     """
     found: dict[frozenset[str], Answer] = {}
     for answer in sorted(answers, key=lambda one: len(one.effects)):

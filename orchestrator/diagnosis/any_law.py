@@ -45,7 +45,6 @@ def any_law(
             that made the noise appear coloured; then they must say more than colour does.
         chosen: derivatives of the stacked residuals by what was fitted, where they are known.
         noise: of the force, over what is specified.
-
     """
     if not all(np.isfinite(r).all() for r in fit.residuals):
         return 0.0, 0.0
@@ -83,7 +82,6 @@ class _Along(NamedTuple):
     Attributes:
         square, product: of the shapes, and with the residuals, of shapes (m, m) and (m,); families: which
             are of one.
-
     """
 
     square: Array
@@ -101,7 +99,6 @@ def _columns(shapes: Sequence[Mapping[str, Array]], weight: Array) -> tuple[Arra
     Args:
         shapes: by run and family; weight: of all samples.
     Returns: them, and which are of a family.
-
     """
     joined = {
         name: block_diag(*(one[name] for one in shapes))

@@ -42,7 +42,6 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
     Args:
         kind: 0 for commands lost with a probability `amount`, 1 for delays of up to `amount` [s] more.
         commands: sent, shape (HISTORY + n,), as `run_rig` takes them; encoder: shape (n,) [m].
-
     """
     np.random.seed(seed)
     h = p[_TICK]
@@ -116,7 +115,6 @@ def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise, i
         strayed: measured minus replayed position, shape (n,) [m]; commands: as `run_rig` takes them [m].
         deviation: of the arrival [s]; slow: of a slow error of the position beside it [m].
         innovations: normalised, shape (n,); written.
-
     """
     late = int(delay / tick)
     rest = tick - (delay - late * tick)
@@ -171,7 +169,6 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
         fit: the best one without such an effect; left: its residuals of the encoder, normalised, by run.
     Returns: its log evidence over none, of its deviations and slow errors the mean [nats]; and the best of
         the deviations of the arrival [s].
-
     """
     servos = _servos(model, fit)
     found = np.zeros((1 + len(_DEVIATIONS), len(STRAYS)))
@@ -243,7 +240,6 @@ def link_noise(model: RigModel, lag: float, deviation: float) -> list[Noise]:
             it is weighed which the samples are like.
     Returns: both, each at the likelier of two strengths, with its log likelihood, which is -chi2/2 where
         nothing is random.
-
     """
     noise, tick = model.noise[0], model.study.tick
 

@@ -50,7 +50,6 @@ class AugmentedConfig:
         run: name of the run that mass, approach speed and duration are those of.
         changed: what stands in it for effects and calibrated numbers that moved, in words.
         left_out: effects that it does not hold, and why.
-
     """
 
     text: str
@@ -73,7 +72,6 @@ def augmented_config(study: Study, finding: Finding, steps: int = STEP) -> Augme
             approach speed and duration.
         finding: its answer is written; without effects, the recalibrated rig.
         steps: communication steps per tick.
-
     """
     run = next(iter(study.of(Role.HELDOUT)), study.runs[0])
     answer = finding.answer

@@ -51,7 +51,6 @@ class Weighted:
 
     Args:
         weights: by channel, one per sample.
-
     """
 
     def __init__(self, replay: Replay, weights: Sequence[Array]) -> None:
@@ -96,7 +95,6 @@ def force_weights(runs: Sequence[Run], louder: float, lost: bool) -> list[Array]
 
     Args:
         louder: by which its deviation is; lost: whether samples that repeat the one before say nothing.
-
     """
     weights = []
     for run in runs:
@@ -138,7 +136,6 @@ class Weighing:
         weights: of the samples, by run and channel; a list, whose arrays are replaced as noise is found.
         about: the model beside which roughness acts; the nominal one by default.
         known: the last roughness, by what it was found with: a weighing asks for it up to four times.
-
     """
 
     model: RigModel
@@ -173,7 +170,6 @@ class Weighing:
         Args:
             further: columns as those of `search.roughness`; scattered: such as are looked at by themselves,
                 too, see `Marginal.strayed`.
-
         """
         columns = [self.roughness(), *(one for one in (further, scattered) if one is not None)]
         apart = 0 if scattered is None else scattered.shape[1]
@@ -209,7 +205,6 @@ def along_way(model: RigModel, left: Sequence[Array]) -> float:
 
     Args:
         left: normalised residuals, by run and channel.
-
     """
     total = sum(float(r @ r) for r in left[0::2])
     gain, _, _ = wave(left[0::2], [run["encoder_position"] for run in model.runs])
@@ -223,7 +218,6 @@ def waves(
 
     Args:
         largest: amplitude of what is small, in standard deviations of the noise.
-
     """
     positions = [run["encoder_position"] for run in model.runs]
     gain, pitch, amplitude = wave(left[0::2], positions)

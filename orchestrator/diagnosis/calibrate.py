@@ -157,7 +157,6 @@ def _chosen_kinds(asked: str | None) -> list[str]:
         asked: "all", or how many; None for those of the calibration that comes with the product: it is then
             learned alike when more are known.
     Raises: OrchestratorError for anything else, and if one of those is not known.
-
     """
     known = sorted(name for name, kind in OUTSIDE.items() if kind.place not in SOFTWARE)
     if asked is None:

@@ -80,7 +80,6 @@ class Table:
         strength: see `strength`.
             Each of shape (answers,), or (groups, answers).
         lacks: ln(1 + u) of each part of what is left, shape (answers, parts), or (groups, answers, parts).
-
     """
 
     gain: Array
@@ -130,7 +129,6 @@ class Calibration:
             rigs is not quite the catalogue's.
         roughness: of rigs that hide nothing, standard deviations as shares of an effect's prior, by id, one
             per start of its shape.
-
     """
 
     temperature: float = 1.5
@@ -168,7 +166,6 @@ class Calibration:
         Args:
             seen, unseen: how many effects the logs speak for, and how many are too small for that.
             rarity: of the latter, see `rarity`; strong: of the former, see `strength`; all of one shape.
-
         """
         cost = self.first * np.minimum(seen, 1) + self.second * np.clip(np.subtract(seen, 1), 0, 1)
         cost = cost + self.further * np.maximum(np.subtract(seen, 2), 0)
@@ -234,7 +231,6 @@ class Calibration:
         Returns: scores, and the prices that they are still to be lessened by where the group stands alone.
             That of outside is zero: it has paid for the answer that it stands beside; each of shape
             (answers + 1,), and where a table is of several groups, so many of them.
-
         """
         of = answers if isinstance(answers, Table) else self.table(answers)
         at = np.argmax(of.gain, -1, keepdims=True)
@@ -268,7 +264,6 @@ class Calibration:
 
         Args:
             alike: of how many answers each score is.
-
         """
         p = np.exp(scores - scores.max(-1, keepdims=True))
         p /= p.sum(-1, keepdims=True)
@@ -290,7 +285,6 @@ def strength(size: float) -> float:
 
     Args:
         size: see `Effect.size`; 0, an unknown one, is ordinary.
-
     """
     return math.log1p(((size or _ORDINARY) / _ORDINARY) ** 2)
 

@@ -62,7 +62,6 @@ def installed(group: str, kind: type[_Kind], problems: list[Problem]) -> Iterato
 
     Args:
         kind: that each must be; problems: what is wrong with others is added to it.
-
     """
     for point in entry_points(group=group):
         place = f"entry point {point.name} of {point.value}"

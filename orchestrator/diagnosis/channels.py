@@ -87,7 +87,6 @@ def logged_twice(runs: Sequence[tuple[str, Mapping[Any, Array]]], place: str) ->
     Args:
         runs: by name, their channels, each of shape (n,).
         place: of the runs.
-
     """
     for (one, channels), (other, others) in combinations(runs, 2):
         same = channels.keys() == others.keys()

@@ -36,7 +36,6 @@ class Ahead:
             kinetic energy after over that before.
         traces: force and velocity errors of each contact, normalised as above, shape (2, ticks), and the
             tick of the contact's first push in it.
-
     """
 
     errors: Array
@@ -162,7 +161,6 @@ def closure_of(squares: dict[str, Array], floor: float, block: int) -> dict[str,
         squares: squared errors of each model, each of shape (n,), in order of time; not finite of one that
             runs away, whose gap is None.
         block: how many neighbours are drawn together.
-
     """
     gaps = {name: float(np.sqrt(np.mean(one))) for name, one in squares.items()}
     told = {name: gap if math.isfinite(gap) else None for name, gap in gaps.items()}
@@ -191,7 +189,6 @@ def _gap(
 
     Args:
         told: gap of each model; None where it runs away, or where nothing was held out.
-
     """
     before = told.get("before")
 

@@ -29,7 +29,6 @@ class Colour(NamedTuple):
     Attributes:
         deviation: over that of the white noise; keep: what a sample keeps of it.
         log_likelihood: over white noise alone [nats].
-
     """
 
     deviation: float
@@ -46,7 +45,6 @@ def _ar_likelihood(r, deviation, keep, white, innovations):
 
     Args:
         innovations: normalised, of the shape of r, or empty; written.
-
     """
     total, mean, variance = 0.0, 0.0, deviation * deviation
     for i in range(r.shape[0]):
@@ -95,7 +93,6 @@ def small_colour(parts: Sequence[Array]) -> Colour:
 
     Args:
         parts: residuals over their noise.
-
     """
     size = sum(map(len, parts))
     variance = sum(float(part @ part) for part in parts) / size
@@ -114,7 +111,6 @@ def whitened(left: Sequence[Array], colour: Colour) -> list[Array]:
 
     Args:
         left: residuals over their noise, by run.
-
     """
     if colour.deviation <= 0.0:
         return list(left)

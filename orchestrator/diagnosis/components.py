@@ -40,7 +40,6 @@ class Residuals:
         force: the same as `values`, as forces on the satellite [N]: a position counts by the contact's
             stiffness, a change of velocity by mass over tick; shape (4, n).
         force_noise: of `force`, shape (4,) [N].
-
     """
 
     values: Array
@@ -109,7 +108,6 @@ def significant(residual: Array, noise: float) -> Array:
 
     Args:
         noise: standard deviation.
-
     """
     spectrum = np.fft.rfft(residual)
     power = np.abs(spectrum) ** 2 / len(residual)

@@ -42,7 +42,6 @@ class _Broken:
     Attributes:
         gross: whether by so much that the columns cannot be what they are said to be. A single mistake in
             them may show in less; but so may software that does not do what it is believed to.
-
     """
 
     columns: tuple[str, ...]

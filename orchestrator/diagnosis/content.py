@@ -31,7 +31,6 @@ class Told:
 
     Attributes:
         where: shares of the gap by place.
-
     """
 
     where: Mapping[str, float] = field(default_factory=dict)
@@ -58,7 +57,6 @@ def content(
         nominal: all that is calibrated; what has no tolerance is left out.
         warned: what a reader should know of the logs; origins: see `provenance`.
     Raises: OrchestratorError if parts of it contradict each other.
-
     """
     which = _which(finding)
     shares = sorted(told.where.items(), key=lambda item: -item[1])
@@ -107,7 +105,6 @@ def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:
     Args:
         files: that were read, by the names that they are recognised by.
         more: further entries.
-
     """
     digests = {name: file_digest(path) for name, path in files.items()}
     return {**origin(), "packages": versions(_PACKAGES), **more, "sha256": digests}

@@ -37,7 +37,6 @@ class Place:
     Attributes:
         z: normalised parameters; r: residuals; cost: see `cost_of`; jacobian: derivatives of the residuals;
             fresh: whether these were taken here, and did not only follow the steps.
-
     """
 
     z: Array
@@ -61,7 +60,6 @@ class Descent:
             (residuals, parameters).
         low, high: least and largest parameters; smooth: places of those that derivatives say about.
         patient: whether a descent that hardly gets on, though derivatives promise more, goes on undamped.
-
     """
 
     residuals: Callable[[Array], Array]
@@ -77,7 +75,6 @@ class Descent:
 
         Args:
             aim: a cost; a descent that will not come near it is given up.
-
         """
         self._damping, stale = _DAMPED, 0
         for iteration in range(_MAX_ITERATIONS):

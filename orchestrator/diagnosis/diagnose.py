@@ -60,7 +60,6 @@ def diagnose(
         practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them;
             jobs: processes that weigh them. Those weighed are kept in the folder as long as they are not all.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
-
     """
     begin = perf_counter()
     if not isinstance(study, Study) and is_port_study(Path(study)):

@@ -20,7 +20,6 @@ class Diagnosed:
     Attributes:
         diagnosis: content of diagnosis.json.
         folder, files: where it was written and the files' names; None and none if it was not.
-
     """
 
     study: Study | PortStudy

@@ -56,7 +56,6 @@ def piled(forces: Sequence[Array], step: float, noise: float) -> float:
 
     Args:
         forces: by run [N]; step, noise: resolution, below the noise, and its standard deviation [N].
-
     """
     chance, total = step / (noise * math.sqrt(2.0 * math.pi)), 0.0
     for force in forces:
@@ -79,7 +78,6 @@ def in_turn(parts: Sequence[Array]) -> float:
 
     Args:
         parts: whether samples repeat the last one, by flight, shape (n,) each.
-
     """
     if not parts or not any(_even(parts, lost) for lost in (True, False)):
         return 0.0
@@ -142,7 +140,6 @@ def lost_in_contact(
     Args:
         forces: by run [N]; contact: whether a replay touches, per tick, by run.
         step, noise: resolution and standard deviation of the force [N].
-
     """
     again, chances = [], []
     for force, touching in zip(forces, contact, strict=True):

@@ -37,7 +37,6 @@ class Site(IntEnum):
         DELAYED: the force behind the sensor's delay and low-pass [N].
         SAMPLE: force sampled at a tick [N].
         BODY: force on the satellite over a tick [N].
-
     """
 
     COMMAND = 0
@@ -68,7 +67,6 @@ class Context(IntEnum):
         STIFFNESS, DAMPING: of the frame that is touched; out of contact of either, as calibrated.
         TICK: number of the tick.
         MASS: of the satellite software.
-
     """
 
     POSITION = 0
@@ -95,7 +93,6 @@ def law(function: Callable[..., float]) -> Any:
     Args:
         function: of time [s], step since the last call [s], the value at the site, and three arrays: the
             context (by `Context`), the effect's memory (zeros at the start) and its parameters.
-
     """
     return cfunc(_SIGNATURE)(function)
 
@@ -114,7 +111,6 @@ class Parameter:
         whole: whether it is a whole number; then all from `low` to `high` are tried.
         jagged: whether what it does is no smooth function of it, so that no derivative leads from a start to
             the best value: fits leave it where they begin.
-
     """
 
     name: str
@@ -159,7 +155,6 @@ class Seen:
         position: of the robot as measured, by run, shape (n,) [m].
         strayed: measured minus replayed position of the robot at the ticks, by run, shape (n,) [m].
         lag: of the replayed servo: natural frequency [rad/s], damping ratio [1], response delay [s].
-
     """
 
     tick: float
@@ -187,7 +182,6 @@ class Effect:
         statistic: name of the statistic that tells a stochastic effect, "" for others.
         written: how it stands in the config of the augmented system, where `changes` do not tell it.
         propose: further starts, one value per parameter, read from the runs.
-
     """
 
     id: str
@@ -218,7 +212,6 @@ class Effect:
 
         Args:
             theta: its own parameters.
-
         """
         first = self.parameters[0]
         return 0.0 if first.shape or first.whole else abs(float(theta[0])) / first.scale

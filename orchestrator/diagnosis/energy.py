@@ -30,7 +30,6 @@ class Balance:
         run: its name; contact: its window.
         change: CoR^2 - 1, of the log and of the model one contact ahead, shape (2,).
         measured, modelled: by `INTERFACES`, shape (5,); they add up to `change`.
-
     """
 
     run: str

@@ -43,7 +43,6 @@ def expected_evidence(
 
     Args:
         inflation: by which squared residuals are divided, as in `Fitter`.
-
     """
     values = Fitter(RigModel(study, [])).values(cause.effects, cause.z)
     trial = Trial(
@@ -79,7 +78,6 @@ def next_experiment(
     Returns: as `outlook.chosen`; where the first candidate has no rival that the rig's model holds, see
         `doubt.without_rival`.
     Raises: ValueError if there is nothing to choose from.
-
     """
     among = menu_of(study) if among is None else among
     if not among:

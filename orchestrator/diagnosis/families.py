@@ -50,7 +50,6 @@ def families_of(
         kin: of the effects that have any, by id.
     Returns: the probability that some effect of a family acts, whatever acts beside it, and that of each;
         most probable first.
-
     """
     whole: dict[Kin, float] = {}
     members: dict[Kin, dict[str, float]] = {}
@@ -81,7 +80,6 @@ def together(
     Args:
         effects: of the one.
     Returns: their probability together; and, of the effects with kin in them, that of each.
-
     """
     asked, whole = _form(effects, kin), 0.0
     members: dict[str, float] = {}

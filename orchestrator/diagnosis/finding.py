@@ -24,7 +24,6 @@ class Augmented:
     Attributes:
         calibrated: parameters by name, SI, those of the calibration that moved.
         effects, theta: what was added, and all parameters one after the other.
-
     """
 
     calibrated: Mapping[str, float]
@@ -46,7 +45,6 @@ class Candidate:
         ties: effects that the data cannot distinguish from these.
         log_evidence: over that of no effect [nats].
         model: what it was fitted as; None for "outside".
-
     """
 
     effects: tuple[str, ...]
@@ -73,7 +71,6 @@ class Finding:
         misfit: mean square of what the answer leaves, normalised by the noise, by place.
         unjudged: why runs that no fit saw do not say what answers leave; "" if they do, or there are none.
         kin: what effects are reported together with, by id.
-
     """
 
     candidates: tuple[Candidate, ...]
@@ -118,7 +115,6 @@ def most_probable(candidates: Sequence[Candidate], enough: float) -> tuple[str, 
 
     Args:
         candidates: most probable first.
-
     """
     found, held = [], 0.0
     for one in candidates:

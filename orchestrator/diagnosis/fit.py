@@ -47,7 +47,6 @@ class Fit:
         log_determinant: of the Hessian in normalised parameters; Laplace's volume.
         residuals: normalised, per run and channel, as the replay gives them.
         z: all parameters, normalised by their priors.
-
     """
 
     effects: tuple[Effect, ...]
@@ -79,7 +78,6 @@ class Base(NamedTuple):
 
     Attributes:
         z: normalised parameters; r: stacked residuals there; jacobian: their derivatives.
-
     """
 
     effects: tuple[Effect, ...]
@@ -94,7 +92,6 @@ class Replay(Protocol):
     Attributes:
         tolerances: of the calibrated parameters that it depends on, by name: nominal value and standard
             deviation, SI.
-
     """
 
     @property
@@ -125,7 +122,6 @@ class Fitter:
 
     Attributes:
         marginal: by which residuals are weighed.
-
     """
 
     _patient: ClassVar[bool] = False
@@ -226,7 +222,6 @@ class Fitter:
             aim: a cost; a fit that will not come near it is given up.
         Returns: of infinite cost where the model runs away from the begin.
         Raises: ValueError if there are not as many parameters to begin from as the effects have.
-
         """
         count = len(self._names)
         parameters = [one for effect in effects for one in effect.parameters]
@@ -260,7 +255,6 @@ class Fitter:
         Args:
             by: a fitter of those runs.
         Returns: it, and derivatives of the stacked residuals by its normalised parameters.
-
         """
         z = self._left_open(fit, by)
         r = self.stacked(fit.effects, z)
@@ -283,7 +277,6 @@ class Fitter:
 
         Args:
             by: a fitter of the other runs; they are moved no farther than it hardly tells.
-
         """
         effects, z = fit.effects, fit.z
         own = [one.jagged for effect in effects for one in effect.parameters]
@@ -467,7 +460,6 @@ def _least(columns: Array, r: Array, z: Array) -> tuple[Array, float]:
 
     Args:
         columns: derivatives of the residuals r by the first of the parameters z; others stay.
-
     """
     # About a model that is about to run away numbers are too large to be squared: it promises nothing.
     with np.errstate(over="ignore", invalid="ignore"):

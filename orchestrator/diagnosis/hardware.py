@@ -63,7 +63,6 @@ def weigh_rig(
     Args:
         without: ids of effects to leave out of the catalogue.
         rough: roughness of every rig, see `Calibration.roughness`; what comes with the product by default.
-
     """
     rough = calibration().roughness if rough is None else rough
     return _weigh(RigModel(study, study.of(Role.TRAIN)), frozenset(without), rough)
@@ -77,7 +76,6 @@ class _Sensor(NamedTuple):
             noise makes the force's noise appear larger.
         louder, lost: by how much it is larger than specified, see `benign.force_weights`.
         fitter: with that noise, and with a small wave of the encoder's scale, if there is one.
-
     """
 
     force: Force
@@ -96,7 +94,6 @@ class _Told(NamedTuple):
         periodic: log evidence of losses that keep a period and are no effect [nats].
         regular: log likelihood that what is random in the link keeps a period [nats].
         by: what the best answers were fitted by.
-
     """
 
     answers: list[Answer]
@@ -113,7 +110,6 @@ def _weigh(
 
     Args:
         lost: commands lost one by one, if they were found; the model is given the others.
-
     """
     weighing = Weighing.of(model, [one for one in of_hardware() if one.id not in without], rough)
     sensor = _sensed(weighing, without)
@@ -253,7 +249,6 @@ def _heard(weighing: Weighing, force: Force, without: Collection[str], waved: Ar
 
     Args:
         waved: a small wave of the encoder's scale, see `benign.waves`.
-
     """
     model, weights = weighing.model, weighing.weights
     noises = [one for one in force.noises if one.id not in without]
@@ -271,7 +266,6 @@ def _judging(
 
     Args:
         judge: of the runs that fits saw; complete: whether all commands are known to have arrived.
-
     """
     runs = judge.weighing.model.study.runs
     if len(runs) == len(judge.weighing.model.runs):
@@ -307,7 +301,6 @@ def _linked(
 
     Args:
         judge, noises: as those of `_answers`; without: ids that are not sought.
-
     """
     weighing, fitter = judge.weighing, judge.fitter
     left = fitter.marginal.left(found.best.residuals)
@@ -382,7 +375,6 @@ def _doubt(weighing: Weighing, fit: Fit) -> tuple[float, float]:
 
     Args:
         fit: without any effect, or with those that act anyway.
-
     """
     kinds = [max(abs(fit.deviation.get(name, 0.0)) for name in kind) for kind in KINDS]
     far = sum(most > _STRAYED for most in kinds)
@@ -414,7 +406,6 @@ def _answers(
         judge: of what they leave, and by what they are weighed.
         noises: effects known by statistics; weak ones may be there or not.
         always: effects of every model, which are among the noises.
-
     """
     fitter = judge.fitter
     left = fitter.marginal.left(found.best.residuals)

@@ -132,7 +132,6 @@ class _Forms(NamedTuple):
 
     Attributes:
         named: families, and effects of none; chance: their probability, and that of each form.
-
     """
 
     named: list[str]

@@ -45,7 +45,6 @@ class Practice:
         truth: ids, ("outside",), or none; magnitude: of the effects.
         answers: none first; without their fits.
         beside: see `Group.outside`.
-
     """
 
     truth: tuple[str, ...]
@@ -74,7 +73,6 @@ class _Lesson:
         beside: see `Practice`, shape (cases,).
         alike: how many answers are one, outside the last.
         right: the right ones' share of the rarity's exponential; rights: how many they are, outside the last.
-
     """
 
     of: Table

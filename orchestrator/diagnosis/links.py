@@ -50,7 +50,6 @@ class Arrivals(NamedTuple):
         unforeseen: what they leave of the encoder, normalised, by run; nothing where nothing is clear.
         losses: commands lost one by one, where these were sought.
         apart: whether losses are what arrivals are, one by one.
-
     """
 
     seen: float
@@ -90,7 +89,6 @@ def arrivals(model: RigModel, fit: Fit, left: Sequence[Array], seek_losses: bool
     Args:
         left: the fit's residuals of the encoder, normalised, by run.
         seek_losses: whether commands may be lost one by one, too.
-
     """
     seen, deviation = random_arrival(model, fit, left)
     losses = lost_commands(model, fit, left) if seek_losses else None
@@ -110,7 +108,6 @@ def _told_apart(model: RigModel, fit: Fit, left: Sequence[Array], losses: Losses
 
     Args:
         arrival: log evidence of random arrivals [nats].
-
     """
     if losses.log_evidence < max(_LOSSES_CLEAR, _LIKELIER * arrival):
         return False
@@ -126,7 +123,6 @@ def random_links(model: RigModel, none: Fit, found: Arrivals, without: Collectio
 
     Args:
         none: the fit of the calibration alone; without: ids that are not sought.
-
     """
     if found.log_evidence == 0.0:
         return []
@@ -152,7 +148,6 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...], best: Fit) -> 
     Args:
         always: the link's effect; best: the best fit without it.
     Returns: by what was searched, a weighing of its own; and what was found.
-
     """
     model, weights = weighing.model, list(weighing.weights)
     fitter, start = Fitter(Weighted(model, weights)), Fitter(model).starts(always[0])[0]

@@ -26,7 +26,6 @@ def loudest(channels: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise, by run.
-
     """
     found = 0.0
     for length in _WINDOWS:
@@ -49,7 +48,6 @@ def repeated(channels: Sequence[Array], touching: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise, by run; touching: whether the rod touches at each tick, by run.
-
     """
     found = 0.0
     noises = noises_beside(channels, touching)

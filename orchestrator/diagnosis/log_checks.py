@@ -45,7 +45,6 @@ def clock_told(time: Array, step: float) -> str:
 
     Args:
         time: stamps, shape (n,) [s], n at least 2; step: from one row to the next, as is believed [s].
-
     """
     taken, whole = float(time[-1] - time[0]), step * (len(time) - 1)
     share = 100.0 * (taken / whole - 1.0)
@@ -65,7 +64,6 @@ def unmapped_clock(
         mapped: columns that are signals.
         tick: from one row to the next, as is believed [s].
         key: what sets the tick.
-
     """
     others = []
     for name, signal in log.items():
@@ -123,7 +121,6 @@ def unread_rows(
         signals, mapping: what is read, and from which columns.
         rows: numbers of the rows that are taken, by signal.
         parted: whether a part of the log can be asked for.
-
     """
     for name, signal in signals.items():
         wrong = rows[name][~np.isfinite(signal.values[rows[name]])]

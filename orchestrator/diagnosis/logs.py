@@ -41,7 +41,6 @@ class Signal:
         written: what stands in each row, of columns that do not hold numbers only; None for others.
         line: of the file in which the first row stands; None where it is not known.
         flaw: why the signal cannot be taken although it is there; "" if it can.
-
     """
 
     values: Array

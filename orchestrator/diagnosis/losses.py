@@ -47,7 +47,6 @@ class Losses(NamedTuple):
         regular: log likelihood that they keep a period, which chance does not [nats].
         disorder: log evidence over none that commands which come after newer ones are obeyed, or wrong ones
             that nobody sent [nats].
-
     """
 
     log_evidence: float
@@ -65,7 +64,6 @@ class _Asked(NamedTuple):
         pulses: by how much each command falls short if it does, and one some ticks later, each of shape (n,)
             [m]; and that many ticks.
         answer: what the robot answers to a command of 1 m, over the encoder's noise, shape (k,).
-
     """
 
     pulses: tuple[tuple[Array, int], ...]
@@ -80,7 +78,6 @@ def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
 
     Args:
         fit: the best one without losses; left: its residuals of the encoder, normalised, by run.
-
     """
     noise, tick = model.noise[0], model.study.tick
     sent, answers = [], []
@@ -113,7 +110,6 @@ def _disorder(left: Sequence[Array], runs: Sequence[tuple[Array, Array]], slow: 
 
     Args:
         runs: commands sent, and what the robot answers to one, see `_Asked`, by run.
-
     """
     told = [
         _found(left, [_late(*run, late, again) for run in runs], slow)[0].log_evidence
@@ -129,7 +125,6 @@ def _falsified(left: Sequence[Array], answers: Sequence[Array], slow: tuple[floa
 
     Args:
         answers: what the robot answers to a command, see `_Asked`, by run.
-
     """
     heard = [_heard(r, answer, slow) for r, answer in zip(left, answers, strict=True)]
     told = []
@@ -161,7 +156,6 @@ def _found(
     Args:
         asked: by run.
     Returns: them, but for `regular` and `disorder`, and what these are made of.
-
     """
     rest, missing = list(left), [np.zeros(len(r)) for r in left]
     gains, expected = zip(*(_gain(r, one, slow) for r, one in zip(rest, asked, strict=True)), strict=True)
@@ -260,7 +254,6 @@ def _regular(at: Sequence[Array], shows: Sequence[Array]) -> float:
 
     Args:
         at: ticks of losses, by run; shows: chance that a loss at a tick is found, shape (n,), by run.
-
     """
     runs = [(one, seen / seen.sum()) for one, seen in zip(at, shows, strict=True) if len(one)]
     if sum(len(one) for one, _ in runs) < _FEWEST:

@@ -35,7 +35,6 @@ class Column(BaseModel):
         sign: -1 where the log counts the other way round.
         offset: added, after the sign, SI; given with its unit.
         clock: by how much its stamps are late [s], given with its unit; in tables a whole number of rows.
-
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -67,7 +66,6 @@ def read_mapping(
         problems: what is wrong is added.
         optional: whether signals may be left out.
     Returns: the entries with which nothing is wrong.
-
     """
     names = tuple(signals)
     if not isinstance(data, dict):
@@ -153,7 +151,6 @@ def columns_of(
             stands in other rows does not matter.
         clock: the key that sets the tick; None if time is mapped, but wrongly, so that nothing tells it.
     Returns: None if something is wrong, or nothing is mapped.
-
     """
     before = len(problems)
     if not mapping:

@@ -28,7 +28,6 @@ def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
     Args:
         residuals: of the best fit, normalised, per run and channel, as `Fit.residuals`.
         longest: lag that is looked at.
-
     """
     weighted = total = 0.0
     for r in residuals:
@@ -57,7 +56,6 @@ class Marginal:
         roughness: directions of stacked residuals in which every rig strays a little, scaled to one standard
             deviation, shape (residuals, k).
         apart: how many of them, at the end, are looked at by themselves, too: see `strayed`.
-
     """
 
     def __init__(self, inflation: float = 1.0, roughness: Array | None = None, apart: int = 0) -> None:
@@ -113,7 +111,6 @@ class Marginal:
                 shape (residuals, p): it may take up something of a column that would be there.
             z: what it chose, shape (p,); where it ended a little beside the best, that is made up for.
         Returns: of shapes (m, m) and (m,).
-
         """
         r = self._row(residuals)
         square, product = columns.T @ columns, columns.T @ r[rows]

@@ -29,7 +29,6 @@ class Load:
 
     Attributes:
         effect: whose law adds it, at Site.FORCE; theta: its parameters.
-
     """
 
     effect: Effect
@@ -49,7 +48,6 @@ class Experiment:
         load: on the rod's tip.
         tracker: standard deviation of a measurement of the tip's position [m]; 0 where there is none.
         ticks: of each run.
-
     """
 
     name: str

@@ -70,7 +70,6 @@ def unexplained(channels: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise.
-
     """
     total = 0.0
     for r in channels:
@@ -94,7 +93,6 @@ def noises_beside(channels: Sequence[Array], touching: Sequence[Array]) -> list[
 
     Args:
         channels: residuals over their noise, by run; touching: whether the rod touches at each tick.
-
     """
     return [
         _noise_beside(r, answering(touched)[: len(r)]) for r, touched in zip(channels, touching, strict=True)
@@ -113,7 +111,6 @@ def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise, by run; touching: whether the rod touches at each tick.
-
     """
     parts = []
     for r, touched in zip(channels, touching, strict=True):
@@ -141,7 +138,6 @@ def uneven(channels: Sequence[Array], lengths: Sequence[int]) -> float:
     Args:
         channels: the noise, by stretch.
         lengths: of blocks; the one that tells most is taken.
-
     """
     return max(_tails(channels, length) for length in lengths)
 
@@ -171,7 +167,6 @@ def hum(channels: Sequence[Array], windows: Sequence[Sequence[slice]]) -> tuple[
         channels: residuals, by run, zero where they say nothing; windows: of each.
     Returns: its log likelihood over none, number of tried frequencies accounted for [nats], and its
         frequency in cycles per sample.
-
     """
     by_run = []
     for r, some in zip(channels, windows, strict=True):
@@ -219,7 +214,6 @@ def wave(
         longest: pitch that is tried [m].
     Returns: its log likelihood over none, number of tried pitches accounted for [nats], its pitch [m], and
         its amplitude in standard deviations of the noise.
-
     """
     r, x = np.concatenate(channels), np.concatenate(positions)
     best = (0.0, float(_PITCHES[0]), 0.0)

@@ -53,7 +53,6 @@ def wrong_factors(sign: int = 1, unit: str | None = None, pairs: bool = False) -
     Args:
         sign, unit: that a study file gives the column.
         pairs: whether units that are no power of a thousand apart are meant, too.
-
     """
     correct = _corrected(unit)
     turn = "Correct its values, or give `sign: -1` in a study file."
@@ -72,7 +71,6 @@ def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, flo
 
     Args:
         own: unit in which the column's values stand by now; unit: that a study file gives the column.
-
     """
     try:
         scales = {name: convert(parse_unit(name), parse_unit(own)) for name in _SCALES}
@@ -103,7 +101,6 @@ def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Prob
     Args:
         more: what is said of further ones, with `{}` for how many and `{s}` for the plural.
         kind: of those that are reported as one; others are reported one by one.
-
     """
     kinds: dict[object, list[Problem]] = {}
     for one in problems:

@@ -57,7 +57,6 @@ class Laws:
         sites: first law of each site, and the end, shape (len(Site) + 1,).
         addresses: shape (l,); at: of each law's memory and parameters, shape (l, 2).
         memory: how many numbers they keep; theta: how many parameters all effects have.
-
     """
 
     sites: np.ndarray
@@ -147,7 +146,6 @@ class RigModel:
         noise: standard deviations of encoder [m] and sensor force [N], rounding included.
         correction: added to the robot's position in replays, shape (n + 1,) of each run [m].
         pull: see `followed`; zero otherwise [rad/s].
-
     """
 
     def __init__(self, study: Study, runs: Sequence[Run], substeps: int = SUBSTEPS) -> None:
@@ -257,7 +255,6 @@ class RigModel:
             calibrated: values that replace the nominal ones.
             effects, theta: what acts beside, and all their parameters one after the other.
         Returns: channels by `CHANNELS`, shape (8, n); those of the software are zero.
-
         """
         inject = np.zeros((4, len(self.runs[index]) + 1))
         inject[0] = self.correction[index]
@@ -276,7 +273,6 @@ class RigModel:
         Args:
             inject: what is added to the components' outputs, by `Inject`, shape (4, n + 1).
         Returns: channels by `CHANNELS`, shape (8, n).
-
         """
         n = len(self.runs[index])
         commands = np.zeros(HISTORY + n)

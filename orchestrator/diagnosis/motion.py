@@ -39,7 +39,6 @@ class Contact:
     Attributes:
         begin, end: of the window with the flight before and after; `end` is excluded.
         first, last: with a push; peak: of the force.
-
     """
 
     begin: int

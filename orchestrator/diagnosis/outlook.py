@@ -34,7 +34,6 @@ class Posterior:
 
     Attributes:
         z: all parameters, normalised by their priors; precision: their inverse covariance.
-
     """
 
     effects: tuple[Effect, ...]
@@ -56,7 +55,6 @@ def least(fitter: Fitter, about: Posterior, z: Array, places: Sequence[int]) -> 
     Args:
         z: where to begin; places: parameters that may move.
     Returns: normalised parameters, the sum there, and its Hessian's half at the last linearisation.
-
     """
 
     def tried(at: Array) -> tuple[float, Array]:
@@ -98,7 +96,6 @@ def evidence_over(fitter: Fitter, rival: Posterior, places: Sequence[int]) -> fl
     Args:
         fitter: of the predicted logs, without noise: what is left of it is the same for both on average.
         places: parameters of the rival that may move.
-
     """
     cost = least(fitter, rival, rival.z, places)[1]
     # Where a rival's replay has no end, nothing was simulated that could tell.
@@ -122,7 +119,6 @@ def chosen(
         count, `between`, evidence by rival of the first, `menu` with the least evidence over a rival of each
         experiment, `leaves`, pairs that stay tied, and `then`, the best experiment for these, "" if there is
         none.
-
     """
     rivals = range(1, len(between))
     others = list(combinations(rivals, 2))

@@ -43,7 +43,6 @@ def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
         judge: of what fits leave; none: the fit of the calibration alone.
         odd: log evidence of what only a sensor makes of a force, as a line [nats].
         regular: log likelihood that what is random in the link keeps a period [nats].
-
     """
     by, fit, _ = judge.carried(none)
     model, left = by.weighing.model, by.fitter.marginal.left(fit.residuals)
@@ -64,7 +63,6 @@ def wrong_times(channels: Sequence[Array], positions: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise, by run; positions: of the robot, of the same samples.
-
     """
     told = 0.0
     for r, x in zip(channels, positions, strict=True):
@@ -87,7 +85,6 @@ def part_of_chain(rest: Remains, forces: Sequence[Array], touching: Sequence[Arr
         rest: what none leaves; forces: its residuals of the force, by run.
         touching: whether the rod touches at each tick, by run.
         odd: see `place_outside`.
-
     """
     within = [answering(one)[: len(r)] for one, r in zip(touching, forces, strict=True)]
     flights, contacts = (

@@ -35,7 +35,6 @@ class Parts:
         energy: energy balance of contacts.
         how_far: as the models `verdict.HowFar`; next_experiment: `verdict.Experiment`;
         numerics: `verdict.Numerics`.
-
     """
 
     weigh: Callable[[Study], Finding]

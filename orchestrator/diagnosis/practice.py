@@ -158,7 +158,6 @@ def simulated_case(seed: int, number: int, tight: float = 1.0, plan: draw.Plan |
     Args:
         tight: by how much the lab's tolerances are smaller than its errors.
         plan: what is hidden; by default what the number has in a plan of many cases.
-
     """
     plan = plan or draw.plan_cases(_PLANNED, seed, hidden.HARDWARE, ODDITIES, True)[number - 1]
     rng = np.random.default_rng(np.random.SeedSequence([seed, number, 3]))
@@ -183,7 +182,6 @@ def simulated_study(
 
     Args:
         seed, number, tight, plan: see `simulated_case`; roles: of the runs that are made.
-
     """
     case = simulated_case(seed, number, tight, plan)
     logs = logged(case, roles)
@@ -208,7 +206,6 @@ def observed(case: draw.Case, logs: Mapping[int, Array]) -> Study:
 
     Args:
         logs: rows by `COLUMNS`, each of shape (6, n), SI, by index in `draw.RUNS`.
-
     """
     tolerances = draw.tolerances(case.lab)
     nominal = {name: Nominal(value, tolerances.get(name, 0.0)) for name, value in case.lab.nominal.items()}

@@ -39,7 +39,6 @@ class Remains(NamedTuple):
         rough: what roughness takes up beyond what it does of rigs; it is not left.
         shaken, struck: what is loudest of the encoder and of the force, see `local.loudest`.
         repeated: what contacts leave again and again, see `local.repeated`.
-
     """
 
     encoder: float
@@ -69,7 +68,6 @@ def remains(
         fitter: of the weighing.
         colour: small coloured noise of the force, see `stochastic.Force`.
         chosen: see `any_law`.
-
     """
     left = fitter.marginal.left(fit.residuals)
     moves, forces, touched = left[0::2], whitened(left[1::2], colour), touching(weighing.model, fit)
@@ -97,7 +95,6 @@ def own_error(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> floa
 
     Args:
         fitter: of the weighing; left: see `Remains.total`. No more is reported.
-
     """
     if left < _ROUGHER:
         return 0.0

@@ -34,7 +34,6 @@ def page(study: Study, diagnosis: Diagnosis, model: Augmented) -> str:
 
     Args:
         model: the answer's, by which residuals are shown after the effects are added.
-
     """
     places = list(dict.fromkeys(diagnosis.verdict.places)) or ["sensor"]
     figures = [figure_of(study, place, model) for place in places[:3]]
@@ -58,7 +57,6 @@ def compose(
         known: the effects that were weighed, by id.
         gap: over what the gap is measured.
         believed: parameters that effects change, as configured, by name.
-
     """
     parts = [
         f"<p class=headline>{escape(headline(diagnosis))}</p>",

@@ -59,7 +59,6 @@ class Restart:
         Args:
             inject: residuals by `Inject` that are added to the components' outputs, shape (4, ticks + 1).
         Returns: channels by `CHANNELS`, shape (8, ticks).
-
         """
         known, kept = self._state(begin)
         state, memory = known.copy(), kept.copy()
@@ -81,7 +80,6 @@ def strayed(run: Run, one: Contact, out: Array) -> Array:
     Args:
         out: channels from `Restart.ahead` over the contact's window.
     Returns: shape (2, ticks) [1].
-
     """
     force, velocity = (run[name][one.begin : one.end] for name in ("sensor_force", "desired_velocity"))
     return np.stack([(out[3] - force) / np.abs(force).max(), (out[1] - velocity) / abs(velocity[0])])

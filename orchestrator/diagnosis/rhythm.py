@@ -33,7 +33,6 @@ def rhythm(channels: Sequence[Array], positions: Sequence[Array]) -> float:
 
     Args:
         channels: residuals over their noise, by run; positions: of the robot, of the same samples.
-
     """
     size = 1 << max(len(r) for r in channels).bit_length()
     bins = slice(math.ceil(size / _LONGEST), math.floor(size / _SHORTEST))

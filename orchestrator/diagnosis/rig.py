@@ -194,7 +194,6 @@ def run_rig(
         out: by `CHANNELS`, shape (8, n); written. With a pull its encoder holds what was measured when given.
         substeps: per tick.
         pull: both poles of the observer that draws the servo to the encoder; none, if zero [rad/s].
-
     """
     h = p[_TICK]
     dt = h / substeps

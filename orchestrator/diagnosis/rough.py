@@ -33,7 +33,6 @@ class Strayed:
         hessian, slope: of half the squared residuals by the calibration, in tolerances, and then by the
             effects' sizes, in priors.
         calibrated: where the calibration is taken, in tolerances.
-
     """
 
     ids: tuple[str, ...]

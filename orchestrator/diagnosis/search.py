@@ -50,7 +50,6 @@ class Search:
     Attributes:
         none: the fit of the calibration alone; beside what is there anyway.
         fits: of one effect and more, largest log evidence first.
-
     """
 
     none: Fit
@@ -80,7 +79,6 @@ def each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) ->
 
     Args:
         workers: threads.
-
     """
     if workers == 1:
         return [function(one) for one in items]
@@ -93,7 +91,6 @@ class Direction(NamedTuple):
 
     Attributes:
         place: of the start of its shape, among all of them that there are; many: how many.
-
     """
 
     effect: Effect
@@ -114,7 +111,6 @@ def roughness(
         sizes: standard deviations, as shares of the effect's prior, one per start of its shape, by id.
         about: of a model with other effects; by default, the nominal one.
     Returns: one column per effect and start, scaled to one standard deviation, shape (residuals, k).
-
     """
     at, beside = (None, ()) if about is None else (about.z, about.effects)
     columns = []
@@ -136,7 +132,6 @@ def directions(
     Args:
         at: normalised parameters; the nominal calibration by default.
         beside: effects that are there.
-
     """
     z = fitter.nominal if at is None else at
     r = fitter.stacked(beside, z)
@@ -170,7 +165,6 @@ def search(
         workers: threads; more than one pay where replays do not wait for each other.
         thorough: whether each effect of the best combination is tried to be exchanged for others.
         enough: whether a fit leaves nothing to find; no further effect is sought beside it.
-
     """
     count = len(fitter.replay.tolerances)
     start = np.concatenate([fitter.starts(one)[0] for one in always]) if always else None
@@ -210,7 +204,6 @@ def exchanged(fitter: Fitter, effects: Sequence[Effect], fit: Fit, workers: int 
 
     Args:
         effects: to choose from.
-
     """
     stage("exchanged")
     return _further(fitter, effects, _without_one(fitter, fit, 0), workers)
@@ -233,7 +226,6 @@ def _without_one(fitter: Fitter, fit: Fit, kept: int) -> list[Fit]:
 
     Args:
         kept: how many effects, the first ones, always stay.
-
     """
     count, found = len(fitter.replay.tolerances), []
     for place in range(kept, len(fit.effects)):
@@ -254,7 +246,6 @@ def _grow(
     Args:
         highest: cost that the linearised problem must promise to stay below.
         kept: how many are fitted at most.
-
     """
     tasks = [
         (effect, base)
@@ -311,7 +302,6 @@ def counted(fitter: Fitter, fit: Fit, count: int, aim: float) -> Fit:
 
     Args:
         count: of calibrated numbers; aim: see `Fitter.fit`.
-
     """
     place = len(fit.z) - len(fit.effects[-1].parameters)
     number = fit.effects[-1].parameters[0]

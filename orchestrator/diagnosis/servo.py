@@ -16,7 +16,6 @@ def pulse_response(lag: tuple[float, float, float], tick: float, ticks: int) -> 
 
     Args:
         lag: see `Seen`; tick: of the software [s].
-
     """
     omega, xi, delay = lag
     # Both roots of the servo; where they are one, a pair that differs from it by less than shows.

@@ -35,7 +35,6 @@ def force_shapes(p: Array, replay: Array, tick: float) -> dict[str, Array]:
     Args:
         p: parameters of the rig; replay: its channels in the run, see `RigModel.replay`.
         tick: of the software [s].
-
     """
     at = replay[7]
     gaps = p[Calibrated.FRONT_WALL] - at, at - p[Calibrated.REAR_WALL]
@@ -78,7 +77,6 @@ def motion_shapes(p: Array, replay: Array, tick: float) -> dict[str, Array]:
     Args:
         p: parameters of the rig; replay: its channels in the run, see `RigModel.replay`.
         tick: of the software [s].
-
     """
     x, force = replay[2], replay[3]
     v = np.gradient(x, tick)

@@ -29,7 +29,6 @@ class Shares:
             residual, injected, lessens the gap. They add up to `gap - left`.
         gap, left: mean square of model minus log over the windows, without residuals and with all injected.
         windows: how many.
-
     """
 
     values: Array

@@ -25,7 +25,6 @@ def shapley_values(gaps: Mapping[frozenset[int], float] | Sequence[float], count
     Args:
         gaps: by coalition, or in the order of `coalitions`.
     Returns: by player, shape (count,); they add up to the gap of no player less that of all.
-
     """
     every = coalitions(count)
     found = gaps if isinstance(gaps, Mapping) else dict(zip(every, gaps, strict=True))
@@ -54,7 +53,6 @@ def by_place(
         shares: in the order of the components.
         components: the places of each.
         place_of: an effect.
-
     """
     told = dict.fromkeys((place for places in components.values() for place in places), 0.0)
     for candidate in finding.candidates:
@@ -82,7 +80,6 @@ def cells(signal: Array, labels: Array, phases: int, edges: Sequence[float], ste
         signal: shape (n,); labels: phase of each sample, shape (n,); phases: how many there are.
         edges: of the bands, from 0 to beyond the largest frequency [Hz]; step: between samples [s].
     Returns: shape (phases, len(edges) - 1), in squares of the signal's unit times seconds.
-
     """
     n = len(signal)
     weight, band = _bands(n, edges, step)
@@ -99,7 +96,6 @@ def white_cells(sigma: float, labels: Array, phases: int, edges: Sequence[float]
 
     Args:
         sigma: standard deviation of a sample.
-
     """
     weight, band = _bands(len(labels), edges, step)
     widths = np.bincount(band, weight, len(edges) - 1) / weight.sum()

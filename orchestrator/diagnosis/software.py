@@ -56,7 +56,6 @@ class DynamicsReplay:
 
     Attributes:
         noise: standard deviation of that change by the log's digits alone, one per run [m/s].
-
     """
 
     def __init__(self, study: Study, runs: Sequence[Run]) -> None:
@@ -83,7 +82,6 @@ class DynamicsReplay:
         Args:
             memory, theta: of all laws, as `Laws.room` gives them; the memory is left as it is at the end.
             ticks: how many of the run; all by default.
-
         """
         run, laws = self.runs[index], Laws.of(effects)
         body = run["compensated_force"][:ticks].copy()
@@ -139,7 +137,6 @@ class ControllerReplay:
 
     Attributes:
         noise: standard deviations of both by the log's digits alone, one pair per run [N], [N/m].
-
     """
 
     def __init__(self, study: Study, runs: Sequence[Run]) -> None:
@@ -168,7 +165,6 @@ class ControllerReplay:
 
         Args:
             ticks: how many of the run; all by default.
-
         """
         run = self.runs[index]
         p = nominal_parameters(self.study, run)

@@ -42,7 +42,6 @@ class Noise:
         scale: by which the noise of its channel appears larger to a fit.
         uneven: see `misfit.uneven`, a noise that comes and goes is something else; of lost samples see
             `dropout.in_turn`.
-
     """
 
     id: str
@@ -70,7 +69,6 @@ class Force:
             the sensor saturates; spiky: of single samples that stand out, as no normal noise has. None is an
             effect of the catalogue.
         colour: small coloured noise that is no effect.
-
     """
 
     noises: tuple[Noise, ...]
@@ -86,7 +84,6 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     Args:
         left: residuals of the force by run, over its noise.
         contact: whether a replay touches, per tick, by run; coloured noise is sought in flights only.
-
     """
     nominal = model.study.nominal
     # A sensor that has no noise of its own has that of its rounding.
@@ -151,7 +148,6 @@ def _along_way(model: RigModel, left: Sequence[Array], windows: Sequence[Sequenc
 
     Args:
         left: residuals over their noise, by run, zero where they say nothing; windows: flights of each.
-
     """
     parts, ways = [], []
     for run, r, some in zip(model.runs, left, windows, strict=True):

@@ -85,7 +85,6 @@ class Run:
         mass: of the satellite software [kg]; approach_speed: [m/s].
         columns: logged signals by name, each of shape (n,), SI, one value per tick.
         path: of the log that it was read from; None if it was not.
-
     """
 
     name: str
@@ -111,7 +110,6 @@ class Study:
         nominal: by name, SI (angular frequencies in rad/s).
         experiments: that the lab can make beyond the menu, as `menu.Experiment` takes them, SI.
         mapping: of signals to the logs' columns; a signal that is not there has its own name.
-
     """
 
     name: str
@@ -126,7 +124,6 @@ class Study:
 
         Args:
             signal: "encoder" [m] or "force" [N].
-
         """
         step = self.nominal[f"{signal}_resolution"].value
         return math.hypot(self.nominal[f"{signal}_noise"].value, step / math.sqrt(12.0))

@@ -25,7 +25,6 @@ class _Planned(NamedTuple):
         looks: how often each candidate is looked at, less than once where it is known which come near; look:
             how long that takes, as a share of a look in the first stage.
         fits: how many are made; fit: how long each takes, that of one effect being 1.
-
     """
 
     name: str
@@ -75,7 +74,6 @@ class Tally:
         candidates: how many there are.
         report: is reported, as "weigh 340/1001 candidates and fits, about 2 min left".
         clock: seconds.
-
     """
 
     def __init__(
@@ -146,7 +144,6 @@ class Tally:
 
         Args:
             fits: whether it fits, or else looks at a candidate; workers: threads that do so at once.
-
         """
 
         def counting(one: _In) -> _Out:

@@ -35,7 +35,6 @@ class Trace:
         measured: shape (n,).
         before, after: by the model as calibrated, and with effects and refitted calibration, shape (n,).
         noise: standard deviation that the log has by itself: noise and rounding.
-
     """
 
     name: str

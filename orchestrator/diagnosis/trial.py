@@ -34,7 +34,6 @@ class Chain:
 
     Attributes:
         replays: of the same runs.
-
     """
 
     replays: tuple[Replay, ...]
@@ -67,7 +66,6 @@ class Trial:
         study: with at least one training run, whose digits, first mass and speed are taken.
         cause: the candidate that makes the logs, without noise.
         effects: of all candidates; where none of them is in a piece of software, that leaves no residual.
-
     """
 
     def __init__(

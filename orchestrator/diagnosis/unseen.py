@@ -33,7 +33,6 @@ class Leaves(NamedTuple):
 
     Attributes:
         own_error: see `remainder.own_error`, of all runs.
-
     """
 
     seen: Remains
@@ -68,7 +67,6 @@ class Carried(NamedTuple):
     Attributes:
         by: by what it is judged.
         fit: on these runs; chosen: see `any_law`, None where it saw all of them.
-
     """
 
     by: By
@@ -84,7 +82,6 @@ class Judge:
         weighing, fitter: by which fits were made; every: the same of all runs, if there are others.
         colour: small coloured noise of the force, see `stochastic.Force`.
         limited: whether further runs reach a limit that the others do not, and so are left out.
-
     """
 
     weighing: Weighing
@@ -103,7 +100,6 @@ class Judge:
 
         Args:
             runs: all of them; best: the best fit; louder, lost: see `benign.force_weights`.
-
         """
         model, weights = self.weighing.model.over(runs), force_weights(runs, louder, lost)
         weighing = replace(self.weighing, model=model, weights=weights, known={})
@@ -141,7 +137,6 @@ def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) 
 
     Args:
         fitter: of the weighing; here, derivatives: see `Fitter.carried`.
-
     """
     base = Base(here.effects, here.z, fitter.marginal.stacked(here.residuals), derivatives)
     cost = cost_of(base.r, base.z)
@@ -157,7 +152,6 @@ def _deeper(weighing: Weighing, fitter: Fitter, here: Fit, seen: Sequence[Run]) 
 
     Args:
         fitter: of the weighing; here: see `Fitter.carried`; seen: runs that it was fitted to.
-
     """
     known = {id(run) for run in seen}
     for place, effect in enumerate(here.effects):
@@ -179,7 +173,6 @@ def reckoned(weighing: Weighing, best: Fit, largest: float = WAVY) -> Fitter:
 
     Args:
         best: the best fit, on the weighing's runs; largest: see `benign.waves`.
-
     """
     scattered = scatter(weighing.model, Weighted(weighing.model, weighing.weights), best)
     fitter = weighing.fitter(None, scattered)

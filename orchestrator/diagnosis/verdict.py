@@ -90,7 +90,6 @@ class Family(_Part):
     Attributes:
         probability: of all answers in which some of them acts, whatever acts beside it.
         members: of those in which each acts, by id.
-
     """
 
     name: str
@@ -117,7 +116,6 @@ class Gap(_Open):
         closure: (before - after)/(before - noise_floor); None where the gap is within the noise.
         interval: 95 % of it.
         recalibration_only: closure by other calibrated numbers alone.
-
     """
 
     before: Number | None
@@ -136,7 +134,6 @@ class HowFar(Gap):
     Attributes:
         over_recalibration: log likelihood of runs that no fit saw, with the answer over other calibrated
             numbers alone [nats]; of a docking rig, it is not worked out.
-
     """
 
     over_recalibration: Number | None = None
@@ -149,7 +146,6 @@ class Experiment(_Open):
     Attributes:
         leaves: pairs of them that it does not distinguish.
         then: the experiment for these, "" if there is none.
-
     """
 
     name: str
@@ -165,7 +161,6 @@ class Numerics(_Open):
 
     Attributes:
         replay_change, replay_noise: that of a position over whole replays, and its noise [m], where known.
-
     """
 
     fraction: Number | None
@@ -197,7 +192,6 @@ class Runnable(_Part):
         file: beside diagnosis.json; run: whose mass, approach speed and duration it has.
         changed: what differs from the rig as its lab believes it to be, in words.
         left_out: what it does not hold, and why.
-
     """
 
     file: str

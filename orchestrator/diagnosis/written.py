@@ -52,7 +52,6 @@ class Written:
         through: effects on connections, in their order.
         adds: connections that the system lacks.
         scaled: factors of the rig's numbers; mass is the only one.
-
     """
 
     start: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

@@ -23,7 +23,6 @@ class Contact:
         peak_force: largest absolute force [N].
         velocity_before, velocity_after: free relative velocity of the satellites around the contact [m/s].
         free_before, free_after: row indices of the instants that these are read at.
-
     """
 
     first: int
@@ -60,7 +59,6 @@ def find_contacts(time: Array, velocity: Array, force: Array, settled: float = 1
         settled: change of the velocity after the last contact, relative to the contact's largest, that still
             counts as none; in space a turning target carries the rod along in free flight.
     Returns: contacts in order of time.
-
     """
     touching = force != 0.0
     edges = np.flatnonzero(np.diff(touching.astype(np.int8), prepend=0, append=0))

@@ -33,7 +33,6 @@ class Motion:
         orientation: turns the frame's coordinates into those of the one it is given in; one or n.
         velocity: of the origin [m/s], shape as `position`.
         angular_velocity: [rad/s], shape as `position`.
-
     """
 
     position: Array
@@ -74,7 +73,6 @@ def attached(body: Motion, position: ArrayLike, orientation: Rotation) -> Motion
         body: of the COG frame.
         position: of the frame's origin in the COG frame, shape (3,) [m].
         orientation: of the frame in the COG frame.
-
     """
     return placed(body, Motion.still(position, orientation))
 

@@ -43,7 +43,6 @@ def _kept_speed(contacts: Sequence[Mapping[str, Any]], ideal: float) -> str:
     Args:
         contacts: each with its `rebound_velocity_ratio`.
         ideal: the size of the last ratio without delay.
-
     """
     if not contacts:
         return "No contact was completed."

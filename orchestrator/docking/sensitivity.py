@@ -57,7 +57,6 @@ def measured(changes: Sequence[str], settings: Sequence[str] = NOISE) -> dict[st
         the kinetic energy in free flight after the last contact over that at the start; `stiffness_error`,
         of the final estimate, relative [1]; `damping_estimate` [N.s/m], 0 in truth.
     Raises: ValueError if the run has fewer than two contacts.
-
     """
     summary = run(
         "docking-6d", overrides=[*settings, *(f"controller.{one}" for one in changes)], halving=False

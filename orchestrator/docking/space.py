@@ -36,7 +36,6 @@ def effective_mass(direction: Array, bodies: list[tuple[float, Array, Rotation, 
         direction: unit normal e, global, shape (3,).
         bodies: of each: mass [kg], inertia in its COG frame, shape (3, 3) [kg.m2], orientation, and r,
             global, shape (3,) [m].
-
     """
     inverse = 0.0
     for mass, inertia, turn, arm in bodies:

@@ -32,7 +32,6 @@ class SpaceContacts:
         found: the completed contacts. Their velocities are those of the free flights around them where the
             contact begins and ends: the target turns, so that even in free flight the velocity seen from it
             changes (by 0.5 % between the middle of a flight and its end in `docking-6d`).
-
     """
 
     velocity: Array

@@ -14,7 +14,6 @@ def contact_frequency(stiffness: float, mass: float) -> float:
         stiffness: contact stiffness k_d [N/m], > 0.
         mass: effective mass m_e [kg], > 0.
     Raises: ValueError if either is not positive.
-
     """
     _require_positive(stiffness, mass)
     return math.sqrt(stiffness / mass) / (2.0 * math.pi)
@@ -32,7 +31,6 @@ def ideal_restitution(stiffness: float, damping: float, mass: float) -> float:
         damping: c [N.s/m], >= 0.
         mass: effective mass [kg], > 0.
     Raises: ValueError if an argument is out of range.
-
     """
     zeta = _damping_ratio(stiffness, damping, mass)
     return math.exp(-zeta * _end_phase_over_frequency(zeta))
@@ -50,7 +48,6 @@ def ideal_peak_force(stiffness: float, damping: float, mass: float, speed: float
         mass: effective mass [kg], > 0.
         speed: approach speed [m/s]; its sign does not matter.
     Raises: ValueError if an argument is out of range.
-
     """
     zeta = _damping_ratio(stiffness, damping, mass)
     if zeta >= 0.5:

@@ -34,7 +34,6 @@ class OfSignal(NamedTuple):
         per: the unit that the signal's unit is divided by; empty if there is none.
         difference: whether the option is a difference of two values, such as a width or an offset: 1 degC
             is then 1 K.
-
     """
 
     per: str = ""
@@ -52,7 +51,6 @@ class Effect(BaseModel):
         reads: names of further signals that it reads; a config names the output for each,
             {effect: ..., read: {velocity: robot.velocity}}.
         jittable: whether numba can compile the kernel; otherwise the run is left to the Python loop.
-
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=True)
@@ -74,7 +72,6 @@ class Effect(BaseModel):
             options: what `numbers` gave.
             memory: what `room` made, as the last accepted instant left it; zeros before the first.
             commit: whether the instant is accepted: only then memory may be written, and is to be.
-
         """
         raise NotImplementedError
 
@@ -99,7 +96,6 @@ class Effect(BaseModel):
 
         Args:
             step_size: the communication step [s]; None where it is not known.
-
         """
         return True
 

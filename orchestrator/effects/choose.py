@@ -49,7 +49,6 @@ class Chosen(NamedTuple):
         name: as in the config.
         reads: for each of its `reads`, the output that the config names.
         measure: of what comes out.
-
     """
 
     effect: Effect
@@ -124,7 +123,6 @@ def create_effect(
         element: of an array, counted from 0; None for a scalar.
         units: whether `measure` is known; otherwise options in the signal's unit are not judged.
     Returns: the effect, or all that is wrong with it.
-
     """
     found = _named(item, written, folder)
     if isinstance(found, list):

@@ -34,7 +34,6 @@ def earlier(
             times [s], then values; an odd entry at the end is not of it.
         commit: see Effect.kernel.
     Returns: NaN where there is no room for the instant.
-
     """
     size = (len(memory) - 3) // 2
     count, oldest = int(memory[0]), int(memory[1])

@@ -36,7 +36,6 @@ def starting_config(paths: Sequence[Path], output: Path) -> str:
         paths: of the FMUs; one that is named twice makes two instances.
         output: the file that the text is for; it names the FMUs relative to its folder.
     Raises: ConfigError with all files that are no FMUs.
-
     """
     members: list[_Member] = []
     problems = []

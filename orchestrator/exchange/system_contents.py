@@ -46,7 +46,6 @@ class Outer:
         variable: as that instance's FMU declares it.
         causality: of the whole's: input, output or parameter.
         start: start value; None for outputs.
-
     """
 
     port: Port
@@ -73,7 +72,6 @@ class Inside:
         fmus: files of the FMUs, each once.
         platforms: for which all FMUs have binaries, keys of translate.package.PLATFORMS.
         notes: what the user should know.
-
     """
 
     prepared: Prepared
@@ -115,7 +113,6 @@ def look_inside(
         ports: outputs of the whole, as instance.variable; None: every numeric output of every instance.
         inputs: inputs of the whole among those that nothing feeds; None: all of these.
     Raises: ConfigError with all problems.
-
     """
     prepared = prepare(config)
     system, places = prepared.system, prepared.config.places

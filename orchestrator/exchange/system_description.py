@@ -28,7 +28,6 @@ def describe_system(inside: Inside, name: str, identifier: str, token: str, fmi_
         name, identifier: of the whole, and of its binaries.
         token: GUID or instantiation token.
         fmi_version: "2.0" or "3.0".
-
     """
     outers = (*inside.inputs, *inside.outputs, *inside.parameters)
     root = _head(inside, name, token, fmi_version)
@@ -95,7 +94,6 @@ class _Units:
 
     Attributes:
         element: UnitDefinitions; None while there are no units.
-
     """
 
     def __init__(self) -> None:

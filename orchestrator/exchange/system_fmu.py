@@ -43,7 +43,6 @@ class SystemReport:
         inputs, outputs, parameters: names of its variables.
         step_size: its own step [s].
         notes: what the user should know, one sentence each.
-
     """
 
     path: Path
@@ -75,7 +74,6 @@ def export_system_fmu(
         inputs: its inputs among those that nothing feeds; None: all of these. Others keep their start values.
     Returns: what was exported.
     Raises: ConfigError with all that keeps the system from becoming an FMU; BuildError for a wrong option.
-
     """
     output = Path(output)
     if fmi_version not in ("2.0", "3.0"):

@@ -34,7 +34,6 @@ def system_text(inside: Inside, name: str, token: str, folders: Sequence[str]) -
         token: its GUID or instantiation token.
         folders: of the FMUs of `inside.fmus`, below resources/.
     Raises: ConfigError if times or inputs are not of a kind that the text can hold.
-
     """
     return _Writer(inside).write(name, token, folders)
 

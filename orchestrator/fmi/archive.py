@@ -52,7 +52,6 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
         packed: its size [B].
     Raises: FmuError if it has entries that would be written elsewhere, over each other or as links, or more
         of them than a disk should take.
-
     """
     taken: dict[str, zipfile.ZipInfo] = {}
     for member in members:
@@ -105,7 +104,6 @@ class Unpacked:
     Attributes:
         corrupt: whether an instance has returned "fatal": then none of this FMU may be called any more, not
             even to be freed (FMI 2.0.4, 2.1.3).
-
     """
 
     corrupt = False

@@ -46,7 +46,6 @@ class NativeCalls(NamedTuple):
         returned: addresses where an FMI 3 step tells: event, terminate, early return, time reached.
         inputs, outputs: what is set before a step and read after it.
         bend: address of the function that takes derivatives of inputs; 0 without one.
-
     """
 
     version: int

@@ -51,7 +51,6 @@ class Block:
         values: their values, arrays flattened in row-major order.
         direct: whether `values` is the caller's memory, so that nothing is copied.
         partial: whether `values` holds elements that are no ports, which must keep what the FMU has.
-
     """
 
     def __init__(
@@ -65,7 +64,6 @@ class Block:
         """
         Args:
             ports: positions in `memory` and the variables that stand there, all of one FMI type.
-
         """
         offsets: dict[int, int] = {}
         count = 0

@@ -31,7 +31,6 @@ def start_child(module: str, printed: IO[bytes]) -> subprocess.Popen[bytes]:
 
     Args:
         printed: a file that takes its standard error.
-
     """
     root = str(Path(__file__).resolve().parents[2])
     paths = json.dumps([root, *(os.path.abspath(one) for one in sys.path if one)])

@@ -36,7 +36,6 @@ class Capabilities:
         fixed_internal_step: of the FMU itself [s]; None where it has none or does not say.
         intermediate_update: whether inputs and outputs can be reached within a step (FMI 3.0).
         return_on_request: whether a step can be cut short there, and is so only on request.
-
     """
 
     variable_step_size: bool = False
@@ -77,7 +76,6 @@ class ModelDescription:
         own_step: the step size [s] that the FMU is made for, where it declares that it cannot take others;
             `own_step_divides` says whether it takes whole multiples of it.
         tool: what the FMU was made with; empty where it does not say.
-
     """
 
     name: str
@@ -148,7 +146,6 @@ def read_description(
         interface: the one to be run; None: co-simulation if the FMU offers it, else model exchange.
         structure: structural parameters with values other than their start values.
     Raises: FmuError if it is missing, no FMU, or has no such interface of FMI 1.0, 2.0 or 3.0.
-
     """
     if not path.is_file():
         raise FmuError(f"{path}: no such file")

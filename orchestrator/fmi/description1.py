@@ -21,7 +21,6 @@ def complete(raw: Any, root: Any) -> frozenset[str]:
         raw: fmpy's description, changed here.
         root: the XML it was read from.
     Returns: names of the variables that are the negative of what they are an alias of.
-
     """
     from fmpy.model_description import Unknown
 

@@ -106,7 +106,6 @@ class Fmi3Instance(CompiledInstance):
             watcher: called with the time [s] and the outputs, shape (outputs,), NaN where the FMU does not
                 declare that they can be got within a step; None: no more.
         Raises: FmuError if the FMU does not provide intermediate update.
-
         """
         self._need("intermediate_update", "providesIntermediateUpdate")
         assert self._intermediate is not None

@@ -32,7 +32,6 @@ class Point(NamedTuple):
         time: start time + index * step size, rounded once [s].
         step_size: of the step that begins here [s].
         last: whether the run ends here; no step begins then.
-
     """
 
     index: int
@@ -69,7 +68,6 @@ class FmuInstance(Protocol):
         Args:
             inputs: names of numeric inputs; u: their values, shape (len(inputs),), contiguous.
             outputs: names of numeric variables to read; y: their values, shape (len(outputs),), contiguous.
-
         """
 
     def enter_initialisation(
@@ -141,7 +139,6 @@ class Fmu(Protocol):
 
     Attributes:
         path: the .fmu file; None for one that is made in memory.
-
     """
 
     description: ModelDescription

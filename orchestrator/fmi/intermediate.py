@@ -30,7 +30,6 @@ class Intermediate(InputCurves):
     Attributes:
         watcher: called with each intermediate time [s] and the bound outputs there, shape (outputs,), NaN
             where the FMU does not declare that they can be got; None: outputs are left alone.
-
     """
 
     def __init__(self, instance: CompiledInstance) -> None:

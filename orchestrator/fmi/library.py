@@ -208,7 +208,6 @@ def release_python_state(library: Any) -> None:
 
     Args:
         library: ctypes library.
-
     """
     finalise = getattr(library, "finalizePythonInterpreter", None)
     if finalise is not None:

@@ -38,7 +38,6 @@ class RunOptions:
         isolated: whether it runs in a process of its own.
         time_limit: of each call to an isolated instance [s]; None: it may take as long as it wants.
         structure: structural parameters (FMI 3.0) and their values, on which sizes of arrays depend.
-
     """
 
     any_step: bool = False

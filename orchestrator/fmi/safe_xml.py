@@ -54,7 +54,6 @@ def parse_markup(path: Path | str, name: str, xml: bytes, standard: str = "FMI")
         path, name: of the archive and of the file in it, for messages.
         standard: which the file follows.
     Raises: FmuError if it is malformed, or has a document type.
-
     """
     _refuse_document_type(path, name, xml, standard)
     return _parse(path, name, xml, standard)

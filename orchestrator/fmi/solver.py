@@ -54,7 +54,6 @@ class Integrator(sundials.CVodeSolver):
             states, indicators: numbers of continuous states and of event indicators.
             time: where to begin [s].
             tolerance: relative; the absolute one of a state is this times its nominal value.
-
         """
         self._closed = False
         self._failure: StepError | None = None

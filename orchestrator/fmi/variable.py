@@ -86,7 +86,6 @@ class Variable:
         negated: whether the value is the negative, of a Boolean the opposite, of what the reference stands
             for (FMI 1.0's negatedAlias).
         intermediate: whether it may be set or got within a step (FMI 3.0's intermediateUpdate).
-
     """
 
     name: str

@@ -35,7 +35,6 @@ class Chart:
         growth: exp(pi sigma/omega) of the contact's root, shape (ny, nx); NaN where it does not oscillate.
         rule: c - k (tau + 2 xi_n/omega_n), the first-order rule, positive where it expects stability, shape
             (ny, nx) [N.s/m]; None with an active controller.
-
     """
 
     loop: Loop
@@ -60,7 +59,6 @@ def chart(loop: Loop, x: tuple[str, ArrayLike], y: tuple[str, ArrayLike]) -> Cha
         loop: gives all other parameters.
         x, y: parameter, as "robot.tau_m", and its values, SI.
     Raises: ConfigError if a parameter does not exist, is out of range or is the other one.
-
     """
     (x_name, across), (y_name, up) = x, y
     across, up = np.asarray(across, np.float64), np.asarray(up, np.float64)

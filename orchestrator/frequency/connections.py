@@ -141,7 +141,6 @@ class Feed:
 
     Attributes:
         size: rows of its memory.
-
     """
 
     def __init__(self, place: str, effects: Sequence[tuple[str, Effect]], step: float) -> None:

@@ -87,7 +87,6 @@ def sweep_system(
             steps; the effect of the step is then told.
     Returns: responses by target.
     Raises: ConfigError for names and numbers that do not fit; StepError if a run fails.
-
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     names = [targets] if isinstance(targets, str) else list(targets)

@@ -87,7 +87,6 @@ def nyquist(loops: Mapping[str, Transfer], growth: Mapping[str, float] | None = 
 
     Args:
         growth: of the velocity per contact, where it is known; says which loops are on the border.
-
     """
     figure = Figure(figsize=(6.5, 6.0), layout="constrained")
     axes = figure.subplots()
@@ -181,7 +180,6 @@ def stability_chart(chart: Chart, points: Mapping[str, tuple[float, float]] | No
 
     Args:
         points: (x, y) in SI by name, beside those of the source that lie in the chart's plane.
-
     """
     points = {**source_points(chart), **(points or {})}
     figure = Figure(figsize=(8.0, 5.5), layout="constrained")
@@ -251,7 +249,6 @@ def step_chart(
         loops: sampled loops by master.
         limit: growth without steps.
         measured: (step size [s], growth) of co-simulations by master.
-
     """
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)

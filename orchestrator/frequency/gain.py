@@ -40,7 +40,6 @@ def verdict(unstable: int, growth: float | None) -> str:
     Args:
         unstable: number of roots with positive real part.
         growth: of the velocity per contact; None where that is not known, or nothing oscillates.
-
     """
     if growth is not None and abs(growth - 1.0) < _BORDER:
         return "on the border of stability"
@@ -59,7 +58,6 @@ class Contact:
         [s].
         peak_force: largest force on the satellite's side of the loop over the approach speed [N.s/m].
         roots: number of roots in the sum.
-
     """
 
     velocity_ratio: float
@@ -92,7 +90,6 @@ def predict_contact(loop: Loop, count: int = 12) -> Contact:
         loop: with numbers for parameters, not arrays.
         count: of roots.
     Raises: OrchestratorError if the contact does not end.
-
     """
     robot, satellite = loop.only("RobotResponse"), loop.only("SatelliteDynamics")
     one, s_times = Transfer.gain(1.0), Transfer.made(np.array([0.0, 1.0]))

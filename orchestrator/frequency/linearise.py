@@ -47,7 +47,6 @@ def sweep(
         inputs: other inputs' values, held, FMU's units.
         periods: of the lowest frequency that are measured, after one that is not.
     Raises: ConfigError for names and numbers that do not fit; StepError if the FMU fails.
-
     """
     loaded = load(fmu)
     description = loaded.description

@@ -32,7 +32,6 @@ class Wire:
     Attributes:
         gain: of unit conversions and of a leg in a sum.
         effects: through which it goes, in turn, and their names.
-
     """
 
     source: tuple[str, str]
@@ -69,7 +68,6 @@ class Loop:
         notes: what of the system the linear loop leaves out.
         others: instances of models that are unknown here, with the model's name.
         order: of all instances, in which the master gauss-seidel steps them.
-
     """
 
     name: str
@@ -208,7 +206,6 @@ class Loop:
         Args:
             outputs: (instance, output) -> Laplace transform; the paths that lead to them are cut.
         Raises: ConfigError as `gain`.
-
         """
         transfers = self.transfers()
         incoming: dict[tuple[str, str], list[Wire]] = {}

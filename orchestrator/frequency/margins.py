@@ -31,7 +31,6 @@ class Crossover:
         phase_margin: angle of L above -180 degrees, in (-180, 180] [deg].
         delay_margin: the smallest further delay, >= 0, that turns L to -1 [s].
         falling: whether |L| falls there: then roots move to the right with more delay, else to the left.
-
     """
 
     omega: float
@@ -52,7 +51,6 @@ class Margins:
         modulus_margin: least distance of L from -1, and where [rad/s].
         sensitivity_peak, complementary_peak: largest |1/(1 + L)| and |L/(1 + L)|.
         complementary_peak_at: [rad/s].
-
     """
 
     unstable: int
@@ -180,7 +178,6 @@ class CriticalDelay:
         omega: of the roots [rad/s].
         to_right: whether they move to the right with growing delay.
         unstable_beyond: closed-loop roots with positive real part just above this delay.
-
     """
 
     delay: float
@@ -197,7 +194,6 @@ def critical_delays(fixed: Transfer, delayed: Transfer, up_to: float) -> tuple[i
         delayed: the part that does, without the delay itself.
         up_to: [s].
     Returns: unstable roots without the delay, and the critical delays in ascending order.
-
     """
     total = fixed + delayed
     begin = count_right_of(characteristic(total), 1e-9 * characteristic(total).reach(0.0))

@@ -23,7 +23,6 @@ class QuasiPolynomial:
     Attributes:
         coefficients: a, shape (terms, degree + 1, *batch), ascending powers.
         delays: tau, shape (terms, *batch) [s]; the first is zero.
-
     """
 
     coefficients: Array

@@ -39,7 +39,6 @@ class Roots:
         line: a real part [rad/s] to the right of which there are these roots and no others, counted by the
             argument principle with bounds that leave no gap but rounding.
         order: of the discretisation that sufficed.
-
     """
 
     values: Complex
@@ -67,7 +66,6 @@ def rightmost_roots(equation: QuasiPolynomial, count: int = 6) -> Roots:
         count: how many; roots of nearly the same real part are not torn apart.
     Returns: at least one, complete to the right of `line`.
     Raises: OrchestratorError if no discretisation up to order 256 leads to a set that can be certified.
-
     """
     scale = _scale(equation)
     small = equation.scaled(scale)

@@ -36,7 +36,6 @@ class SampledLoop:
         a, b, c: shapes (n, n), (n,), (n,); the force is held over the period.
         ahead: whether the satellite is given the force of the step's end, since its source steps before it.
         closed: A of the closed loop, shape (n, n).
-
     """
 
     step_size: float
@@ -101,7 +100,6 @@ def sample(loop: Loop, master: str, step_size: float) -> SampledLoop:
         step_size: [s].
     Raises: ConfigError if the master's steps are not known here, the step is not positive or no part of the
         controller's sample period, or an instance on the loop is of an unknown model.
-
     """
     problems = []
     if master not in _MASTERS:
@@ -194,7 +192,6 @@ class _Steps:
                 None.
             force: on the satellite, shape (columns,); None: the one that is fed back.
             last: whether the controller samples at the step's end.
-
         """
         z = begin.copy()
         for name, part in self.parts.items():

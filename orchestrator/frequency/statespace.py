@@ -29,7 +29,6 @@ class StateSpace:
     Attributes:
         a, b, c, d: shapes (n, n), (n, m), (p, n), (p, m).
         states, inputs, outputs: names.
-
     """
 
     a: Array
@@ -79,7 +78,6 @@ def state_space(
     Raises: ConfigError if it offers no directional derivatives, if an input acts neither on a state nor on
         an output at once, as behind a delay, or if states are not named that an output needs: then only
         measuring tells the effect.
-
     """
     loaded = load(fmu)
     description = loaded.description
@@ -121,7 +119,6 @@ def system_state_space(
         outputs: as "contact.force".
     Raises: ConfigError with all instances that offer no directional derivatives or hide a delay, and all
         connections whose effects have memory: `sweep_system` measures those.
-
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     system, place = prepared.system, prepared.config.name

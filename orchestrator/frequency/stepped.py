@@ -24,7 +24,6 @@ def sampled_chart(loop: Loop, master: str, x: tuple[str, ArrayLike], y: tuple[st
         x, y: parameter, as "robot.tau_m", and its values, SI; one of the two is "run.step_size" [s].
     Returns: a chart without the first-order rule, which knows no steps.
     Raises: ConfigError if neither parameter is the step, or as `sample`.
-
     """
     (x_name, across), (y_name, up) = x, y
     across, up = np.asarray(across, np.float64), np.asarray(up, np.float64)

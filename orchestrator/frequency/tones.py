@@ -32,7 +32,6 @@ class Measured:
         coherence: share of the output around each frequency that the input explains, 0 to 1, shape (n,).
         step_effect: what the communication step makes of the response, relative, shape (n,); `response` is
             then the limit of small steps. None where it was not measured.
-
     """
 
     omega: Array
@@ -60,7 +59,6 @@ class Tones:
         omega: shape (n,) [rad/s].
         phases: shape (n,) [rad].
         steps: in a period of the lowest frequency.
-
     """
 
     harmonics: NDArray[np.int64]
@@ -87,7 +85,6 @@ class Tones:
             periods: only checked.
             problems: found before.
         Raises: ConfigError with all problems.
-
         """
         wanted, problems = np.unique(np.atleast_1d(np.asarray(frequencies, np.float64))), list(problems)
         if not wanted.size or not (np.isfinite(wanted).all() and wanted[0] > 0.0):
@@ -117,7 +114,6 @@ class Tones:
             answer: shape (periods, steps), the instants k * step_size + ahead.
             factor: amplitude of each tone sin(omega t + phase) of the input.
             ahead: [s].
-
         """
         spectrum = np.fft.rfft(answer, axis=1) / answer.shape[1]
         given = 0.5 * factor * np.exp(1j * (self.phases + self.omega * ahead)) / 1j

@@ -75,7 +75,6 @@ class Term:
         numerator: coefficients, shape (n + 1, *batch), ascending powers of s.
         factors: of the denominator, each as the numerator.
         delay: shape (*batch) [s], not negative.
-
     """
 
     numerator: Array
@@ -115,7 +114,6 @@ class Transfer:
             delay: [s].
             name: stands in messages.
         Raises: ConfigError if a number is not finite, the denominator is zero or the delay is negative.
-
         """
         above, below = (np.atleast_1d(np.asarray(one, np.float64))[::-1] for one in (numerator, denominator))
         problems = []
@@ -218,7 +216,6 @@ class Transfer:
             up_to: highest frequency [rad/s].
         Returns: python-control's TransferFunction, and the order n of the longest delay's approximant.
         Raises: ConfigError if no order up to 14 is good enough: coefficients beyond lose their digits.
-
         """
         import control
 

@@ -43,7 +43,6 @@ class StepInfo:
         iterations: how often the instances that were stepped most often were, without differences.
         residual: the largest relative residual that an iteration left, or error that was estimated.
         parts: the steps that it was divided in, in order; none where it was not.
-
     """
 
     status: StepStatus = StepStatus.OK
@@ -86,7 +85,6 @@ class MasterAlgorithm(Protocol):
     Attributes:
         order: of convergence for smooth systems.
         solves_loops: whether algebraic loops at communication points are solved.
-
     """
 
     solves_loops: ClassVar[bool]
@@ -167,7 +165,6 @@ def create_master(
         place: where it was written, for the message.
         places: where each option was written.
     Raises: ConfigError if there is none of that name, or it does not take these options.
-
     """
     options = {"name": master} if isinstance(master, str) else dict(master)
     name = options.pop("name", None)

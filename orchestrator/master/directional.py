@@ -25,7 +25,6 @@ def sweep_slope(
         order: indices of the instances, in the order of stepping.
         torn: signals that are supposed before the sweep.
     Returns: None if an instance does not offer directional derivatives.
-
     """
     system, members = instances.system, set(order)
     capabilities = [system.instances[index].fmu.description.capabilities for index in order]

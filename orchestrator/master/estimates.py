@@ -38,7 +38,6 @@ class Attempt:
         worst: whose error it is, a signal or a power bond.
         steps: that were taken and count; their inputs are noted only where somebody asks.
         instance: that is to be told of it; empty: that of the signal.
-
     """
 
     signals: Signals
@@ -54,7 +53,6 @@ class Estimate(Protocol):
 
     Attributes:
         order: of the error in the part's size.
-
     """
 
     order: int
@@ -194,7 +192,6 @@ def create_estimate(
     Args:
         tolerance: see `Adaptive.tolerance`.
         order, extrapolation: of the master that takes the steps.
-
     """
     if name == "power":
         return _Power(instances, tolerance, extrapolation)

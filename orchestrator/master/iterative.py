@@ -38,7 +38,6 @@ class Block:
         discrete: which of `torn` are no real numbers.
         wired: connections that make a signal of `torn`.
         supposed: places of `torn` and of these signals.
-
     """
 
     order: tuple[int, ...]

@@ -32,7 +32,6 @@ class NonFiniteSources:
             running: the instances; the list may still be filled.
             values: the signals as they stand, shape (layout.size,); inputs: of each instance. Both are looked
                 at when something is to be reported.
-
         """
         self._system, self._layout, self._running = system, layout, running
         self._values, self._inputs = values, inputs
@@ -64,7 +63,6 @@ class NonFiniteSources:
         Args:
             time: the instant that the signals belong to [s]; None before the first.
         Raises: StepError if one is not finite.
-
         """
         wanted = None if place is None else {place}
         for one in reversed(self._layout.wired):  # what a signal is made of stands before it

@@ -36,7 +36,6 @@ class Curve(NamedTuple):
         begin, middle, end: values there, each of shape (layout.size,).
         order: of the polynomial through them, 1 or 2.
         step_size: [s].
-
     """
 
     begin: Array
@@ -65,7 +64,6 @@ class Instances:
         nonfinite_sources: names who gave a number that is not finite.
         ender: the instance that asked to end the simulation at the end of its latest step, by index; None
             where none did.
-
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -120,7 +118,6 @@ class Instances:
         Args:
             time: the instant that the values belong to [s].
             wired: connections that make a signal of them (`layout.wired_to`).
-
         """
         self._values[places] = values
         if wired and self.wires is not None:
@@ -188,7 +185,6 @@ class Instances:
             places: of the inputs among all instances' inputs, one instance's after the other's.
         Returns: values at the beginning, in the middle and at the end, shape (3, len(places)), or
             (len(places),) where all were held.
-
         """
         if not self._bent:
             return self._all_u[places]
@@ -282,7 +278,6 @@ class Instances:
         Args:
             begin, slopes: values and derivatives at its begin, each of shape (inputs,).
             passed: since then [s].
-
         """
         one, u, follows, first = self.running[index], self._u[index], self._follows(index), slopes[0]
         run = begin + passed * first
@@ -327,7 +322,6 @@ class Instances:
         Args:
             time: the instant they belong to [s], for messages; None before the first.
         Raises: StepError naming the first variable that is not a finite number.
-
         """
         if self.wires is not None and self._uncommitted and time is not None:
             self._uncommitted = False
@@ -449,7 +443,6 @@ def instantiate(
     Args:
         pool: from which they are taken and to which they are given back instead.
     Raises: FmuError if an FMU cannot be loaded.
-
     """
     instances = Instances(system, layout or Layout.of(system))
     directory = working_directory()

@@ -44,7 +44,6 @@ def draw_signals(
         title: stands above.
         names: signals to draw; all floating-point ones by default.
         points: longer signals are thinned, lowest and highest values kept.
-
     """
     names = [n for n, kind in results.types.items() if kind.kind == "f"] if names is None else list(names)
     groups: dict[str, list[str]] = {}
@@ -80,7 +79,6 @@ def draw_coupling(coupling: Results, title: str = "") -> Figure:
     Args:
         coupling: per bond `taken`, `given` and `created` [J].
         title: stands above.
-
     """
     bonds = list(dict.fromkeys(name.rpartition(".")[0] for name in coupling.signals))
     # Of many bonds those that create most.
@@ -111,7 +109,6 @@ def draw_punctuality(realtime: Mapping[str, Any], step_size: float, title: str =
         realtime: from a summary, with histograms.
         step_size: of communication [s].
         title: stands above.
-
     """
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     axes = figure.subplots()
@@ -187,7 +184,6 @@ def draw_overlaid(runs: Mapping[str, Results], name: str, points: int = _MOST_PO
     Args:
         runs: that have it, by name.
         points: longer signals are thinned, lowest and highest values kept.
-
     """
     figure = Figure(figsize=(9.0, 3.2), layout="constrained")
     axes = figure.subplots()
@@ -210,7 +206,6 @@ def draw_points(
 
     Args:
         lines: x and y by name.
-
     """
     figure = Figure(figsize=(9.0, 3.2), layout="constrained")
     axes = figure.subplots()

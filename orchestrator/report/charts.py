@@ -33,7 +33,6 @@ def run_charts(store: SignalStore, results: Results, first: Sequence[str], share
         store: takes the signals.
         first: names of those that matter most: their charts come first, and show them.
         share: the part of the page's budget that they may take.
-
     """
     names = list(results.signals)
     if not names or not len(results):
@@ -91,7 +90,6 @@ def coupling_charts(store: SignalStore, coupling: Results, share: float) -> str:
         store: takes the energies.
         coupling: per bond `taken`, `given` and `created` [J].
         share: the part of the page's budget that they may take.
-
     """
     bonds = list(dict.fromkeys(name.rpartition(".")[0] for name in coupling.signals))
     # Of many bonds those that create most.
@@ -123,7 +121,6 @@ def shared_charts(store: SignalStore, runs: Mapping[str, Results], first: Sequen
 
     Args:
         first: names of those to show; if none of them is shared, the first of all.
-
     """
     counts: dict[str, int] = {}
     for results in runs.values():

@@ -43,7 +43,6 @@ class RunFolder:
         measures: those of the config.
         coupling: energies of the power bonds over time [J]; None where the run kept none.
         missing: what could not be read, and why.
-
     """
 
     folder: Path

@@ -94,7 +94,6 @@ def lay_out(nodes: Sequence[Node], wires: Sequence[Wire]) -> Drawing:
     Args:
         nodes: in the order in which loops are entered.
         wires: between their ports.
-
     """
     layer = _layers(nodes, wires)
     rows = _ordered(nodes, wires, layer)

@@ -75,7 +75,6 @@ def draw_graph(model: SystemModel, units: Mapping[str, str]) -> str:
 
     Args:
         units: of recorded signals by name.
-
     """
     links = links_of(model)
     kinds = {name: one.fmu.rpartition("/")[2] for name, one in model.instances.items()}

@@ -30,7 +30,6 @@ def report(folders: Sequence[Path | str], *, budget: int = BUDGET) -> str:
         budget: what recorded signals may take in the page [B].
     Raises: ConfigError if a folder holds nothing that a page can be made of; OrchestratorError if what it
         holds cannot be read.
-
     """
     paths = [Path(one) for one in folders]
     if len(paths) == 1:

@@ -19,7 +19,6 @@ class KeyNumber:
     Attributes:
         name: path in the summary, for example ideal.cor.
         change: by half the step size; None where it is not known.
-
     """
 
     name: str
@@ -38,7 +37,6 @@ def key_numbers(summary: Mapping[str, Any], units: Mapping[str, str]) -> list[Ke
 
     Args:
         units: by the number's key.
-
     """
     numerics = summary.get("numerics") or {}
     return [

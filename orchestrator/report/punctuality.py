@@ -25,7 +25,6 @@ def punctuality(statistics: Mapping[str, Any], title: str) -> list[str]:
     Args:
         statistics: the part `run` of a summary.
         title: of the run.
-
     """
     parts = []
     if realtime := statistics.get("realtime"):

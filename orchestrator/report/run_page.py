@@ -45,7 +45,6 @@ def page(run: RunFolder, budget: int = BUDGET, notes: Sequence[str] = ()) -> str
     Args:
         budget: what the signals may take in it [B].
         notes: to be reported with it.
-
     """
     store = SignalStore(budget)
     charts = energies = ""

@@ -23,7 +23,6 @@ def page(runs: Sequence[RunFolder], budget: int = BUDGET, notes: Sequence[str] =
         runs: two or more, with names of their own.
         budget: what the signals may take in it [B].
         notes: to be reported with it.
-
     """
     done = sum(run.state is State.DONE for run in runs)
     told = f"{len(runs)} runs, {'all' if done == len(runs) else done} done."

@@ -31,7 +31,6 @@ class SweepTable:
         rows: one per point: `point`, the axes, `status`, `kind` and `message` of a failure, the quantities,
             each with `NAME.change` by half the step size where that is known.
         about: of the study, as the store keeps it: `study`, `origin`, `packages`.
-
     """
 
     study: str
@@ -61,7 +60,6 @@ def page_of_tables(name: str, studies: Sequence[SweepTable]) -> str:
     Args:
         name: of the store.
         studies: in the order in which they were begun.
-
     """
     store = SignalStore(0)
     parts = []

@@ -42,7 +42,6 @@ class InstanceView:
         fmu: path of the FMU; None if it is no file.
         parameters: by name, with their values in this system.
         inputs, outputs: unit of each by name.
-
     """
 
     name: str
@@ -122,7 +121,6 @@ class System:
             step_size, stop_time, start_time: texts with a unit such as "1 ms", or numbers [s].
             master: its name, or its name and options: {"name": "iterative", "tolerance": 1e-8}.
             title: for figures and reports.
-
         """
         times = {"step_size": step_size, "stop_time": stop_time, "start_time": start_time}
         run = {key: _time(value) for key, value in times.items() if value is not None}
@@ -141,7 +139,6 @@ class System:
         Args:
             source: name of a bundled system, path of a .yaml, .fmu, .ssp or .ssd file, plain values.
         Raises: ConfigError with all problems.
-
         """
         config = load_config(source)
         system = cls()
@@ -162,7 +159,6 @@ class System:
             start: parameters and start values: plain numbers in SI units, or texts with a unit. Names that
                 Python cannot take as keywords can be given as `**{"x[1]": 2.0}`.
         Returns: the system itself.
-
         """
         instance: dict[str, Any] = {"fmu": str(fmu)}
         if step_size is not None:
@@ -180,7 +176,6 @@ class System:
             target: "instance.input".
             through: effects on the way, such as {"delay": "3 ms"}.
         Returns: the system itself.
-
         """
         plain = isinstance(source, str) and not through
         link: Any = f"{source} -> {target}" if plain else {"from": source, "to": target}

@@ -49,7 +49,6 @@ class StreamWriter:
             units: of the columns that have one.
             metadata: texts that the file carries.
         Raises: OSError if the file cannot be written.
-
         """
         # Imported late: it takes longer than a short run.
         import pyarrow as pa
@@ -78,7 +77,6 @@ class StreamWriter:
             first: the first column, shape (n,).
             others: shape (k - 1, n), in any layout; whole numbers and flags as floats, too.
         Raises: OSError if they cannot be written; what was written before stays readable.
-
         """
         count, columns = len(first), (first, *others)
         if not count:
@@ -161,7 +159,6 @@ class StreamedColumns(Mapping[str, Array]):
         rows: of the whole blocks that the file holds.
         units, types: of the columns.
         metadata: texts that the file carries.
-
     """
 
     def __init__(self, file: Path | BinaryIO) -> None:
@@ -169,7 +166,6 @@ class StreamedColumns(Mapping[str, Array]):
         Args:
             file: a path or an open binary file. A last block that is cut off is left out.
         Raises: OSError or ValueError if it cannot be read.
-
         """
         if isinstance(file, Path):
             with file.open("rb") as opened:

@@ -37,7 +37,6 @@ class Measure(Protocol):
         options: pydantic model of the options that the config gives. If it has a method `signals()`, the
             names that it returns are recorded whatever the config says; it is an error if they do not exist.
         units: where the measure tells them, units of its numbers by their keys.
-
     """
 
     options: ClassVar[type[BaseModel]]
@@ -149,7 +148,6 @@ def signal_changes(results: Results, halved: Results) -> dict[str, dict[str, flo
     Args:
         results: of a run.
         halved: of the same run with half the step size, recorded at every instant of `results` and between.
-
     """
     names = list(results.signals)
     apart, low, high = np.zeros(len(names)), np.full(len(names), np.inf), np.full(len(names), -np.inf)

@@ -40,7 +40,6 @@ class Progress:
             points: number of communication points of the whole run.
             label: stands before the bar.
             file: where to; the standard error by default.
-
         """
         self._points = points
         self._label = label
@@ -88,7 +87,6 @@ def counting(total: int, label: str, unit: str, shown: bool = True) -> Iterator[
         unit: what is counted.
         shown: whether it is wanted.
     Returns: tell(done, of, note=""): how many are done, of how many, and what to show beside it.
-
     """
     from tqdm import tqdm
 

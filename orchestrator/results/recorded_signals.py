@@ -66,7 +66,6 @@ class Results:
         units: unit of each signal, empty where the FMU declares none.
         parameters: values of all parameters and start values in the FMUs' units.
         provenance: what ran: config, versions, FMU checksums, timing.
-
     """
 
     def __init__(
@@ -80,7 +79,6 @@ class Results:
         """
         Args:
             time: instants, shape (n,) [s]; the others: see the attributes.
-
         """
         self._hold({formats.TIME: time, **signals}, units, parameters, provenance)
 
@@ -108,7 +106,6 @@ class Results:
         Args:
             columns: of the file.
             parameters, provenance: those that the file itself names if not given.
-
         """
         about = json.loads(columns.metadata.get(formats.ABOUT, "{}"))
         units = {name: unit for name, unit in columns.units.items() if name != formats.TIME}

@@ -95,7 +95,6 @@ class Recorder:
             parameters, provenance: go into the file, and are reported with the results.
         Raises: OSError if the file cannot be made; its methods raise OrchestratorError once it cannot be
             written any more.
-
         """
         layout = Layout.of(system)
         self.names = [str(port) for port in system.recorded]
@@ -208,7 +207,6 @@ def read_results(path: Path | str) -> Results:
         path: a folder that `orchestrator run --out` wrote, or a file: arrow, csv, parquet, mat or h5. What is
             cut off at its end is left out. Large Arrow files stay on disk; columns are read when asked for.
     Raises: OrchestratorError if it cannot be read.
-
     """
     path = Path(path)
     parameters: Mapping[str, Value] | None = None

@@ -26,7 +26,6 @@ class Signal(NDArrayOperatorsMixin):
         time: instants, shape (n,) [s].
         values: shape (n,).
         unit: as the FMU declares it; empty where it declares none.
-
     """
 
     name: str

@@ -36,7 +36,6 @@ def run_each(
         begin: called with each system before it runs.
     Yields: the result of each system as it ends.
     Raises: as `run`; ConfigError with the problems of all systems.
-
     """
     overrides, begin = tuple(overrides), begin or (lambda one: None)
     prepared, problems, unchecked = [], [], []

@@ -40,7 +40,6 @@ class Grid:
     Attributes:
         start, step_size: exact [s].
         steps: number of steps; there is one point more.
-
     """
 
     start: Fraction

@@ -43,7 +43,6 @@ class BlockObserver(Protocol):
             times: shape (n,) [s].
             values: numeric signals, shape (n, layout.size), column by column in memory; the next call reuses
                 it, so that what is to be kept must be copied.
-
         """
 
 
@@ -58,7 +57,6 @@ class Report:
         stepping_time: wall time of the loop itself, without loading and initialising [s].
         external: what links to external programs counted, by instance.
         ended: the end that an FMU asked for before the last communication point; None where none did.
-
     """
 
     instance_time: dict[str, float] = field(default_factory=dict)
@@ -145,7 +143,6 @@ def simulate(
     Raises: ConfigError if the master, or the native loop that is asked for, cannot run the system; StepError
         if an FMU fails or an iteration does not converge; FmuError if an FMU cannot be loaded;
         KeyboardInterrupt, between two steps, if the user asks for it.
-
     """
     observers = tuple(observers)
     report = report or Report()

@@ -30,7 +30,6 @@ class Pace:
     Args:
         model: how to pace.
         start: of the run [s].
-
     """
 
     def __init__(self, model: RealtimeModel, start: float) -> None:
@@ -48,7 +47,6 @@ class Pace:
         Args:
             stopped: whether to wait no longer.
         Raises: OrchestratorError if deadlines are missed that must not be.
-
         """
         arrived = perf_counter_ns()
         if self._origin is None:

@@ -47,7 +47,6 @@ class Judgement:
         prepared: None where there are problems.
         problems, unchecked: see `ConfigError`.
         whole: whether the system has all instances, and all signals that are to be recorded.
-
     """
 
     config: Config
@@ -68,7 +67,6 @@ def prepare(
     Args:
         config, overrides, folder: see `load_config`.
     Raises: ConfigError with all problems.
-
     """
     judgement = judge(config, overrides, folder)
     if judgement.prepared is None:

@@ -60,7 +60,6 @@ def run(
     Raises: ConfigError before anything runs, also if another run is writing to `out`; StepError, FmuError or
         Interrupted if the run fails: what was recorded until then, and a summary that holds the error, are
         then in `out`, and in the exception's attribute `result`.
-
     """
     formats = check_formats(formats)
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)

@@ -33,7 +33,6 @@ class RunResult:
         folder: where files were written; None if they were not.
         files: names of the files written.
         coupling: energies of the power bonds over time, at the recorded points; None without bonds.
-
     """
 
     results: Results
@@ -126,7 +125,6 @@ def read_run(path: Path | str) -> RunResult:
     Args:
         path: a folder that a run wrote, or a file of results: arrow, csv, parquet, mat or h5.
     Raises: OrchestratorError if it cannot be read.
-
     """
     path = Path(path)
     results = read_results(path)

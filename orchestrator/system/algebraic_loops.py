@@ -25,7 +25,6 @@ class Loops:
         solvable: those at communication points that the master solves, inputs and outputs in turn.
         held: ports of those that exist by assumed dependencies alone, and that the master does not solve.
         notes: of the latter, how they are run.
-
     """
 
     solvable: list[tuple[Port, ...]] = field(default_factory=list)
@@ -51,7 +50,6 @@ def algebraic_loops(
         instances: all that loops are to be looked for through; connections may lead to others, too.
         accepted: whether a master solves them.
         step_size: of the communication step [s]; None if it is not known.
-
     """
     told: dict[frozenset[Port], Problem] = {}
     found = Loops()
@@ -156,7 +154,6 @@ def loop_problem(
         assumed: outputs whose dependencies the FMU does not declare.
         reason: why no master could solve it; empty if one that iterates would.
         step_size: of the communication step [s]; None if it is not known.
-
     """
     hops, doubtful, short = [], None, False
     for index, port in enumerate(loop):

@@ -25,7 +25,6 @@ def elementwise(
         start: as a config gives them; arrays as lists, those of two dimensions as lists of rows.
         places, problems: what is wrong is added.
     Returns: what is right; what no array is meant by stays as it is.
-
     """
     found: dict[str, Scalar] = {}
     for name, value in start.items():

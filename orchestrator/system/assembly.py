@@ -36,7 +36,6 @@ class Judged:
         problems: what is wrong.
         unchecked: see `ConfigError`.
         unsettled: instances whose steps, or what their FMUs are asked for, are not known.
-
     """
 
     system: System | None = None
@@ -62,7 +61,6 @@ def load_system(
             config that asks for each.
         loops: see `assemble`.
     Raises: ConfigError with all problems.
-
     """
     return judge_system(Draft(config), needed, loops=loops).sound()
 
@@ -75,7 +73,6 @@ def judge_system(
     Args:
         draft: a config of which something can be read.
         needed, loops: see `load_system`.
-
     """
     config, gaps = draft.config, draft.gaps
     assert config is not None
@@ -142,7 +139,6 @@ def assemble(
         bonds: power bonds as a config declares them; None: those that units and graph leave no doubt about.
         keep: whether inputs that nothing feeds keep the start value that their FMU declares.
     Raises: ConfigError with all problems.
-
     """
     judged = Judged(problems=list(problems))
     _assemble(
@@ -186,7 +182,6 @@ def _assemble(
         record: signals to record, and where each was asked for.
         gaps: what of connections (None: all), start values and dependencies is not known.
         keep: whether inputs that nothing feeds keep the start value that their FMU declares.
-
     """
     found, notes = judged.problems, list[str]()
     descriptions = {part.name: part.fmu.description for part in parts}

@@ -192,7 +192,6 @@ def in_range(instance: str, variable: Variable, value: Value, given: Scalar, pla
 
     Args:
         value: in the variable's unit; given: as it was written.
-
     """
     if not isinstance(value, int | float) or variable.kind not in (Kind.REAL, Kind.INTEGER):
         return None
@@ -302,7 +301,6 @@ def step_size(instances: Iterable[Instance], size: Fraction, places: Places) -> 
 
     Args:
         size: of the communication step [s].
-
     """
     problems = []
     for one in instances:

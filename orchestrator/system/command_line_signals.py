@@ -36,7 +36,6 @@ def requested(
             instance alone has it, "variable".
         record: patterns of signals to record besides, as "h", "der(*)" or "robot.*".
     Raises: ConfigError with all problems.
-
     """
     config = load_config(source, overrides)
     if inputs is None and not record:

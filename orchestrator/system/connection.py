@@ -36,7 +36,6 @@ class Leg(NamedTuple):
 
     Attributes:
         links: effects that the value goes through before.
-
     """
 
     port: Port
@@ -53,7 +52,6 @@ class Link(NamedTuple):
         name: as the config has it.
         reads: the outputs that it reads beside the connection's own.
         at_once: whether its value at a communication point depends on the signal's at the same point.
-
     """
 
     effect: Effect
@@ -82,7 +80,6 @@ class Connection:
         source: where the signal comes from; of several sources the first.
         target: the input.
         wire: what makes the signal; None where it is the value at the source.
-
     """
 
     source: Port

@@ -34,7 +34,6 @@ class Ends:
         element: of an array, counted from 0; None for a scalar.
         known: whether it is all there is of the connection. Of one that is not, sources may be missing and
             the target be empty; what is there is judged, and no connection is made.
-
     """
 
     index: int
@@ -97,7 +96,6 @@ def elements(
     Args:
         descriptions: by instance.
     Returns: the connections, the inputs that they are meant to feed, and problems.
-
     """
     sources = [_family(name, descriptions, Causality.OUTPUT) for name, _ in ends.sources]
     target = _family(ends.target, descriptions, Causality.INPUT)
@@ -166,7 +164,6 @@ def connect(
         step_size: the communication step [s]; None if it is not known.
         problems, notes: what is found is added.
     Returns: None if there is a problem.
-
     """
     judge = _Judge(ends, descriptions, absent, places, problems)
     sources = [judge.port(name) for name, _ in ends.sources]
@@ -382,7 +379,6 @@ class _Judge:
 
         Args:
             measure: of what goes in; None: not known, and what depends on it is not judged.
-
         """
         links: list[Link] = []
         known = measure is not None

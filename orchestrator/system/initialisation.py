@@ -44,7 +44,6 @@ def settle(
         made: gives the signal of a connection with effects, of values of its sources at a time.
     Returns: what was not solved and need not be, see `System.held`.
     Raises: StepError if another loop cannot be solved.
-
     """
     exchange = _Exchange(system, running, check, made, time)
     unsolved = []

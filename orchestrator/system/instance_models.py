@@ -28,7 +28,6 @@ class Part:
         start: start values with units, as in a config.
         feedthrough: dependencies that replace the FMU's own, per output.
         ratio: its own step size over the communication step size, n or 1/n.
-
     """
 
     name: str
@@ -46,7 +45,6 @@ class Parts:
         parts: in the config's order.
         absent: those of which there are none.
         unsettled: names of parts whose own step size is not known.
-
     """
 
     parts: list[Part]
@@ -59,7 +57,6 @@ def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
 
     Args:
         problems: what is wrong is added.
-
     """
     config, gaps = draft.config, draft.gaps
     assert config is not None
@@ -146,7 +143,6 @@ def _add_signals(
 
     Args:
         ratios: their own step sizes over the communication step size, by name.
-
     """
     if not ratios:
         return

@@ -49,7 +49,6 @@ class Bond:
         sign: -1 where a positive effort along the motion takes energy from the taker.
         rates: connections between the same instances as displacements of `flow`, of their rates, which are
             not counted; of bonds that were found.
-
     """
 
     name: str
@@ -105,7 +104,6 @@ def find_bonds(
         connections: of the system.
         variable: gives the variable of a port.
     Returns: bonds in the order of the connections, and what was left out, as texts.
-
     """
     found: list[Bond] = []
     budget = _Budget(_MOST_TRIED)
@@ -278,7 +276,6 @@ def declared_bonds(
         unjudged: connections of the config that have a problem of their own, as "a.y -> b.u"; absent: such
             instances. A bond is not blamed for them.
         further: whether there may be connections that are not known.
-
     """
     known: dict[str, Connection | None] = dict.fromkeys(unjudged)
     known |= {f"{one.source} -> {one.target}": one for one in connections}

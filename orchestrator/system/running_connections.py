@@ -21,7 +21,6 @@ class Wires:
 
     Attributes:
         memories: per connection and effect, what it remembers.
-
     """
 
     def __init__(self, layout: Layout) -> None:

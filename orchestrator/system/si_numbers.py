@@ -27,7 +27,6 @@ class SiNumbers:
         """
         Args:
             config: its FMUs say in which units their variables are.
-
         """
         self._config = config
 

@@ -27,7 +27,6 @@ class Signals(NamedTuple):
         values: numeric ports, in the FMUs' units, Boolean 0 or 1; then what comes out of connections with
             effects; shape (layout.size,).
         texts: String outputs that are connected.
-
     """
 
     values: Array
@@ -42,7 +41,6 @@ class Inputs:
         names: of the inputs.
         source: indices into the signal vector.
         gain, offset: None where no connection converts, so that values pass bit-identical.
-
     """
 
     names: tuple[str, ...]
@@ -62,7 +60,6 @@ class Wired:
         place: of the signal in the vector.
         source, gain, offset: of its legs, shape (n,): the signal begins as the sum of gain * value + offset.
         links: its effects, each with the places of the further signals that it reads.
-
     """
 
     connection: Connection
@@ -90,7 +87,6 @@ class Layout:
         owners: per place, the port that stands there, or the first source of the connection that does.
         nominal: usual magnitude of each signal, shape (size,).
         smooth: which signals may be extrapolated, shape (size,): others keep their value over a step.
-
     """
 
     size: int

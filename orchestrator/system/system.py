@@ -26,7 +26,6 @@ class Instance:
         ratio: its own step size over the communication step size: n or 1/n.
         assumed: outputs whose dependencies neither the FMU nor the config declares.
         unconnected: inputs without a connection that keep the start value that the FMU declares.
-
     """
 
     name: str
@@ -59,7 +58,6 @@ class System:
         bonds: connections that carry energy.
         held: ports on algebraic loops that only assumed dependencies close, and that are not solved but held
             over a step; at initialisation, too, they need not agree.
-
     """
 
     instances: tuple[Instance, ...]

@@ -48,7 +48,6 @@ def audit_sources(tree: SourceTree, model: str) -> list[ModelicaClass]:
         model: qualified name of the model.
     Returns: the classes that the model uses.
     Raises: BuildError that lists every finding as file:line.
-
     """
     used = used_classes(tree.classes, model)
     problems: list[str] = []
@@ -75,7 +74,6 @@ def audit_flattened(
         delays: path and byte offset of every delay in the flattened model.
         asserts: path, first and last byte offset of every assertion in the flattened model.
     Raises: BuildError if one is missing.
-
     """
     problems = []
     for item in used:

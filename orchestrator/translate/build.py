@@ -55,7 +55,6 @@ def build(
         compiler: "rumoca" for the built-in route, "omc" for an installed OpenModelica.
     Returns: what was built.
     Raises: BuildError for a model or option that is not supported, naming file and line.
-
     """
     model_file, output = Path(model_file), Path(output)
     version, platforms = check_options(fmi_version, platforms)
@@ -121,7 +120,6 @@ def translate(
         model_file, model, fmi_version: as for `build`.
     Returns: path within the FMU -> content, and a report.
     Raises: BuildError for what is not supported, naming file and line.
-
     """
     need_casadi()
     from .causalise import solve

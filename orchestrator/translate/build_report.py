@@ -19,7 +19,6 @@ class BuildReport:
         platforms: for which it holds binaries.
         counts: number of states, inputs, outputs, parameters, delays, relations by those names.
         notes: what the author of the model should know, one sentence each.
-
     """
 
     path: Path

@@ -42,7 +42,6 @@ class SolvedModel:
         delays: ordered so that entry j reads only earlier ones; operand and time as expressions.
         relations: with expressions.
         assertions: conditions, as expressions.
-
     """
 
     symbols: SymbolicModel
@@ -61,7 +60,6 @@ def solve(model: SymbolicModel) -> SolvedModel:
     Returns: the solution; blocks of several equations are solved as linear systems.
     Raises: BuildError for a structurally singular model, a nonlinear loop or a delay that feeds its own
         operand, naming variables and lines.
-
     """
     unknowns = model.unknowns()
     names = list(unknowns)

@@ -24,7 +24,6 @@ class ModelicaClass:
         line: of its keyword.
         tokens: its own tokens, without those of the classes defined within it and without annotations.
         annotations: the tokens of its annotations, one tuple each.
-
     """
 
     name: str
@@ -51,7 +50,6 @@ def find_classes(texts: Mapping[str, str], label: str = "") -> dict[str, Modelic
         texts: path of a file -> its content.
         label: what is put before a path in messages.
     Raises: BuildError if a file is no Modelica, has a keyword for a name, or two classes have one name.
-
     """
     found: dict[str, ModelicaClass] = {}
     for file, text in texts.items():
@@ -87,7 +85,6 @@ def used_classes(classes: Mapping[str, ModelicaClass], model: str) -> list[Model
     Args:
         classes: all classes by qualified name.
         model: qualified name of the model.
-
     """
     endings: dict[str, list[str]] = {}
     for name in classes:

@@ -37,7 +37,6 @@ class StepVariable:
         type: float, int or bool.
         index: position among those of its kind.
         start: start value; None where it is computed.
-
     """
 
     name: str
@@ -54,7 +53,6 @@ class Outcome:
     Attributes:
         status: constant of RtStatus.
         text: message, with marks of the tape where something is known at run time only.
-
     """
 
     status: str
@@ -78,7 +76,6 @@ class ComponentProgram:
         spoken: where in `arguments` a traced number stands, by its number.
         set_up: names of the states that setup_experiment sets.
         paths: how many paths do_step has.
-
     """
 
     name: str
@@ -107,7 +104,6 @@ def trace_component(script: Path, class_name: str) -> ComponentProgram:
         script: the Python file.
         class_name: of its subclass of pythonfmu's Fmi2Slave.
     Raises: BuildError, with the line, for code that has no native form.
-
     """
     with loaded_copy(script) as module, tracing_numpy():
         try:

@@ -32,7 +32,6 @@ def coupled_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
     Args:
         fmi_version: of the whole; the FMUs in it may be of FMI 2.0 and 3.0 alike.
     Raises: BuildError if fmpy, which carries the headers of the FMI standard, is not installed.
-
     """
     runtime = resources.files("orchestrator.translate") / "runtime"
     number = fmi_version[0]
@@ -57,7 +56,6 @@ def build_binaries(output: Path = _FOLDER, platforms: Sequence[str] = tuple(PLAT
         platforms: keys of `package.PLATFORMS`.
     Returns: the files.
     Raises: BuildError if the compiler is missing or refuses a file.
-
     """
     output.mkdir(parents=True, exist_ok=True)
     written = []

@@ -71,7 +71,6 @@ def read_variables(
     Returns: scalar variables in order of declaration, each with the value that its declaration gives
         it as an equation, if any.
     Raises: BuildError for a type, attribute or prefix that is not supported.
-
     """
     reader = _VariableReader(flat, expressions, place)
     found = [pair for name, body in flat["variables"].items() for pair in reader.variable(name, body)]
@@ -92,7 +91,6 @@ def fix_structural(variables: Sequence[Variable], used: Set[str]) -> tuple[list[
         variables: the declared variables.
         used: names of the parameters whose value was used.
     Returns: the variables, and the names of the parameters concerned in order of declaration.
-
     """
     bindings = {variable.name: variable.binding for variable in variables if variable.binding is not None}
     found = {name for name in bindings if name in used or name.partition("[")[0] in used}

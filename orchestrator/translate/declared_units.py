@@ -22,7 +22,6 @@ class UnitTable:
 
     Attributes:
         unknown: names that were declared but cannot be read; they get no base unit.
-
     """
 
     def __init__(self) -> None:
@@ -36,7 +35,6 @@ class UnitTable:
             unit, display_unit: as declared, "" if not.
             where: the declaration, for the message of an error.
         Raises: BuildError if the display unit measures something else.
-
         """
         if not unit:
             if display_unit:

@@ -21,7 +21,6 @@ class Description:
     Attributes:
         xml: content of modelDescription.xml, with the token of `guid`.
         notes: remarks for the author of the model.
-
     """
 
     xml: bytes
@@ -58,7 +57,6 @@ def describe(
         token: GUID (FMI 2.0) or instantiation token (FMI 3.0).
         source_files: names of the C files in sources/, listed by FMI 2.0.
     Raises: BuildError if a display unit does not fit its unit.
-
     """
     ports = [_port(entry) for entry in table]
     units = used_units(
@@ -144,7 +142,6 @@ def _attributes(
 
     Args:
         position: of each variable, in the numbers by which the version refers to others.
-
     """
     identity = {"name": entry.name, "valueReference": str(number)}
     if _description(entry):

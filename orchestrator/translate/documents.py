@@ -25,7 +25,6 @@ def model_sections(program: Program, table: Sequence[TableEntry], model: Modelic
         program: the model's functions.
         table: its variables.
         model: its class, whose annotation may document it.
-
     """
     flat = program.model.symbols.flat
     sections = []
@@ -59,7 +58,6 @@ def sources_used(texts: dict[str, str], main: str) -> dict[str, bytes]:
     Args:
         texts: of all files of the package, by path.
         main: path of the model's file.
-
     """
     stems = {path.rpartition("/")[2].removesuffix(".mo"): path for path in texts}
     used, waiting = {main}, [main]

@@ -32,7 +32,6 @@ class Leaf:
         error: what was raised, or None.
         logs: what was logged, each a status and a text.
         state: attributes of the tracked objects at the end.
-
     """
 
     taken: tuple[tuple[Traced, bool], ...]
@@ -56,7 +55,6 @@ class Explorer:
         tape: of the numbers.
         module: name of the module; instances of its classes are what a call may change.
         roots: objects from which they are reached.
-
     """
 
     def __init__(self, tape: Tape, module: str, roots: Iterable[Any] = ()) -> None:

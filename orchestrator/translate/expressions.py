@@ -54,7 +54,6 @@ class ExpressionReader:
     Attributes:
         delays: source and byte offset of every delay that was read.
         structural: parameters whose value went into a subscript or size.
-
     """
 
     def __init__(
@@ -94,7 +93,6 @@ class ExpressionReader:
             where: line to name in an error if the node has none of its own.
         Returns: array of nodes with the expression's shape.
         Raises: BuildError for a node, operator or function that is not supported.
-
         """
         kind, body = _only_item(json, where)
         if isinstance(body, dict) and isinstance(body.get("span"), dict):

@@ -114,7 +114,6 @@ class Variable:
         unit, display_unit, quantity, description: "" if not declared.
         final: cannot be changed from outside.
         protected: declared in a protected section.
-
     """
 
     name: str
@@ -166,7 +165,6 @@ class FlatModel:
         assertions: every assert, and one for each limit of a delay.
         experiment: numbers of the experiment annotation by name.
         structural: parameters that decide which equations there are; they are final.
-
     """
 
     name: str

@@ -54,7 +54,6 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
         model: qualified name.
     Returns: the flat representation, and the path of each source file by the compiler's number.
     Raises: BuildError if the compiler is missing, has another version or refuses the model.
-
     """
     try:
         installed = version("rumoca")
@@ -132,7 +131,6 @@ def _syntax(tree: SourceTree, validate: Callable[[str], Iterable[Any]]) -> list[
 
     Args:
         validate: the compiler's diagnostics of a text.
-
     """
     found = []
     for path, text in tree.texts.items():

@@ -31,7 +31,6 @@ class TableEntry:
         nominal: of states.
         variable: its declaration; None for time.
         constant: a constant of the model.
-
     """
 
     name: str
@@ -118,7 +117,6 @@ def generate_c(program: Program, identifier: str) -> str:
     Args:
         program: the functions of the model.
         identifier: model identifier, a C identifier.
-
     """
     functions = [
         *([program.dependent_parameters] if program.dependent else []),

@@ -228,7 +228,6 @@ def requirements_check(name: str, requirements: Sequence[str]) -> str:
 
     Args:
         name: of the model; requirements: such as "numpy>=2.4".
-
     """
     return _CHECK.replace("{name!r}", repr(name)).replace("{requirements!r}", repr(requirements))
 
@@ -238,7 +237,6 @@ def appended(name: str) -> str:
 
     Args:
         name: of its class.
-
     """
     return _ORDER.replace("{name}", name) + _GUARD.format(name=name, methods=_GUARDED)
 

@@ -76,7 +76,6 @@ def evaluate(
         magnitude: if given, its first element is raised to the largest number met on the way: the scale
             of the rounding errors.
     Raises: KeyError for a missing value; ArithmeticError or ValueError where the expression has none.
-
     """
     match node:
         case Literal(value):

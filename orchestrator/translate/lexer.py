@@ -37,7 +37,6 @@ class Token:
         text: as written.
         start: offset of its first character in the text.
         line: counted from 1.
-
     """
 
     kind: str
@@ -53,7 +52,6 @@ def tokenise(text: str, file: str) -> tuple[Token, ...]:
         text: content of the file.
         file: its name, for the message of an error.
     Raises: BuildError at a character that starts no token, such as an open string.
-
     """
     return tuple(_tokens(text, file))
 

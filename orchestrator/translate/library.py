@@ -65,7 +65,6 @@ def build_library(
         platforms: to compile for.
     Returns: a report for each FMU.
     Raises: BuildError for an unknown name or a model that cannot be built.
-
     """
     known = dict.fromkeys(item.name for item in LIBRARY)
     unknown = [name for name in names if name not in known]

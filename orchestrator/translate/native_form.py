@@ -34,7 +34,6 @@ def build_native_fmu(
     Returns: what was built.
     Raises: BuildError for code that has no native form, naming the line, and for a native form that does
         not do what the Python code does.
-
     """
     need_casadi()
     from .component import trace_component

@@ -27,7 +27,6 @@ def build_with_omc(model_file: Path, output: Path, *, model: str | None, fmi_ver
         fmi_version: "2.0"; OpenModelica's export of FMI 3.0 is not used.
     Returns: a report without counts.
     Raises: BuildError if omc is not on the PATH, is asked for FMI 3.0 or does not make an FMU.
-
     """
     if fmi_version != "2.0":
         raise BuildError(
@@ -80,7 +79,6 @@ def omc_script(library: Path, model: str, prefix: str) -> str:
         library: package.mo of the library, or the file of the model.
         model: qualified name.
         prefix: file name of the FMU without its ending.
-
     """
     path = library.as_posix().replace("\\", "\\\\").replace('"', '\\"')
     return (

@@ -69,7 +69,6 @@ def named_platforms(names: Sequence[str]) -> tuple[str, ...]:
     Args:
         names: keys, or names of FMI 2.0's folders: linux64, win64, darwin64 (both kinds of Mac).
     Raises: BuildError with all names that are unknown.
-
     """
     found: dict[str, None] = {}
     unknown = []
@@ -142,7 +141,6 @@ def runtime_sources(fmi_version: FmiVersion, stepped: bool = False) -> dict[str,
         stepped: for a model.c written for runtime/stepped/stepmodel.h instead of runtime/model.h alone.
     Returns: file name -> content; together with a `model.c` they compile without anything else.
     Raises: BuildError if fmpy, which carries the headers of the FMI standard, is not installed.
-
     """
     _check_version(fmi_version)
     other = _INTERFACE["3.0" if fmi_version == "2.0" else "2.0"]
@@ -186,7 +184,6 @@ def build_description(model_identifier: str, sources: Sequence[str]) -> bytes:
     Args:
         model_identifier: name of the binary without its ending.
         sources: file names in `sources/`; only the C files among them are listed.
-
     """
     _check_identifier(model_identifier)
     files = "".join(
@@ -212,7 +209,6 @@ def binary_member(platform: str, model_identifier: str, fmi_version: FmiVersion)
         model_identifier: name of the binary without its ending.
         fmi_version: "2.0" or "3.0".
     Raises: BuildError for an unknown platform or version.
-
     """
     _check_version(fmi_version)
     _check_identifier(model_identifier)
@@ -242,7 +238,6 @@ def compile_library(
     Returns: platform -> content of the library. FMI 2.0 has one place for both kinds of Mac: where both
         are asked for, both get the same universal library.
     Raises: BuildError if the compiler is missing or refuses a file; the message quotes the compiler.
-
     """
     _check_version(fmi_version)
     _check_identifier(model_identifier)
@@ -290,7 +285,6 @@ def write_fmu(path: Path, members: Mapping[str, bytes]) -> None:
         path: the file to write; replaced at once when complete.
         members: path within the archive (with "/") -> content.
     Raises: BuildError if a member's path is absolute or leaves the archive; OSError if writing fails.
-
     """
     path = Path(path)
     for name in members:

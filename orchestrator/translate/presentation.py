@@ -50,7 +50,6 @@ def dress(
         sections: what the page tells besides ports, parameters and structure.
         provenance: what the FMU was made from and with.
     Returns: path within the FMU -> content.
-
     """
     root = ET.fromstring(description)
     rows = list(_rows(root))
@@ -76,7 +75,6 @@ def sources_of(texts: Mapping[str, bytes], packages: Sequence[str]) -> dict[str,
         texts: contents by name.
         packages: their names as pip knows them. Our own is not among them: the sources of what it adds are
             in the FMU, and a new version of it that adds the same makes the same FMU.
-
     """
     return {
         "sources": {name: _digest(texts[name]) for name in sorted(texts)},

@@ -22,7 +22,6 @@ class Program:
         delay_maxima: p -> the longest delay time of every delay in `bounded` (numbers of delays).
         derivatives, algebraic, delays, relations, assertions: as in model.h; delays gives operands, times.
         tangent: (t, x, u, p, d, m, and the variations of t, x, u, p, d) -> variations of x', w, operands.
-
     """
 
     model: SolvedModel

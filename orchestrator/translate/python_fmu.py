@@ -69,7 +69,6 @@ def build_python_fmu(script: Path, output: Path) -> Path:
     Returns: `output`.
     Raises: BuildError if the script cannot be loaded, has not exactly one such class, or leaves something
         about a variable unsaid (a unit, a dependency).
-
     """
     script, output = Path(script), Path(output)
     members, root, model = described_model(script)
@@ -95,7 +94,6 @@ def described_model(script: Path) -> tuple[dict[str, bytes], Any, Any]:
     Returns: members of pythonfmu's FMU but its model description; the root of that, completed and without
         an identifier of its content; an instance of the model.
     Raises: BuildError as `build_python_fmu`.
-
     """
     source = assembled(script).encode("utf-8")
     names = _CLASS.findall(source.decode("utf-8"))

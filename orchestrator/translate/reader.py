@@ -70,7 +70,6 @@ def read_model(tree: SourceTree, model: str) -> FlatModel:
         model: qualified name.
     Returns: the flat model; every element of the compiler's representation is in it.
     Raises: BuildError naming file and line of whatever is not supported or does not compile.
-
     """
     used = audit_sources(tree, model)
     flat, files = flatten(tree, model)

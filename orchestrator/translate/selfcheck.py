@@ -30,7 +30,6 @@ class CheckReport:
     Attributes:
         points: random points at which every equation was evaluated.
         largest_residual: relative, over all points and equations.
-
     """
 
     points: int
@@ -53,7 +52,6 @@ def check(program: Program, seed: int = 1) -> CheckReport:
     Returns: the number of points and the largest residual.
     Raises: BuildError naming the equation whose residual is not zero, or if the model has values at too
         few points to tell.
-
     """
     flat = program.model.symbols.flat
     source = random.Random(seed)

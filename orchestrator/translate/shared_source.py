@@ -26,7 +26,6 @@ class Piece:
         path: of the file.
         label: its name in messages: model.py, shared/arm.py.
         text: of the file, the imports of shared modules blanked; the line numbers are the file's.
-
     """
 
     path: Path

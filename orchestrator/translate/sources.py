@@ -56,7 +56,6 @@ class SourceTree:
         texts: path within `root` -> content, sorted.
         label: what is put before a path to show it to the user.
         remarks: what was made up for, one sentence each.
-
     """
 
     root: Path
@@ -136,7 +135,6 @@ class SourceTree:
             model: qualified name, or a name within the package or class of the file; None: the class
                 that the file defines.
         Raises: BuildError if there is no such model or the file's class is none.
-
         """
         within = within_clause(tokenise(self.texts[self.main], self.shown(self.main)))
         own = [item for item in self.classes.values() if item.file == self.main]
@@ -222,7 +220,6 @@ def load_sources(model_file: Path) -> SourceTree:
             folder without a package.mo counts as a package where files in it say that they are within it, or
             define a class of the file's name.
     Raises: BuildError if it does not exist, or its `within` clause does not match the folders.
-
     """
     shown = str(model_file)
     if not model_file.is_file():

@@ -40,7 +40,6 @@ def check_component(script: Path, cls: Any, program: ComponentProgram, seed: int
         seed: of the random numbers.
     Returns: what was found, as a sentence.
     Raises: BuildError naming the variable and the step of the first difference.
-
     """
     source = random.Random(seed)
     largest, steps = 0.0, 0

@@ -31,7 +31,6 @@ def describe_native(
         fmi_version: "2.0" or "3.0".
         token: GUID (FMI 2.0) or instantiation token (FMI 3.0).
         source_files: names of the C files in sources/, listed by FMI 2.0.
-
     """
     second = _fmi2(root, program, token, sorted(source_files))
     result = second if fmi_version == "2.0" else _fmi3(second, token)

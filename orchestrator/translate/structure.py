@@ -20,7 +20,6 @@ class Unknown:
         reference: its value reference.
         dependencies: value references of its knowns, ascending.
         kinds: FMI dependenciesKind of each; empty if all are dependent.
-
     """
 
     reference: int

@@ -72,7 +72,6 @@ class SymbolicModel:
         assertions: condition (0 or 1) of every assertion, in order.
         dependent: name of a dependent parameter -> its value from the independent ones.
         starts: name of a state -> its start value from the parameters.
-
     """
 
     flat: FlatModel

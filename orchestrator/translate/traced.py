@@ -66,7 +66,6 @@ class Tape:
         decide: answers what the truth of a traced condition is on the present path.
         texts: the parts of messages that are known only at run time, by number: ("name",),
             ("number", value, format) or ("choice", condition, text, other text).
-
     """
 
     def __init__(self) -> None:

@@ -23,7 +23,6 @@ def keep_unit_arrays(tree: SourceTree, flat: Json, files: Mapping[int, str]) -> 
         flat: the compiler's representation; the attributes unit, display_unit and quantity are completed.
         files: paths of the sources by their numbers in it.
     Raises: BuildError for an array that is not one text for each element.
-
     """
     tokens: dict[str, tuple[Token, ...]] = {}
     for name, body in flat["variables"].items():

@@ -54,7 +54,6 @@ class Problem:
         error: of the recorded signals, given times, shape (n,) [s], and signals by name.
         stop: of the run [s].
         unit: of the error.
-
     """
 
     title: str

@@ -35,7 +35,6 @@ def large_config(instances: int, fmu: Path, steps: int, **options: Any) -> dict[
 
     Args:
         options: further keys of `run`.
-
     """
     links = Case("", instances, PORTS, True, ring(instances, PORTS)).links
     times = {"step_size": f"{STEP_SIZE} s", "stop_time": f"{steps * STEP_SIZE} s"}

@@ -31,7 +31,6 @@ def measured(system: str, form: str, seconds: float = SECONDS) -> dict[str, floa
         form: "python" or "native".
         seconds: simulated time [s].
     Returns: simulated seconds per second of `clock` and of `cpu` time; the number of `contacts`.
-
     """
     overrides = ["run.step_size=1 ms", "controller.sample_period=1 ms", "noise.sample_period=1 ms"]
     overrides += [f"{name}.form={form}" for name in PYTHON_FORM[system]]

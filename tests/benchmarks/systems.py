@@ -31,7 +31,6 @@ class Case:
         slaves, ports: how many, and inputs of each.
         lag: whether outputs follow their inputs as first-order lags instead of at once.
         sources: for each input of all slaves the output that feeds it, numbered likewise; -1: constant 1.
-
     """
 
     name: str
@@ -69,7 +68,6 @@ class Plant:
 
     Attributes:
         fmu, library, program: the FMU, its library, and the C master.
-
     """
 
     case: Case

@@ -47,7 +47,6 @@ class Told(NamedTuple):
     Attributes:
         experiment: that was proposed.
         lead: of the truth over every rival and none after it [nats]; alone: whether no rival does anything.
-
     """
 
     experiment: str

@@ -42,7 +42,6 @@ class Job:
         initial: what connected inputs get in the first step, for masters that do not carry outputs to them
             before it.
         driven: values of the outputs that feed the inputs, shape (steps + 1,) each.
-
     """
 
     name: str
@@ -84,7 +83,6 @@ def job_of(
         watched: the instance whose outputs are compared; empty: all.
         package: the same config as an SSP, of which only outputs that feed something are compared.
         bench: see `Job`.
-
     """
     prepared = prepare(config, [*overrides, f"run.master={master}", "run.loop=python"])
     results = run(prepared, halving=False, figures=False).results

@@ -18,7 +18,6 @@ class Limit(NamedTuple):
         meaning: a sentence without its subject.
         message: an expression that its message matches; empty: it gives other values.
         jobs: an expression that the names of the jobs match.
-
     """
 
     client: str

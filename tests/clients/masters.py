@@ -37,7 +37,6 @@ class Client:
         needs: what its import does beyond importing.
         master: which of ours exchanges signals in the same order.
         reads: whether it takes system structure packages.
-
     """
 
     name: str

@@ -151,7 +151,6 @@ def groups(folder: Path, master: str) -> dict[str, list[tuple[Job, Results]]]:
 
     Args:
         folder: for what is built.
-
     """
     source = folder / "Bench.fmu"
     if not source.exists():

@@ -59,7 +59,6 @@ class Task:
         size: step size [s].
         start: values by name; inputs, outputs: names.
         fed: values of the inputs, shape (steps, inputs).
-
     """
 
     path: Path

@@ -30,7 +30,6 @@ class Outcome:
         worst: that signal.
         reason: why there are no values.
         unable: whether the tool has no words for the job.
-
     """
 
     deviation: float | None

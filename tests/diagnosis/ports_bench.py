@@ -81,7 +81,6 @@ def study(
         finer: by how much shorter steps the logs are made with than the study has.
         instances: more of them in the machine.
         logged: unit and noise of more outputs that are logged and compared.
-
     """
     folder.mkdir(parents=True, exist_ok=True)
     draw = np.random.default_rng(seed)

@@ -198,7 +198,6 @@ class Rounding:
 
     Args:
         signal: shape (n,); more: what the log holds besides noise, shape (n,).
-
     """
 
     tolerances = {"level": (1.0, 0.05)}  # noqa: RUF012

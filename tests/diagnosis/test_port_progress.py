@@ -35,7 +35,6 @@ def searched(clock, candidates, stages):
 
     Args:
         stages: name, looks and fits of each stage, and seconds that one of these takes.
-
     """
     told = []
     with telling(Tally(candidates, lambda line: told.append((clock.now, line)), clock)):

@@ -159,7 +159,6 @@ def chain(fmus, master, drive):
 
     Args:
         drive: instances, and the signal among theirs that drives the clutches.
-
     """
     two, three = (usable(fmus[f"reference/fmi{version}/Feedthrough.fmu"]) for version in (2, 3))
     parts, source = drive

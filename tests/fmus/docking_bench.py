@@ -69,7 +69,6 @@ class DockingBench:
             sample_period: a multiple of `step` [s].
             contacts: number to wait for; the run gives up once the speed has grown tenfold.
         Returns: shape (contacts,) or shorter.
-
         """
         every = _whole(sample_period, self.step)
         in_command, in_sensor = _whole(self.tau_m, self.step), _whole(self.tau_s, self.step)

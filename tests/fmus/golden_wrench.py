@@ -61,7 +61,6 @@ def inputs(name: str, line: list[dict[str, float]]) -> list[dict[str, float]]:
 
     Args:
         line: inputs of the controller on a line.
-
     """
     if name == "SensorNoise":
         return [{"time": i * STEP} for i in range(201)]

@@ -19,7 +19,6 @@ def run(model, sample_period=5e-4, controller=None, delayed=0, **bench):
         delayed: age of the controller's inputs in samples; the force is twice as much older again, as with a
             Jacobi master.
     Returns: ratios, shape (contacts,); estimates, shape (contacts, 2); the law's state.
-
     """
     loop = DockingBench(**bench)
     settings = {"sample_period": sample_period, "tau_s": loop.tau_s, **(controller or {})}

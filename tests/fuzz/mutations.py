@@ -276,7 +276,6 @@ def archive_changed(
     Args:
         outside: absolute path of a file that nobody may write.
         changed: gives an entry's new content, by its name.
-
     """
     kind = random.random()
     if kind < 0.15:

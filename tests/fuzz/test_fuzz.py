@@ -43,7 +43,6 @@ class Sort(NamedTuple):
         seeds: right inputs.
         changed: what changes one.
         commands: what is run with the file; "{}" stands for it.
-
     """
 
     suffix: str

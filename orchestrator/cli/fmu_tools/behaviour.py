@@ -36,7 +36,6 @@ def _same(
 
     Args:
         first: communication point at which they begin.
-
     """
     found = trial.difference(one, other)
     if found is None:

@@ -63,7 +63,6 @@ def run(what, version, step, setting, getting, rows, u, first, count, size):
         rows: inputs that follow each other, shape (n, inputs), over and over.
         u: where the FMU's inputs are taken from, shape (inputs,).
         first: number of the first step; count: of steps; size: of one [s].
-
     """
     component = step[1]
     for index in range(first, first + count):

@@ -36,7 +36,6 @@ class Image:
         shared: whether it is a library that can be loaded, as against a program or an object file.
         exports: names of the functions that others can call, without the underscore of macOS.
         needs: libraries that the loader will look for, as the file names them.
-
     """
 
     kind: str

@@ -27,7 +27,6 @@ class Difference:
     Attributes:
         largest: absolute difference, in the output's unit; time: where [s].
         scale: the largest absolute value of the output, or, where that is less, 1e-9 of its nominal value.
-
     """
 
     output: str
@@ -52,7 +51,6 @@ class Comparison:
         differences: of common outputs, the largest first; empty where nothing was run.
         conditions: under which they were run; None: there is no common output, or no way to run both.
         reason: why they were not run.
-
     """
 
     attributes: dict[str, tuple[Any, Any]]
@@ -101,7 +99,6 @@ def compare_fmus(one: Path, other: Path, conditions: Conditions) -> Comparison:
     Args:
         conditions: a step size of None takes that of the first FMU, then of the second.
     Raises: FmuError if one cannot be read.
-
     """
     first, second = (load_fmu(path).description for path in (one, other))
     declared = _declared(first, second)

@@ -31,7 +31,6 @@ class Binary:
         missing_core, missing: FMI functions that some image does not export: those without which it cannot
             be run, and the rest.
         beside: other files of that folder.
-
     """
 
     def __init__(

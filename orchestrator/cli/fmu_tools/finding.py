@@ -36,7 +36,6 @@ class Finding:
         reason: a sentence: what was seen.
         remedy: a sentence: what to do; empty where nothing is to be done.
         figures: what was measured.
-
     """
 
     check: str

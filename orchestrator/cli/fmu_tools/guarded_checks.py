@@ -53,7 +53,6 @@ class Laboratory:
 
     Args:
         time_limit: of each check [s].
-
     """
 
     def __init__(

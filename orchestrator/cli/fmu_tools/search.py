@@ -30,7 +30,6 @@ def usable(
             ones are.
         driven: whether there are inputs.
     Raises: Refused if there are none: the last refusal.
-
     """
     refusal = Refused("nothing was tried")
     # The step size is found with inputs at rest, then how large they may be.

@@ -27,7 +27,6 @@ def stimulus(inputs: Sequence[Variable], steps: int, amplitude: float, seed: int
     Args:
         amplitude: over the nominal value; 0: everything stays at its start.
         seed: each input draws from a stream of its own, so that one more input changes no other.
-
     """
     rows = np.zeros((steps, len(inputs)))
     phase = np.arange(steps) / steps

@@ -43,7 +43,6 @@ class Conditions:
         step_size: [s]; None: what the FMU is made for or proposes, else 1 ms.
         seed: of the inputs.
         amplitude: of the inputs over their nominal values.
-
     """
 
     steps: int = 50
@@ -89,7 +88,6 @@ class Trial:
     Attributes:
         inputs, outputs: names of the numeric ports that are driven and watched.
         step: size of a step [s].
-
     """
 
     def __init__(
@@ -102,7 +100,6 @@ class Trial:
         """
         Args:
             inputs, outputs: what is driven and watched; None: all that is numeric.
-
         """
         self.fmu = fmu
         self.description = fmu.description
@@ -137,7 +134,6 @@ class Trial:
 
         Args:
             rows: of inputs, the first of which is sent; None: the FMU keeps its own.
-
         """
         instance.enter_initialisation(0.0, {})
         if rows is not None:
@@ -165,7 +161,6 @@ class Trial:
             rows: inputs per step, shape (steps, inputs), held within it.
             divided: steps that each of them is divided into.
         Raises: StepError; Ended.
-
         """
         last = len(rows) if last is None else last
         seen = np.empty((last - first, len(self.outputs)))
@@ -203,7 +198,6 @@ class Trial:
             rows: of inputs; None: those of the conditions.
 
         Raises: StepError if it refuses one; Ended if it discards one, or ends after too few to judge it by.
-
         """
         try:
             self.trajectory(self.rows if rows is None else rows)

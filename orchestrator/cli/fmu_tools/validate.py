@@ -33,7 +33,6 @@ def validate_fmu(
         time_limit: of each check of behaviour [s].
         seen: called with each finding as it is made.
     Raises: FmuError if it cannot be read.
-
     """
     description = load_fmu(path, RunOptions(interface=interface)).description
     found: list[Finding] = []
@@ -74,7 +73,6 @@ def usable_conditions(
     Args:
         crashes: gets a sentence for each way in which it crashed or hung.
     Raises: Refused.
-
     """
 
     def attempt(conditions: Conditions) -> int:

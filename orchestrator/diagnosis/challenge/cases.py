@@ -29,7 +29,6 @@ def check_record(cases: Iterable[Path], verdicts: Path) -> None:
     Args:
         cases: folders of the cases; verdicts: holds <case>/diagnosis.json.
     Raises: ConfigError.
-
     """
     known = _recorded(verdicts)
     there = [case for case in cases if case.name in known and (verdicts / case.name / NAME).is_file()]

@@ -96,7 +96,6 @@ class Case:
         values: knobs of the real rig.
         plain: knobs of the same rig without the hidden effects.
         hidden: what each effect drew, by id.
-
     """
 
     plan: Plan
@@ -127,7 +126,6 @@ def plan_cases(
 
     Args:
         magnitude: of every effect; None draws from 0.03 (nearly none) to 1.2 (strong), its logarithm uniform.
-
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0]))
     kinds = ["none"] * round(SHARES["none"] * count)
@@ -174,7 +172,6 @@ def draw_case(plan: Plan, seed: int, number: int, roughness: float = 1.0, tight:
         number: of the case, from 1.
         roughness: factor on all roughness; 0 makes a rig that is as smooth as the lab believes.
         tight: by how much the lab's tolerances are smaller than its errors.
-
     """
     rng = np.random.default_rng(np.random.SeedSequence([seed, number, 0]))
     lab = _lab(rng)

@@ -51,7 +51,6 @@ class _Sight:
 
     Attributes:
         without: knobs of that rig.
-
     """
 
     case: Case
@@ -106,7 +105,6 @@ class _Place:
     Attributes:
         knobs: from where they deviate, as the lab believes them; free: by what they may.
         at: how far they do; firm: what their deviates cost, each of shape (free,).
-
     """
 
     knobs: Mapping[str, float]
@@ -143,7 +141,6 @@ class Imitation:
         beyond: log evidence for what is hidden over them [nats].
         like: their ids; fewer than were asked for where a further one brings nothing nearer.
         place: the rig that has them.
-
     """
 
     beyond: float
@@ -168,7 +165,6 @@ def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: 
         logs: of the case, by `RUNS`; the training runs are used.
         rest: the case with the other hidden effects alone, to compare with; by default, there are none.
         chance: whether the effects draw.
-
     """
     sight = _Sight(case, logs, case.plain if rest is None else rest.values)
     aim = sight.parts(case.values)
@@ -203,7 +199,6 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int 
         rivals: effects that do not draw.
         most: how many of them together.
     Returns: one for each number of rivals from one on.
-
     """
     sight = _Sight(case, logs, case.plain)
     target = sight.measured(case.values)
@@ -229,7 +224,6 @@ def _nearer(
 
     Args:
         own: see `_own`.
-
     """
     place = before.place
     here = place.strayed
@@ -271,7 +265,6 @@ def _with_any_size(
     Args:
         knobs: with the effect; before: without it.
         drawn: its knobs.
-
     """
     own = {knob: abs(knobs[knob] - before.get(knob, 0.0)) for knob in drawn}
     free = {**place.free, **{knob: one for knob, one in own.items() if one}}
@@ -299,7 +292,6 @@ def _linear(sight: _Sight, place: _Place, by: float = _STEP) -> tuple[Array, Arr
 
     Args:
         by: step of the differences.
-
     """
 
     def measured(z: Array) -> Array:
@@ -320,7 +312,6 @@ def _least(sight: _Sight, place: _Place, target: Array, own: float) -> tuple[flo
     Args:
         own: see `_own`.
     Returns: it, d and the place there.
-
     """
     best = _descended(sight, place, target)
     low, high = _OPEN
@@ -341,7 +332,6 @@ def _descended(sight: _Sight, place: _Place, target: Array, by: float = _STEP) -
 
     Args:
         by: see `_linear`.
-
     """
     plain, jacobian = _linear(sight, place, by)
     inner = np.diag(place.firm) + jacobian.T @ jacobian
@@ -376,7 +366,6 @@ def _told_by_spectrum(
         own: coloured noise that is there anyway: its deviation over that of the white noise, and what a
             sample keeps of it.
         others: coloured noise that a rig without the effect may have, too; the likest counts.
-
     """
     windows = difference[: len(difference) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
     power = np.abs(np.fft.rfft(windows, axis=1)[:, : _WINDOW // 2]) ** 2 / _WINDOW

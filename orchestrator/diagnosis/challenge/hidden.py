@@ -34,7 +34,6 @@ class Hidden:
         draw: knobs of the rig at a magnitude, where 1 is strong and 0 is absent.
         relative: calibrated knobs that it multiplies by one plus what is drawn; others are added to.
         chance: whether it draws anew at each sample or contact.
-
     """
 
     id: str

@@ -41,7 +41,6 @@ class Order:
         pairs: whether two effects are hidden in some cases.
         outside: which of `KINDS` are hidden in some, "all", "known" or "fresh"; None hides none of them.
         tight: by how much the lab's tolerances are smaller than the errors of its calibration.
-
     """
 
     cases: int
@@ -78,7 +77,6 @@ def make(
         progress: called with the name of each case when it stands.
     Returns: the digest of the sealed truth.
     Raises: ConfigError if the folder is not empty, or cannot be made.
-
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise ConfigError([Problem(str(folder), "is not empty", remedy="Name a new folder.")])

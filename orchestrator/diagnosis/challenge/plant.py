@@ -347,7 +347,6 @@ def integrate(p, begin, end, longest, s, memory, command, work, times, sensed, c
         longest: step [s]; work: room, shape (5, STATES).
         times, sensed: instants and the sensor's filtered force there, circular; count: how many were written.
     Returns: the new count.
-
     """
     steps = max(math.ceil((end - begin) / longest - 1e-9), 1)
     step = (end - begin) / steps

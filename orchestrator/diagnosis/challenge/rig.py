@@ -63,7 +63,6 @@ def simulate(
         values: knobs of the real rig; mass [kg], speed of approach [m/s]: of the satellite software.
         series: what chance does in this run.
     Returns: what is logged, rows by `COLUMNS`, shape (6, n) with n <= ticks, SI.
-
     """
     none = np.zeros((6, 0))
     return _run(lab, values, mass, speed, ticks, series, none, _SUBSTEPS)

@@ -44,7 +44,6 @@ def diagnose_all(
     Returns: how many were diagnosed, and the name and the error of those that failed.
     Raises: ConfigError if there are no cases, no such function, or no such cluster, or if there are verdicts
         of other cases.
-
     """
     _function(by)
     cases = sorted(path.parent for path in folder.glob("*/case.yaml"))

@@ -130,7 +130,6 @@ def score(folder: Path, verdicts: Path) -> dict[str, Any]:
         verdicts: holds <case>/diagnosis.json for every case.
     Raises: ConfigError with every verdict that is missing, cannot be read or is of another case; the truth
         then stays sealed.
-
     """
     sealed = truth_digest(folder)
     cases = sorted(path.parent.name for path in folder.glob("*/case.yaml"))

@@ -33,7 +33,6 @@ def seal_truth(folder: Path, truth: Mapping[str, Any], key: bytes) -> str:
     Args:
         key: 32 bytes that nobody guesses: without them the digest of a short truth could be tried out.
     Returns: the digest of the file, to be printed and kept.
-
     """
     body = zlib.compress(json.dumps(truth, sort_keys=True).encode(), 9)
     mark = hmac.new(key, body, hashlib.sha256).hexdigest().encode()
@@ -75,7 +74,6 @@ def note_opening(folder: Path, verdicts: Mapping[str, str]) -> bool:
     Args:
         verdicts: digest of each case's verdict.
     Returns: whether the verdicts are blind: given when the truth had not been opened yet.
-
     """
     path = folder / LEDGER
     entries = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []

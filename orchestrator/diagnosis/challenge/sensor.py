@@ -45,7 +45,6 @@ def beside_force(p, position, rate, drawn):
 
     Args:
         position [m], rate [m/s]: of the rod; drawn: what the drive asks of the motor [m/s2].
-
     """
     extra = 0.0
     if p.bushing > 0.0:

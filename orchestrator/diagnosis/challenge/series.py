@@ -43,7 +43,6 @@ class Series:
             [s]; shape (n,).
         hits: logarithm of what the stiffness of each contact is off by, shape (400,).
         buzz: what the drive adds to the force at full speed, shape (n,) [N].
-
     """
 
     arrival: Array
@@ -79,7 +78,6 @@ def draw_series(
     Args:
         values: knobs of the rig.
         noise: standard deviations of encoder [m] and sensor [N].
-
     """
     get = values.get
     streams = [np.random.default_rng(one) for one in seed.spawn(31)]

@@ -33,7 +33,6 @@ def move_satellite(p, mass, now, tick, force, extra, s):
     Args:
         extra: force of the rig's surroundings on the body [N].
         s: see `first_satellite`; advanced.
-
     """
     dt = 0.25 * tick
     if p.timer > 0.0:
@@ -139,7 +138,6 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
         k: nominal stiffness [N/m], which bounds the estimate; lead: as calibrated [s].
         force, position: measured; desired, rate: of the satellite software.
         s: see `first_controller`; advanced, the output [N] last.
-
     """
     if p.gate > 0.0:
         # A reading that jumps counts little, as an error of the bus might cause it; but not two in a row.

@@ -38,7 +38,6 @@ class Verdict:
         doubtful: whether it doubts the tolerances of the calibration.
         answer_set: the answers that it cannot exclude; where it names none, the most probable ones that hold
             95 % of the probability.
-
     """
 
     effects: frozenset[str]
@@ -109,7 +108,6 @@ def answer_set(answers: Sequence[Answer], declared: Sequence[str] = ()) -> tuple
     Args:
         answers: most probable first.
         declared: names of answers, as "none" or "sensor.bias + sensor.gain".
-
     """
     if declared:
         of = {frozenset() if one == "none" else frozenset(one.split(" + ")) for one in declared}

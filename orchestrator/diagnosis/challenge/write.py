@@ -36,7 +36,6 @@ def log_text(columns: Array) -> str:
 
     Args:
         columns: rows by `COLUMNS`, shape (6, n), SI.
-
     """
     rows = np.vstack([TICK * np.arange(columns.shape[1]), columns]).T.tolist()
     return "\n".join([HEADER, *(_ROW % tuple(row) for row in rows), ""])

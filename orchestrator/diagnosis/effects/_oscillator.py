@@ -27,7 +27,6 @@ def body_force(step, value, context, memory, share, frequency, damping_ratio):
         step: [s]; value: force on the satellite [N].
         share: of the whole mass that hangs at the spring.
         frequency: [rad/s]; damping_ratio: [1].
-
     """
     if memory[2] == 0.0:
         memory[0], memory[1], memory[2] = context[_POSITION], context[_VELOCITY], 1.0
@@ -44,7 +43,6 @@ def hanging(name: str, source: str, law: Any, damping_ratio: float, starts: Sequ
     Args:
         law: that calls `body_force` with this damping ratio [1].
         starts: frequencies that a fit begins from [rad/s].
-
     """
     return Effect(
         id=name,

@@ -31,7 +31,6 @@ class Component:
     Attributes:
         places: the instances, the compared one first.
         ports: outputs of the compared one that are compared, or drive others.
-
     """
 
     places: tuple[str, ...]
@@ -145,7 +144,6 @@ class Apart:
     Args:
         signals: see `estimates`.
         base: the model whose residuals are sought; without effects.
-
     """
 
     def __init__(

@@ -30,7 +30,6 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
         fmus: whether laws of friction that are added to a force stand as instances of FrictionForce, so that
             the system can be exported; what they give is added from one communication point to the next.
             Those that cannot, and stand as effects in it, are reported with what it does not hold.
-
     """
     config = study.prepared.config
     data = config.model.to_data()

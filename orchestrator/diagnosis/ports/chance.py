@@ -51,7 +51,6 @@ def chance_saves(
         columns: derivatives of the residuals by all other normalised parameters, shape (residuals, others).
         z: these parameters, of which priors have a size of one, shape (others,).
     Returns: that; 0 where no unrelated value moves anything else than the other parameters do.
-
     """
     none, found = beside
     basis = np.linalg.qr(np.vstack([columns, np.eye(len(z))]))[0]

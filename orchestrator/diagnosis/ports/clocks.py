@@ -40,7 +40,6 @@ class _Clock:
 
     Attributes:
         left: share of the excess that is left without that; missed: the largest mean square at a port then.
-
     """
 
     ports: frozenset[Port]
@@ -61,7 +60,6 @@ def wrong_clocks(
 
     Args:
         given: what the model as configured gives, by run.
-
     """
     if not all(np.isfinite(one).all() for signals in given.values() for one in signals.values()):
         return [], []

@@ -128,7 +128,6 @@ class _Floor:
 
         Args:
             residuals: of the models there.
-
         """
         study, found = self._study, []
         for other in repeats_of(study, run):

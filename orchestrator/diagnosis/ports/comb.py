@@ -34,7 +34,6 @@ class Comb:
         chance: whether values far apart do nothing alike, so that one of many may imitate by chance what it
             has nothing to do with. Periods are not so: any about as long delays a signal as much. Then
             `width` is the same at all times.
-
     """
 
     coarse: tuple[float, ...]
@@ -51,7 +50,6 @@ class Comb:
 
         Args:
             count: how many at most; fewer where there are no more.
-
         """
         values, counted = self._counted(value / _AS_LARGE, value * _AS_LARGE)
         own = float(np.interp(value, values, counted))
@@ -79,7 +77,6 @@ class Comb:
             ends: numbers of samples and the times that they take [s], rising. Of resolutions all of a run
                 alone, where only that has many values.
             share: of the cost of zero, that a coarse value must save to be looked at more closely.
-
         """
         values = np.array(self.coarse)
         if self.chance and len(ends) == 1:

@@ -22,7 +22,6 @@ class Conjugate(NamedTuple):
     Attributes:
         fed: whether the force is fed.
         alone: whether neither goes with another one, too, so that what they do together is work.
-
     """
 
     velocity: Port
@@ -61,7 +60,6 @@ def pairs(velocities: Sequence[tuple[str, str]], forces: Sequence[tuple[str, str
 
     Args:
         velocities, forces: names and units.
-
     """
     found: list[tuple[str, str]] = []
     for unit, own in FORCES.items():

@@ -62,7 +62,6 @@ def diagnose_ports(
         report: whether to make the page.
         practice: cases to practise on first, if any.
     Raises: ConfigError with all problems of study and logs; OrchestratorError if an analysis fails.
-
     """
     begin = perf_counter()
     progress("read")
@@ -129,7 +128,6 @@ def _placed(study: PortStudy, finding: Finding, rows: Iterable[Mapping[str, Any]
 
     Args:
         rows: of the ledger.
-
     """
     energies: dict[str, float] = {}
     for row in rows:
@@ -146,7 +144,6 @@ def _as_effects(kept: Mapping[str, str], missing: Collection[str]) -> list[Warne
 
     Args:
         missing: what these do not hold at all, of which that is reported.
-
     """
     return [
         Warned(

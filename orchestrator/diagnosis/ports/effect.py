@@ -32,7 +32,6 @@ class PortEffect(Effect):
         kin: what it is reported together with, if anything; unlike a family's, such effects may be combined.
         comb: where to look for its one parameter, if runs tell it only from very near.
         untold: whether its signal takes so few values that any error of these could be its doing.
-
     """
 
     port: Port | None = None
@@ -64,7 +63,6 @@ class Sizes:
         peak: largest magnitude; rate: largest change per time, per second.
         way: standard deviation of the integral over time, of velocities.
         levels: how many values it takes, where these are no more than `FEW_LEVELS`; else more than that.
-
     """
 
     spread: Mapping[Port, float]

@@ -113,7 +113,6 @@ def predicted(study: PortStudy, cause: Augmented, like: PortRun | None = None) -
 
     Args:
         like: run whose logs take the place of what is fed and not compared; None: nothing is fed.
-
     """
     fed = study.given if like else ()
     samples = study.prepared.grid.steps // study.parts + 1
@@ -142,7 +141,6 @@ def next_experiment(
         weights: of the compared ports' residuals, as fits took them.
         effects: all candidates; answers: with their fits, ties among them.
     Returns: as `outlook.chosen`; None where nothing rivals the first candidate.
-
     """
     models = _tied(study, finding, weights, effects, answers)
     if len(models) < 2:
@@ -166,7 +164,6 @@ def _expected(planned: _Planned, cause: Posterior, rival: Posterior, weights: Ma
 
     Args:
         weights: of the compared ports' residuals; of a port that is logged for the first time, 1.
-
     """
     then = planned.study
     empty = Fitter(PortReplay(then, []))

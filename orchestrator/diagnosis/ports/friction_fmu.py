@@ -64,7 +64,6 @@ def to_instances(
         connections: of the config, with their sources as lists.
         placed: the effects that were found, in it.
     Returns: laws that stand as effects still, and why.
-
     """
     added = [one.entry for one in placed if form_of(one.made) is not None]
     kept: dict[str, str] = {}

@@ -169,7 +169,6 @@ def _mistake(study: PortStudy, run: PortRun, given: Signals) -> Mistake | None:
 
     Args:
         given: what the model as configured gives.
-
     """
     before = _misfits(study, run, given)
     wrong = [port for port, misfit in before.items() if misfit > _WRONG]

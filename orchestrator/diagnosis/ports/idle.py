@@ -32,7 +32,6 @@ def without_idle(
         seen: outputs, and inputs, whose own signals are given, or read by effects that are inserted.
         replaced: outputs for which all connections take a log, and inputs that do.
         unread: of these outputs, those for which effects that read them see the log, too.
-
     """
     feeds: dict[str, list[Connection]] = {}
     for one in system.connections:

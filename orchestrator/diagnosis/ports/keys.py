@@ -47,7 +47,6 @@ class Logged(Column):
         hold: whether the signal stays at each sample until the next one, as what a digital controller or a
             converter gives; else it goes along a curve through them. Matters where steps are shorter than
             samples are apart.
-
     """
 
     noise: float | None = None

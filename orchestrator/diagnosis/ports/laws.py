@@ -195,7 +195,6 @@ class _Slip(_OfPath):
             options: whether x itself is the level, or else x is passed on and the springs add to it; their
                 level then; the distance [m].
             memory: further the level as it was on the last part of the path, and the four bendings [m].
-
         """
         if options[2] == 0.0:
             return x[0]

@@ -34,7 +34,6 @@ def phases(
         signals: of ports beside the logged ones, each of shape (n,).
     Returns: names of the phases, and the number of each sample's, shape (n,). Where nothing tells of motion,
         the one phase is the run.
-
     """
     velocity = _velocity(study, run, signals)
     if velocity is None:

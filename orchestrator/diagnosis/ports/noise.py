@@ -27,7 +27,6 @@ def white(r: Array) -> float:
     Args:
         r: shape (n,), n at least 3.
     Returns: at most the mean square of r.
-
     """
     return min(float(np.mean(np.diff(r, 2) ** 2)) / 6.0, float(np.mean(r**2)))
 
@@ -40,7 +39,6 @@ def structured(r: Array) -> float:
 
     Args:
         r: shape (n,).
-
     """
     return max(float(np.mean(r**2)) - max(white(r) / _MOSTLY, 1.0), lines(r), 0.0)
 
@@ -50,7 +48,6 @@ def lines(r: Array) -> float:
 
     Args:
         r: shape (n,).
-
     """
     n = len(r)
     if n <= 4 * _ABOUT or not np.isfinite(r).all():
@@ -71,7 +68,6 @@ def understated(residuals: Mapping[str, Sequence[Array]]) -> list[Warned]:
 
     Args:
         residuals: normalised, of the answer, by port.
-
     """
     found = []
     for port, parts in residuals.items():

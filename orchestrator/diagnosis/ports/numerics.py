@@ -40,7 +40,6 @@ def numerics(study: PortStudy, models: Mapping[str, Augmented]) -> dict[str, Any
         `models`, the error of each; `ports`, of the answer: what halving changes there and what the answer
         leaves, root mean squares over the noise. None where a model runs away, or where FMUs take no step of
         half the length: then `halved` is false.
-
     """
     runs = study.of(Role.HELDOUT) or study.of(Role.TRAIN)
     shorter = with_steps(study, 2)
@@ -121,7 +120,6 @@ def doubts_of_answer(found: Mapping[str, Any], fed: Collection[str] = ()) -> lis
 
     Args:
         found: see `numerics`, of models with the answer last; fed: ports whose logs go along a curve.
-
     """
     step, own = _step(found), found["models"].get("answer")
     if found["error"] is None:

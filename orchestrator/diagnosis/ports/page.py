@@ -34,7 +34,6 @@ def page(
 
     Args:
         taught: content of practice.json, if there was practice.
-
     """
     run = (study.of(Role.HELDOUT) or study.of(Role.VALIDATION) or study.of(Role.TRAIN))[0]
     replay = PortReplay(study, [run])

@@ -43,7 +43,6 @@ class Inserted:
         effect: of those that connections take.
         port: an input: it acts on what that is fed; an output: on what it gives, to others and to the log.
         reads: further ports whose signals it reads, as its component sees them.
-
     """
 
     effect: Effect
@@ -68,7 +67,6 @@ class Player:
         parts: communication steps from one sample to the next.
         held: fed ports whose signals stay at each sample until the next one; others go along a curve through
             them.
-
     """
 
     def __init__(
@@ -112,7 +110,6 @@ class Player:
             inserted: in the order in which they act.
             errors: added to what compared ports give, before effects act on it, each of shape (samples,).
         Returns: what the compared ports give, each of shape (samples,); NaN where the run failed.
-
         """
         logs = {port: between(log, self._parts, port in self._held) for port, log in logs.items()}
         system = self._system(logs, start or {}, inserted, float(self.step_size))
@@ -265,7 +262,6 @@ class Player:
 
         Args:
             added: to what compared ports give, by communication step.
-
         """
         plain, step = Layout.of(system), float(self.step_size)
         wire_of = {one.connection.target: one.place for one in plain.wired}
@@ -319,7 +315,6 @@ def between(samples: Array, parts: int, held: bool = False) -> Array:
         samples: shape (n,).
         held: whether the signal stays at each sample until the next one; else along a smooth curve through
             them: what is driven by a line's corners is not what a smooth signal drives.
-
     """
     if parts == 1:
         return samples

@@ -53,7 +53,6 @@ class Practise:
         jobs: processes; as many as there are cores by default.
         kept: file that weighed cases are kept in, one a line, and that an interrupted practice goes on from.
         progress: is reported how many are weighed.
-
     """
 
     cases: int
@@ -78,7 +77,6 @@ class Case:
         truth: ids; ("outside",); or none.
         evidence: what the logs say about it over the calibration alone [nats].
         answers: none first; candidates: how many there were; share: see `Weighed.share`.
-
     """
 
     truth: tuple[str, ...]
@@ -103,7 +101,6 @@ def practise(path: Path, order: Practise) -> dict[str, Any]:
         that the learning did not see, five times over; `cases`; `seed`; `effects`, ids of the candidates;
         `system`, see `parts_of`; `sha256` of all that.
     Raises: ConfigError for less than ten cases: they teach nothing; OrchestratorError if a case fails.
-
     """
     if order.cases < _FEWEST:
         raise ConfigError([Problem("practice", f"got {order.cases} cases", f"at least {_FEWEST}")])

@@ -42,7 +42,6 @@ def load_port_study(path: Path, practising: bool = False) -> PortStudy:
     Args:
         practising: whether it is about to be practised on, so that what that teaches may still be missing.
     Raises: ConfigError with all problems of study, system and logs.
-
     """
     sheet = Sheet(study_file(path))
     sheet.problems += correct_spelling(sheet.data, sheet.places, StudyModel)[0]
@@ -112,7 +111,6 @@ class _Reader:
     Args:
         faithful: whether the system is as the study wants it, its communication step with it.
         practising: see `load_port_study`.
-
     """
 
     def __init__(

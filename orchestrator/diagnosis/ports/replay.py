@@ -55,7 +55,6 @@ class PortReplay:
 
     Args:
         seen: ports whose signals are given, in place of the compared ones.
-
     """
 
     def __init__(self, study: PortStudy, runs: Sequence[PortRun], seen: Sequence[Port] | None = None) -> None:
@@ -90,7 +89,6 @@ class PortReplay:
 
         Args:
             off: by what runs begin elsewhere than at the first samples of ports, in their units.
-
         """
         start, inserted = self.made(calibrated, effects, theta)
         for port, column in self.study.columns.items():
@@ -192,7 +190,6 @@ class Weighted:
 
     Args:
         weights: of the channels, in the order of the replay's residuals.
-
     """
 
     def __init__(self, replay: PortReplay, weights: Sequence[float]) -> None:
@@ -253,7 +250,6 @@ class _Size(NamedTuple):
 
     Attributes:
         levels: its values, if they are few, or one more than are.
-
     """
 
     spread: float
@@ -307,7 +303,6 @@ def _force(replay: PortReplay, port: Port, given: Sequence[Mapping[Port, Array]]
 
     Args:
         given: what the system gives without it, by run.
-
     """
     settled = replay.study.settled
     unit = Parameter("offset", "1", 1.0)

@@ -45,7 +45,6 @@ class Columns:
         units: in which signals are taken, by name.
         step: communication step [s]; None if it is not known.
         compared: signals that are compared.
-
     """
 
     named: tuple[str, ...]
@@ -63,7 +62,6 @@ def read_runs(
     Args:
         entries: of the study; None if they are no list.
         settled: samples at the begin of each run that are not compared.
-
     """
     if entries is None:
         return ()

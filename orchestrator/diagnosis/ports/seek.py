@@ -47,7 +47,6 @@ def carries(r: Array) -> float:
 
     Args:
         r: shape (n,).
-
     """
     n = len(r)
     square = float(np.mean(r**2))
@@ -75,7 +74,6 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
         workers: threads; what is found does not depend on them.
     Returns: by what they were fitted, its replay weighted by what each channel's residuals carry; and what
         was found.
-
     """
     stage("candidates")
     plain = WaryFitter(replay).fit(())
@@ -111,7 +109,6 @@ def _combed(
 
     Args:
         share: see `Comb.best`.
-
     """
     step = replay.study.interval
     looked = [_parts(replay, run) for run in _telling(replay)]
@@ -182,7 +179,6 @@ def _found(
 
     Args:
         explored: a search by other weights.
-
     """
     weights = _carried(replay, best)
     for _ in range(_ROUNDS):

@@ -30,7 +30,6 @@ class Sheet:
         unchecked: see `ConfigError`.
 
     Raises: ConfigError if the file is no text, no YAML, or holds no keys.
-
     """
 
     def __init__(self, file: Path) -> None:
@@ -82,7 +81,6 @@ class Sheet:
 
         Args:
             difference: see `units.Quantity.exactly`.
-
         """
         found = quantity("", measure, value, self.place(*path), difference)
         if isinstance(found, Problem):
@@ -116,7 +114,6 @@ class Sheet:
             overrides: that were made to the system, by their numbers; changed: where they stand.
             otherwise: where that stands which brings in all other problems; None: these are not told.
         Returns: numbers of the overrides that are blamed.
-
         """
         blamed = set()
         if otherwise is not None:

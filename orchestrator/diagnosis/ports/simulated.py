@@ -52,7 +52,6 @@ def simulated(
     Returns: the study, train and validation runs only; what is hidden, as far as logs can tell; and how much
         they say about it, see `_told` [nats].
     Raises: OrchestratorError if whatever is drawn makes a loop swing up.
-
     """
     for _ in range(_DRAWS):
         kind, truth = _hidden(study, effects, rng)
@@ -147,7 +146,6 @@ def _told(fitter: Fitter, hidden: _Hidden) -> tuple[tuple[PortEffect, ...], floa
 
     Args:
         fitter: of these logs, weighed as their noise lets them count.
-
     """
     z = fitter.normalised(hidden.calibrated, hidden.effects, hidden.theta)
     count = len(hidden.calibrated)

@@ -27,7 +27,6 @@ class Begun:
     Args:
         columns: of J: what the residuals of all ports, in a row, change by where the first sample of a port
             is off by its noise.
-
     """
 
     def __init__(self, columns: Sequence[Array]) -> None:

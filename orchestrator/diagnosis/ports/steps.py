@@ -54,7 +54,6 @@ class _Limit:
     Attributes:
         own: the study whose step it is.
         onward: by how much shorter steps are whose error is not seen, without extrapolation.
-
     """
 
     own: PortStudy
@@ -84,7 +83,6 @@ class Stepped(NamedTuple):
     Attributes:
         study: with shorter steps where they are right.
         worse: by how much less the logs are explained without the step's error [nats]; 0 if they are not.
-
     """
 
     study: PortStudy
@@ -200,7 +198,6 @@ def _singles(replay: PortReplay, fitter: WaryFitter, effects: Sequence[Effect]) 
 
     Args:
         replay: what the fitter fits to, whatever it weighs.
-
     """
     with threadpool_limits(limits=1, user_api="blas"):
         workers = 2 if replay.player.parallel else 1
@@ -278,7 +275,6 @@ def _limit(study: PortStudy, weights: Mapping[Port, float], model: Augmented) ->
 
     Args:
         model: whose signals tell.
-
     """
     runs = study.of(Role.TRAIN)
     longer, given = study, PortReplay(study, runs).of(model)
@@ -317,7 +313,6 @@ def _corrected(study: PortStudy, limit: _Limit, effects: tuple[Effect, ...], z: 
 
     Args:
         z: normalised parameters of the model.
-
     """
     calibrated, theta = WaryFitter(PortReplay(study, [])).values(effects, z)
     # What acts on the way to the log acts on what the step made of the signal, too.

@@ -26,7 +26,6 @@ class PortRun:
         logs: by port, in the unit of the port, each of shape (n,), a communication step apart.
         repeats: name of the run that it repeats; file: that it was read from.
         errors: what is to be added to replays of compared ports for the error of their step; see `steps`.
-
     """
 
     name: str
@@ -54,7 +53,6 @@ class Trial:
     Attributes:
         name, description: for the lab.
         prepared: the system as it is then; its grid is that of the experiment.
-
     """
 
     name: str
@@ -84,7 +82,6 @@ class PortStudy:
         places: where in its file things stand; None of one that was not read.
         natives: FMUs that replays take in place of others, by the files of these; see
             `native.in_native_form`.
-
     """
 
     name: str

@@ -62,7 +62,6 @@ class Tempering:
             answers: none first.
             candidates: how many effects there are to choose from.
             share: of the excess over the noise that the best answer leaves.
-
         """
         scores = self.scores(answers, candidates)
         outside = scores.max() + self.sharpness * (share - self.left)
@@ -95,7 +94,6 @@ def read_practice(
             file must be of the same ones.
     Raises: ConfigError if the file is of another kind, was changed, or is of other candidates or another
         system.
-
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))

@@ -30,7 +30,6 @@ class Alike:
 
     Attributes:
         alien: effects of the fit that the answer does not hold.
-
     """
 
     fit: Fit
@@ -45,7 +44,6 @@ def alike(fitter: Fitter, answer: Answer, effects: Sequence[Effect], workers: in
 
     Args:
         workers: threads.
-
     """
     top = answer.fit
     if top is None:
@@ -116,7 +114,6 @@ def _nearest(
         at: the other effects, their normalised parameters, and the residuals there.
         trace: what the effect to be replaced does to the stacked residuals; basis: of the calibration's.
     Returns: the distance, the effect, and where its fit begins; None if it stays too far.
-
     """
     others, z, r = at
     across = trace - basis @ (basis.T @ trace)

@@ -56,7 +56,6 @@ class Weighed:
         answers: none first; what they were made probabilities with.
         top: fit of the best of them.
         warned: of noise that is larger than specified.
-
     """
 
     finding: Finding
@@ -79,7 +78,6 @@ def weigh_ports(study: PortStudy, tempering: Tempering | None = None, workers: i
     Args:
         tempering: how evidence becomes probabilities.
         workers: threads, where the system allows more than one.
-
     """
     effects = candidates_of(study)
     replay, checked = (PortReplay(study, study.of(role)) for role in (Role.TRAIN, Role.VALIDATION))
@@ -107,7 +105,6 @@ def _answers(
 
     Args:
         check: sum of squares that a fit leaves of the validation runs.
-
     """
     before = check(found.none)
     if not math.isfinite(before):
@@ -225,7 +222,6 @@ def foremost(replay: PortReplay, weights: Mapping[Port, float], one: Candidate) 
 
     Args:
         weights: of the compared ports' residuals.
-
     """
     model = one.model
     if model is None or len(one.effects) < 2:

@@ -221,7 +221,6 @@ class Shares:
         gap, left: mean square of model minus log over the spread of the log, over the windows, without
             residuals and with all injected.
         windows: how many.
-
     """
 
     values: Array

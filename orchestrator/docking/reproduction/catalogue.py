@@ -24,7 +24,6 @@ def chosen_figures(only: Iterable[str] = ()) -> tuple[str, ...]:
     Args:
         only: figures ("fig6"), groups of them ("fig3" for fig3a to fig3d) or experiments; all if empty.
     Raises: ConfigError if a name is none of these.
-
     """
     known = experiments()
     names = {figure: (figure,) for one in known.values() for figure in one.FIGURES}

@@ -44,7 +44,6 @@ def delay_for_growth(system: str, growth: float, overrides: tuple[str, ...] = ()
         growth: velocity after a contact over the velocity before.
         overrides: of the system; its own `robot.tau_m` does not matter.
     Raises: OrchestratorError if no delay up to 50 ms gives this growth.
-
     """
     loop = Loop.of(system, overrides)
 

@@ -50,7 +50,6 @@ class Recorded:
         results: the recorded signals.
         measures: of the measure `docking`, see `orchestrator.docking.measures`.
         options: which instances play which part.
-
     """
 
     results: Results
@@ -108,7 +107,6 @@ class Recorded:
         Args:
             name: "stiffness" [N/m] or "damping" [N.s/m].
             first: number of the contact; the first contact holds the initial guess.
-
         """
         column = self.results[f"{self.options.controller}.{name}_estimate"]
         return np.concatenate([column[one.first : one.last + 1] for one in self.found[first - 1 :]])
@@ -161,7 +159,6 @@ class Quantity:
         note: why it differs, or how it was found.
         source: whether the criterion asks for what the source says; if not, for what theory or the rig
             model says, which tests us alone.
-
     """
 
     key: str
@@ -196,7 +193,6 @@ class Experiment(Protocol):
         TITLE: a heading, with the section.
         ABOUT: how it is done here, and what was assumed: paragraphs of plain text.
         FIGURES: captions by figure, for example {"fig6": "..."}.
-
     """
 
     TITLE: str

@@ -30,7 +30,6 @@ def page_of_folder(folder: Path, summary: Mapping[str, Any]) -> str:
 
     Args:
         summary: content of the folder's reproduction.json.
-
     """
     images = {}
     for name in summary["figures"]:

@@ -31,7 +31,6 @@ class Reproduction:
     Attributes:
         summary: as in reproduction.json.
         figures: by name, in the source's order.
-
     """
 
     summary: dict[str, Any]
@@ -54,7 +53,6 @@ def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bo
         progress: whether to show a bar on a terminal.
     Returns: numbers beside the source's, and figures. Runs that failed are reported in the summary.
     Raises: ConfigError for an unknown name.
-
     """
     begin = perf_counter()
     figures = chosen_figures(only)

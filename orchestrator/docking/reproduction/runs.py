@@ -54,7 +54,6 @@ def record(
     Returns: what each case gave. A failed run does not keep the others from running, nor does one whose
         process dies.
     Raises: OrchestratorError if processes cannot begin.
-
     """
     wanted = list(dict.fromkeys(cases))
     tasks = [(case, halved) for case in wanted for halved in (False, True)]

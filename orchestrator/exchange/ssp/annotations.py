@@ -59,7 +59,6 @@ def collect(
         plain: what is read from the file without annotation.
         counts: how many connections of the file stand for each of the config's.
         files: FMU of each instance.
-
     """
     instances: dict[str, Any] = {}
     for name, one in data["instances"].items():
@@ -102,7 +101,6 @@ def apply(
         files, descriptions: FMU of each instance.
         notes: what was left out is added.
         label: of the file, for notes.
-
     """
     found = [one for kind, one in document.annotations if kind == TYPE]
     if not found:

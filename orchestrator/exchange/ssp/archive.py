@@ -28,7 +28,6 @@ class Package:
 
     Attributes:
         label: for messages, "X.ssp" or "X.ssp: resources/Y.ssp".
-
     """
 
     def __init__(self, label: str, archive: zipfile.ZipFile | None, root: Path) -> None:
@@ -121,7 +120,6 @@ def open_package(path: Path, root: Path) -> Package:
         path: of the .ssp or .ssd file.
         root: folder for files that have to be unpacked; made when the first is.
     Raises: ConfigError if it is no zip archive, or has entries that would harm.
-
     """
     if path.suffix.lower() == ".ssd":
         # Whoever reads the config takes relative paths in it from the folder of the file.
@@ -167,7 +165,6 @@ def referenced(source: str, base: str, place: str) -> tuple[str, str]:
         source: the URI as written.
         base: path of the file that it stands in.
     Raises: ConfigError if it leads out of the package.
-
     """
     try:
         parts = urlsplit(source)

@@ -22,7 +22,6 @@ def take_code(data: Mapping[str, Any], package: Package, place: str, *, with_cod
         with_code: whether that is asked for: such code runs when the config is loaded.
     Returns: the files.
     Raises: ConfigError if it is not, or if the package does not hold a file.
-
     """
     problems: dict[str, Problem] = {}
     found: dict[str, Path] = {}

@@ -26,7 +26,6 @@ class Link:
         source, target: the variables.
         suppress: whether factor and offset hold for the numbers as they are, units included.
         table: of whole numbers; None: it is linear.
-
     """
 
     connection: Connection
@@ -46,7 +45,6 @@ def links_of(
     Args:
         descriptions: of each instance's FMU.
     Returns: the links, by connection of the config, and what SSP has no word for.
-
     """
     lost: list[str] = []
     made = iter(prepared.system.connections)

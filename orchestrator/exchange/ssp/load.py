@@ -51,7 +51,6 @@ def import_ssp(path: Path, output: Path, variant: str = MAIN, *, with_code: bool
         with_code: whether to take Python code of effects along, into that folder.
     Returns: what was read; its FMUs as they are written in the config.
     Raises: ConfigError with all problems; then nothing is written.
-
     """
     with tempfile.TemporaryDirectory(prefix="ssp-", dir=scratch_root()) as text:
         read = read_ssp(path, Path(text), variant, with_code=with_code)

@@ -118,7 +118,6 @@ class Element:
         what: "component", "system" or "dictionary".
         reference, implementation: of a component; reference None: it has no source.
         dictionary: name of the dictionary referred to.
-
     """
 
     what: str
@@ -144,7 +143,6 @@ class Document:
         units, enumerations: by name; what an enumeration's items stand for, by item.
         start, stop: of the default experiment [s], as written; None where not given.
         annotations: at the top and at the default experiment, type and element (lxml).
-
     """
 
     name: str

@@ -115,7 +115,6 @@ class Network:
         edges: what feeds a connector, by connector, in the order of the connections.
         values: what parameters give variables and connectors of systems.
         unused: parameters that no variable has the name of.
-
     """
 
     def __init__(self, problems: list[Problem], notes: list[str]) -> None:

@@ -41,7 +41,6 @@ class Read:
         notes: what was accepted without being clear.
         remedies: what to do about keys that are missing, by key.
         code: files of Python code, of effects.
-
     """
 
     data: dict[str, Any]
@@ -60,7 +59,6 @@ def read_ssp(path: Path, folder: Path, variant: str = MAIN, *, with_code: bool =
         variant: the description in a package.
         with_code: whether to take Python code of effects, which runs when the config is loaded.
     Raises: ConfigError with all problems.
-
     """
     problems: list[Problem] = []
     notes: list[str] = []

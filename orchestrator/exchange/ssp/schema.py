@@ -58,7 +58,6 @@ class Reader:
 
     Attributes:
         problems, notes: what was found.
-
     """
 
     def __init__(self, label: str, problems: list[Problem], notes: list[str]) -> None:

@@ -49,7 +49,6 @@ def scalars(given: Given, variables: list[Variable], label: str) -> dict[str, Sc
 
     Args:
         label: of the variable, for messages.
-
     """
     parameter = given.parameter
     texts = parameter.values
@@ -146,7 +145,6 @@ class Course:
     Attributes:
         unit, unit_name: of the value where it is now; None: not known.
         items: of the enumeration that it is of.
-
     """
 
     unit: Unit | None

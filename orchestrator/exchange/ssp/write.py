@@ -47,7 +47,6 @@ class Written:
         carried: what SSP has no word for, carried in an annotation, which other tools ignore.
         lost: of that, what makes other tools run another system.
         code: files of Python code in it, of effects.
-
     """
 
     path: Path
@@ -70,7 +69,6 @@ def write_ssp(
         path: of the .ssp file.
         version: of SSP, "1.0" or "2.0"; None: 1.0 where that is enough.
     Raises: ConfigError with all problems.
-
     """
     prepared = prepare(config, overrides)
     arrays = [
@@ -121,7 +119,6 @@ class _Writer:
         files: FMU of each instance.
         lost: what makes other tools run another system.
         code: content of the Python files of effects, by place in the package.
-
     """
 
     def __init__(self, prepared: Prepared, version: str) -> None:

@@ -17,7 +17,6 @@ def pool_of(scheduler: object = None, jobs: int | None = None) -> Pool:
             (`tcp://HOST:PORT`), or a Dask cluster or client.
         jobs: processes of this machine; as many as it lends cores by default.
     Raises: ConfigError if the scheduler cannot be reached, or Dask is not installed.
-
     """
     if scheduler is None:
         return LocalPool(jobs)

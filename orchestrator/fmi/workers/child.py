@@ -208,7 +208,6 @@ def attempt(
         child: the process to use; None: none yet.
         make: starts one.
     Returns: the process for the next task, None if it is gone; what came out; how many attempts it took.
-
     """
     attempts = 0
     while True:

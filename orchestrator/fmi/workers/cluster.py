@@ -27,7 +27,6 @@ class ClusterPool:
         Args:
             scheduler: address, or a cluster or client of Dask.
         Raises: ConfigError if Dask is not installed, nobody answers, or the workers do not have this product.
-
         """
         try:
             from distributed import Client

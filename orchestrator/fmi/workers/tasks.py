@@ -21,7 +21,6 @@ class Failure:
         kind: one of KINDS.
         message: what happened.
         log: the latest lines that the process printed.
-
     """
 
     kind: str
@@ -48,7 +47,6 @@ class Outcome:
         failure: why it failed; None if it did not.
         attempts: how many it took.
         seconds: wall time of the last one [s].
-
     """
 
     task: Any
@@ -66,7 +64,6 @@ class Retry:
         attempts: at most so many for each task, the first one counted.
         kinds: of failures that are worth it. A process that was killed from outside is no fault of its task:
             that is tried again three times in any case.
-
     """
 
     attempts: int = 1
@@ -95,7 +92,6 @@ class Work:
         threads: that numerical libraries may start in each process; None: as they like. One thread makes a
             number the same wherever it is computed.
         recycle: bytes of memory that a process may grow by before a fresh one takes over; None: any.
-
     """
 
     function: Callable[[Any, Any], Any]
@@ -119,5 +115,4 @@ class Pool(Protocol):
         Args:
             folder: that holds the files already; a machine of its own keeps them in a cache.
         Raises: OrchestratorError if workers cannot begin.
-
         """

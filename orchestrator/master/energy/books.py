@@ -63,7 +63,6 @@ class Step:
         size: [s].
         after: signals at its end, shape (layout.size,).
         inputs: see `Instances.given`.
-
     """
 
     size: float
@@ -87,7 +86,6 @@ class Books:
         bonds: of the system.
         names: of the connections, per bond.
         inputs: places of the inputs that are needed, see `Instances.given`.
-
     """
 
     def __init__(self, system: System, layout: Layout) -> None:
@@ -167,7 +165,6 @@ class Books:
             values: signals at the points, shape (n + 1, layout.size).
             late: which of `inputs` were given the value of the step's end, not of its beginning.
         Returns: shape (n, 3, len(inputs)).
-
         """
         sources = values[:, self._sources]
         held = np.where(late, sources[1:], sources[:-1]) * self._gain + self._shift
@@ -178,7 +175,6 @@ class Books:
 
         Args:
             last: whether inputs are fed right before each instance's own step, not all at the beginning.
-
         """
         rank = {index: place for place, index in enumerate(order)}
         owners, position = instances.layout.owners, instances.system.position
@@ -203,7 +199,6 @@ class Books:
             before: what precedes the first of the steps.
         Returns: taken, given, shape (n, bonds) each, created, shape (n, connections of all bonds) [J]; and
             what precedes the next step.
-
         """
         outputs, inputs = self._unfrozen(outputs, inputs)
         count, width = len(sizes), len(self._factor)

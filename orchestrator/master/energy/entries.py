@@ -25,7 +25,6 @@ class Entries:
         taken, given: of each bond, the place of its energy among all; created: of each of its connections.
         partners: column of the input by which a column's instance answers within the bond, by column.
         jumping: columns that depend directly on an input; curved: those that run on a parabola anyway.
-
     """
 
     columns: list[tuple[str, Port]] = field(default_factory=list)

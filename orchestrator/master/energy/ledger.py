@@ -31,7 +31,6 @@ class Account:
         created: by the coupling.
         parts: of `created`, per connection.
         exchanged: all energy that went to or from the taker, regardless of its direction.
-
     """
 
     taken: float
@@ -58,7 +57,6 @@ class Ledger:
 
     Attributes:
         books: how energies are computed.
-
     """
 
     def __init__(self, system: System, *, every: int = 1) -> None:
@@ -67,7 +65,6 @@ class Ledger:
             system: what runs.
             every: keep the course of the energies at every n-th communication point; of long runs at every
                 2 n-th, 4 n-th, ..., so that memory does not grow with them.
-
         """
         self.layout = Layout.of(system)
         self.books = Books(system, self.layout)
@@ -106,7 +103,6 @@ class Ledger:
         Args:
             point: where the steps end.
             steps: one, or the parts that it was divided in.
-
         """
         for step in steps:
             if self._used == len(self._sizes):

@@ -36,7 +36,6 @@ def document(title: str, body: Iterable[str], data: Mapping[str, Any] | None = N
         title: of the page, plain text.
         body: its parts, HTML; empty ones are left out.
         data: for plots and the view of motion, as JSON has it; see `SignalStore.data`.
-
     """
     style, scripts = _own("page.css"), [_own("page.js")]
     tail = ""
@@ -134,7 +133,6 @@ def table(
         keys: a name per row, for those who look for it in the page.
         caption: stands above.
         foot: a last row that stays where it is.
-
     """
     rows = [list(row) for row in rows]
     head = "".join(

@@ -25,14 +25,12 @@ class SignalStore:
 
     Attributes:
         notes: what a reader has to know of the numbers, one sentence per run that was thinned.
-
     """
 
     def __init__(self, budget: int) -> None:
         """
         Args:
             budget: what all signals together may take in the page [B], about; thinned ones stay below it.
-
         """
         self._budget = budget
         self._arrays: dict[str, dict[str, Any]] = {}
@@ -47,7 +45,6 @@ class SignalStore:
             names: of signals.
             run: its name, where there are several.
             share: the part of the budget that is this run's.
-
         """
         time = results.time
         moving = {name: np.asarray(results[name], dtype=float) for name in names}
@@ -105,7 +102,6 @@ class SignalStore:
             static: SVG for readers without JavaScript and for print.
             x: what the horizontal axis shows; charts of the same are zoomed together.
             joined: whether points are joined by lines; those over something else than time are marked, too.
-
         """
         self._charts.append(
             {"title": title, "unit": unit, "series": [dict(one) for one in series], "x": x, "joined": joined}
@@ -147,7 +143,6 @@ def extremes(values: Array, block: int) -> Array:
         values: shape (n,); NaN stands aside where a block has other values.
         block: rows of a block; the last one may be shorter.
     Returns: shape (2*ceil(n/block),).
-
     """
     rest = -len(values) % block
     blocks = np.concatenate([values, np.full(rest, values[-1])]).reshape(-1, block)

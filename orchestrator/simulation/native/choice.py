@@ -32,7 +32,6 @@ class Schedule(NamedTuple):
         order: positions of instances in the order of stepping.
         late: whether inputs are fed right before each step.
         extrapolation: order of the polynomials that inputs follow; 0 where they hold.
-
     """
 
     order: tuple[int, ...]
@@ -57,7 +56,6 @@ def obstacle(instances: Instances, master: MasterAlgorithm, ledger: bool = False
 
     Args:
         ledger: whether the coupling's energy is kept books of.
-
     """
     planned = schedule(instances, master)
     if planned is None:
@@ -98,7 +96,6 @@ def choose_loop(
         steps: of the whole run.
         ledger: whether the coupling's energy is kept books of.
     Raises: ConfigError if the native loop is asked for and cannot run.
-
     """
     if loop == "python":
         return loop
@@ -123,7 +120,6 @@ def kernel_of(wired: bool, bent: bool) -> str:
 
     Args:
         wired: whether connections have effects; bent: whether inputs follow curves.
-
     """
     return "run_bent_steps" if bent else "run_wired_steps" if wired else "run_steps"
 
@@ -133,7 +129,6 @@ def _start_up(kernel: str, saved: float) -> float:
 
     Args:
         saved: what it saves [s]; where that decides, kept files are not looked at, which takes 20 ms.
-
     """
     if "orchestrator.simulation.native.kernel" in sys.modules:
         return _LOADED

@@ -82,7 +82,6 @@ def evaluate(path, links, legs, gains, offsets, reads, values, time, commit):
         values: address of the signals.
         time: the instant [s].
         commit: whether it is accepted.
-
     """
     total = 0.0
     for index in range(_word(path, _FIRST_LEG), _word(path, _END_LEG)):
@@ -165,7 +164,6 @@ class Wiring:
         after: numbers of the connections to evaluate after each instance, `bounds` where each one's begin and
             end, shape (instances + 1,).
         kept: what is there by address.
-
     """
 
     paths: NDArray[np.int64]

@@ -56,7 +56,6 @@ def predict(ahead, point, values):
         point: index of the point; from 0 on, one after the other.
         values: address of the signals.
     Returns: the order of the curves; 0 where inputs hold.
-
     """
     past, size = word(ahead, _PAST), word(ahead, _SIZE)
     for one in range(word(ahead, _ORDER), 0, -1):
@@ -109,7 +108,6 @@ def feed(row, ahead, source, gain, offset, inputs):
     Args:
         row: address of the instance's row of the table of steps.
         source, gain, offset, inputs: addresses, as `kernel.run_steps` has them.
-
     """
     given, converts = word(ahead, _GIVEN), word(row, _CONVERTS) != 0
     for index in range(word(row, _FIRST_INPUT), word(row, _END_INPUT)):
@@ -154,7 +152,6 @@ def bend_on(row, ahead, order, who, source, gain, offset, inputs, step_size, squ
         row, source, gain, offset, inputs: as of `feed`.
         step_size: [s]; square: of it.
         passed: since the begin of the step [s].
-
     """
     past, bounds = word(ahead, _PAST), word(ahead, _BOUNDS)
     for one in range(word(bounds, who), word(bounds, who + 1)):
@@ -183,7 +180,6 @@ def bend(row, ahead, order, who, source, gain, step_size, square, passed):
         step_size: of the communication step [s]; square: of it.
         passed: from the begin of that to the begin of the own one [s].
     Returns: the status of the call that failed; 0.
-
     """
     bounds = word(ahead, _BOUNDS)
     for derivative in range(1, order + 1):
@@ -216,7 +212,6 @@ class Curves:
         order: of the polynomial; 0 where inputs hold.
         table: one of `codes.Ahead`, shape (len(Ahead),).
         kept: what is there by address.
-
     """
 
     order: int
@@ -235,7 +230,6 @@ class Curves:
         Args:
             native: what each instance calls.
             steps: rows of the table of steps.
-
         """
         if not order:
             return Curves(0, np.zeros(len(Ahead), np.int64), ())

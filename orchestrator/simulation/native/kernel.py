@@ -240,7 +240,6 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
     Args:
         wired: whether connections have effects; what serves them is left out of the code otherwise.
         bent: whether inputs follow curves; the same.
-
     """
 
     def run_steps(
@@ -271,7 +270,6 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
             ahead: of inputs that follow curves, see `ahead.Curves`; square: of `step_size`.
             outcome: how it ended, shape (4,).
         Returns: the number of steps that were finished.
-
         """
         _end(outcome.ctypes.data, 0, _DONE, 0, 0)
         steps_at, calls_at, places_at = steps.ctypes.data, calls.ctypes.data, places.ctypes.data

@@ -63,7 +63,6 @@ def run_native(
             single steps then.
     Returns: the index of the point that was reached.
     Raises: StepError.
-
     """
     planned = schedule(instances, master)
     width = instances.layout.size
@@ -108,7 +107,6 @@ def _largest(width: int, seen: bool, paced: bool) -> int:
 
     Args:
         width: signals that each of them records, where they are seen.
-
     """
     largest = 1 if paced else _MOST
     while seen and largest > _FEWEST and largest * width > _NUMBERS:
@@ -126,7 +124,6 @@ class _Native:
         run: the kernel; timed_every: one in so many steps is timed.
         elapsed: time that steps took, per instance [ns]; begun: when the last step of each began [s];
             outcome: by `Outcome`.
-
     """
 
     instances: Instances
@@ -235,7 +232,6 @@ def _latest(ratio: Fraction, grid: Grid, steps: int) -> float | None:
 
     Args:
         ratio: of its step and the communication step.
-
     """
     every, parts = ratio.numerator, ratio.denominator
     begin = steps // every * every - every

@@ -63,7 +63,6 @@ def run_plain(
         inputs_at, outcome: addresses.
         bits: of `values`.
     Returns: the first point whose step was not finished.
-
     """
     plan_at, values_at, count, inputs = plan.ctypes.data, values.ctypes.data, plan.shape[0], source.shape[0]
     source_at = source.ctypes.data

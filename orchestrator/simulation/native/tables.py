@@ -46,7 +46,6 @@ class Tables:
 
     Attributes:
         blocks: the blocks behind the rows of `calls`.
-
     """
 
     order: Whole
@@ -78,7 +77,6 @@ class Tables:
             native: what each instance calls.
             planned: how the master steps.
             step_size: the communication step [s].
-
         """
         order, late, extrapolation = planned
         values, inputs = instances.native_memory

@@ -39,7 +39,6 @@ class ExternalFmu:
 
     Attributes:
         path: None: there is no file.
-
     """
 
     path: Path | None = None

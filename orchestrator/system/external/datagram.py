@@ -39,7 +39,6 @@ class Datagram:
         stamp: the sender's clock when it sent this [ns].
         echo: the latest stamp that the sender had received [ns]; 0: none.
         values: shape (n,).
-
     """
 
     flags: Flag

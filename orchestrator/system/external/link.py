@@ -35,7 +35,6 @@ class Link:
         listen, peer: addresses, host and port.
         expected: number of values that the peer sends.
     Raises: OSError if the address cannot be listened on.
-
     """
 
     def __init__(self, listen: tuple[str, int], peer: tuple[str, int], expected: int) -> None:

@@ -64,7 +64,6 @@ class SignalFmu:
     Attributes:
         path: the file.
         description: one output a column.
-
     """
 
     def __init__(self, path: Path, targets: Mapping[str, Variable] | None = None) -> None:
@@ -75,7 +74,6 @@ class SignalFmu:
             targets: the inputs that columns feed, by column: a column takes type and, where the header names
                 none, unit from there; others are real numbers.
         Raises: ConfigError with all problems of the file.
-
         """
         self.path = path
         targets = targets or {}
@@ -369,7 +367,6 @@ def targets_of(
         name: of the file's instance.
         connections: source and target of each, as "instance.variable".
         variables: of all other instances, as "instance.variable".
-
     """
     found: dict[str, Variable] = {}
     for source, target in connections:
