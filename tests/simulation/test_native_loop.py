@@ -481,9 +481,10 @@ def test_numba_is_imported_for_long_runs_only():
 # What two processes keep on disk is one process's, later: three.level through noise, under each master given.
 _THROUGH_NOISE = """
 import sys
-sys.path[:0] = sys.argv[1:3]
+here, tests, root, *masters = sys.argv[1:]
+sys.path[:0] = [here, tests, root]
 from test_native_loop import Fraction, Kept, Part, assemble, load_fmu, unruly_fmu
-for master in sys.argv[3:]:
+for master in masters:
     fmu = load_fmu(unruly_fmu(2))
     parts = [Part("one", fmu), Part("three", fmu, {"rate": "0.1 mm"})]
     noise = {"effect": "noise", "deviation": "1 mm", "period": "3 ms", "seed": 4}
@@ -495,11 +496,12 @@ for master in sys.argv[3:]:
 
 
 def test_machine_code_of_several_processes_serves_one(tmp_path):
-    tests = Path(__file__).parents[1]
+    here = Path(__file__).parent
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
 
     def ran(*masters: str) -> list[str]:
-        command = [sys.executable, "-c", _THROUGH_NOISE, str(tests), str(tests.parent), *masters]
+        folders = map(str, (here, here.parent, here.parents[1]))
+        command = [sys.executable, "-c", _THROUGH_NOISE, *folders, *masters]
         return subprocess.run(
             command, env=environment, capture_output=True, text=True, check=True
         ).stdout.splitlines()
