@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .simulation.run_result import RunResult
     from .translate.build_report import BuildReport
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "ConfigError",
