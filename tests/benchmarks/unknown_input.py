@@ -13,9 +13,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from orchestrator.base.errors import OrchestratorError
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.unknown_input.search import Answer, answer
-from orchestrator.errors import OrchestratorError
 
 
 def built(folder: Path, into: Path) -> Path:

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import ConfigError, Problem
+from ...base.compiled_functions import njit
+from ...base.errors import ConfigError, Problem
 from ...fmi import Causality, CompiledFmu, Kind, Variability
-from ...machine_code import njit
-from ...native.foreign import call_fmi2_values, call_fmi3_values, load, store
-from ...system import Connection, Instance, Port
+from ...simulation.native.foreign_calls import call_fmi2_values, call_fmi3_values, load, store
+from ...system.system import Connection, Instance, Port
 from ..ports.study import PortRun, PortStudy
 from .calls import call_law
 

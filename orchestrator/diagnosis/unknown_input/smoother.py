@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...machine_code import njit
+from ...base.compiled_functions import njit
 from .model import Inserted, Place, StateModel, acts_of, evaluate
 
 __all__ = ["Smoothed", "filtered", "signals_along", "simulated", "substeps"]

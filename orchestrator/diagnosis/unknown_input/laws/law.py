@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....machine_code import cfunc
+from ....base.compiled_functions import cfunc
 from ..calls import SIGNATURE
 
 __all__ = ["RATES", "TRAVELS", "Law", "Number"]
