@@ -19,7 +19,8 @@ from ...base.compiled_functions import njit
 from ...base.errors import ConfigError, Problem
 from ...fmi import Causality, CompiledFmu, Kind, Variability
 from ...simulation.native.foreign_calls import call_fmi2_values, call_fmi3_values, load, store
-from ...system.system import Connection, Instance, Port
+from ...system.connection import Connection, Port
+from ...system.system import Instance
 from ..ports.study import PortRun, PortStudy
 from .calls import call_law
 
@@ -232,7 +233,7 @@ class StateModel:
     def _plan(self, one: Instance, nominal: set[Port], problems: list[Problem]) -> Any:
         fmu = one.fmu
         remedy = "Build the component with `orchestrator build`, or diagnose it with the port search."
-        if not isinstance(fmu, CompiledFmu) or fmu.handling.isolated or fmu.description.fmi_version[0] == "1":
+        if not isinstance(fmu, CompiledFmu) or fmu.run_options.isolated or fmu.description.fmi_version[0] == "1":
             problems.append(Problem(one.name, "the FMU cannot be evaluated in this process", "", remedy))
             return None
         from fmpy import read_model_description
