@@ -80,3 +80,43 @@ def _python_fmus_end_well() -> Iterator[None]:
     _FMU.freeLibrary = free_library
     yield
     _FMU.freeLibrary = free
+
+
+# Tests that take long, by folder or file: `pytest -m "not slow"` leaves them out.
+_SLOW = (
+    "campaign",
+    "cli/fmu_tools",
+    "cli/test_json_output.py",
+    "clients",
+    "diagnosis",
+    "docking",
+    "effects/test_effect_configs.py",
+    "effects/test_effects_in_loops.py",
+    "exchange/test_one_fmu.py",
+    "exchange/test_ssp_identity.py",
+    "exchange/test_system_fmu.py",
+    "fmi/test_isolated.py",
+    "fmus",
+    "frequency/test_growth.py",
+    "frequency/test_stability_command.py",
+    "fuzz",
+    "base/test_compiled_functions.py",
+    "master/test_convergence.py",
+    "report",
+    "results/test_column_stream.py",
+    "simulation",
+    "system/test_scale.py",
+    "test_code_style.py",
+    "test_notebooks.py",
+    "test_test_run.py",
+    "translate",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the slow tests."""
+    here = Path(__file__).parent
+    for item in items:
+        place = item.path.relative_to(here)
+        if any(place.is_relative_to(one) for one in _SLOW) and "simulation/test_grid" not in place.as_posix():
+            item.add_marker(pytest.mark.slow)

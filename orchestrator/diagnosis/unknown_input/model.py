@@ -233,7 +233,11 @@ class StateModel:
     def _plan(self, one: Instance, nominal: set[Port], problems: list[Problem]) -> Any:
         fmu = one.fmu
         remedy = "Build the component with `orchestrator build`, or diagnose it with the port search."
-        if not isinstance(fmu, CompiledFmu) or fmu.run_options.isolated or fmu.description.fmi_version[0] == "1":
+        if (
+            not isinstance(fmu, CompiledFmu)
+            or fmu.run_options.isolated
+            or fmu.description.fmi_version[0] == "1"
+        ):
             problems.append(Problem(one.name, "the FMU cannot be evaluated in this process", "", remedy))
             return None
         from fmpy import read_model_description
