@@ -48,6 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="processes that weigh simulated cases; as many as cores by default",
     )
+    parser.add_argument(
+        "--unknown-input",
+        action="store_true",
+        help="for studies of ports: estimate the missing input and read its law, in seconds, in place of the "
+        "search of effects; writes unknown-input.json",
+    )
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
 
@@ -61,6 +67,8 @@ def main(args: argparse.Namespace) -> int:
     Raises: ConfigError if the command is wrong, or the only case could not be read.
     """
     folders = _folders(args.cases, args.out)
+    if args.unknown_input:
+        return _unknown_input(args, folders)
     # Imported after the command is known to make sense: machine code takes a second to load.
     from ..diagnosis.diagnose import STAGES, diagnose
     from ..diagnosis.report_text import text
@@ -107,6 +115,31 @@ def main(args: argparse.Namespace) -> int:
     if refused == len(args.cases):
         return 2
     return 1 if failed else 0
+
+
+def _unknown_input(args: argparse.Namespace, folders: list[Path | None]) -> int:
+    """Diagnose studies of ports by the input that they lack. Raises: ConfigError."""
+    from ..whole_file import write_text
+    from .ports.reader import load_port_study
+    from .ports.study import is_port_study
+    from .unknown_input.report import data_of, text_of
+    from .unknown_input.search import answer
+
+    others = [case for case in args.cases if not is_port_study(case)]
+    if others:
+        what = f"{listed(map(str, others))} is no study of ports, which --unknown-input needs"
+        raise ConfigError([Problem("--unknown-input", what, remedy="Leave the option out.")])
+    for case, folder in zip(args.cases, folders, strict=True):
+        found = answer(load_port_study(case))
+        data = json.dumps(data_of(found), allow_nan=False, ensure_ascii=False)
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_text(folder / "unknown-input.json", data + "\n")
+        if args.json:
+            sys.stdout.write(data + "\n")
+        elif not args.quiet:
+            sys.stdout.write(text_of(_name(case.resolve()), found) + "\n")
+    return 0
 
 
 def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -81,7 +82,12 @@ def fmus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def logged(folder: Path, hidden: Callable[[float, float], float], start: float = 0.0) -> Path:
+def logged(
+    folder: Path,
+    hidden: Callable[[float, float], float],
+    start: float = 0.0,
+    gain: Callable[[float], float] = lambda t: 1.0,
+) -> Path:
     """Write three runs in which `hidden(position, velocity)` [N] acts on the mass."""
     random = np.random.default_rng(4)
     for name in "abc":
@@ -90,7 +96,7 @@ def logged(folder: Path, hidden: Callable[[float, float], float], start: float =
         force = 6.0 * np.sin(np.outer(time, tones) + phases).sum(axis=1) / 3.0
 
         def rate(t: float, x: list[float], time=time, force=force) -> list[float]:
-            f = float(np.interp(t, time, force)) - 80.0 * x[0] - 2.0 * x[1] + hidden(x[0], x[1])
+            f = gain(t) * float(np.interp(t, time, force)) - 80.0 * x[0] - 2.0 * x[1] + hidden(x[0], x[1])
             return [x[1], f / 2.0]
 
         found = solve_ivp(rate, (0.0, 8.0), [start, 0.0], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.01)
@@ -131,3 +137,22 @@ def test_cubic_stiffness_is_read(fmus: Path) -> None:
 def test_another_start_is_no_law(fmus: Path, start: float) -> None:
     found = answer(load_port_study(logged(fmus, lambda x, v: 0.0, start)))
     assert found.verdict == "none" and found.fitted is None
+
+
+def test_a_gain_that_drifts_is_read(fmus: Path, tmp_path: Path) -> None:
+    # The command writes the answer; the force's gain falls by 3 % a second.
+    study = logged(fmus, lambda x, v: 0.0, gain=lambda t: 1.0 - 0.03 * t)
+    command = [sys.executable, "-m", "orchestrator", "diagnose", str(study), "--unknown-input"]
+    done = subprocess.run([*command, "--out", str(tmp_path)], check=True, capture_output=True, text=True)
+    data = json.loads((tmp_path / "unknown-input.json").read_text(encoding="utf-8"))
+    assert data["verdict"] == "law" and [one["family"] for one in data["laws"]] == ["drift"]
+    assert data["laws"][0]["numbers"]["change per time"]["value"] == pytest.approx(-0.03, rel=0.1)
+    assert data["held_out"]["closed"] > 0.9
+    assert "gain that drifts" in done.stdout
+
+
+def test_a_case_that_is_no_study_of_ports_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text("format: gap-case/1\n", encoding="utf-8")
+    command = [sys.executable, "-m", "orchestrator", "diagnose", str(tmp_path), "--unknown-input"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2 and "no study of ports" in done.stderr

@@ -54,7 +54,7 @@ def replayed(
             if np.isfinite(one.loglik):
                 z = one.path[0].copy()
                 z[-len(constants) :] = constants
-        found, _ = simulated(model, ext, held, z, runs.sub, laws)
+        found, _ = simulated(model, ext, held, z, runs.sub_of(laws), laws)
         left = ((found - logged) / model.noise)[settled:]
         left = np.where(np.isnan(logged[settled:]), 0.0, left)
         left = np.nan_to_num(left, nan=1e6, posinf=1e6, neginf=-1e6)

@@ -22,7 +22,10 @@ __all__ = ["Candidate", "Fitted", "fit", "screened"]
 Array = NDArray[np.float64]
 # Samples of a run that the regression looks at.
 _SAMPLES = 400
-_PASSES = 4
+# Candidates with states of their own that are fitted.
+_BLIND = 12
+# Intensities of the unknown input beside a law, in turn.
+_WEAKER = (1.0, 1e-2, 1e-4)
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class Fitted:
     Attributes:
         laws: candidates; numbers: theirs, one after the other; sigmas: standard deviations.
         loglik: of the runs. constants: mean and covariance of parameters and numbers.
+        beside: share of the unknown input's intensity that is left beside the laws.
     """
 
     laws: tuple[Candidate, ...]
@@ -61,6 +65,7 @@ class Fitted:
     sigmas: Array
     loglik: float
     constants: tuple[Array, Array]
+    beside: float = 0.0
 
 
 def _unit(model: StateModel, index: int) -> str:
@@ -76,10 +81,10 @@ def _own(model: StateModel, place: Place) -> int | None:
     return nx + nu + place.index if place.kind is Kinds.OUTPUT else None
 
 
-def _starts(law: Law, spread: float) -> list[list[float]]:
+def _starts(law: Law, spread: float, interval: float = 1.0) -> list[list[float]]:
     grids = [[]]
     for number in law.numbers[1 if law.linear else 0 :]:
-        size = spread if number.relative else 1.0
+        size = interval if law.states else spread if number.relative else 1.0
         grids = [[*one, start * size] for one in grids for start in number.starts]
     return [[1.0, *one] if law.linear else one for one in grids]
 
@@ -88,7 +93,7 @@ def screened(
     runs: Runs, places: Sequence[Ranked], fixed: Fitted | None = None, most: int = 14
 ) -> list[Candidate]:
     """Laws that w at these places may be, best first; laws with states of their own come last, unscreened."""
-    model, found, blind = runs.model, list[Candidate](), list[Candidate]()
+    model, found, beyond, blind = runs.model, list[Candidate](), list[Candidate](), list[Candidate]()
     laws = () if fixed is None else tuple(one.inserted for one in fixed.laws)
     priors = () if fixed is None else list(zip(fixed.numbers, fixed.sigmas, strict=True))
     for ranked in places:
@@ -117,22 +122,45 @@ def screened(
             for name, index in signals.items():
                 if not law.fits(_unit(model, index), index == own):
                     continue
-                best = _regressed(law, pieces, index, float(runs.spread[index]))
-                if best is None:
+                if law.states:
+                    put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
+                    spread = float(runs.spread[index])
+                    blind += [
+                        Candidate(law, place, name, put, tuple(n), 0.0)
+                        for n in _starts(law, spread, model.study.interval)
+                    ]
                     continue
-                share, numbers = best
+                known = sorted(set(signals.values()))
                 put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
-                one = Candidate(law, place, name, put, tuple(numbers), share)
-                (blind if law.states else found).append(one)
-    found.sort(key=lambda one: one.share, reverse=True)
-    return [*_spread_out(found, most), *blind[:6]]
+                both = _regressed(law, pieces, index, known, float(runs.spread[index]))
+                for some, best in zip((found, beyond), both, strict=True):
+                    if best is not None:
+                        some.append(Candidate(law, place, name, put, tuple(best[1]), best[0]))
+    kept = _spread_out(found, most, 3)
+    kept += _spread_out([one for one in beyond if one.name not in {k.name for k in kept}], most // 2, 2)
+    return [*kept, *[*_sensors(model, runs), *blind][:_BLIND]]
 
 
-def _spread_out(found: Sequence[Candidate], most: int) -> list[Candidate]:
-    """The best ones, at most three of one law."""
+def _sensors(model: StateModel, runs: Runs) -> list[Candidate]:
+    """Lags and delays of what is compared, which no input of the plant imitates."""
+    nx, nu = len(model.states), len(model.inputs)
+    outputs = set(model.measured.tolist())
+    return [
+        Candidate(law, place, place.name, put, tuple(start), 0.0)
+        for place in model.places()
+        if place.kind is Kinds.OUTPUT and place.index in outputs
+        for law in library()
+        if law.states and 3 in law.kinds
+        for put in [Inserted(place, law.address, (nx + nu + place.index,), len(law.numbers), law.states)]
+        for start in _starts(law, 1.0, model.study.interval)
+    ]
+
+
+def _spread_out(found: Sequence[Candidate], most: int, each: int) -> list[Candidate]:
+    """The best ones, at most `each` of one law."""
     kept: list[Candidate] = []
-    for one in found:
-        if one.share > 0.02 and sum(k.law.name == one.law.name for k in kept) < 3:
+    for one in sorted(found, key=lambda one: one.share, reverse=True):
+        if one.share > 0.02 and sum(k.law.name == one.law.name for k in kept) < each:
             kept.append(one)
         if len(kept) == most:
             break
@@ -140,50 +168,80 @@ def _spread_out(found: Sequence[Candidate], most: int) -> list[Candidate]:
 
 
 def _regressed(
-    law: Law, pieces: Sequence[Any], index: int, spread: float
-) -> tuple[float, list[float]] | None:
-    if law.states:
-        return 0.0, _starts(law, spread)[0]
-    best = None
+    law: Law, pieces: Sequence[Any], index: int, known: Sequence[int], spread: float
+) -> tuple[tuple[float, list[float]] | None, tuple[float, list[float]] | None]:
+    """How much of w the best start of a law explains: alone, and beside terms that calibration makes.
+
+    Args:
+        known: signals at the place, in proportion to which calibration can leave errors.
+    """
+    alone = beside = None
+    linear, judged = (
+        np.vstack([np.column_stack([p[3][:, known], np.ones(len(p[1]))]) * p[2][:, None] for p in some])
+        for some in (pieces[:-1], pieces[-1:])
+    )
+    size = np.linalg.norm(linear, axis=0) + 1e-300
+    b, d = np.concatenate([p[1] * p[2] for p in pieces[:-1]]), pieces[-1][1] * pieces[-1][2]
+    without = np.linalg.lstsq(linear / size, b, rcond=1e-8)[0] / size
+    left, whole = float(((d - judged @ without) ** 2).sum()), float((d**2).sum())
     for start in _starts(law, spread):
         columns = [law.values(time, np.ascontiguousarray(s[:, index]), start) for time, _, _, s in pieces]
         a = np.concatenate([c * p[2] for c, p in zip(columns[:-1], pieces[:-1], strict=True)])
-        b = np.concatenate([p[1] * p[2] for p in pieces[:-1]])
-        power = float(a @ a)
-        if not np.isfinite(power) or power <= 0.0:
+        c, power = columns[-1] * pieces[-1][2], float(a @ a)
+        if not np.isfinite(power) or power <= 0.0 or not whole > 0.0:
             continue
         factor = float(a @ b) / power
-        c, d = columns[-1] * pieces[-1][2], pieces[-1][1] * pieces[-1][2]
-        share = 1.0 - float(((d - factor * c) ** 2).sum() / (d**2).sum())
-        if best is None or share > best[0]:
-            best = share, ([factor, *start[1:]] if law.linear else start)
-    return best
+        share = 1.0 - float(((d - factor * c) ** 2).sum()) / whole
+        if alone is None or share > alone[0]:
+            alone = share, ([factor, *start[1:]] if law.linear else start)
+        both = np.linalg.lstsq(np.column_stack([linear / size, a / np.sqrt(power)]), b, rcond=1e-8)[0]
+        both = both / np.append(size, np.sqrt(power))
+        share = 1.0 - float(((d - judged @ both[:-1] - both[-1] * c) ** 2).sum()) / max(left, 1e-300)
+        if beside is None or share > beside[0]:
+            beside = share, ([float(both[-1]), *start[1:]] if law.linear else start)
+    return alone, beside
 
 
-def fit(runs: Runs, laws: Sequence[Candidate], start: Array | None = None) -> Fitted:
-    """Fit laws together: passes of the filter, each linearised where the last one ended."""
+def fit(
+    runs: Runs, laws: Sequence[Candidate], beside: Ranked | None = None, start: Array | None = None
+) -> Fitted:
+    """Fit laws together: passes of the filter, each linearised where the last one ended.
+
+    Args:
+        beside: the unknown input that is there as well, weaker from pass to pass. With it the filter keeps
+            track where a law is not all that is missing.
+        start: numbers to begin with; by default those of the candidates.
+    """
     inserted = [one.inserted for one in laws]
     numbers = np.array([v for one in laws for v in one.numbers]) if start is None else start.copy()
-    wide = np.abs(numbers) * 1.0 + 1e-12
-    best: Fitted | None = None
+    wide = np.abs(numbers) + 1e-12
     count = len(runs.model.nominal)
-    for _ in range(_PASSES):
-        priors = list(zip(numbers, wide, strict=True))
-        passes = runs.passes(inserted, priors)
-        value = loglik(passes)
-        if not np.isfinite(value):
-            break
-        z, cov = passes[-1].z, passes[-1].covariance
-        at = slice(len(runs.model.states) + sum(one.states for one in inserted), None)
-        mean, covariance = z[at], cov[at, at]
-        if best is not None and value < best.loglik + 1.0:
-            break
-        best = Fitted(
-            tuple(laws), mean[count:].copy(), np.sqrt(np.abs(np.diag(covariance)[count:])), value,
-            (mean.copy(), covariance.copy()),
-        )  # fmt: skip
-        numbers = mean[count:].copy()
-    if best is None:
-        nothing = np.concatenate([runs.model.nominal, numbers])
-        return Fitted(tuple(laws), numbers, wide, -np.inf, (nothing, np.eye(len(nothing))))
+    best = Fitted(
+        tuple(laws), numbers, wide, -np.inf, (np.r_[runs.model.nominal, numbers], np.eye(0)), np.inf
+    )
+    begin = len(runs.model.states) + sum(one.states for one in inserted)
+    at = slice(begin, begin + count + len(numbers))
+    first = numbers
+    for weaker in ((*_WEAKER, 0.0, 0.0, 0.0), (0.0,) * 4)[beside is None :]:
+        numbers, last = first, -np.inf
+        for factor in weaker:
+            priors = list(zip(numbers, wide, strict=True))
+            if factor > 0.0 and beside is not None:
+                passes = runs.passes(
+                    inserted, priors, beside.order, beside.intensity * factor, w=beside.place,
+                    w_scale=runs.spread_at(beside.place),
+                )  # fmt: skip
+            else:
+                passes = runs.passes(inserted, priors)
+            value = loglik(passes)
+            if not np.isfinite(value) or (factor == 0.0 and value < last + 0.5):
+                break
+            if factor == 0.0:
+                last = value
+            mean, covariance = passes[-1].z[at], passes[-1].covariance[at, at]
+            if value > best.loglik:
+                sigmas = np.sqrt(np.abs(np.diag(covariance)[count:]))
+                constants = mean.copy(), covariance.copy()
+                best = Fitted(tuple(laws), mean[count:].copy(), sigmas, value, constants, factor)
+            numbers = mean[count:].copy()
     return best

@@ -7,7 +7,7 @@ parameters are free within their priors in the same filter.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,8 @@ __all__ = ["Ranked", "Runs", "rank", "smoothed_at"]
 Array = NDArray[np.float64]
 # Random walk: share of the signal's spread that w moves by within a twentieth of a run.
 _MOVES = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+# Samples that rank places roughly; nats a value by which places that are looked at may fall behind.
+_BRIEF, _APART = 400, 1.0
 # Variance of a start state over the square of its spread, and of a state that a log starts.
 _START = 1.0
 
@@ -32,13 +34,14 @@ class Ranked:
 
     Attributes:
         gain: log likelihood beyond that of the calibrated model alone [nats].
-        order, intensity: of the random walk. size: root mean square of w at the place, in its unit.
+        order, intensity: of the random walk. moves: its steps in a twentieth of a run over the spread.
     """
 
     place: Place
     gain: float
     order: int
     intensity: float
+    moves: float = 1.0
 
 
 class Runs:
@@ -75,6 +78,10 @@ class Runs:
         self.scale = np.concatenate([self.spread[:count], np.maximum(model.tolerance, 1e-12)])
         self.length = np.mean([len(run) for run in runs]) * model.study.interval
 
+    def sub_of(self, laws: Sequence[Inserted]) -> int:
+        """Steps of RK4 a sample; more with laws that have states, whose time may be as short as a sample."""
+        return 4 * self.sub if any(one.states for one in laws) else self.sub
+
     def passes(
         self,
         laws: Sequence[Inserted] = (),
@@ -87,13 +94,14 @@ class Runs:
         constants: tuple[Array, Array] | None = None,
         w_scale: float = 1.0,
         only: Sequence[int] | None = None,
+        samples: int | None = None,
     ) -> list[Smoothed]:
         """Filter the runs one after the other; what a run tells of constants is the next one's prior.
 
         Args:
             priors: mean and standard deviation of a law's numbers.
             constants: mean and covariance of parameters and numbers, in place of the priors.
-            only: indices of the runs.
+            only: indices of the runs. samples: of each run, from its begin; None: all.
         """
         model = self.model
         nx, nh = len(model.states), sum(one.states for one in laws)
@@ -105,7 +113,7 @@ class Runs:
         sizes = np.concatenate(
             [
                 self.scale[:nx],
-                np.ones(nh),
+                np.full(nh, 1e-9),
                 self.scale[nx:],
                 [abs(one) for _, one in priors],
                 [w_scale] * order,
@@ -116,6 +124,9 @@ class Runs:
         found = []
         for index in range(len(self.data)) if only is None else only:
             ext, held, logged, start = self.data[index]
+            if samples is not None:
+                end = self.model.study.settled + samples
+                ext, logged = ext[:end], logged[:end]
             z = np.concatenate([start, np.zeros(nh), mean, np.zeros(order)])
             variance = np.zeros((len(z), len(z)))
             variance[:nx, :nx] = np.diag(_START * self.scale[:nx] ** 2)
@@ -127,7 +138,7 @@ class Runs:
                 if order == 2:
                     variance[-1, -1] = 10.0 * first / (self.length / 20.0) ** 2
             one = filtered(
-                model, ext, held, logged, z, variance, sizes, self.sub, laws=laws, w=w, order=order,
+                model, ext, held, logged, z, variance, sizes, self.sub_of(laws), laws=laws, w=w, order=order,
                 intensity=intensity, begin=model.study.settled, smooth=smooth,
             )  # fmt: skip
             found.append(one)
@@ -162,27 +173,48 @@ def rank(
     Returns: the calibrated model's log likelihood alone, and the places, best first.
     """
     alone = loglik(runs.passes(laws, priors))
+    every = runs.model.places() if places is None else list(places)
+    # A part of one run tells which places come near, and about which intensity.
+    rough = [(_climbed(runs, place, laws, priors, 1, _MOVES, brief=True), place) for place in every]
+    best = max((one.gain for one, _ in rough), default=0.0)
+    brief = min(_BRIEF, max(len(run) for run in runs.runs)) * len(runs.model.compared)
     found = []
-    for place in runs.model.places() if places is None else places:
-        size = runs.spread_at(place)
-        best = Ranked(place, -np.inf, 1, 0.0)
-        for order in (1, 2):
-            last = -np.inf
-            for moves in _MOVES:
-                intensity = (moves * size) ** 2 / (runs.length / 20.0) ** (2 * order - 1)
-                value = loglik(
-                    runs.passes(
-                        laws, priors, order, intensity, w=place, w_scale=max(size * min(moves, 1.0), 1e-12)
-                    )
-                )
-                if value < last and value < best.gain + alone - 100.0:
-                    break
-                last = value
-                if value - alone > best.gain or not np.isfinite(best.gain):
-                    best = Ranked(place, value - alone, order, intensity)
-        found.append(best)
+    for one, place in rough:
+        if one.gain < best - _APART * brief:
+            continue
+        near = [moves for moves in _MOVES if 0.05 < moves / one.moves < 20.0]
+        tried = [_climbed(runs, place, laws, priors, order, near) for order in (1, 2)]
+        first = max(tried, key=lambda each: each.gain)
+        found.append(replace(first, gain=first.gain - alone))
     found.sort(key=lambda one: one.gain, reverse=True)
     return alone, found
+
+
+def _climbed(
+    runs: Runs,
+    place: Place,
+    laws: Sequence[Inserted],
+    priors: Sequence[tuple[float, float]],
+    order: int,
+    grid: Sequence[float],
+    brief: bool = False,
+) -> Ranked:
+    """The likeliest intensity of a random walk at a place; `gain` is the log likelihood itself."""
+    size = runs.spread_at(place)
+    best, last = Ranked(place, -np.inf, order, 0.0), -np.inf
+    for moves in grid:
+        intensity = (moves * size) ** 2 / (runs.length / 20.0) ** (2 * order - 1)
+        scale = max(size * min(moves, 1.0), 1e-12)
+        only, samples = ([0], _BRIEF) if brief else (None, None)
+        value = loglik(
+            runs.passes(laws, priors, order, intensity, w=place, w_scale=scale, only=only, samples=samples)
+        )
+        if value < min(last, best.gain - 30.0):
+            break
+        last = value
+        if value > best.gain:
+            best = Ranked(place, value, order, intensity, moves)
+    return best
 
 
 def smoothed_at(

@@ -60,7 +60,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
         values = sum(int((~np.isnan(one[2])).sum()) for one in runs.data)
         needed = max(_LEAST, _PER_VALUE * values)
         progress("places")
-        _, places = rank(runs)
+        alone, places = rank(runs)
         first: list[Ranked] = []
         base = fit(runs, ())
         best: Fitted | None = None
@@ -71,17 +71,27 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
             progress("laws")
             near = [one for one in places if one.gain > places[0].gain - _NEAR * values][:_PLACES]
             before = best.laws if best else ()
-            made = [fit(runs, (*before, one)) for one in screened(runs, near, best)]
-            made.sort(key=lambda one: one.loglik, reverse=True)
-            if not made or made[0].loglik < (best or base).loglik + needed:
+            made = [
+                fit(runs, (*before, one), places[0], np.r_[best.numbers, one.numbers] if best else None)
+                for one in screened(runs, near, best)
+            ]
+            bar = alone + places[0].gain + needed
+            # What explains the logs with no unknown input left goes before what needs one beside it.
+            made.sort(key=lambda one: (one.loglik >= bar, one.beside == 0.0, one.loglik), reverse=True)
+            if not made or made[0].loglik < bar:
                 break
             if best is not None and not _halves(runs, best, made[0]):
                 break
             best, rivals = made[0], made[1:]
+            first = first or places
+            if len(best.laws) > 1 or _left(runs, best) <= _LEFT:
+                break
             progress("places")
             priors = [(v, abs(v)) for v in best.numbers.tolist()]
-            _, left = rank(runs, [one.place for one in places], [one.inserted for one in best.laws], priors)
-            first, places = first or places, left
+            alone, left = rank(
+                runs, [one.place for one in places], [one.inserted for one in best.laws], priors
+            )
+            places = left
         first = first or places
         progress("judge")
         held = Runs(model, study.of(Role.HELDOUT) or study.of(Role.VALIDATION, Role.TRAIN))
@@ -98,10 +108,11 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
     return Answer(verdict, first, best, rivals, gap, calibrated, remains, share, seconds)
 
 
+def _left(runs: Runs, one: Fitted) -> float:
+    """What replays of the runs leave, over the noise."""
+    return replayed(runs, [law.inserted for law in one.laws], one.constants[0]).remains
+
+
 def _halves(runs: Runs, first: Fitted, second: Fitted) -> bool:
-    """Whether one more law halves what replays of the runs leave beyond the noise."""
-    before, after = (
-        replayed(runs, [law.inserted for law in one.laws], one.constants[0]).remains
-        for one in (first, second)
-    )
-    return before > _LEFT and closed(before, after) >= _HALF
+    """Whether one more law halves what the first leaves beyond the noise."""
+    return closed(_left(runs, first), _left(runs, second)) >= _HALF

@@ -134,7 +134,7 @@ def _filter(
                 p[c_w, c_w + 1] += q * h * h / 2.0
                 p[c_w + 1, c_w] += q * h * h / 2.0
                 p[c_w + 1, c_w + 1] += q * h
-            for i in range(n[0] + n[1]):
+            for i in range(n[0]):
                 p[i, i] += smallest[i]
             if smooth:
                 fs[k] = f

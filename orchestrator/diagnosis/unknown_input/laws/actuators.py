@@ -41,8 +41,8 @@ LAWS = [
         kinds=(1, 3), linear=False, sentence="A valve or drive that does not answer small commands."),
     Law("gain curve", "gain curve", (Number("factor", "w/s2"),), _gain_curve, _OWN, kinds=(1, 3),
         sentence="A gain that changes with the command."),
-    Law("lag", "lag", (Number("time constant", "s", (0.003, 0.03), relative=False),), _lag, _OWN, 1, (1, 3),
+    Law("lag", "lag", (Number("time constant", "s", (0.5, 4.0), relative=False),), _lag, _OWN, 1, (1, 3),
         linear=False, sentence="A first-order lag, as of a sensor or an amplifier."),
-    Law("delay", "lag", (Number("time", "s", (0.003, 0.03), relative=False),), _delay, _OWN, 2, (1, 3),
+    Law("delay", "lag", (Number("time", "s", (0.5, 4.0), relative=False),), _delay, _OWN, 2, (1, 3),
         linear=False, sentence="A transport or computing delay."),
 ]  # fmt: skip

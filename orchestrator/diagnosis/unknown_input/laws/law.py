@@ -26,7 +26,8 @@ class Number:
 
     Attributes:
         name: of it. unit: with `w` for the unit at the place and `s` for that of the signal.
-        starts: where fits begin; times the signal's spread where `relative`.
+        starts: where fits begin; times the signal's spread where `relative`, or, of laws with states, times
+            the interval of the logs.
     """
 
     name: str
