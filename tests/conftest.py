@@ -109,6 +109,7 @@ _SLOW = (
     "test_code_style.py",
     "test_notebooks.py",
     "test_test_run.py",
+    "test_tutorials.py",
     "translate",
 )
 
