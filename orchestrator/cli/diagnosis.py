@@ -119,11 +119,11 @@ def main(args: argparse.Namespace) -> int:
 
 def _unknown_input(args: argparse.Namespace, folders: list[Path | None]) -> int:
     """Diagnose studies of ports by the input that they lack. Raises: ConfigError."""
-    from ..whole_file import write_text
-    from .ports.reader import load_port_study
-    from .ports.study import is_port_study
-    from .unknown_input.report import data_of, text_of
-    from .unknown_input.search import answer
+    from ..base.atomic_files import write_text
+    from ..diagnosis.ports.reader import load_port_study
+    from ..diagnosis.ports.study import is_port_study
+    from ..diagnosis.unknown_input.report import data_of, text_of
+    from ..diagnosis.unknown_input.search import answer
 
     others = [case for case in args.cases if not is_port_study(case)]
     if others:
