@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import fmpy.logging
 import pytest
 from hypothesis import settings
 
@@ -20,6 +21,19 @@ with suppress(ImportError):
 # How long an example takes says something about the machine.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+# fmpy's proxy of FMI 2 loggers serves the logger that was registered last in a process, which `simulate_fmu`
+# drops when it ends: FMUs that other tests run by fmpy would log into freed memory.
+_LOGGERS: list[object] = []
+_add_logger_proxy = fmpy.logging.addLoggerProxy
+
+
+def _add_lasting_logger_proxy(callbacks: object) -> None:
+    _LOGGERS.append(callbacks)
+    _add_logger_proxy(callbacks)
+
+
+fmpy.logging.addLoggerProxy = _add_lasting_logger_proxy
 
 SOURCES = Path(__file__).parent / "fmu_sources"
 
