@@ -172,13 +172,10 @@ class DelaySystem:
 
     def check(self) -> None:
         """Raises: ConfigError if an algebraic loop has no solution, or a loop with a delay has no state."""
-        m = len(self.inputs)
-        at_once = self._k[0] if self._delays[0] == 0.0 else np.zeros((m, len(self.outputs)))
-        loop = np.eye(m) - at_once @ self.d
-        if m and np.linalg.cond(loop) > 1e12:
+        if self.inputs and np.linalg.cond(self._loop_at_once) > 1e12:
             what = "an algebraic loop has no solution, or no single one"
             raise ConfigError([Problem("system", what, "", "Put a state or a delay into the loop.")])
-        if self._shift().size and max(abs(np.linalg.eigvals(self._shift()))) >= 1.0 - 1e-9:
+        if not _contracts(self._shift()):
             what = "a loop holds a delay and direct feedthrough of gain 1 or more, and no state"
             remedy = "Put a filter into the loop: a real system has one."
             raise ConfigError([Problem("system", what, "loops with delay need a state", remedy)])
@@ -188,19 +185,28 @@ class DelaySystem:
         delayed = self._delays > 0.0
         weight = np.exp(-line * self._delays[delayed])
         sums = np.einsum("k,kmp->mp", weight, abs(self._k[delayed]))
-        return abs(self._solved()) @ sums @ abs(self.d)
+        return abs(self._solved) @ sums @ abs(self.d)
 
+    @cached_property
+    def _at_once(self) -> Array:
+        """K of the links without delay, shape (m, p)."""
+        return self._k[0] if self._delays[0] == 0.0 else np.zeros(self._k[0].shape)
+
+    @property
+    def _loop_at_once(self) -> Array:
+        """1 - K D of the links without delay, shape (m, m)."""
+        return np.eye(len(self.inputs)) - self._at_once @ self.d
+
+    @cached_property
     def _solved(self) -> Array:
-        m = len(self.inputs)
-        at_once = self._k[0] if self._delays[0] == 0.0 else np.zeros((m, len(self.outputs)))
-        return np.linalg.inv(np.eye(m) - at_once @ self.d)
+        return np.linalg.inv(self._loop_at_once)
 
     def _reach(self, line: float) -> float:
         """A radius that holds all roots right of a line: |s| |x| <= N |x|, element by element."""
         shift = self._shift(line)
         weight = np.exp(-line * self._delays)
-        fed = abs(self._solved()) @ np.einsum("k,kmp->mp", weight, abs(self._k)) @ abs(self.c)
-        if shift.size and max(abs(np.linalg.eigvals(shift))) >= 1.0 - 1e-9:
+        fed = abs(self._solved) @ np.einsum("k,kmp->mp", weight, abs(self._k)) @ abs(self.c)
+        if not _contracts(shift):
             return np.inf
         bound = abs(self.a) + abs(self.b) @ np.linalg.solve(np.eye(len(shift)) - shift, fed)
         return 1.001 * max(abs(np.linalg.eigvals(bound)), default=0.0) + abs(line) + 1e-300
@@ -269,7 +275,6 @@ class DelaySystem:
         a, b, c = np.zeros((size, size)), np.zeros((size, m)), np.zeros((p, size))
         a[:n, :n], b[:n], c[:, :n] = self.a, self.b, self.c
         # u = K0 (C x + D u) + F v, with v the ends of the lines.
-        at_once = self._k[0] if self._delays[0] == 0.0 else np.zeros((m, p))
         ends = np.zeros((m, size))
         derivative = _differentiation(order)
         into = np.zeros((size, p))
@@ -280,7 +285,7 @@ class DelaySystem:
             into[low : low + order, source] = own[1:, 0]
             which = int(np.searchsorted(self._delays, delay))
             ends[:, low + order - 1] += self._k[which][:, source]
-        u_of_x = np.linalg.solve(np.eye(m) - at_once @ self.d, at_once @ c + ends)
+        u_of_x = np.linalg.solve(self._loop_at_once, self._at_once @ c + ends)
         whole = a + into @ (c + self.d @ u_of_x) + b @ u_of_x
         balanced, _ = scipy.linalg.matrix_balance(whole)
         return np.linalg.eigvals(balanced)
@@ -442,6 +447,11 @@ class DelaySystem:
                 grid.append(abs(one.imag) + width * np.linspace(-8.0, 8.0, 81))
         every = np.concatenate(grid)
         return np.unique(every[every > 0.0])
+
+
+def _contracts(matrix: Array) -> bool:
+    """Whether powers of a matrix die out."""
+    return not matrix.size or max(abs(np.linalg.eigvals(matrix))) < 1.0 - 1e-9
 
 
 def _owner(port: str) -> str:

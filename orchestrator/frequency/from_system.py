@@ -8,7 +8,7 @@ and effects that are not linear count as one and are named.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -58,10 +58,15 @@ class Linearised:
         """The rightmost modes; see `DelaySystem.modes`."""
         return self.system.modes(count)
 
-    def margins(self) -> dict[str, Margins]:
-        """Margins of each connection within a feedback loop, the weakest first; see `DelaySystem.margins`."""
-        modes = self.modes()
-        found = {name: self.system.margins(name, modes) for name in self.system.loops()}
+    def margins(self, modes: Modes | None = None, names: Sequence[str] = ()) -> dict[str, Margins]:
+        """Margins of connections, the weakest first; see `DelaySystem.margins`.
+
+        Args:
+            modes: what `modes` gave; found here if they are not given.
+            names: of connections; all within feedback loops if none is named.
+        """
+        modes = modes or self.modes()
+        found = {name: self.system.margins(name, modes) for name in names or self.system.loops()}
         return dict(sorted(found.items(), key=lambda item: item[1].modulus_margin))
 
     def __repr__(self) -> str:

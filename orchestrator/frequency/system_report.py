@@ -37,10 +37,7 @@ def system_stability(
         what = "no FMU in it has continuous states: there is nothing to be stable or not"
         raise ConfigError([Problem(prepared.config.name, what)])
     modes = linear.system.modes()
-    told = {}
-    for name in linear.system.loops() if not opened else _named(linear, opened):
-        told[name] = linear.system.margins(name, modes)
-    order = sorted(told, key=lambda name: told[name].modulus_margin)
+    margins = linear.margins(modes, _named(linear, opened))
     return {
         "title": prepared.config.model.title or prepared.config.name,
         "verdict": _verdict(modes),
@@ -55,7 +52,7 @@ def system_stability(
             for one in modes.modes
         ],
         "line": modes.line,
-        "margins": {name: _margins(told[name]) for name in order},
+        "margins": {name: _margins(one) for name, one in margins.items()},
         "point": dict(linear.point),
         "notes": [*linear.notes, "the communication step of the co-simulation is not part of this model"],
     }
