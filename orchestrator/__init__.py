@@ -226,9 +226,12 @@ def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed:
     Returns: the diagnosis and its findings.
     Raises: ConfigError with all problems of the study.
     """
-    from .diagnosis.diagnose import diagnose as diagnose_study
+    from .base.errors import extras_named
 
-    return diagnose_study(study, out)
+    with extras_named():
+        from .diagnosis.diagnose import diagnose as diagnose_study
+
+        return diagnose_study(study, out)
 
 
 def read_results(path: Path | str) -> RunResult:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
@@ -20,6 +21,7 @@ __all__ = [
     "StepError",
     "close",
     "error_data",
+    "extras_named",
     "in_order",
     "listed",
     "nearest",
@@ -208,3 +210,34 @@ def listed(names: Iterable[str], limit: int = 20) -> str:
 def needs(package: str, extra: str = "logs") -> str:
     """What to say of a package that is not installed and comes with an extra of this product."""
     return f"needs the package {package}: pip install 'orchestrator[{extra}]'"
+
+
+@contextmanager
+def extras_named() -> Iterator[None]:
+    """Where a package is missing that comes with an extra of this product, say how to install it.
+
+    Raises: OrchestratorError in place of the ModuleNotFoundError of such a package.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if extra := _extra_with(package):
+            raise OrchestratorError(f"this {needs(package, extra)}") from error
+        raise
+
+
+def _extra_with(package: str) -> str:
+    """The smallest extra that brings a package; empty if none does."""
+    from importlib.metadata import PackageNotFoundError, requires
+
+    try:
+        requirements = requires(__package__.partition(".")[0]) or []
+    except PackageNotFoundError:  # runs from a folder
+        return ""
+    extras: dict[str, set[str]] = {}
+    for one in requirements:
+        if found := re.match(r"""([\w-]+).*extra == ['"]([\w-]+)['"]""", one):
+            extras.setdefault(found[2], set()).add(found[1].replace("-", "_").lower())
+    having = {name: len(packages) for name, packages in extras.items() if package in packages}
+    return min(having, key=having.__getitem__, default="")

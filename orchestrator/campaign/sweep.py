@@ -11,7 +11,7 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from ..base.errors import Interrupted
+from ..base.errors import Interrupted, extras_named
 from ..base.provenance import origin, versions
 from ..fmi.workers import Outcome, Pool, Work, pool_of
 from .execute import Task, as_json, begin, execute
@@ -69,7 +69,7 @@ class Swept:
         """Points with what their runs gave, in the order of the design; an Arrow table."""
         from .database import Store
 
-        with Store(self.store) as store:
+        with extras_named(), Store(self.store) as store:
             return store.table(self.study)
 
     def columns(self) -> dict[str, Any]:

@@ -145,13 +145,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command. Returns: the exit code."""
     import traceback
 
-    from ..base.errors import ConfigError, Interrupted, OrchestratorError, error_data
+    from ..base.errors import ConfigError, Interrupted, OrchestratorError, error_data, extras_named
     from .arguments import print_json
 
     parser = _parser(sys.argv[1:] if arguments is None else list(arguments))
     args = parser.parse_args(arguments)
     try:
-        return function(COMMANDS[args.command][2])(args)
+        with extras_named():
+            return function(COMMANDS[args.command][2])(args)
     except BrokenPipeError:
         return 0  # the reader of a pipe has seen enough
     except KeyboardInterrupt:
