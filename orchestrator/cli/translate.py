@@ -48,6 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "machine; or all, or none for sources only (default: %(default)s)",
     )
     modelica.add_argument(
+        "--library",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="a folder with a Modelica library, beside those of MODELICAPATH; may be given several times",
+    )
+    modelica.add_argument(
         "--compiler",
         choices=("rumoca", "omc"),
         default="rumoca",
@@ -101,7 +109,13 @@ def main(args: argparse.Namespace) -> int:
     # An installed OpenModelica compiles for this machine, whatever that is.
     chosen = () if (args.compiler, args.platforms) == ("omc", "this") else _platforms(args.platforms)
     report = build(
-        file, output, model=args.model, fmi_version=args.fmi, platforms=chosen, compiler=args.compiler
+        file,
+        output,
+        model=args.model,
+        fmi_version=args.fmi,
+        platforms=chosen,
+        compiler=args.compiler,
+        libraries=args.library,
     )
     _print(report, args.json)
     return 0

@@ -24,7 +24,7 @@ from .package import (
     runtime_sources,
     write_fmu,
 )
-from .sources import load_sources
+from .sources import SourceTree, load_sources
 
 Compiler = Literal["rumoca", "omc"]
 ALL: tuple[str, ...] = tuple(PLATFORMS)
@@ -41,6 +41,7 @@ def build(
     fmi_version: str = "2.0",
     platforms: Sequence[str] = ALL,
     compiler: Compiler = "rumoca",
+    libraries: Sequence[Path] = (),
 ) -> BuildReport:
     """Build an FMU for co-simulation from a Modelica file.
 
@@ -53,6 +54,7 @@ def build(
         fmi_version: "2.0" or "3.0".
         platforms: names as `package.named_platforms` takes them; may be empty for an FMU of sources only.
         compiler: "rumoca" for the built-in route, "omc" for an installed OpenModelica.
+        libraries: folders with further Modelica libraries, beside those of MODELICAPATH.
     Returns: what was built.
     Raises: BuildError for a model or option that is not supported, naming file and line.
     """
@@ -66,7 +68,7 @@ def build(
         return build_with_omc(model_file, output, model=model, fmi_version=fmi_version)
     if compiler != "rumoca":
         raise BuildError(f"unknown compiler {compiler!r}; choose rumoca or omc")
-    members, report = translate(model_file, model=model, fmi_version=fmi_version)
+    members, report = translate(model_file, model=model, fmi_version=fmi_version, libraries=libraries)
     identifier = model_identifier(report.model)
     members |= compiled(members, identifier, version, platforms)
     write_fmu(output, members)
@@ -112,16 +114,52 @@ class TranslationReport:
 
 
 def translate(
-    model_file: Path, *, model: str | None = None, fmi_version: str = "2.0"
+    model_file: Path,
+    *,
+    model: str | None = None,
+    fmi_version: str = "2.0",
+    libraries: Sequence[Path] = (),
 ) -> tuple[dict[str, bytes], TranslationReport]:
     """Make everything of an FMU but its binaries.
 
+    Models of explicit differential equations with delays take the route of `program`; what that refuses is
+    tried by the route of `hybrid`.
+
     Args:
-        model_file, model, fmi_version: as for `build`.
+        model_file, model, fmi_version, libraries: as for `build`.
     Returns: path within the FMU -> content, and a report.
     Raises: BuildError for what is not supported, naming file and line.
     """
     need_casadi()
+    from .hybrid.build import translate_hybrid
+    from .hybrid.front_end import library_paths
+
+    tree = load_sources(model_file)
+    name = tree.model_name(model)
+    folders = library_paths(libraries)
+    try:
+        return _explicit(model_file, tree, name, fmi_version)
+    except BuildError as refusal:
+        try:
+            identifier = model_identifier(name)
+            members, counts, notes = translate_hybrid(tree, name, identifier, fmi_version, folders)
+        except BuildError as error:
+            raise _joined(refusal, error) from None
+        return members, TranslationReport(name, counts, (*tree.remarks, *notes))
+
+
+def _joined(explicit: BuildError, hybrid: BuildError) -> BuildError:
+    """What both routes say of a model; where the compiler itself refuses it, that alone."""
+    texts = list(dict.fromkeys((str(explicit), str(hybrid))))
+    if len(texts) == 2 and "the Modelica compiler refuses" in texts[0]:
+        return explicit
+    return BuildError("\n".join(texts))
+
+
+def _explicit(
+    model_file: Path, tree: SourceTree, name: str, fmi_version: str
+) -> tuple[dict[str, bytes], TranslationReport]:
+    """The route for explicit differential equations with delays. Raises: BuildError."""
     from .causalise import solve
     from .description import describe
     from .documents import model_sections, sources_used
@@ -132,8 +170,6 @@ def translate(
     from .selfcheck import check
     from .symbolic import symbolic_model
 
-    tree = load_sources(model_file)
-    name = tree.model_name(model)
     try:
         flat = read_model(tree, name)
         program = build_program(solve(symbolic_model(flat)))

@@ -159,6 +159,15 @@ def runtime_sources(fmi_version: FmiVersion, stepped: bool = False) -> dict[str,
     return {name: sources[name].replace(b"\r\n", b"\n") for name in sorted(sources)}
 
 
+def hybrid_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
+    """As `runtime_sources`, for a model.c written for runtime/hybrid/hybrid.h."""
+    sources = runtime_sources(fmi_version, stepped=True)
+    for item in (resources.files("orchestrator.translate") / "runtime" / "hybrid").iterdir():
+        if item.name.endswith((".c", ".h")):
+            sources[item.name] = item.read_bytes().replace(b"\r\n", b"\n")
+    return {name: sources[name] for name in sorted(sources)}
+
+
 def interface_headers(fmi_version: FmiVersion) -> dict[str, bytes]:
     """The C headers of the FMI standard, by file name.
 

@@ -1,0 +1,75 @@
+"""Everything of a hybrid model's FMU but its binaries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+from orchestrator.base.errors import BuildError
+
+from ..audit import experiment
+from ..documents import sources_used
+from ..generate import TOKEN_MARK
+from ..package import FmiVersion, build_description, hybrid_sources
+from ..presentation import dress, sources_of
+from ..sources import SourceTree
+from .code import generate_hybrid_c, layout_of
+from .dae import read_dae
+from .description import describe_hybrid
+from .front_end import dae_form
+from .structure import solve_order
+
+__all__ = ["translate_hybrid"]
+
+
+def translate_hybrid(
+    tree: SourceTree,
+    name: str,
+    identifier: str,
+    fmi_version: str,
+    libraries: Sequence[Path] = (),
+) -> tuple[dict[str, bytes], dict[str, int], tuple[str, ...]]:
+    """Translate a model through the compiler's DAE form.
+
+    Returns: path within the FMU -> content; counts; notes.
+    Raises: BuildError for what is not supported.
+    """
+    from ..build import content_token
+
+    document = dae_form(tree, name, libraries)
+    try:
+        system = solve_order(read_dae(document, name))
+    except RecursionError:
+        raise BuildError(f"{name}: an expression is nested too deeply; split it") from None
+    layout = layout_of(system)
+    code = generate_hybrid_c(layout, identifier)
+    sources = dict(hybrid_sources(cast(FmiVersion, fmi_version)))
+    files = [file for file in (*sources, "model.c") if file.endswith(".c")]
+    numbers = experiment(tree.classes[name]) if name in tree.classes else {}
+
+    def description(token: str) -> bytes:
+        return describe_hybrid(
+            layout, numbers, fmi_version=fmi_version, identifier=identifier, token=token, source_files=files
+        )
+
+    token = content_token([code.encode(), description(TOKEN_MARK), *(sources[key] for key in sorted(sources))])
+    sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
+    if fmi_version == "3.0":
+        sources["buildDescription.xml"] = build_description(identifier, list(sources))
+    members = {f"sources/{file}": content for file, content in sources.items()}
+    members["modelDescription.xml"] = description(token)
+    made_of = sources_of(sources_used(tree.texts, tree.classes[name].file), ("rumoca", "ziglang"))
+    members |= dress(members["modelDescription.xml"], [], made_of)
+    model = system.model
+    counts = {
+        "states": len(system.states),
+        "inputs": len(layout.inputs),
+        "outputs": sum(1 for one in model.variables if one.causality == "output"),
+        "parameters": len(layout.parameters),
+        "relations and steps held between events": len(model.modes),
+        "discrete variables": len(model.discretes),
+        "blocks of equations": sum(1 for one in system.blocks if one.value is None),
+        "constraints of states": len(system.constraints),
+    }
+    return members, counts, tuple(system.notes)

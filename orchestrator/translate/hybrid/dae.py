@@ -1,0 +1,725 @@
+"""From the compiler's DAE form to scalar equations, discrete updates and events.
+
+Arrays become scalars, functions are evaluated into the expressions that call them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from orchestrator.base.errors import BuildError
+
+from . import expression as ex
+from .expression import Expr
+
+__all__ = ["Action", "Branch", "Condition", "DaeModel", "Discrete", "Scalar", "read_dae"]
+
+Json = Mapping[str, Any]
+# Each `mod`, `div`, `rem` in a model stands for so many further nodes, which the form does not write.
+_HIDDEN_NODES = 6
+_DEEPEST_CALL = 200
+_RELATIONS = {
+    "less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne",
+}  # fmt: skip
+_FUNCTIONS = {
+    "abs": "fabs", "sin": "sin", "cos": "cos", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
+    "atan2": "atan2", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log",
+    "log10": "log10", "sqrt": "sqrt",
+}  # fmt: skip
+# Functions whose value jumps: outside noEvent they are held between events.
+_STEPS = {"floor": "floor", "ceil": "ceil", "integer": "floor", "sign": "sign"}
+_ZERO = ex.number(0)
+
+
+@dataclass
+class Scalar:
+    """A scalar variable.
+
+    Attributes:
+        role: "state", "algebraic", "discrete", "input", "parameter" (its value is given), "dependent" (it
+            follows from others) or "free" (a parameter that initialisation determines).
+        type: "real", "integer", "boolean" or "enumeration".
+        binding: of a dependent parameter.
+        start, fixed: as declared; `start` may depend on parameters.
+    """
+
+    name: str
+    role: str
+    type: str
+    start: Expr
+    fixed: bool
+    binding: Expr | None = None
+    unit: str = ""
+    description: str = ""
+    causality: str = "local"
+    nominal: float = 1.0
+    value: Expr = field(default=_ZERO)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What starts a when-clause: `kind` and its operands.
+
+    Attributes:
+        kind: always, initial, value (an expression), clock (a number), and, or, not, rise (either rises).
+    """
+
+    kind: str
+    operands: tuple[Any, ...] = ()
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A value that a discrete variable takes, always or when `trigger` rises while `guard` holds."""
+
+    value: Expr
+    trigger: int | None = None
+    guard: int | None = None
+
+
+@dataclass(frozen=True)
+class Discrete:
+    """A discrete variable with its branches; the first that is active counts."""
+
+    target: Expr
+    branches: tuple[Branch, ...]
+
+
+@dataclass(frozen=True)
+class Action:
+    """What an event does: reinit of a state, assert, warning or terminate."""
+
+    kind: str
+    trigger: int
+    guard: int
+    target: Expr | None = None
+    value: Expr | None = None
+    message: str = ""
+
+
+@dataclass
+class DaeModel:
+    """A model in scalars.
+
+    Attributes:
+        modes: expressions whose value is held between events; symbol ("mode", k) stands for entry k.
+        clocks: phase and period of each [s].
+        instants: times of events that are known beforehand [s].
+    """
+
+    name: str
+    variables: list[Scalar]
+    equations: list[Expr]
+    initial_equations: list[Expr]
+    initial_values: list[tuple[Expr, Expr]]
+    discretes: list[Discrete]
+    actions: list[Action]
+    conditions: list[Condition]
+    modes: list[Expr]
+    clocks: list[tuple[float, float]]
+    instants: list[float]
+
+
+def read_dae(document: Json, name: str) -> DaeModel:
+    """Read the DAE form.
+
+    Raises: BuildError for what has no scalar form, by the construct's name.
+    """
+    storage = document["storage"]
+    for key, what in (
+        ("delays", "delay() beside events"),
+        ("previous_values", "previous() of clocked models"),
+        ("model_event_transactions", "an algorithm whose steps depend on each other at an event"),
+        ("terminals", "terminal()"),
+    ):
+        if storage.get(key):
+            raise BuildError(f"{name}: {what} is not supported")
+    return _Reader(storage, name).model()
+
+
+def _refuse(name: str, what: str) -> BuildError:
+    return BuildError(f"{name}: {what} is not supported in models with events, algebraic loops or functions")
+
+
+class _Reader:
+    def __init__(self, storage: Json, name: str) -> None:
+        self._s = storage
+        self._name = name
+        self._modes: list[Expr] = []
+        self._mode_of: dict[Expr, int] = {}
+        self._events = True
+        self._nodes: dict[int, tuple[str, Any, list[int]]] = {}
+        self._subscripts: dict[int, list[Json]] = {}
+        self._number_nodes()
+        self._depth = 0
+
+    def _number_nodes(self) -> None:
+        table = self._s["expressions"]
+        operands, subscripts = iter(table["operands"]), iter(table["subscripts"])
+        number = 0
+        for node in table["nodes"]:
+            ((kind, content),) = node.items()
+            taken = []
+            if isinstance(content, dict):
+                taken = list(itertools.islice(operands, content.get("operand_count", 0)))
+                if "subscript_count" in content:
+                    self._subscripts[number] = list(itertools.islice(subscripts, content["subscript_count"]))
+            self._nodes[number] = (kind, content, taken)
+            number += 1 + (_HIDDEN_NODES if kind == "runtime_quotient_owner" else 0)
+
+    # Variables
+
+    def model(self) -> DaeModel:
+        self._elements: list[np.ndarray] = []
+        self._derivatives: list[np.ndarray] = []
+        self._pre: list[np.ndarray] = []
+        scalars: list[Scalar] = []
+        self._kinds = []
+        for variable in self._s["variables"]:
+            shape = tuple(self._s["value_types"][variable["value_type"]]["dimensions"])
+            places = np.empty(shape, dtype=object)
+            slopes, before = np.empty(shape, dtype=object), np.empty(shape, dtype=object)
+            for index in np.ndindex(*shape):
+                number = len(scalars)
+                role = "p" if variable["role"] in ("parameter", "constant") else "v"
+                role = "u" if variable["role"] == "input" else role
+                places[index] = ex.symbol(role, number)
+                slopes[index], before[index] = ex.symbol("der", number, 1), ex.symbol("pre", number)
+                inside = ",".join(str(one + 1) for one in index)
+                scalars.append(self._scalar(variable, f"{variable['name']}[{inside}]" if index else variable["name"]))
+                scalars[-1].value = places[index]
+            self._elements.append(places)
+            self._derivatives.append(slopes)
+            self._pre.append(before)
+        for variable, places in zip(self._s["variables"], self._elements, strict=True):
+            self._complete(variable, places, scalars)
+        equations = self._residuals("continuous_equation_operations")
+        initial = self._residuals("initialization_equation_operations")
+        discretes = self._discretes()
+        conditions = [self._condition(one["node"]) for one in self._s["conditions"]]
+        actions = [self._action(one) for one in self._s["event_actions"]]
+        values = []
+        for key in ("initial_discrete_values", "initial_parameter_values"):
+            for one in self._s[key]:
+                target = self._elements[one["target"]].ravel()
+                values += list(zip(target, self._flat(one["value"], len(target)), strict=True))
+        clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
+        instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
+        return DaeModel(
+            self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes, clocks,
+            sorted(set(instants)),
+        )  # fmt: skip
+
+    def _scalar(self, variable: Json, name: str) -> Scalar:
+        attributes = variable["attributes"]
+        role = {"discrete_real": "discrete", "discrete_value": "discrete", "constant": "parameter"}.get(
+            variable["role"], variable["role"]
+        )
+        if role not in ("state", "algebraic", "discrete", "input", "parameter"):
+            raise _refuse(self._name, f"the variable {name} of kind {role}")
+        kind = self._s["value_types"][variable["value_type"]]["scalar"]
+        if kind not in ("real", "integer", "boolean", "enumeration", "string"):
+            raise _refuse(self._name, f"the variable {name} of type {kind}")
+        return Scalar(
+            name, role, kind, _ZERO, False, unit=attributes.get("unit") or "",
+            description=attributes.get("description") or "", causality=attributes.get("causality") or "local",
+        )  # fmt: skip
+
+    def _complete(self, variable: Json, places: np.ndarray, scalars: list[Scalar]) -> None:
+        attributes = variable["attributes"]
+        ours = [scalars[one.args[1]] for one in places.ravel()]
+        if ours and ours[0].type == "string":
+            return
+        fixed = attributes.get("fixed") or [variable["role"] in ("parameter", "constant")]
+        for one, value in zip(ours, itertools.cycle(fixed), strict=False):
+            one.fixed = bool(value)
+        starts = attributes.get("start")
+        if starts is not None:
+            for one, start in zip(ours, self._flat(starts, len(ours)), strict=True):
+                one.start = start
+        if attributes.get("nominal") is not None and not isinstance(attributes["nominal"], bool):
+            for one, nominal in zip(ours, self._flat(attributes["nominal"], len(ours)), strict=True):
+                one.nominal = abs(nominal.args[0]) or 1.0 if nominal.op == "num" else 1.0
+        if variable["role"] not in ("parameter", "constant"):
+            return
+        binding = attributes.get("binding")
+        values = [None] * len(ours) if binding is None else self._flat(binding, len(ours))
+        for one, value in zip(ours, values, strict=True):
+            if not one.fixed:
+                one.role = "free"
+            elif value is not None and (value.op != "num" or variable["role"] == "constant"):
+                one.role, one.binding = "dependent", value
+            elif value is not None:
+                one.start = value
+            elif one.start.op != "num":
+                one.role, one.binding = "dependent", one.start
+            if attributes.get("evaluable") and one.role == "parameter":
+                one.role, one.binding = "dependent", one.start
+
+    # Equations and events
+
+    def _domain(self, number: int) -> list[tuple[tuple[int, int], range]]:
+        """Binders of a domain and its parents, outermost first, with their values."""
+        entry = self._s["domains"][number]
+        outer = [] if entry["parent"] is None else self._domain(entry["parent"])
+        return outer + [
+            ((number, place), range(one["lower"], one["upper"] + (1 if one["step"] > 0 else -1), one["step"]))
+            for place, one in enumerate(entry["domain"]["binders"])
+        ]
+
+    def _residuals(self, key: str) -> list[Expr]:
+        found: list[Expr] = []
+        for operation in self._s[key]:
+            ((kind, content),) = operation.items()
+            if kind == "residual":
+                found += list(np.ravel(self._at(content["residual"], {})))
+            elif kind == "structured":
+                found += self._structured(content)
+            else:
+                raise _refuse(self._name, f"an equation of the kind {kind}")
+        return found
+
+    def _structured(self, content: Json) -> list[Expr]:
+        if content["scalar_view"] == "RowMajorProjection":
+            return [one for body in content["bodies"] for one in np.ravel(self._at(body, {}))]
+        binders = self._domain(content["domain"])
+        found: list[Expr] = []
+        for values in itertools.product(*(values for _, values in binders)):
+            bound = {key: value for (key, _), value in zip(binders, values, strict=True)}
+            found += [one for body in content["bodies"] for one in np.ravel(self._at(body, bound))]
+        return found
+
+    def _discretes(self) -> list[Discrete]:
+        found = []
+        for one in self._s["discrete_real_equations"]:
+            activation = one["activation"]
+            trigger, guard = self._activation(activation)
+            for residual in np.ravel(self._at(one["residual"], {})):
+                target, value = self._solved(residual)
+                found.append(Discrete(target, (Branch(value, trigger, guard),)))
+        for one in self._s["discrete_value_owners"]:
+            branches: list[list[Branch]] = []
+            targets = [list(self._elements[number].ravel()) for number in one["targets"]]
+            for branch in one["branches"]:
+                trigger, guard = self._activation(branch["activation"])
+                values = [
+                    value
+                    for places, entry in zip(targets, branch["values"], strict=True)
+                    for value in self._flat(entry["value"], len(places))
+                ]
+                branches.append([Branch(value, trigger, guard) for value in values])
+            for number, target in enumerate(place for places in targets for place in places):
+                found.append(Discrete(target, tuple(one[number] for one in branches)))
+        merged: dict[Expr, Discrete] = {}
+        for one in found:
+            before = merged.get(one.target)
+            merged[one.target] = Discrete(one.target, (*before.branches, *one.branches)) if before else one
+        return list(merged.values())
+
+    def _activation(self, activation: Any) -> tuple[int | None, int | None]:
+        if activation == "always":
+            return None, None
+        if isinstance(activation, dict) and "when" in activation:
+            return activation["when"]["trigger"], activation["when"]["guard"]
+        raise _refuse(self._name, f"a discrete equation that is active at {activation}")
+
+    def _solved(self, residual: Expr) -> tuple[Expr, Expr]:
+        """Variable and value of a discrete equation."""
+        discrete = {"discrete_real", "discrete_value"}
+        numbers = {
+            place for variable, places in zip(self._s["variables"], self._elements, strict=True)
+            if variable["role"] in discrete for place in places.ravel()
+        }  # fmt: skip
+        sides = residual.args if residual.op == "sub" else (residual, _ZERO)
+        for target, value in (sides, sides[::-1]):
+            if target in numbers and target not in value.free:
+                return target, value
+        for target in sorted(residual.free & numbers, key=lambda one: one.args[1]):
+            if found := ex.linear(residual, target):
+                return target, ex.neg(ex.div(found[1], found[0]))
+        raise _refuse(self._name, f"the discrete equation 0 = {residual!r}")
+
+    def _condition(self, node: Any) -> Condition:
+        if isinstance(node, str):
+            if node in ("always", "initial"):
+                return Condition(node)
+            raise _refuse(self._name, f"a condition {node}()")
+        ((kind, content),) = node.items()
+        match kind:
+            case "relation":
+                relation = self._s["relations"][content]
+                return Condition("value", (self._one(relation["relation"]["expression"]),))
+            case "discrete":
+                return Condition("value", (self._one(content),))
+            case "clock":
+                return Condition("clock", (content,))
+            case "quotient_owner":
+                return Condition("value", (_ZERO,))
+            case "not":
+                return Condition("not", (content,))
+            case "and" | "or":
+                return Condition(kind, (content["lhs"], content["rhs"]))
+            case "any_rise":
+                return Condition("rise", (content["lhs"], content["rhs"]))
+        raise _refuse(self._name, f"a condition of the kind {kind}")
+
+    def _action(self, action: Json) -> Action:
+        ((kind, content),) = action["kind"].items()
+        where = action["trigger"], action["guard"]
+        match kind:
+            case "reinitialize":
+                place = self._elements[content["state"]]
+                if place.shape:
+                    raise _refuse(self._name, "reinit of an array")
+                return Action("reinit", *where, target=place.item(), value=self._one(content["value"]))
+            case "assert":
+                return Action("assert", *where, message=self._text(content["message"]))
+            case "warning":
+                held = self._one(content["condition"]) if content.get("condition") is not None else None
+                return Action("warning", *where, value=held, message=self._text(content["message"]))
+            case "terminate":
+                return Action("terminate", *where, message=self._text(content["message"]))
+        raise _refuse(self._name, f"the action {kind}")
+
+    def _text(self, number: int) -> str:
+        kind, content, operands = self._nodes[number]
+        if kind == "literal" and isinstance(content, dict) and "string" in content:
+            return str(content["string"])
+        if kind == "binary" and content["operator"] == "add":
+            return self._text(content["lhs"]) + self._text(content["rhs"])
+        return "(a value)"
+
+    @staticmethod
+    def _ratio(value: Json) -> float:
+        return float(value["num"]) / float(value["den"])
+
+    def _clock(self, kind: Json) -> tuple[float, float]:
+        lattice = kind.get("periodic", {}).get("lattice") if isinstance(kind, dict) else None
+        if not lattice:
+            raise _refuse(self._name, "a clock that is not periodic")
+        return self._ratio(lattice["phase"]), self._ratio(lattice["period"])
+
+    # Expressions
+
+    def _one(self, number: int, bound: Mapping[Any, Any] | None = None) -> Expr:
+        value = np.asarray(self._at(number, bound or {}), dtype=object)
+        if value.size != 1:
+            raise _refuse(self._name, f"an array of {value.size} elements in place of one number")
+        return value.item()
+
+    def _flat(self, number: int, size: int) -> list[Expr]:
+        value = np.asarray(self._at(number, {}), dtype=object).ravel()
+        return list(value) if len(value) == size else [value.item()] * size
+
+    def _at(self, number: int, bound: Mapping[Any, Any]) -> Any:
+        """An expression's value: a 0-dimensional or larger array of Expr, or an Expr.
+
+        Args:
+            bound: values of binders by (domain, place), and of a function's variables by ("value", number).
+        """
+        kind, content, operands = self._nodes[number]
+        at = partial(self._at, bound=bound)
+        match kind:
+            case "literal":
+                ((sort, value),) = content.items()
+                if sort == "string":
+                    raise _refuse(self._name, f"the text {value!r} in an equation")
+                return ex.number(float(value))
+            case "coordinate":
+                return self._coordinate(content, bound)
+            case "function_value":
+                return bound["value", content["value"]]
+            case "unary":
+                if content["operator"] == "not":
+                    return _each(lambda a: ex.logical("not", a), at(content["operand"]))
+                if content["operator"] == "negate":
+                    return _each(ex.neg, at(content["operand"]))
+                return at(content["operand"])
+            case "binary":
+                return self._binary(content["operator"], at(content["lhs"]), at(content["rhs"]))
+            case "runtime_quotient_owner":
+                return self._quotient(content, at(content["lhs"]), at(content["rhs"]))
+            case "array":
+                return _stacked([at(one) for one in operands])
+            case "index":
+                return self._indexed(at(content["base"]), self._subscripts[number], bound)
+            case "range":
+                return self._range(content, bound)
+            case "comprehension":
+                return self._comprehension(content, bound)
+            case "conditional":
+                return self._conditional(operands, bound)
+            case "builtin":
+                return self._builtin(content["builtin"], operands, bound)
+            case "call":
+                return self._called(number, content, operands, bound)
+        raise _refuse(self._name, f"an expression of the kind {kind}")
+
+    def _coordinate(self, content: Any, bound: Mapping[Any, Any]) -> Any:
+        if content == "time":
+            return ex.symbol("t")
+        ((kind, where),) = content.items()
+        if kind == "binder":
+            return ex.number(bound[where["domain"], where["ordinal"]])
+        if kind == "function_parameter":
+            return bound["parameter", where["ordinal"]]
+        if kind == "derivative":
+            return self._derivatives[where][()] if not self._derivatives[where].shape else self._derivatives[where]
+        table = self._pre if kind.startswith("pre_") else self._elements
+        if isinstance(where, int) and where < len(table):
+            return table[where][()] if not table[where].shape else table[where]
+        raise _refuse(self._name, f"a reference of the kind {kind}")
+
+    def _binary(self, operator: str, a: Any, b: Any) -> Any:
+        if operator == "multiply":
+            left, right = np.asarray(a, dtype=object), np.asarray(b, dtype=object)
+            return _product(left, right) if left.ndim and right.ndim else _each(ex.mul, a, b)
+        if operator in _RELATIONS:
+            return _each(partial(self._relation, _RELATIONS[operator]), a, b)
+        for name, make in _OPERATORS.items():
+            if operator in (name, f"elementwise_{name}", f"element_{name}"):
+                if name == "power" and np.ndim(a) == 2:
+                    raise _refuse(self._name, "a power of a matrix")
+                return _each(make, a, b)
+        raise _refuse(self._name, f"the operator {operator}")
+
+    def _relation(self, op: str, a: Expr, b: Expr) -> Expr:
+        made = ex.logical(op, a, b)
+        # Of discrete values and parameters alone a relation changes at events only, by itself.
+        return self._held(made) if made.op == op and self._events and self._moves(made) else made
+
+    def _moves(self, made: Expr) -> bool:
+        continuous = ("state", "algebraic", "input")
+        roles = getattr(self, "_roles", None)
+        if roles is None:
+            roles = self._roles = {
+                place: variable["role"]
+                for variable, places in zip(self._s["variables"], self._elements, strict=True)
+                for place in places.ravel()
+            }
+        return any(one.args[0] in ("t", "der") or roles.get(one) in continuous for one in made.free)
+
+    def _held(self, made: Expr) -> Expr:
+        if made not in self._mode_of:
+            self._mode_of[made] = len(self._modes)
+            self._modes.append(made)
+        return ex.symbol("mode", self._mode_of[made])
+
+    def _stepped(self, name: str, a: Expr) -> Expr:
+        made = ex.function(name, a)
+        return self._held(made) if made.op != "num" and self._events and self._moves(made) else made
+
+    def _quotient(self, content: Json, a: Any, b: Any) -> Any:
+        def one(x: Expr, y: Expr) -> Expr:
+            ratio = ex.div(x, y)
+            whole = self._stepped("floor" if content["builtin"] == "mod" else "trunc", ratio)
+            return whole if content["builtin"] == "div" else ex.sub(x, ex.mul(whole, y))
+
+        return _each(one, a, b)
+
+    def _indexed(self, base: Any, subscripts: list[Json], bound: Mapping[Any, Any]) -> Any:
+        places: list[Any] = []
+        for one in subscripts:
+            kind = one["kind"]
+            if not isinstance(kind, dict):
+                places.append(slice(None))
+                continue
+            ((sort, number),) = kind.items()
+            chosen = np.asarray(self._at(number, bound), dtype=object)
+            if any(value.op != "num" for value in chosen.ravel()):
+                return self._selected(np.asarray(base, dtype=object), chosen, len(subscripts))
+            numbers = np.vectorize(lambda value: int(value.args[0]) - 1, otypes=[int])(chosen)
+            places.append(int(numbers) if sort == "index" and not numbers.shape else numbers.ravel())
+        base = np.asarray(base, dtype=object)
+        result = base
+        for axis in range(len(places) - 1, -1, -1):
+            place = places[axis]
+            result = result[(slice(None),) * axis + (place,)]
+        return result
+
+    def _selected(self, base: np.ndarray, chosen: np.ndarray, count: int) -> Expr:
+        """An element whose subscript is known while the model runs."""
+        if base.ndim != 1 or count != 1 or chosen.ndim:
+            raise _refuse(self._name, "a subscript of a matrix that changes while the model runs")
+        found = base[-1]
+        for place in range(len(base) - 2, -1, -1):
+            found = ex.conditional(ex.logical("eq", chosen.item(), ex.number(place + 1)), base[place], found)
+        return found
+
+    def _range(self, content: Json, bound: Mapping[Any, Any]) -> Any:
+        first, last = (self._one(content[f"{key}_expression"], bound) for key in ("start", "stop"))
+        step = content.get("explicit_step_expression")
+        by = ex.ONE if step is None else self._one(step, bound)
+        if any(one.op != "num" for one in (first, last, by)) or not by.args[0]:
+            raise _refuse(self._name, "a range that is not known when the model is built")
+        start, stop, width = first.args[0], last.args[0], by.args[0]
+        count = max(0, int(np.floor((stop - start) / width * (1 + 1e-12) + 1e-9)) + 1)
+        return np.array([ex.number(start + width * k) for k in range(count)], dtype=object)
+
+    def _comprehension(self, content: Json, bound: Mapping[Any, Any]) -> Any:
+        binders = [one for one in self._domain(content["domain"]) if one[0] not in bound]
+        made = [
+            self._at(content["body"], {**bound, **dict(zip((key for key, _ in binders), values, strict=True))})
+            for values in itertools.product(*(values for _, values in binders))
+        ]
+        shape = tuple(len(values) for _, values in binders)
+        stacked = _stacked(made)
+        return stacked.reshape(shape + stacked.shape[1:])
+
+    def _conditional(self, operands: list[int], bound: Mapping[Any, Any]) -> Any:
+        pairs, otherwise = operands[:-1], operands[-1]
+        cases = []
+        for place in range(0, len(pairs), 2):
+            condition = self._one(pairs[place], bound)
+            if condition.op == "num":
+                if condition.args[0]:
+                    otherwise = pairs[place + 1]
+                    break
+                continue
+            cases.append((condition, self._at(pairs[place + 1], bound)))
+        found = self._at(otherwise, bound)
+        for condition, value in reversed(cases):
+            found = _each(partial(ex.conditional, condition), value, found)
+        return found
+
+    def _builtin(self, name: str, operands: list[int], bound: Mapping[Any, Any]) -> Any:
+        if name in ("no_event", "smooth"):
+            before, self._events = self._events, self._events and name != "no_event"
+            try:
+                return self._at(operands[-1], bound)
+            finally:
+                self._events = before
+        values = [self._at(one, bound) for one in operands]
+        if name in _FUNCTIONS:
+            return _each(partial(ex.function, _FUNCTIONS[name]), *values)
+        if name in _STEPS:
+            return _each(partial(self._stepped, _STEPS[name]), values[0])
+        if name in _REDUCTIONS:
+            return _REDUCTIONS[name](values)
+        if name == "homotopy":
+            return values[0]
+        if name in ("promoted_cat1", "promoted_cat2"):
+            promoted = [np.atleast_2d(np.asarray(one, dtype=object)) for one in values]
+            return np.concatenate(promoted, axis=int(name[-1]) - 1)
+        raise _refuse(self._name, f"the function {name}()")
+
+    def _called(self, number: int, content: Json, operands: list[int], bound: Mapping[Any, Any]) -> Any:
+        if content["owner"] != number:
+            operands = self._nodes[content["owner"]][2]
+        function = self._s["functions"][content["function"]]
+        if function["external"]:
+            raise _refuse(self._name, f"the external function {function['name']}()")
+        if content.get("derivative"):
+            raise _refuse(self._name, f"a derivative of the function {function['name']}()")
+        self._depth += 1
+        if self._depth > _DEEPEST_CALL:
+            raise _refuse(self._name, f"the function {function['name']}(), which calls itself without end,")
+        before, self._events = self._events, False
+        try:
+            inside: dict[Any, Any] = {
+                ("parameter", place): self._at(one, bound) for place, one in enumerate(operands)
+            }
+            self._statements(function["statements"], inside)
+            return inside["value", content["output"]]
+        except KeyError as error:
+            raise _refuse(self._name, f"the function {function['name']}() (a value before it is set)") from error
+        finally:
+            self._events = before
+            self._depth -= 1
+
+    def _statements(self, statements: Iterable[Json], inside: dict[Any, Any]) -> None:
+        for statement in statements:
+            ((kind, content),) = statement.items()
+            if kind == "assignment":
+                inside["value", content["target"]] = self._at(content["rhs"], inside)
+            elif kind == "assignment_group":
+                made = [(one["target"], self._at(one["rhs"], inside)) for one in content["assignments"]]
+                inside.update({("value", target): value for target, value in made})
+            elif kind == "for":
+                binders = self._domain(content["domain"])
+                for values in itertools.product(*(values for _, values in binders)):
+                    inside.update(zip((key for key, _ in binders), values, strict=True))
+                    self._statements(content["statements"], inside)
+            else:
+                raise _refuse(self._name, f"a statement of the kind {kind} in a function")
+
+
+def _each(make: Callable[..., Expr], *values: Any) -> Any:
+    """A function of scalars for each element."""
+    arrays = [np.asarray(one, dtype=object) for one in values]
+    if not any(one.ndim for one in arrays):
+        return make(*(one.item() for one in arrays))
+    spread = np.broadcast_arrays(*arrays)
+    made = np.empty(spread[0].shape, dtype=object)
+    for index in np.ndindex(*made.shape):
+        made[index] = make(*(one[index] for one in spread))
+    return made
+
+
+def _stacked(values: list[Any]) -> np.ndarray:
+    arrays = [np.asarray(one, dtype=object) for one in values]
+    made = np.empty((len(arrays), *(arrays[0].shape if arrays else ())), dtype=object)
+    for place, one in enumerate(arrays):
+        made[place] = one if one.ndim else one.item()
+    return made
+
+
+def _total(values: Iterable[Expr]) -> Expr:
+    found = _ZERO
+    for one in values:
+        found = ex.add(found, one)
+    return found
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> Any:
+    """Product of vectors and matrices."""
+    if a.ndim == b.ndim == 1:
+        return _total(ex.mul(x, y) for x, y in zip(a, b, strict=True))
+    left, right = np.atleast_2d(a), b if b.ndim == 2 else b[:, None]
+    made = np.empty((left.shape[0], right.shape[1]), dtype=object)
+    for row, column in np.ndindex(*made.shape):
+        made[row, column] = _product(left[row], right[:, column])
+    return made if a.ndim == b.ndim == 2 else made.ravel()
+
+
+def _reduced(make: Callable[[Expr, Expr], Expr], values: list[Any]) -> Any:
+    if len(values) > 1:
+        return _each(make, *values)
+    flat = list(np.ravel(np.asarray(values[0], dtype=object)))
+    found = flat[0]
+    for one in flat[1:]:
+        found = make(found, one)
+    return found
+
+
+def _cross(values: list[Any]) -> np.ndarray:
+    a, b = values
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return _stacked([ex.sub(ex.mul(a[i], b[j]), ex.mul(a[j], b[i])) for i, j in pairs])
+
+
+_OPERATORS: dict[str, Callable[[Expr, Expr], Expr]] = {
+    "add": ex.add, "subtract": ex.sub, "multiply": ex.mul, "divide": ex.div, "power": ex.power,
+    "and": partial(ex.logical, "and"), "or": partial(ex.logical, "or"),
+}  # fmt: skip
+_REDUCTIONS: dict[str, Callable[[list[Any]], Any]] = {
+    "min": partial(_reduced, partial(ex.function, "fmin")),
+    "max": partial(_reduced, partial(ex.function, "fmax")),
+    "sum": partial(_reduced, ex.add),
+    "product": partial(_reduced, ex.mul),
+    "transpose": lambda values: np.asarray(values[0], dtype=object).T,
+    "cross": _cross,
+    "scalar": lambda values: np.ravel(values[0])[0],
+    "vector": lambda values: np.ravel(values[0]),
+    "matrix": lambda values: np.asarray(values[0], dtype=object).reshape(np.shape(values[0])[0], -1),
+    "zeros": lambda values: np.full([int(one.args[0]) for one in values], _ZERO, dtype=object),
+    "ones": lambda values: np.full([int(one.args[0]) for one in values], ex.ONE, dtype=object),
+    "fill": lambda values: np.full([int(one.args[0]) for one in values[1:]], values[0], dtype=object),
+    "size": lambda values: ex.number(np.shape(values[0])[int(values[1].args[0]) - 1]),
+}  # fmt: skip

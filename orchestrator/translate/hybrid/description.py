@@ -1,0 +1,152 @@
+"""modelDescription.xml of a hybrid model, for FMI 2.0 and 3.0 co-simulation."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+
+from ..declared_units import derivative_unit, used_units
+from ..package import LOG_CATEGORIES
+from .code import Layout, Port
+
+__all__ = ["describe_hybrid"]
+
+_FMI2 = {"real": "Real", "boolean": "Boolean"}
+_FMI3 = {"real": "Float64", "boolean": "Boolean"}
+
+
+def describe_hybrid(
+    layout: Layout,
+    experiment: Mapping[str, float],
+    *,
+    fmi_version: str,
+    identifier: str,
+    token: str,
+    source_files: Iterable[str],
+) -> bytes:
+    """Write the model description.
+
+    Args:
+        layout: the FMU's variables.
+        experiment: numbers of the model's annotation.
+        fmi_version: "2.0" or "3.0".
+        identifier, token: of the FMU.
+        source_files: names of the C files in sources/, listed by FMI 2.0.
+    """
+    second = fmi_version == "2.0"
+    root = ET.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": fmi_version,
+            "modelName": layout.system.model.name,
+            "guid" if second else "instantiationToken": token,
+            "generationTool": "orchestrator",
+            "variableNamingConvention": "structured",
+        },
+    )
+    if second:
+        root.set("numberOfEventIndicators", "0")
+        simulation = ET.SubElement(
+            root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
+            canNotUseMemoryManagementFunctions="true", canGetAndSetFMUstate="true", canSerializeFMUstate="true",
+        )  # fmt: skip
+        files = ET.SubElement(simulation, "SourceFiles")
+        for name in sorted(source_files):
+            ET.SubElement(files, "File", name=name)
+    else:
+        ET.SubElement(
+            root, "CoSimulation", modelIdentifier=identifier, canGetAndSetFMUState="true",
+            canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
+        )  # fmt: skip
+    units = used_units((_unit(one), "", one.name) for one in layout.ports)
+    if (definitions := units.element()) is not None:
+        root.append(definitions)
+    categories = ET.SubElement(root, "LogCategories")
+    for name, text in LOG_CATEGORIES.items():
+        ET.SubElement(categories, "Category", name=name, description=text)
+    names = {"startTime": "StartTime", "stopTime": "StopTime", "tolerance": "Tolerance", "stepSize": "Interval"}
+    if found := {name: repr(experiment[key]) for name, key in names.items() if key in experiment}:
+        ET.SubElement(root, "DefaultExperiment", found)
+    variables = ET.SubElement(root, "ModelVariables")
+    for number, port in enumerate(layout.ports):
+        _variable(variables, number, port, second)
+    _structure(root, layout.ports, second)
+    ET.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="utf-8") + b"\n"
+
+
+def _unit(port: Port) -> str:
+    if port.scalar is None:
+        return "s"
+    return derivative_unit(port.scalar.unit) if port.order else port.scalar.unit
+
+
+def _variable(variables: ET.Element, number: int, port: Port, second: bool) -> None:
+    scalar = port.scalar
+    kind = "real" if scalar is None or port.order else scalar.type
+    identity = {"name": port.name, "valueReference": str(number)}
+    value: dict[str, str] = {}
+    if scalar is None:
+        identity |= {"description": "Simulation time", "causality": "independent", "variability": "continuous"}
+    else:
+        text = f"Time derivative of {scalar.name}" if port.order else scalar.description
+        if text:
+            identity["description"] = text
+        identity |= _attributes(port, kind)
+        if port.kind in ("INPUT", "PARAMETER", "STATE"):
+            value["start"] = _text(kind, port.start or 0.0)
+    if kind == "real" and _unit(port):
+        value["unit"] = _unit(port)
+    if second:
+        element = ET.SubElement(variables, "ScalarVariable", identity)
+        ET.SubElement(element, _FMI2.get(kind, "Integer"), value)
+    else:
+        ET.SubElement(variables, _FMI3.get(kind, "Int32"), {**identity, **value})
+
+
+def _attributes(port: Port, kind: str) -> dict[str, str]:
+    scalar = port.scalar
+    assert scalar is not None
+    changing = "continuous" if kind == "real" and scalar.role != "discrete" else "discrete"
+    role = "output" if scalar.causality == "output" and not port.order else "local"
+    match port.kind:
+        case "INPUT":
+            return {"causality": "input", "variability": changing}
+        case "PARAMETER":
+            return {"causality": "parameter", "variability": "fixed", "initial": "exact"}
+        case "STATE":
+            return {"causality": role, "variability": "continuous", "initial": "exact"}
+    if scalar.role in ("dependent", "free"):
+        return {"causality": "calculatedParameter", "variability": "fixed", "initial": "calculated"}
+    return {"causality": role, "variability": changing, "initial": "calculated"}
+
+
+def _text(kind: str, value: float) -> str:
+    if kind == "boolean":
+        return "true" if value else "false"
+    return repr(float(value)) if kind == "real" else str(int(value))
+
+
+def _structure(root: ET.Element, ports: Sequence[Port], second: bool) -> None:
+    """Outputs; without dependencies each may depend on everything, which is safe."""
+    structure = ET.SubElement(root, "ModelStructure")
+    outputs = [
+        number
+        for number, one in enumerate(ports)
+        if one.scalar is not None and one.scalar.causality == "output" and not one.order and one.kind != "INPUT"
+    ]
+    initial = [
+        number
+        for number, one in enumerate(ports)
+        if one.kind == "ALGEBRAIC" and (number in outputs or (one.scalar and one.scalar.role in ("dependent", "free")))
+    ]
+    if second:
+        for name, numbers in (("Outputs", outputs), ("InitialUnknowns", initial)):
+            if numbers:
+                group = ET.SubElement(structure, name)
+                for number in numbers:
+                    ET.SubElement(group, "Unknown", index=str(number + 1))
+        return
+    for name, numbers in (("Output", outputs), ("InitialUnknown", initial)):
+        for number in numbers:
+            ET.SubElement(structure, name, valueReference=str(number))

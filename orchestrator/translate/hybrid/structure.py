@@ -1,0 +1,384 @@
+"""The order in which a model's equations are solved: aliases, index reduction, matching, blocks.
+
+Index reduction is Pantelides' (SIAM J. Sci. Stat. Comput. 9, 1988). All states that the model declares stay
+states; what the differentiated equations leave over are constraints, on which the solver projects after each
+step (Ascher and Petzold, Computer Methods for Ordinary Differential Equations, 1998, section 10.2). So no
+choice of states can become singular on the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from orchestrator.base.errors import BuildError, listed
+from orchestrator.base.graph import strong_components
+
+from . import expression as ex
+from .dae import DaeModel, Scalar
+from .expression import Expr
+
+__all__ = ["Block", "System", "solve_order"]
+
+_HIGHEST_ORDER = 12
+
+
+@dataclass(frozen=True)
+class Block:
+    """Equations that are solved together.
+
+    Attributes:
+        unknowns: symbols; of one with `value` set, the equation is solved for it already.
+        residuals: zero at the solution.
+        jacobian: rows of derivatives of the residuals; None where they have to be found by differences.
+        linear: whether the Jacobian holds no unknown.
+    """
+
+    unknowns: tuple[Expr, ...]
+    residuals: tuple[Expr, ...]
+    jacobian: tuple[tuple[Expr, ...], ...] | None = None
+    linear: bool = False
+    value: Expr | None = None
+
+
+@dataclass
+class System:
+    """A model in the order of its solution.
+
+    Attributes:
+        model: with aliases replaced.
+        states: symbols of the continuous states.
+        blocks: give algebraic variables and derivatives from time, states, inputs and held values.
+        initial_blocks: give these, the states and free parameters at the start.
+        constraints: of the states; zero on every solution.
+        aliases: variable -> what it equals.
+        weak: states that begin at their start value though it is not declared as fixed.
+        notes: for the author of the model.
+    """
+
+    model: DaeModel
+    states: list[Expr]
+    blocks: list[Block]
+    initial_blocks: list[Block]
+    constraints: list[Expr]
+    aliases: dict[Expr, Expr]
+    unknowns: list[Expr]
+    notes: list[str]
+
+
+def solve_order(model: DaeModel) -> System:
+    """Find how a model is solved.
+
+    Raises: BuildError for too few or too many equations, or an equation that cannot be differentiated, with
+        the names of the variables concerned.
+    """
+    by_symbol = {one.value: one for one in model.variables}
+    model, aliases = _without_aliases(model, by_symbol)
+    states = [one.value for one in model.variables if one.role == "state"]
+    algebraics = [one.value for one in model.variables if one.role == "algebraic" and one.value not in aliases]
+    _check_count(model, states, algebraics)
+    ordered = _reduced(model, states, algebraics)
+    known = set(states)
+    unknowns = sorted(
+        {one for equation in ordered for one in equation.free if _continuous(one, by_symbol)} - known,
+        key=lambda one: (one.args[0] != "der", one.args[1:]),
+    )
+    for one in algebraics:
+        if one not in unknowns:
+            raise BuildError(f"{model.name}: no equation determines {by_symbol[one].name}")
+    owner = _matched(ordered, set(unknowns))
+    if missing := [one for one in unknowns if one not in owner]:
+        raise BuildError(
+            f"{model.name}: the equations do not determine {listed(_named(one, by_symbol) for one in missing)}"
+        )
+    used = set(owner.values())
+    constraints = [equation for number, equation in enumerate(ordered) if number not in used]
+    blocks = _blocks(ordered, owner, by_symbol)
+    notes: list[str] = []
+    initial = _initial(model, ordered, states, unknowns, by_symbol, notes)
+    return System(model, states, blocks, initial, constraints, aliases, unknowns, notes)
+
+
+def _continuous(one: Expr, by_symbol: dict[Expr, Scalar]) -> bool:
+    return one.args[0] == "der" or (one in by_symbol and by_symbol[one].role in ("state", "algebraic"))
+
+
+def _named(one: Expr, by_symbol: dict[Expr, Scalar]) -> str:
+    if one.args[0] != "der":
+        return by_symbol[one].name
+    variable = next(v for s, v in by_symbol.items() if s.args[1] == one.args[1])
+    return "der(" * one.args[2] + variable.name + ")" * one.args[2]
+
+
+def _check_count(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> None:
+    count, wanted = len(model.equations), len(states) + len(algebraics)
+    if count != wanted:
+        kind = "many" if count > wanted else "few"
+        raise BuildError(f"{model.name}: too {kind} equations: {count} for {wanted} unknowns")
+
+
+# Aliases
+
+
+def _without_aliases(model: DaeModel, by_symbol: dict[Expr, Scalar]) -> tuple[DaeModel, dict[Expr, Expr]]:
+    """Take equations a = b and a = -b out, and replace one by the other in all others."""
+    aliases: dict[Expr, Expr] = {}
+    rest = []
+    for equation in model.equations:
+        now = ex.substituted(equation, aliases)
+        found = _alias(now, by_symbol)
+        if found is None:
+            rest.append(now)
+            continue
+        variable, value = found
+        by = {variable: value}
+        aliases = {one: ex.substituted(other, by) for one, other in aliases.items()} | by
+    known: dict[int, Expr] = {}
+
+    def replaced(one: Expr) -> Expr:
+        return ex.substituted(one, aliases, known)
+
+    if not aliases:
+        return model, aliases
+    return replace(
+        model,
+        equations=[replaced(one) for one in rest],
+        initial_equations=[replaced(one) for one in model.initial_equations],
+        initial_values=[(one, replaced(value)) for one, value in model.initial_values],
+        discretes=[
+            replace(one, branches=tuple(replace(b, value=replaced(b.value)) for b in one.branches))
+            for one in model.discretes
+        ],
+        actions=[replace(one, value=None if one.value is None else replaced(one.value)) for one in model.actions],
+        conditions=[
+            replace(one, operands=tuple(replaced(o) if isinstance(o, Expr) else o for o in one.operands))
+            for one in model.conditions
+        ],
+        modes=[replaced(one) for one in model.modes],
+    ), aliases
+
+
+def _alias(equation: Expr, by_symbol: dict[Expr, Scalar]) -> tuple[Expr, Expr] | None:
+    if equation.op == "sub":
+        a, b, sign = *equation.args, 1
+    elif equation.op == "add":
+        a, b, sign = *equation.args, -1
+    elif equation.op in ("sym", "neg"):
+        a, b, sign = equation if equation.op == "sym" else equation.args[0], ex.ZERO, 1
+    else:
+        return None
+    if a.op != "sym" or b.op not in ("sym", "num"):
+        return None
+    for variable, other in ((a, b), (b, a)):
+        if variable.op == "sym" and variable in by_symbol and by_symbol[variable].role == "algebraic":
+            return variable, other if sign > 0 else ex.neg(other)
+    return None
+
+
+# Index reduction
+
+
+def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> list[Expr]:
+    """The equations and the derivatives of them that determine all derivatives of the states."""
+    by_symbol = {one.value: one for one in model.variables}
+    equations = list(model.equations)
+    higher: dict[int, int] = {}  # equation -> its derivative
+    raised: dict[Expr, Expr] = {one: ex.symbol("der", one.args[1], 1) for one in states}
+    variables: list[Expr] = [*states, *raised.values(), *algebraics]
+
+    def seeds(one: Expr) -> Expr:
+        kind = one.args[0]
+        if kind == "t":
+            return ex.ONE
+        if kind == "u":
+            raise ex.NoDerivative(f"the input {by_symbol[one].name} would have to be differentiated")
+        if not _continuous(one, by_symbol):
+            return ex.ZERO
+        return ex.symbol("der", one.args[1], one.args[2] + 1 if kind == "der" else 1)
+
+    owner: dict[Expr, int] = {}
+    for number in range(len(model.equations)):
+        current = number
+        for _ in range(_HIGHEST_ORDER * len(equations) + 1):
+            seen_equations: set[int] = set()
+            seen: set[Expr] = set()
+            highest = {one for one in variables if one not in raised}
+            if _augment(current, equations, highest, owner, seen_equations, seen):
+                break
+            if not seen and not (equations[current].free & set(variables)):
+                raise BuildError(f"{model.name}: the equation 0 = {equations[current]!r} holds no unknown")
+            for one in sorted(seen, key=lambda one: (one.args[0] == "der", one.args[1:])):
+                order = one.args[2] + 1 if one.args[0] == "der" else 1
+                if order > _HIGHEST_ORDER:
+                    raise _singular(model, seen, by_symbol)
+                raised[one] = ex.symbol("der", one.args[1], order)
+                variables.append(raised[one])
+            for place in sorted(seen_equations):
+                try:
+                    made = ex.derivative(equations[place], seeds)
+                except ex.NoDerivative as error:
+                    raise BuildError(f"{model.name}: index reduction: {error}") from None
+                higher[place] = len(equations)
+                equations.append(made)
+            for one in seen:
+                if one in owner:
+                    owner[raised[one]] = higher[owner[one]]
+            current = higher[current]
+        else:
+            raise _singular(model, seen, by_symbol)
+    # Of each chain the last derivative, then the equation itself, then those between: what is left unmatched
+    # is then as low as can be, and constrains the states alone.
+    lasts = [n for n in range(len(equations)) if n not in higher]
+    firsts = [n for n in range(len(model.equations)) if n in higher]
+    between = [n for n in range(len(model.equations), len(equations)) if n in higher]
+    return [equations[n] for n in (*lasts, *firsts, *between)]
+
+
+def _singular(model: DaeModel, seen: Iterable[Expr], by_symbol: dict[Expr, Scalar]) -> BuildError:
+    names = sorted({_named(one, by_symbol) for one in seen})
+    return BuildError(f"{model.name}: the equations are structurally singular in {listed(names)}")
+
+
+def _augment(
+    start: int,
+    equations: Sequence[Expr],
+    allowed: set[Expr],
+    owner: dict[Expr, int],
+    seen_equations: set[int],
+    seen: set[Expr],
+) -> bool:
+    """Match one more equation; False leaves in `seen` what was reached. Depth first, without recursion."""
+    path: list[tuple[int, list[Expr], Expr | None]] = [(start, _ordered(equations[start], allowed), None)]
+    seen_equations.add(start)
+    while path:
+        equation, ahead, _ = path[-1]
+        free = next((one for one in ahead if one not in owner and one not in seen), None)
+        if free is not None:
+            choice = free
+            for number, _, came in reversed(path):
+                owner[choice] = number
+                if came is None:
+                    return True
+                choice = came
+        while ahead:
+            one = ahead.pop()
+            if one not in seen:
+                seen.add(one)
+                other = owner[one]
+                seen_equations.add(other)
+                path.append((other, _ordered(equations[other], allowed), one))
+                break
+        else:
+            path.pop()
+    return False
+
+
+def _ordered(equation: Expr, allowed: set[Expr]) -> list[Expr]:
+    return sorted(equation.free & allowed, key=lambda one: (one.args[0] != "der", one.args[1:]))
+
+
+def _matched(equations: Sequence[Expr], unknowns: set[Expr]) -> dict[Expr, int]:
+    owner: dict[Expr, int] = {}
+    for number in range(len(equations)):
+        _augment(number, equations, unknowns, owner, set(), set())
+    return owner
+
+
+# Blocks
+
+
+def _blocks(equations: Sequence[Expr], owner: dict[Expr, int], by_symbol: dict[Expr, Scalar]) -> list[Block]:
+    unknown_of = {number: one for one, number in owner.items()}
+    numbers = sorted(unknown_of)
+    place = {number: position for position, number in enumerate(numbers)}
+    needs = [
+        sorted(place[owner[one]] for one in equations[number].free if one in owner and owner[one] != number)
+        for number in numbers
+    ]
+    made = []
+    for component in strong_components(needs):
+        chosen = [numbers[one] for one in component]
+        made.append(_block([equations[n] for n in chosen], [unknown_of[n] for n in chosen]))
+    return made
+
+
+def _block(residuals: list[Expr], unknowns: list[Expr]) -> Block:
+    if len(unknowns) == 1:
+        found = ex.linear(residuals[0], unknowns[0])
+        if found is not None and found[0] is not ex.ZERO:
+            factor, rest = found
+            if factor.op == "num" or not _may_vanish(factor):
+                return Block(tuple(unknowns), tuple(residuals), value=ex.neg(ex.div(rest, factor)))
+    try:
+        rows = []
+        for residual in residuals:
+            row = []
+            for unknown in unknowns:
+                if unknown in residual.free:
+                    row.append(ex.derivative(residual, lambda one, u=unknown: ex.ONE if one is u else ex.ZERO))
+                else:
+                    row.append(ex.ZERO)
+            rows.append(tuple(row))
+    except ex.NoDerivative:
+        return Block(tuple(unknowns), tuple(residuals))
+    sought = set(unknowns)
+    linear = not any(one.free & sought for row in rows for one in row)
+    return Block(tuple(unknowns), tuple(residuals), tuple(rows), linear)
+
+
+def _may_vanish(factor: Expr) -> bool:
+    """Whether a factor may be zero for more than single values: by a condition."""
+    return any(one.op == "if" for one in ex.postorder(factor))
+
+
+# Initialisation
+
+
+def _initial(
+    model: DaeModel,
+    ordered: list[Expr],
+    states: list[Expr],
+    unknowns: list[Expr],
+    by_symbol: dict[Expr, Scalar],
+    notes: list[str],
+) -> list[Block]:
+    free = [one.value for one in model.variables if one.role == "free"]
+    sought = {*states, *unknowns, *free}
+    follow = []
+    for one in model.variables:  # dependent parameters of free ones
+        if one.role == "dependent" and one.binding is not None and one.binding.free & sought:
+            sought.add(one.value)
+            follow.append(ex.sub(one.value, one.binding))
+    given = {target: value for target, value in model.initial_values if target in sought}
+    starts = [
+        ex.sub(one.value, ex.symbol("start", one.value.args[1]))
+        for one in model.variables
+        if one.role in ("state", "algebraic") and one.fixed and one.value in sought
+    ]
+    weak = [one for one in model.variables if one.role == "state" and not one.fixed]
+    weak += [one for one in model.variables if one.role == "free"]
+    required = [*ordered, *follow, *model.initial_equations, *(ex.sub(a, b) for a, b in given.items())]
+    begins = len(ordered) + len(follow)
+    equations = [*required, *starts, *(ex.sub(one.value, ex.symbol("start", one.value.args[1])) for one in weak)]
+    owner: dict[Expr, int] = {}
+    for number, equation in enumerate(equations):
+        if _augment(number, equations, sought, owner, set(), set()) or number < begins:
+            continue
+        if number < len(required):
+            raise BuildError(f"{model.name}: too many initial equations: 0 = {_shown(equation, by_symbol)} is one too many")
+        if number < len(required) + len(starts):
+            name = by_symbol[equation.args[0]].name
+            notes.append(f"the start value of {name} is not used, since others determine {name}")
+    if missing := [one for one in sorted(sought, key=lambda one: one.args[1:]) if one not in owner]:
+        names = listed(_named(one, by_symbol) for one in missing)
+        raise BuildError(f"{model.name}: initialisation does not determine {names}; give start values with fixed=true")
+    used = set(owner.values())
+    taken = [one.name for k, one in enumerate(weak) if len(required) + len(starts) + k in used]
+    if taken:
+        notes.append(f"started at their start values, though not fixed: {', '.join(taken)}")
+    return _blocks(equations, owner, by_symbol)
+
+
+def _shown(equation: Expr, by_symbol: dict[Expr, Scalar]) -> str:
+    names = sorted({by_symbol[one].name for one in equation.free if one in by_symbol})
+    return f"(an equation of {', '.join(names)})"

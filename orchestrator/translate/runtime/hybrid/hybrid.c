@@ -1,0 +1,828 @@
+/* Solver of models with events, equation blocks and constraints, behind stepmodel.h.
+ *
+ * Between events the states are integrated by RODAS (Hairer and Wanner, Solving Ordinary Differential
+ * Equations II, section IV.7): order 4 with error control, L-stable, so that stiff models need no other
+ * method. Events are where a held relation changes; they are located by bisection. At an event, conditions,
+ * discrete variables and reinit are repeated until nothing changes.
+ */
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "hybrid.h"
+#include "runtime.h"
+#include "stepmodel.h"
+
+enum { FINE, BLOCK, STEP_SIZE, MODES, CHATTERING, DISCRETES, ACTION, MEMORY, CONSTRAINTS };
+#define OUTCOME(code, index) ((code) * 1000000 + (index))
+
+static const double TOLERANCE = 1e-9;    /* relative, per internal step */
+static const double SOLVED = 1e-12;      /* relative change of an unknown in the last iteration */
+static const int MOST_ITERATIONS = 60;
+static const int MOST_ROUNDS = 100;      /* of an event */
+static const int MOST_EVENTS = 300;      /* in close succession */
+
+typedef struct {
+    Hybrid h;
+    double *c, *rise, *tick, *m;
+    double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
+    double *j, *lu, *y, *r;                                         /* of blocks */
+    double *keep;
+    int *pivot, *pivot_a;
+    int failed; /* block */
+} Work;
+
+static double *part(double *block, size_t *used, size_t n)
+{
+    double *at = block ? block + *used : NULL;
+    *used += n;
+    return at;
+}
+
+static size_t largest(void)
+{
+    size_t n = (size_t)hybrid_info.n_states;
+    for (int i = 0; i < hybrid_info.n_blocks; i++)
+        if ((size_t)hybrid_info.blocks[i].n > n) n = (size_t)hybrid_info.blocks[i].n;
+    for (int i = 0; i < hybrid_info.n_initial_blocks; i++)
+        if ((size_t)hybrid_info.initial_blocks[i].n > n) n = (size_t)hybrid_info.initial_blocks[i].n;
+    if ((size_t)hybrid_info.n_constraints > n) n = (size_t)hybrid_info.n_constraints;
+    return n + 1;
+}
+
+static size_t lay_out(Work *w, double *block)
+{
+    const HybridInfo *i = &hybrid_info;
+    size_t used = 0, n = largest(), s = (size_t)i->n_states + 1;
+    w->c = part(block, &used, (size_t)i->n_conditions + 1);
+    w->rise = part(block, &used, (size_t)i->n_conditions + 1);
+    w->tick = part(block, &used, (size_t)i->n_clocks + 1);
+    w->m = part(block, &used, (size_t)i->n_modes + 1);
+    w->x = part(block, &used, s);
+    w->xn = part(block, &used, s);
+    w->f = part(block, &used, s);
+    w->fx = part(block, &used, s * s);
+    w->ft = part(block, &used, s);
+    for (int a = 0; a < 6; a++) w->k[a] = part(block, &used, s);
+    w->dense[0] = part(block, &used, s);
+    w->dense[1] = part(block, &used, s);
+    w->a = part(block, &used, s * s);
+    w->b = part(block, &used, s);
+    w->spare = part(block, &used, s);
+    w->y = part(block, &used, n);
+    w->r = part(block, &used, 2 * n);
+    w->j = part(block, &used, n * n);
+    w->lu = part(block, &used, n * n);
+    w->keep = part(block, &used, (size_t)i->n_z + 1);
+    return used;
+}
+
+static Work *work_for(const StepPoint *at, double *z)
+{
+    Work *w = calloc(1, sizeof *w);
+    double *block;
+    size_t n = largest();
+    if (!w) return NULL;
+    block = calloc(lay_out(w, NULL), sizeof(double));
+    w->pivot = calloc(4 * n, sizeof(int));
+    if (!block || !w->pivot) {
+        free(block);
+        free(w->pivot);
+        free(w);
+        return NULL;
+    }
+    lay_out(w, block);
+    w->pivot_a = w->pivot + 2 * n;
+    w->h.t = at->time;
+    w->h.u = at->u;
+    w->h.p = at->p;
+    w->h.z = z;
+    w->h.c = w->c;
+    w->h.rise = w->rise;
+    w->h.tick = w->tick;
+    w->h.initial = 0;
+    return w;
+}
+
+static void free_work(Work *w)
+{
+    free(w->c);
+    free(w->pivot);
+    free(w);
+}
+
+/* Equations */
+
+/* LU with complete pivoting; rank of the matrix [n][n], which is overwritten. */
+static int factorise(double *a, int n, int *rows, int *columns)
+{
+    double largest_pivot = 0;
+    for (int i = 0; i < n; i++) rows[i] = columns[i] = i;
+    for (int k = 0; k < n; k++) {
+        int row = k, column = k;
+        double best = 0;
+        for (int i = k; i < n; i++)
+            for (int j = k; j < n; j++)
+                if (fabs(a[i * n + j]) > best) best = fabs(a[(row = i) * n + (column = j)]);
+        if (k == 0) largest_pivot = best;
+        if (!(best > 1e-14 * largest_pivot) || !isfinite(best)) return k;
+        if (row != k) {
+            int other = rows[k];
+            rows[k] = rows[row];
+            rows[row] = other;
+            for (int j = 0; j < n; j++) {
+                double v = a[k * n + j];
+                a[k * n + j] = a[row * n + j];
+                a[row * n + j] = v;
+            }
+        }
+        if (column != k) {
+            int other = columns[k];
+            columns[k] = columns[column];
+            columns[column] = other;
+            for (int i = 0; i < n; i++) {
+                double v = a[i * n + k];
+                a[i * n + k] = a[i * n + column];
+                a[i * n + column] = v;
+            }
+        }
+        for (int i = k + 1; i < n; i++) {
+            double v = a[i * n + k] /= a[k * n + k];
+            if (v != 0)
+                for (int j = k + 1; j < n; j++) a[i * n + j] -= v * a[k * n + j];
+        }
+    }
+    return n;
+}
+
+/* Solution of the factorised system; unknowns beyond the rank become 0. `scratch` holds n numbers. */
+static void back_solve(const double *a, int n, int rank, const int *rows, const int *columns, const double *b,
+                       double *x, double *scratch)
+{
+    for (int i = 0; i < n; i++) {
+        double v = b[rows[i]];
+        for (int j = 0; j < i && j < rank; j++) v -= a[i * n + j] * scratch[j];
+        scratch[i] = v;
+    }
+    for (int i = n - 1; i >= 0; i--) {
+        if (i >= rank) {
+            scratch[i] = 0;
+            continue;
+        }
+        for (int j = i + 1; j < rank; j++) scratch[i] -= a[i * n + j] * scratch[j];
+        scratch[i] /= a[i * n + i];
+    }
+    for (int i = 0; i < n; i++) x[columns[i]] = scratch[i];
+}
+
+static double size_of(const double *r, int n)
+{
+    double most = 0;
+    for (int i = 0; i < n; i++) {
+        if (!isfinite(r[i])) return INFINITY;
+        if (fabs(r[i]) > most) most = fabs(r[i]);
+    }
+    return most;
+}
+
+static void block_jacobian(Work *w, const HybridBlock *b, const double *r, double *j)
+{
+    double *z = w->h.z, *other = w->r + b->n;
+    if (b->jacobian) {
+        b->jacobian(&w->h, j);
+        return;
+    }
+    for (int k = 0; k < b->n; k++) {
+        double *v = &z[b->slots[k]], kept = *v, step = 1e-7 * fmax(1, fabs(kept));
+        *v = kept + step;
+        step = *v - kept;
+        b->residuals(&w->h, other);
+        *v = kept;
+        for (int i = 0; i < b->n; i++) j[i * b->n + k] = (other[i] - r[i]) / step;
+    }
+}
+
+/* Newton's method, with shorter steps where the residual grows. */
+static int solve_block(Work *w, const HybridBlock *b)
+{
+    double *z = w->h.z, *r = w->r, norm;
+    int n = b->n, *rows = w->pivot, *columns = w->pivot + n;
+    b->residuals(&w->h, r);
+    norm = size_of(r, n);
+    for (int iteration = 0; iteration < MOST_ITERATIONS; iteration++) {
+        double change = 0, share = 1, next, before = norm;
+        int rank;
+        if (norm == 0) return 0;
+        block_jacobian(w, b, r, w->lu);
+        rank = factorise(w->lu, n, rows, columns);
+        if (rank == 0) return 1;
+        back_solve(w->lu, n, rank, rows, columns, r, w->y, w->j);
+        for (int i = 0; i < n; i++) {
+            w->j[i] = z[b->slots[i]];
+            if (!isfinite(w->y[i])) return 1;
+        }
+        for (;; share /= 4) {
+            for (int i = 0; i < n; i++) z[b->slots[i]] = w->j[i] - share * w->y[i];
+            b->residuals(&w->h, r);
+            next = size_of(r, n);
+            if (next <= before || share < 1e-6) break;
+            /* At the limit of rounding the residual may grow a little. */
+            if (isfinite(next) && share == 1) {
+                double relative = 0;
+                for (int i = 0; i < n; i++) {
+                    double one = fabs(w->y[i]) / fmax(1e-3, fabs(w->j[i]));
+                    if (one > relative) relative = one;
+                }
+                if (relative < 1e-9) break;
+            }
+        }
+        norm = next;
+        if (!isfinite(norm)) return 1;
+        for (int i = 0; i < n; i++) {
+            double one = fabs(share * w->y[i]) / fmax(1e-3, fabs(z[b->slots[i]]));
+            if (one > change) change = one;
+        }
+        if (rank < n) {
+            /* Some unknowns are free; they stay as they are if the equations hold. */
+            if (norm <= 1e-9 * fmax(1, before)) return 0;
+            if (iteration > 4) return 1;
+        } else if ((b->linear && iteration > 0) || change <= SOLVED) {
+            return norm <= 1e-6 * fmax(1, before) || change <= SOLVED ? 0 : 1;
+        }
+    }
+    return norm < 1e-8 ? 0 : 1;
+}
+
+static int solve_all(Work *w, const HybridBlock *blocks, int n)
+{
+    for (int i = 0; i < n; i++) {
+        if (blocks[i].assign)
+            blocks[i].assign(&w->h);
+        else if (solve_block(w, &blocks[i])) {
+            w->failed = i;
+            return OUTCOME(BLOCK, i);
+        }
+    }
+    return 0;
+}
+
+static int solve(Work *w)
+{
+    return solve_all(w, hybrid_info.blocks, hybrid_info.n_blocks);
+}
+
+/* Derivatives at a time and states; the equations' variables in z follow. */
+static int slopes(Work *w, double t, const double *x, double *f)
+{
+    const HybridInfo *i = &hybrid_info;
+    int status;
+    w->h.t = t;
+    for (int k = 0; k < i->n_states; k++) w->h.z[i->state_slots[k]] = x[k];
+    status = solve(w);
+    for (int k = 0; k < i->n_states; k++) {
+        f[k] = w->h.z[i->slope_slots[k]];
+        if (!isfinite(f[k]) && !status) status = OUTCOME(BLOCK, i->n_blocks);
+    }
+    return status;
+}
+
+/* Events */
+
+static int differ(double a, double b)
+{
+    return !(a == b || (isnan(a) && isnan(b)));
+}
+
+/* The first mode whose value has changed; -1 if none. */
+static int changed_mode(Work *w)
+{
+    hybrid_modes(&w->h, w->m);
+    for (int k = 0; k < hybrid_info.n_modes; k++)
+        if (differ(w->m[k], w->h.z[hybrid_info.mode_slot + k])) return k;
+    return -1;
+}
+
+static void take_modes(Work *w)
+{
+    for (int k = 0; k < hybrid_info.n_modes; k++) w->h.z[hybrid_info.mode_slot + k] = w->m[k];
+}
+
+static void conditions(Work *w)
+{
+    hybrid_conditions(&w->h, w->h.z + hybrid_info.condition_slot, w->c, w->rise);
+}
+
+/* Solve equations, modes and discrete variables together, with `pre` and what has risen held. */
+static int round_of_event(Work *w, const HybridBlock *blocks, int n)
+{
+    const HybridInfo *i = &hybrid_info;
+    double *z = w->h.z;
+    int mode = -1, status;
+    for (int round = 0; round < MOST_ROUNDS; round++) {
+        int moved = 0;
+        if ((status = solve_all(w, blocks, n))) return status;
+        if ((mode = changed_mode(w)) >= 0) {
+            take_modes(w);
+            moved = 1;
+        }
+        conditions(w);
+        for (int k = 0; k < i->n_discretes; k++) w->keep[k] = z[i->discrete_slots[k]];
+        hybrid_discretes(&w->h);
+        for (int k = 0; k < i->n_discretes; k++) moved |= differ(w->keep[k], z[i->discrete_slots[k]]);
+        if (!moved) return 0;
+    }
+    return mode >= 0 ? OUTCOME(MODES, mode) : OUTCOME(DISCRETES, 0);
+}
+
+static void remember(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    for (int k = 0; k < i->n_conditions; k++) w->h.z[i->condition_slot + k] = w->c[k];
+    for (int k = 0; k < i->n_pre; k++) w->h.z[i->pre_slots[k]] = w->h.z[i->pre_of[k]];
+}
+
+static double next_tick(const Work *w, int k)
+{
+    return hybrid_info.phases[k] + w->h.z[hybrid_info.clock_slot + k] * hybrid_info.periods[k];
+}
+
+/* Repeat an event until nothing changes. */
+static int settle(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    double *z = w->h.z;
+    for (int k = 0; k < i->n_clocks; k++) {
+        double close = 1e-9 * i->periods[k] + 4 * DBL_EPSILON * fabs(w->h.t);
+        w->tick[k] = next_tick(w, k) <= w->h.t + close;
+        if (w->tick[k]) z[i->clock_slot + k] = floor((w->h.t + close - i->phases[k]) / i->periods[k]) + 1;
+    }
+    for (int k = 0; k < i->n_pre; k++) z[i->pre_slots[k]] = z[i->pre_of[k]];
+    for (int round = 0; round < MOST_ROUNDS; round++) {
+        int again = 0, status = round_of_event(w, i->blocks, i->n_blocks);
+        if (status) return status;
+        again = hybrid_reinits(&w->h);
+        for (int k = 0; k < i->n_pre_discrete; k++) again |= differ(z[i->pre_slots[k]], z[i->pre_of[k]]);
+        remember(w);
+        memset(w->tick, 0, (size_t)i->n_clocks * sizeof(double));
+        if (!again) return 0;
+    }
+    return OUTCOME(DISCRETES, 0);
+}
+
+static int report(Work *w, int everything)
+{
+    const HybridInfo *i = &hybrid_info;
+    int warning = 0;
+    if (!i->n_actions) return 0;
+    conditions(w);
+    hybrid_actions(&w->h, w->keep);
+    for (int k = 0; k < i->n_actions; k++) {
+        if (w->keep[k] == 0) continue;
+        if (i->action_kinds[k] != ACTION_WARNING) return OUTCOME(ACTION, k);
+        if (everything && w->h.z[i->warned_slot + k] == 0) {
+            w->h.z[i->warned_slot + k] = 1;
+            warning = OUTCOME(ACTION, k);
+        }
+    }
+    return warning;
+}
+
+/* Integration */
+
+/* Jacobian of the derivatives by states and time, at t and w->x where they are w->f. */
+static int differentiate(Work *w, double t)
+{
+    const HybridInfo *i = &hybrid_info;
+    int n = i->n_states, status;
+    double step = 1e-7 * fmax(1e-3, fabs(t));
+    for (int k = 0; k < n; k++) {
+        double kept = w->x[k], by = 1e-7 * fmax(fabs(kept), 1e-3 * i->nominals[k]);
+        w->x[k] = kept + by;
+        by = w->x[k] - kept;
+        status = slopes(w, t, w->x, w->ft);
+        w->x[k] = kept;
+        if (status) return status;
+        for (int r = 0; r < n; r++) w->fx[r * n + k] = (w->ft[r] - w->f[r]) / by;
+    }
+    if ((status = slopes(w, t + step, w->x, w->ft))) return status;
+    for (int r = 0; r < n; r++) w->ft[r] = (w->ft[r] - w->f[r]) / step;
+    return 0;
+}
+
+static const double GAMMA = 0.25;
+static const double ALPHA[6] = {0, 0.386, 0.21, 0.63, 1, 1};
+static const double DELTA[6] = {0.25, -0.1043, 0.1035, -0.03620000000000023, 0, 0};
+static const double A[5][5] = {
+    {1.544},
+    {0.9466785280815826, 0.2557011698983284},
+    {3.314825187068521, 2.896124015972201, 0.9986419139977817},
+    {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950},
+    {1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1},
+};
+static const double C[5][5] = {
+    {-5.6688},
+    {-2.430093356833875, -0.2063599157091915},
+    {-0.1073529058151375, -9.594562251023355, -20.47028614809616},
+    {7.496443313967647, -10.24680431464352, -33.99990352819905, 11.70890893206160},
+    {8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054},
+};
+static const double D[2][5] = {
+    {10.12623508344586, -7.487995877610167, -34.80091861555747, -7.992771707568823, 1.025137723295662},
+    {-0.6762803392801253, 6.087714651680015, 16.43084320892478, 24.76722511418386, -6.594389125716872},
+};
+
+/* One step of RODAS from t, w->x with w->f, w->fx, w->ft; its end in w->xn, its error in tolerances. */
+static int rodas(Work *w, double t, double h, double *error)
+{
+    const HybridInfo *info = &hybrid_info;
+    int n = info->n_states, status, *rows = w->pivot_a, *columns = w->pivot_a + n;
+    double *slope = w->dense[0];
+    for (int r = 0; r < n; r++)
+        for (int k = 0; k < n; k++) w->a[r * n + k] = (r == k ? 1 / (h * GAMMA) : 0) - w->fx[r * n + k];
+    if (factorise(w->a, n, rows, columns) < n) return OUTCOME(STEP_SIZE, 0);
+    for (int s = 0; s < 6; s++) {
+        memcpy(w->xn, w->x, (size_t)n * sizeof(double));
+        memcpy(slope, w->f, (size_t)n * sizeof(double));
+        if (s) {
+            for (int o = 0; o < s; o++)
+                for (int k = 0; k < n; k++) w->xn[k] += A[s - 1][o] * w->k[o][k];
+            if ((status = slopes(w, t + ALPHA[s] * h, w->xn, slope))) return status;
+        }
+        for (int k = 0; k < n; k++) {
+            w->b[k] = slope[k] + h * DELTA[s] * w->ft[k];
+            for (int o = 0; o < s; o++) w->b[k] += C[s - 1][o] * w->k[o][k] / h;
+        }
+        back_solve(w->a, n, n, rows, columns, w->b, w->k[s], w->spare);
+    }
+    *error = 0;
+    for (int k = 0; k < n; k++) {
+        double scale, one;
+        w->xn[k] += w->k[5][k];
+        scale = TOLERANCE * (1e-3 * info->nominals[k] + fmax(fabs(w->x[k]), fabs(w->xn[k])));
+        one = w->k[5][k] / scale;
+        *error += one * one / n;
+        w->dense[0][k] = w->dense[1][k] = 0;
+        for (int o = 0; o < 5; o++) {
+            w->dense[0][k] += D[0][o] * w->k[o][k];
+            w->dense[1][k] += D[1][o] * w->k[o][k];
+        }
+    }
+    *error = sqrt(*error);
+    return isfinite(*error) ? 0 : OUTCOME(STEP_SIZE, 0);
+}
+
+/* Whether a mode has changed at a share of the step, with states by the dense output. */
+static int changed_at(Work *w, double t, double h, double share)
+{
+    int n = hybrid_info.n_states;
+    for (int k = 0; k < n; k++)
+        w->k[0][k] = (1 - share) * w->x[k] +
+                     share * (w->xn[k] + (1 - share) * (w->dense[0][k] + share * w->dense[1][k]));
+    /* Where a solution fails, it does for another mode's sake. */
+    return slopes(w, t + share * h, w->k[0], w->k[1]) || changed_mode(w) >= 0;
+}
+
+/* As changed_at, by a step of that length. */
+static int changed_after(Work *w, double t, double h, double *end)
+{
+    double error;
+    if (h <= 0) return 0;
+    if (rodas(w, t, h, &error)) return 1;
+    *end = h;
+    return slopes(w, t + h, w->xn, w->k[1]) || changed_mode(w) >= 0;
+}
+
+/* Length of the part of the step after which a mode has changed; h if none has. */
+static double until_event(Work *w, double t, double h, int *event)
+{
+    static const double looks[] = {0.25, 0.5, 0.75, 1};
+    double low = 0, high = 1, end = 0;
+    *event = 0;
+    for (int k = 0; k < 4 && !*event; k++) {
+        high = looks[k];
+        *event = changed_at(w, t, h, high);
+        if (!*event) low = high;
+    }
+    if (!*event) return h;
+    for (int k = 0; k < 12; k++) {
+        double middle = 0.5 * (low + high);
+        if (changed_at(w, t, h, middle))
+            high = middle;
+        else
+            low = middle;
+    }
+    low = fmax(0, low - 0.01) * h;
+    high = fmin(1, high + 0.01) * h;
+    if (!changed_after(w, t, high, &end)) high = h;
+    if (changed_after(w, t, low, &end)) low = 0;
+    while (high - low > 4 * DBL_EPSILON * fmax(fabs(t), high)) {
+        double middle = 0.5 * (low + high);
+        if (middle <= low || middle >= high) break;
+        if (changed_after(w, t, middle, &end))
+            high = middle;
+        else
+            low = middle;
+    }
+    changed_after(w, t, high, &end);
+    return high;
+}
+
+/* Back onto the constraints, by the smallest change of the states. */
+static int project(Work *w, double t, double *x)
+{
+    const HybridInfo *i = &hybrid_info;
+    int n = i->n_states, m = i->n_constraints, *rows = w->pivot_a, *columns = w->pivot_a + m;
+    double *c = w->k[0], *g = w->fx;
+    if (!m) return 0;
+    for (int iteration = 0; iteration < 20; iteration++) {
+        double most = 0;
+        int status = slopes(w, t, x, w->f), rank;
+        if (status) return status;
+        hybrid_constraints(&w->h, c);
+        for (int k = 0; k < n; k++) {
+            double kept = x[k], by = 1e-7 * fmax(fabs(kept), 1e-3 * i->nominals[k]);
+            x[k] = kept + by;
+            by = x[k] - kept;
+            status = slopes(w, t, x, w->f);
+            hybrid_constraints(&w->h, w->k[1]);
+            x[k] = kept;
+            if (status) return status;
+            for (int r = 0; r < m; r++) g[r * n + k] = (w->k[1][r] - c[r]) / by;
+        }
+        for (int r = 0; r < m; r++)
+            for (int s = 0; s < m; s++) {
+                w->a[r * m + s] = 0;
+                for (int k = 0; k < n; k++) w->a[r * m + s] += g[r * n + k] * g[s * n + k];
+            }
+        rank = factorise(w->a, m, rows, columns);
+        back_solve(w->a, m, rank, rows, columns, c, w->b, w->spare);
+        for (int k = 0; k < n; k++) {
+            double by = 0;
+            for (int r = 0; r < m; r++) by += g[r * n + k] * w->b[r];
+            x[k] -= by;
+            by = fabs(by) / (1e-3 * i->nominals[k] + fabs(x[k]));
+            if (!isfinite(by)) return OUTCOME(CONSTRAINTS, 0);
+            if (by > most) most = by;
+        }
+        if (most < 1e-11) return 0;
+    }
+    return OUTCOME(CONSTRAINTS, 0);
+}
+
+/* The next time that is known to bring an event, before `end`. */
+static double next_stop(const Work *w, double t, double end, int *event)
+{
+    const HybridInfo *i = &hybrid_info;
+    double close = 16 * DBL_EPSILON * fabs(end);
+    double stop = end;
+    *event = 0;
+    for (int k = 0; k < i->n_clocks; k++) {
+        double at = next_tick(w, k);
+        if (at < stop - 1e-9 * i->periods[k] - close) stop = at, *event = 1;
+    }
+    for (int k = 0; k < i->n_instants; k++)
+        if (i->instants[k] > t + close && i->instants[k] < stop - close) stop = i->instants[k], *event = 1;
+    return stop;
+}
+
+static int advance(Work *w, double t, double end)
+{
+    const HybridInfo *i = &hybrid_info;
+    double *z = w->h.z, size = z[i->size_slot], last_event = -INFINITY;
+    int n = i->n_states, status, events = 0;
+    if ((status = settle(w))) return status;
+    if (!(size > 0)) size = 1e-3 * (end - t);
+    while (t < end) {
+        int planned, event = 0, done = 0, tries = 0;
+        double stop = next_stop(w, t, end, &planned), h = 0;
+        if (stop <= t) stop = t;
+        for (int k = 0; k < n; k++) w->x[k] = z[i->state_slots[k]];
+        if (stop > t) {
+            int refused = 0;
+            status = slopes(w, t, w->x, w->f);
+            if (!status) status = differentiate(w, t);
+            if (status) return status;
+            while (!done) {
+                double error = 0, factor;
+                int whole;
+                h = stop - t;
+                whole = !(h > 1.0001 * size);
+                if (!whole) h = h < 2 * size ? 0.5 * h : size;
+                if (h <= 4 * DBL_EPSILON * fabs(t) || tries++ > 200)
+                    return status ? status : OUTCOME(STEP_SIZE, 0);
+                status = n ? rodas(w, t, h, &error) : 0;
+                factor = status ? 0.1 : fmin(5, fmax(0.1, 0.9 * pow(fmax(error, 1e-10), -0.25)));
+                if (!n) factor = 5;
+                if (status || error > 1) {
+                    size = h * factor;
+                    refused = 1;
+                    continue;
+                }
+                /* What is cut to reach a stop says nothing about the size that the error allows. */
+                size = whole && factor >= 1 ? fmax(size, h * fmin(factor, refused ? 1 : 5))
+                                            : h * fmin(factor, refused ? 1 : 5);
+                status = 0;
+                if (i->n_modes) {
+                    h = until_event(w, t, h, &event);
+                    whole = whole && !event;
+                }
+                done = 1;
+                t = whole ? stop : t + h;
+            }
+            if (n) {
+                memcpy(w->x, w->xn, (size_t)n * sizeof(double));
+                if ((status = project(w, t, w->x))) return status;
+            }
+            if ((status = slopes(w, t, w->x, w->f))) {
+                /* In the modes of before there is no solution any more. */
+                if (!event) return status;
+            }
+        }
+        if (event) {
+            int mode = changed_mode(w);
+            if (t - last_event < 1e-9 * fmax(1e-3, fabs(t)))
+                events++;
+            else
+                events = 0;
+            if (events > MOST_EVENTS) return OUTCOME(CHATTERING, mode < 0 ? 0 : mode);
+            last_event = t;
+            if (mode >= 0) take_modes(w);
+        }
+        if (event || (planned && t >= stop)) {
+            w->h.t = t;
+            if ((status = settle(w))) return status;
+        }
+        status = report(w, 0);
+        if (status) return status;
+    }
+    z[i->size_slot] = size;
+    w->h.t = end;
+    return report(w, 1);
+}
+
+/* Initialisation */
+
+static int initialise(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    double *z = w->h.z;
+    int status = 0;
+    for (int k = 0; k < i->n_settable; k++)
+        if (differ(z[i->settable_slots[k]], z[i->settable_lasts[k]]))
+            z[i->settable_starts[k]] = z[i->settable_slots[k]];
+    hybrid_dependents(&w->h);
+    for (int k = 0; k < i->n_started; k++) z[i->started_slots[k]] = z[i->start_slots[k]];
+    for (int k = 0; k < i->n_conditions; k++) z[i->condition_slot + k] = 1;
+    for (int k = 0; k < i->n_pre; k++) z[i->pre_slots[k]] = z[i->pre_of[k]];
+    for (int k = 0; k < i->n_clocks; k++) {
+        double n = ceil((w->h.t - i->phases[k]) / i->periods[k] - 1e-9);
+        z[i->clock_slot + k] = n > 0 ? n : 0;
+    }
+    for (int k = 0; k < i->n_actions; k++) z[i->warned_slot + k] = 0;
+    z[i->size_slot] = 0;
+    w->h.initial = 1;
+    hybrid_modes(&w->h, w->m);
+    take_modes(w);
+    status = round_of_event(w, i->initial_blocks, i->n_initial_blocks);
+    if (status / 1000000 == BLOCK) status += 500000;
+    if (!status) {
+        remember(w);
+        w->h.initial = 0;
+        conditions(w);
+        for (int k = 0; k < i->n_conditions; k++) z[i->condition_slot + k] = w->c[k];
+        z[i->done_slot] = 1;
+    }
+    w->h.initial = 0;
+    for (int k = 0; k < i->n_settable; k++) z[i->settable_lasts[k]] = z[i->settable_slots[k]];
+    return status;
+}
+
+int step_set_up(const StepPoint *at, double *x)
+{
+    Work *w;
+    int status;
+    memcpy(x, at->x, (size_t)hybrid_info.n_z * sizeof(double));
+    if (!(w = work_for(at, x))) return OUTCOME(MEMORY, 0);
+    status = initialise(w);
+    free_work(w);
+    /* Before the inputs are set a failure may mean nothing: the end of initialisation tries again. */
+    return status && at->step_size > 0 ? status : 0;
+}
+
+int step_initialise(const StepPoint *at, double *x)
+{
+    Work *w;
+    int status;
+    memcpy(x, at->x, (size_t)hybrid_info.n_z * sizeof(double));
+    if (!(w = work_for(at, x))) return OUTCOME(MEMORY, 0);
+    status = initialise(w);
+    if (!status) status = report(w, 1);
+    free_work(w);
+    return status;
+}
+
+int step_advance(const StepPoint *at, double *x)
+{
+    Work *w;
+    int status;
+    memcpy(x, at->x, (size_t)hybrid_info.n_z * sizeof(double));
+    if (!(w = work_for(at, x))) return OUTCOME(MEMORY, 0);
+    status = advance(w, at->time, at->time + at->step_size);
+    free_work(w);
+    return status;
+}
+
+/* Outputs as the event at this time, if there is one, leaves them with the present inputs. */
+static void outputs(const ModelPoint *at, const double *z, int events, double *w_out)
+{
+    StepPoint here = {at->time, 0, at->x, at->u, at->p};
+    double *copy = malloc((size_t)hybrid_info.n_z * sizeof(double) + 8);
+    Work *w = copy ? work_for(&here, copy) : NULL;
+    if (w) {
+        memcpy(copy, z, (size_t)hybrid_info.n_z * sizeof(double));
+        if (copy[hybrid_info.done_slot] != 0) {
+            if (events)
+                settle(w);
+            else
+                solve(w);
+        }
+        hybrid_outputs(&w->h, w_out);
+        free_work(w);
+    }
+    free(copy);
+}
+
+void model_algebraics(const ModelPoint *at, double *w)
+{
+    outputs(at, at->x, 1, w);
+}
+
+void model_tangent(const ModelPoint *at, const ModelPoint *seed, double *xdot, double *w, double *operand)
+{
+    size_t n_z = (size_t)model_info.n_x, n_u = (size_t)model_info.n_u, n_w = (size_t)model_info.n_w;
+    double *z = malloc((n_z + n_u + n_w + 1) * sizeof(double)), *u = z + n_z, *other = u + n_u;
+    ModelPoint moved = {at->time, z, u, at->p, at->d, at->m};
+    double size = 0, step;
+    (void)xdot, (void)operand;
+    if (!z) return;
+    for (size_t k = 0; k < n_z; k++) size = fmax(size, fabs(seed->x[k]));
+    for (size_t k = 0; k < n_u; k++) size = fmax(size, fabs(seed->u[k]));
+    step = size > 0 ? 1e-5 / size : 0;
+    for (int side = -1; side <= 1; side += 2) {
+        for (size_t k = 0; k < n_z; k++) z[k] = at->x[k] + side * step * seed->x[k];
+        for (size_t k = 0; k < n_u; k++) u[k] = at->u[k] + side * step * seed->u[k];
+        outputs(&moved, z, 0, side < 0 ? other : w);
+    }
+    for (size_t k = 0; k < n_w; k++) w[k] = step > 0 ? (w[k] - other[k]) / (2 * step) : 0;
+    free(z);
+}
+
+/* Messages */
+
+int step_status(int outcome)
+{
+    int code = outcome / 1000000, index = outcome % 1000000;
+    if (!outcome) return RT_OK;
+    if (code == ACTION && hybrid_info.action_kinds[index] == ACTION_WARNING) return RT_WARNING;
+    return RT_ERROR;
+}
+
+void step_message(int outcome, const StepPoint *at, const char *name, Text *text)
+{
+    int code = outcome / 1000000, index = outcome % 1000000;
+    const HybridInfo *i = &hybrid_info;
+    (void)name;
+    text_add(text, "from t = ");
+    text_format(text, "%.9g", at->time);
+    text_add(text, " s: ");
+    switch (code) {
+    case BLOCK:
+        if (index >= 500000) {
+            text_add(text, "initialisation: the equations cannot be solved for ");
+            text_add(text, i->initial_blocks[index - 500000].names);
+        } else if (index >= i->n_blocks) {
+            text_add(text, "a derivative is not finite");
+        } else {
+            text_add(text, "the equations cannot be solved for ");
+            text_add(text, i->blocks[index].names);
+        }
+        break;
+    case STEP_SIZE: text_add(text, "the integration needs steps that are too small"); break;
+    case MODES:
+        text_add(text, "no consistent truth is found for the relation ");
+        text_add(text, i->mode_names[index]);
+        break;
+    case CHATTERING:
+        text_add(text, "chattering: events follow each other without end at the relation ");
+        text_add(text, i->mode_names[index]);
+        break;
+    case DISCRETES: text_add(text, "the discrete variables do not settle at an event"); break;
+    case ACTION:
+        if (i->action_kinds[index] == ACTION_TERMINATE) text_add(text, "the model terminates: ");
+        text_add(text, i->messages[index]);
+        break;
+    case CONSTRAINTS: text_add(text, "the states cannot be brought back onto their constraints"); break;
+    default: text_add(text, "no memory");
+    }
+}

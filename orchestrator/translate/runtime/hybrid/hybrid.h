@@ -1,0 +1,72 @@
+/* What a model with events, equation blocks or constraints gives to its solver, hybrid.c.
+ *
+ * All that changes stands in one array z, which is the state x of stepmodel.h: values of variables and
+ * derivatives, values before an event, modes (relations and steps as they are held between events), truth of
+ * conditions, ticks of clocks, start values. So a saved state of the FMU holds all of it.
+ */
+#ifndef HYBRID_H
+#define HYBRID_H
+
+typedef struct {
+    double t;
+    const double *u, *p;
+    double *z;
+    const double *c, *rise; /* truth of the conditions, and which become true now */
+    const double *tick;     /* [clocks] 1: due now */
+    int initial;
+} Hybrid;
+
+/* One block of equations. A solved one has a function `assign` alone. */
+typedef struct {
+    int n;                  /* unknowns */
+    int linear;
+    const int *slots;       /* [n] of the unknowns in z */
+    void (*assign)(const Hybrid *);
+    void (*residuals)(const Hybrid *, double *r);
+    void (*jacobian)(const Hybrid *, double *j); /* [n][n] by rows; NULL: by differences */
+    const char *names;      /* of the unknowns, for messages */
+} HybridBlock;
+
+typedef enum { ACTION_ASSERT, ACTION_WARNING, ACTION_TERMINATE } HybridActionKind;
+
+typedef struct {
+    int n_z;
+    int n_states;
+    const int *state_slots, *slope_slots; /* [n_states] */
+    const double *nominals;               /* [n_states] */
+    int n_blocks, n_initial_blocks;
+    const HybridBlock *blocks, *initial_blocks;
+    int n_modes, mode_slot;               /* first of them in z */
+    const char *const *mode_names;
+    int n_conditions, condition_slot;
+    int n_clocks, clock_slot;             /* number of the next tick */
+    const double *phases, *periods;
+    int n_instants;
+    const double *instants;
+    int n_pre, n_pre_discrete;            /* value before an event <- value; discrete variables first */
+    const int *pre_slots, *pre_of;
+    int n_discretes;
+    const int *discrete_slots;
+    int n_started;                        /* variables with a start value, in `start_slots` */
+    const int *started_slots, *start_slots;
+    int n_settable;                       /* of them an importer may set: the variable, its start, the last result */
+    const int *settable_slots, *settable_starts, *settable_lasts;
+    int n_actions, warned_slot;
+    const int *action_kinds;
+    const char *const *messages;
+    int n_constraints;
+    int done_slot, size_slot;             /* 1 after initialisation; internal step size [s] */
+} HybridInfo;
+
+extern const HybridInfo hybrid_info;
+
+void hybrid_dependents(const Hybrid *);          /* dependent parameters and start values */
+void hybrid_modes(const Hybrid *, double *m);
+void hybrid_conditions(const Hybrid *, const double *before, double *c, double *rise);
+void hybrid_discretes(const Hybrid *);
+int hybrid_reinits(const Hybrid *);              /* whether a state is set */
+void hybrid_actions(const Hybrid *, double *a);  /* [actions] 1: has to be reported */
+void hybrid_constraints(const Hybrid *, double *r);
+void hybrid_outputs(const Hybrid *, double *w);
+
+#endif
