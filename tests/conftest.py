@@ -14,6 +14,8 @@ import fmpy.logging
 import pytest
 from hypothesis import settings
 
+from tests.extent import FULL
+
 with suppress(ImportError):
     # Before an FMU's own copy, which lacks the binaries, can stand for it.
     import pythonfmu  # noqa: F401
@@ -128,10 +130,39 @@ _SLOW = (
 )
 
 
+# Each takes from half a minute to five: FULL_TESTS=1 runs them. Shorter tests of the same subjects always run.
+_LONGEST = (
+    "diagnosis/test_calibrate.py::test_the_calibration_is_learned_by_its_command",
+    "diagnosis/test_challenge.py::test_the_same_seed_gives_the_same_bytes",
+    "diagnosis/test_challenge_rig.py::test_a_dent_of_the_derivatives_hides_no_imitation",
+    "diagnosis/test_challenge_rig.py::test_an_effect_imitates_itself",
+    "diagnosis/test_challenge_rig.py::test_coloured_noise_of_the_force_hides_what_is_slow",
+    "diagnosis/test_challenge_rig.py::test_evidence_falls_with_the_magnitude_and_calibration_explains_its_part",
+    "diagnosis/test_challenge_rig.py::test_little_coloured_noise_is_that_of_any_rig",
+    "diagnosis/test_challenge_rig.py::test_of_a_pair_the_other_effect_may_have_any_size",
+    "diagnosis/test_challenge_rig.py::test_two_effects_imitate_what_one_does_not",
+    "diagnosis/test_challenge_rig.py::test_what_an_effect_shows_counts_from_what_the_lab_believes",
+    "diagnosis/test_challenge_rig.py::test_what_another_effect_imitates_cannot_be_told_from_it",
+    "diagnosis/test_challenge_rig.py::test_what_roughness_explains_is_no_evidence",
+    "diagnosis/test_evidence.py::test_a_clear_effect_is_found_in_its_size_beside_a_random_link",
+    "diagnosis/test_evidence.py::test_a_sensor_with_a_cycle_of_its_own_is_not_one_that_loses_samples",
+    "diagnosis/test_evidence.py::test_contacts_that_begin_a_little_early_or_late_are_roughness",
+    "diagnosis/test_left.py::test_frames_that_stand_elsewhere_each_time_are_outside",
+    "diagnosis/test_outside_place.py::test_oddities_are_found_where_they_act[robot.encoder-walk-robot]",
+    "diagnosis/test_outside_place.py::test_oddities_are_found_where_they_act[robot.vibration-robot]",
+    "diagnosis/test_real_systems.py::test_the_drive_lacks_dry_friction",
+    "diagnosis/test_robot_limits.py::test_a_deep_limit_leaves_little[names1-1.0-7-4]",
+    "diagnosis/test_robot_limits.py::test_what_contacts_do_that_are_elsewhere_is_no_noise_of_the_force",
+    "diagnosis/test_weigh.py::test_labelled_cases[case-009]",
+)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the slow tests."""
+    """Mark the slow tests, and leave the longest to FULL_TESTS=1."""
     here = Path(__file__).parent
     for item in items:
         place = item.path.relative_to(here)
         if any(place.is_relative_to(one) for one in _SLOW) and "simulation/test_grid" not in place.as_posix():
             item.add_marker(pytest.mark.slow)
+        if not FULL and f"{place.as_posix()}::{item.name}" in _LONGEST:
+            item.add_marker(pytest.mark.skip(reason="takes long; FULL_TESTS=1 runs it"))

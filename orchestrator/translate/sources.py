@@ -164,10 +164,10 @@ class SourceTree:
         return Location(self.shown(path), text.count(b"\n", 0, offset) + 1)
 
     @contextmanager
-    def marked_copy(self) -> Iterator[Path]:
+    def marked_copy(self, renamed: bool = True) -> Iterator[Path]:
         """Write the files to a temporary folder for the compiler; yields the folder.
 
-        Every delay() and every name of `renamed` has another name there.
+        Every delay() and, if asked for, every name of `renamed` has another name there.
 
         Raises: BuildError if a file already uses the name that stands for delay().
         """
@@ -177,7 +177,7 @@ class SourceTree:
                 target = folder / path
                 target.parent.mkdir(parents=True, exist_ok=True)
                 # Bytes: text mode would turn line ends on Windows, and with them every offset.
-                target.write_bytes(self._marked(path, text).encode())
+                target.write_bytes(self._marked(path, text, renamed).encode())
             (folder / f"{DELAY}.mo").write_bytes(_DELAY_DECLARATION.encode())
             yield folder
         finally:
@@ -202,11 +202,11 @@ class SourceTree:
                 calls.append(token)
         return calls
 
-    def _marked(self, path: str, text: str) -> str:
+    def _marked(self, path: str, text: str, renamed: bool) -> str:
         letters = list(text)
         for token in self.delay_calls(path):
             letters[token.start : token.start + len(DELAY)] = DELAY
-        for token in reversed(tokenise(text, self.shown(path)) if self.renamed else ()):
+        for token in reversed(tokenise(text, self.shown(path)) if renamed and self.renamed else ()):
             if token.text in self.renamed:
                 letters[token.start : token.start + len(token.text)] = self.renamed[token.text]
         return "".join(letters)

@@ -32,6 +32,9 @@ _FUNCTIONS = {
     "atan2": "atan2", "sinh": "sinh", "cosh": "cosh", "tanh": "tanh", "exp": "exp", "log": "log",
     "log10": "log10", "sqrt": "sqrt",
 }  # fmt: skip
+_ROLES = {
+    "discrete_real": "discrete", "discrete_value": "discrete", "constant": "parameter", "output": "algebraic",
+}  # fmt: skip
 # Functions whose value jumps: outside noEvent they are held between events.
 _STEPS = {"floor": "floor", "ceil": "ceil", "integer": "floor", "sign": "sign"}
 _ZERO = ex.number(0)
@@ -218,9 +221,7 @@ class _Reader:
 
     def _scalar(self, variable: Json, name: str) -> Scalar:
         attributes = variable["attributes"]
-        role = {"discrete_real": "discrete", "discrete_value": "discrete", "constant": "parameter"}.get(
-            variable["role"], variable["role"]
-        )
+        role = _ROLES.get(variable["role"], variable["role"])
         if role not in ("state", "algebraic", "discrete", "input", "parameter"):
             raise _refuse(self._name, f"the variable {name} of kind {role}")
         kind = self._s["value_types"][variable["value_type"]]["scalar"]
@@ -495,7 +496,7 @@ class _Reader:
         return self._held(made) if made.op == op and self._events and self._moves(made) else made
 
     def _moves(self, made: Expr) -> bool:
-        continuous = ("state", "algebraic", "input")
+        continuous = ("state", "algebraic", "input", "output")
         roles = getattr(self, "_roles", None)
         if roles is None:
             roles = self._roles = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -45,7 +46,12 @@ def dae_form(
     Returns: the DAE form.
     Raises: BuildError if the compiler refuses the model, ends by itself or does not end.
     """
-    with tree.marked_copy() as folder:
+    libraries = _used(tree, libraries)
+    # Names of a library cannot be changed, so those of the model stay as well.
+    with tree.marked_copy(renamed=not libraries) as folder:
+        restored = tree.restored if not libraries else str
+        if libraries:
+            _modernise(folder)
         asked = {
             "roots": [str(folder), *(str(one.resolve()) for one in libraries)],
             "file": str(folder / tree.main),
@@ -64,9 +70,34 @@ def dae_form(
                 f"{tree.shown(tree.main)}: the Modelica compiler did not end within {time_limit:g} s for {model}"
             ) from None
         if done.returncode:
-            text = tree.restored(done.stderr.strip() or "it ended without a message")
+            text = restored(done.stderr.strip() or "it ended without a message")
             raise BuildError(_short(text.replace(f"{folder}/", tree.label)))
-        return dict(json.loads(tree.restored(done.stdout)))
+        return dict(json.loads(restored(done.stdout)))
+
+
+def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
+    """The folders that hold a library whose name stands in the sources: reading one takes seconds."""
+    words = {word for text in tree.texts.values() for word in re.findall(r"\w+", text)}
+    found = []
+    for folder in libraries:
+        inside = [folder.name] if (folder / "package.mo").is_file() else [one.stem for one in folder.iterdir()]
+        # A folder may carry a version, as "Modelica 4.1.0".
+        if any(name.partition(" ")[0] in words for name in inside):
+            found.append(folder)
+    return found
+
+
+def _modernise(folder: Path) -> None:
+    """Name the units of version 3 of the Modelica Standard Library as version 4 does.
+
+    As its own conversion script ConvertModelica_from_3.2.3_to_4.0.0 does.
+    """
+    for path in folder.rglob("*.mo"):
+        text = path.read_text()
+        if "Modelica.SIunits" in text:
+            text = re.sub(r"\bimport\s+Modelica\.SIunits\s*;", "import SIunits = Modelica.Units.SI;", text)
+            text = text.replace("Modelica.SIunits.Conversions", "Modelica.Units.Conversions")
+            path.write_text(text.replace("Modelica.SIunits", "Modelica.Units.SI"))
 
 
 def _short(text: str) -> str:
