@@ -140,6 +140,8 @@ def translate(
     try:
         return _explicit(model_file, tree, name, fmi_version)
     except BuildError as refusal:
+        if not _other_route(str(refusal), bool(folders)):
+            raise
         try:
             identifier = model_identifier(name)
             members, counts, notes = translate_hybrid(tree, name, identifier, fmi_version, folders)
@@ -148,12 +150,26 @@ def translate(
         return members, TranslationReport(name, counts, (*tree.remarks, *notes))
 
 
+# Of refusals by the explicit route those that say what it lacks; all others name a mistake of the model.
+_LACKS = re.compile(
+    r"^(?!.*(the compiler |expressions of kind )).*(?<!which are )not supported|fixed=false, which needs|only Real, Integer and Boolean|a subscript or size has to be"
+)
+
+
+def _other_route(refusal: str, libraries: bool) -> bool:
+    """Whether the hybrid route may take what the explicit one refuses.
+
+    Args:
+        libraries: whether there are any; the explicit route reads none.
+    """
+    if "the Modelica compiler refuses" in refusal:
+        return libraries
+    return all(_LACKS.search(line) for line in refusal.splitlines() if not line.startswith(" "))
+
+
 def _joined(explicit: BuildError, hybrid: BuildError) -> BuildError:
-    """What both routes say of a model; where the compiler itself refuses it, that alone."""
-    texts = list(dict.fromkeys((str(explicit), str(hybrid))))
-    if len(texts) == 2 and "the Modelica compiler refuses" in texts[0]:
-        return explicit
-    return BuildError("\n".join(texts))
+    """What both routes say of a model."""
+    return BuildError("\n".join(dict.fromkeys((str(explicit), str(hybrid)))))
 
 
 def _explicit(

@@ -705,6 +705,20 @@ def _cross(values: list[Any]) -> np.ndarray:
     return _stacked([ex.sub(ex.mul(a[i], b[j]), ex.mul(a[j], b[i])) for i, j in pairs])
 
 
+def _whole(one: Any) -> int:
+    """A size that is known when the model is built."""
+    value = np.asarray(one, dtype=object).item()
+    if value.op != "num":
+        raise BuildError("a size that is not known when the model is built is not supported")
+    return int(value.args[0])
+
+
+def _linspace(first: Expr, last: Expr, count: Expr) -> np.ndarray:
+    n = _whole(count)
+    step = ex.div(ex.sub(last, first), ex.number(n - 1))
+    return _stacked([ex.add(first, ex.mul(ex.number(k), step)) for k in range(n)])
+
+
 _OPERATORS: dict[str, Callable[[Expr, Expr], Expr]] = {
     "add": ex.add, "subtract": ex.sub, "multiply": ex.mul, "divide": ex.div, "power": ex.power,
     "and": partial(ex.logical, "and"), "or": partial(ex.logical, "or"),
@@ -719,8 +733,16 @@ _REDUCTIONS: dict[str, Callable[[list[Any]], Any]] = {
     "scalar": lambda values: np.ravel(values[0])[0],
     "vector": lambda values: np.ravel(values[0]),
     "matrix": lambda values: np.asarray(values[0], dtype=object).reshape(np.shape(values[0])[0], -1),
-    "zeros": lambda values: np.full([int(one.args[0]) for one in values], _ZERO, dtype=object),
-    "ones": lambda values: np.full([int(one.args[0]) for one in values], ex.ONE, dtype=object),
-    "fill": lambda values: np.full([int(one.args[0]) for one in values[1:]], values[0], dtype=object),
-    "size": lambda values: ex.number(np.shape(values[0])[int(values[1].args[0]) - 1]),
+    "zeros": lambda values: np.full([_whole(one) for one in values], _ZERO, dtype=object),
+    "ones": lambda values: np.full([_whole(one) for one in values], ex.ONE, dtype=object),
+    "fill": lambda values: np.full([_whole(one) for one in values[1:]], values[0], dtype=object),
+    "identity": lambda values: np.array(
+        [[ex.ONE if i == j else _ZERO for j in range(_whole(values[0]))] for i in range(_whole(values[0]))],
+        dtype=object,
+    ),
+    "diagonal": lambda values: np.array(
+        [[one if i == j else _ZERO for j in range(len(values[0]))] for i, one in enumerate(values[0])], dtype=object
+    ),
+    "linspace": lambda values: _linspace(*values),
+    "size": lambda values: ex.number(np.shape(values[0])[_whole(values[1]) - 1]),
 }  # fmt: skip

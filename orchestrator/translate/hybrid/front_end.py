@@ -15,7 +15,7 @@ from orchestrator.base.errors import BuildError
 
 from ..sources import SourceTree
 
-__all__ = ["dae_form", "library_paths"]
+__all__ = ["dae_form", "library_paths", "modernised"]
 
 # The compiler has models that it never ends with.
 _TIME_LIMIT = 120.0
@@ -51,7 +51,7 @@ def dae_form(
     with tree.marked_copy(renamed=not libraries) as folder:
         restored = tree.restored if not libraries else str
         if libraries:
-            _modernise(folder)
+            modernised(folder)
         asked = {
             "roots": [str(folder), *(str(one.resolve()) for one in libraries)],
             "file": str(folder / tree.main),
@@ -87,7 +87,7 @@ def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
     return found
 
 
-def _modernise(folder: Path) -> None:
+def modernised(folder: Path) -> None:
     """Name the units of version 3 of the Modelica Standard Library as version 4 does.
 
     As its own conversion script ConvertModelica_from_3.2.3_to_4.0.0 does.

@@ -206,7 +206,10 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
             if _augment(current, equations, highest, owner, seen_equations, seen):
                 break
             if not seen and not (equations[current].free & set(variables)):
-                raise BuildError(f"{model.name}: the equation 0 = {equations[current]!r} holds no unknown")
+                raise BuildError(
+                    f"{model.name}: an equation holds no unknown; a component whose connectors are not connected "
+                    "is no complete model: build a model that uses it"
+                )
             for one in sorted(seen, key=lambda one: (one.args[0] == "der", one.args[1:])):
                 order = one.args[2] + 1 if one.args[0] == "der" else 1
                 if order > _HIGHEST_ORDER:
@@ -368,6 +371,11 @@ def _initial(
             raise BuildError(f"{model.name}: too many initial equations: 0 = {_shown(equation, by_symbol)} is one too many")
         if number < len(required) + len(starts):
             name = by_symbol[equation.args[0]].name
+            if model.initial_equations:
+                raise BuildError(
+                    f"{model.name}: too many initial equations: with them the start value of {name} must not "
+                    "have fixed=true"
+                )
             notes.append(f"the start value of {name} is not used, since others determine {name}")
     if missing := [one for one in sorted(sought, key=lambda one: one.args[1:]) if one not in owner]:
         names = listed(_named(one, by_symbol) for one in missing)

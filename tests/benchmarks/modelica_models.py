@@ -1,0 +1,167 @@
+"""How many models of a Modelica package become FMUs, simulate, and agree with the compiler's own simulator.
+
+    python -m tests.benchmarks.modelica_models PACKAGE.mo [--library DIR] [--models FILE] [--match TEXT]
+
+Without --models all models of the package that are not partial are tried. Each is built for this machine, run
+over its experiment (1 s without one) by fmpy, and compared with rumoca's simulator at 100 points. The package
+and the library stay where they are; nothing of them is written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LIMIT = 90.0
+WITHIN = 1e-3
+
+
+def tried(path: Path, names: list[str], libraries: list[Path]) -> None:
+    """Read names from standard input, and print what became of each as JSON."""
+    import fmpy
+    import rumoca
+
+    from orchestrator.base.errors import BuildError
+    from orchestrator.translate.audit import experiment
+    from orchestrator.translate.build import compiled, model_identifier
+    from orchestrator.translate.hybrid import build as hybrid
+    from orchestrator.translate.hybrid.front_end import modernised
+    from orchestrator.translate.package import this_platform, write_fmu
+    from orchestrator.translate.sources import load_sources
+
+    tree = load_sources(path)
+    with tree.marked_copy(renamed=False) as folder, tempfile.TemporaryDirectory() as scratch:
+        modernised(folder)
+        session = rumoca.Session(roots=[str(folder), *(str(one) for one in libraries)])
+        for line in sys.stdin:
+            name, stage = line.strip(), "compiler"
+            answer: dict[str, Any] = {}
+            try:
+                model = session.load(str(folder / tree.main), model=name)
+                document = json.loads(model.to_json("dae"))
+                stage = "translation"
+                hybrid.dae_form = lambda *_: document  # read once, by the session that holds the library
+                identifier = model_identifier(name)
+                members, counts, _ = hybrid.translate_hybrid(tree, name, identifier, "2.0")
+                stage = "binary"
+                members |= compiled(members, identifier, "2.0", (this_platform(),))
+                fmu = Path(scratch) / "model.fmu"
+                write_fmu(fmu, members)
+                stage = "simulation"
+                stop = experiment(tree.classes[name]).get("StopTime", 1.0)
+                found = fmpy.simulate_fmu(
+                    str(fmu), stop_time=stop, output_interval=stop / 100, step_size=stop / 100,
+                    output=[one.name for one in fmpy.read_model_description(str(fmu)).modelVariables][1:],
+                    logger=lambda *_: None,
+                )  # fmt: skip
+                stage = "comparison"
+                config = rumoca.SimConfig(rtol=1e-8, atol=1e-9, dt=stop / 100, max_wall_seconds=20.0)
+                answer = compared(found, model.simulate(stop, config=config)) | {"states": counts["states"]}
+            except BuildError as error:
+                answer = {"what": str(error)}
+            except Exception as error:
+                answer = {"what": f"{type(error).__name__} {error}"}
+            print("@" + json.dumps({"stage": stage, **answer}), flush=True)
+
+
+def compared(ours: Any, theirs: Any) -> dict[str, Any]:
+    """The largest difference of a signal, in shares of its range."""
+    worst, where = 0.0, ""
+    times = np.asarray(theirs.t, dtype=float)
+    count = 0
+    for name in ours.dtype.names[1:]:
+        try:
+            other = np.asarray(theirs[name], dtype=float)
+        except (KeyError, ValueError, TypeError):
+            continue
+        own = ours[name].astype(float)
+        at = np.interp(ours["time"], times, other)
+        count += 1
+        # Where a signal jumps, the two may sample either side of the jump.
+        steady = np.ones(len(own), dtype=bool)
+        span = max(np.ptp(other), np.ptp(own), 1e-6 * np.abs(other).max(), 1e-9)
+        jumps = np.abs(np.diff(own)) > 0.2 * span
+        steady[1:] &= ~jumps
+        steady[:-1] &= ~jumps
+        gap = float(np.abs(own - at)[steady].max() / span) if steady.any() else 0.0
+        if gap > worst:
+            worst, where = gap, name
+    return {"gap": worst, "where": where, "signals": count}
+
+
+def main() -> int:
+    """Try the models and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("package", type=Path)
+    parser.add_argument("--library", type=Path, action="append", default=[])
+    parser.add_argument("--models", type=Path, help="a file with one name a line")
+    parser.add_argument("--match", default="", help="only models whose names match")
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.worker:
+        tried(args.package, [], args.library)
+        return 0
+    from orchestrator.translate.sources import load_sources
+
+    tree = load_sources(args.package)
+    if args.models:
+        names = args.models.read_text().split()
+    else:
+        names = [
+            one.name
+            for one in tree.classes.values()
+            if one.kind in ("model", "block")
+            and not re.search(rf"\bpartial\s+{one.kind}\s+{re.escape(one.name.rpartition('.')[2])}\b", tree.texts[one.file])
+        ]
+    names = [one for one in names if re.search(args.match, one)]
+    command = [sys.executable, "-m", "tests.benchmarks.modelica_models", *sys.argv[1:], "--worker"]
+
+    def started() -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1
+        )
+
+    worker, counts = started(), Counter[str]()
+    print("| model | states | outcome |\n|---|---|---|")
+    for name in names:
+        if worker.poll() is not None:
+            worker = started()
+        assert worker.stdin is not None and worker.stdout is not None
+        worker.stdin.write(name + "\n")
+        answer, end = None, time.monotonic() + LIMIT
+        while answer is None and select.select([worker.stdout], [], [], max(0.0, end - time.monotonic()))[0]:
+            line = worker.stdout.readline()
+            if not line:
+                break
+            answer = json.loads(line[1:]) if line.startswith("@") else None
+        if answer is None:
+            worker.kill()
+            worker.wait()
+            answer = {"stage": "compiler", "what": f"crashed, or took more than {LIMIT:g} s"}
+        if "gap" in answer:
+            agrees = answer["gap"] <= WITHIN
+            outcome = "agrees" if agrees else "differs"
+            text = f"{outcome}: {answer['gap']:.1e} in {answer['where'] or '-'} of {answer['signals']} signals"
+        else:
+            outcome = answer["stage"]
+            text = f"{outcome}: {answer['what'].splitlines()[0][:200]}"
+        counts[outcome] += 1
+        print(f"| {name} | {answer.get('states', '')} | {text} |", flush=True)
+    worker.kill()
+    print("\n" + ", ".join(f"{count} {what}" for what, count in counts.most_common()), f"of {len(names)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,376 @@
+"""FMUs of models with events, loops, initial equations, functions and higher index, against exact solutions."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+pytest.importorskip("rumoca", reason="needs the extra build")
+
+from orchestrator.base.errors import BuildError
+from orchestrator.translate.build import build
+from orchestrator.translate.package import this_platform
+
+
+def made(tmp_path: Path, text: str, fmi_version: str = "2.0") -> Path:
+    """The FMU of a model's text, whose model is called M."""
+    source = tmp_path / "M.mo"
+    source.write_text(text)
+    output = tmp_path / "M.fmu"
+    build(source, output, platforms=(this_platform(),), fmi_version=fmi_version)
+    return output
+
+
+def run(fmu: Path, stop: float, step: float, *outputs: str, **options) -> dict[str, np.ndarray]:
+    found = fmpy.simulate_fmu(
+        str(fmu), stop_time=stop, output_interval=step, output=list(outputs), fmi_type="CoSimulation", **options
+    )
+    return {name: found[name].astype(float) for name in ("time", *outputs)}
+
+
+BALL = """
+model M
+  parameter Real e = 0.8;
+  parameter Real g(unit="m/s2") = 9.81;
+  output Real h(start=1, fixed=true, unit="m");
+  output Real v(start=0, fixed=true, unit="m/s");
+  output Integer bounces(start=0, fixed=true);
+equation
+  der(h) = v;
+  der(v) = -g;
+  when h <= 0 then
+    reinit(v, -e*pre(v));
+    bounces = pre(bounces) + 1;
+  end when;
+end M;
+"""
+
+
+def bounced(times: np.ndarray, e: float = 0.8, g: float = 9.81) -> tuple[np.ndarray, np.ndarray]:
+    """Height of a ball that falls from 1 m, and how often it has bounced."""
+    heights, counts = [], []
+    for time in times:
+        begin, speed, count = -math.sqrt(2 / g), math.sqrt(2 * g), 0
+        while time > begin + 2 * speed / g:
+            begin, speed, count = begin + 2 * speed / g, e * speed, count + 1
+        heights.append(speed * (time - begin) - g * (time - begin) ** 2 / 2)
+        counts.append(count)
+    return np.array(heights), np.array(counts)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_ball_bounces_when_it_must(tmp_path, version):
+    found = run(made(tmp_path, BALL, version), 3.0, 0.01, "h", "bounces")
+    heights, counts = bounced(found["time"])
+    assert np.abs(found["h"] - heights).max() < 1e-10
+    assert (found["bounces"] == counts).all()
+
+
+def test_start_values_and_parameters_are_the_importers(tmp_path):
+    found = run(made(tmp_path, BALL), 0.5, 0.1, "h", "v", start_values={"h": 5.0, "v": 2.0, "g": 1.0})
+    time = found["time"]
+    assert np.abs(found["h"] - (5 + 2 * time - time**2 / 2)).max() < 1e-12
+
+
+def test_a_saved_state_holds_events_and_all(tmp_path):
+    """A run that goes back over a bounce repeats it to the bit."""
+    fmu = made(tmp_path, BALL)
+    description = fmpy.read_model_description(fmu)
+    reference = {one.name: one.valueReference for one in description.modelVariables}
+    with fmpy_instance(fmu, description, tmp_path) as one:
+        one.doStep(0.0, 0.4)
+        state = one.getFMUState()
+        first = []
+        for _ in range(2):
+            one.doStep(0.4, 0.1)
+            first.append((*one.getReal([reference["h"], reference["v"]]), *one.getInteger([reference["bounces"]])))
+            one.setFMUState(state)
+        assert first[0] == first[1]
+        assert first[0][2] == 1
+
+
+class fmpy_instance:
+    """An instance after initialisation."""
+
+    def __init__(self, fmu, description, folder):
+        self._unpacked = fmpy.extract(str(fmu), unzipdir=str(folder / "unpacked"))
+        self._one = fmpy.fmi2.FMU2Slave(
+            guid=description.guid, unzipDirectory=self._unpacked,
+            modelIdentifier=description.coSimulation.modelIdentifier, instanceName="one",
+        )  # fmt: skip
+
+    def __enter__(self):
+        one = self._one
+        one.instantiate()
+        one.setupExperiment(startTime=0.0)
+        one.enterInitializationMode()
+        one.exitInitializationMode()
+        return one
+
+    def __exit__(self, *_):
+        self._one.terminate()
+        self._one.freeInstance()
+
+
+def test_a_sampled_function_counts(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  function cubed
+    input Real u;
+    output Real y;
+  protected
+    Real t;
+  algorithm
+    t := u;
+    for i in 1:2 loop
+      t := t*u;
+    end for;
+    y := t;
+  end cubed;
+  input Real u(start=0);
+  discrete output Real y(start=0, fixed=true);
+equation
+  when sample(0.05, 0.1) then
+    y = pre(y) + cubed(u);
+  end when;
+end M;
+""")  # fmt: skip
+    signal = np.array([(0.0, 2.0), (1.0, 2.0)], dtype=[("time", float), ("u", float)])
+    found = run(fmu, 1.0, 0.02, "y", input=signal)
+    ticks = np.floor((found["time"] - 0.05) / 0.1 + 1e-9) + 1
+    assert np.abs(found["y"] - 8 * ticks).max() < 1e-12
+
+
+def test_a_pendulum_in_cartesian_coordinates_swings_round(tmp_path):
+    """Index 3; a choice of states would become singular on the way."""
+    fmu = made(tmp_path, """
+model M
+  parameter Real L = 1;
+  parameter Real g = 9.81;
+  output Real x(start=0, fixed=true);
+  output Real y(start=-1);
+  output Real vx(start=7, fixed=true);
+  Real vy;
+  output Real F;
+equation
+  der(x) = vx;
+  der(y) = vy;
+  der(vx) = -F*x;
+  der(vy) = -F*y - g;
+  x^2 + y^2 = L^2;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 3.0, 0.01, "x", "y", "F")
+    exact = solve_ivp(
+        lambda t, z: [z[1], -9.81 * math.sin(z[0])], (0, 3), [0, 7], t_eval=found["time"], rtol=1e-12, atol=1e-13,
+        method="DOP853",
+    ).y  # fmt: skip
+    assert exact[0].max() > 2 * math.pi  # it goes over the top
+    assert np.abs(found["x"] - np.sin(exact[0])).max() < 1e-7
+    assert np.abs(found["F"] - exact[1] ** 2 - 9.81 * np.cos(exact[0])).max() < 1e-5
+    assert np.abs(found["x"] ** 2 + found["y"] ** 2 - 1).max() < 1e-13
+
+
+def test_capacitors_in_parallel_share_their_charge(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  connector Pin Real v; flow Real i; end Pin;
+  model Capacitor
+    parameter Real C; Pin p; Pin n; Real v;
+  equation
+    v = p.v - n.v; C*der(v) = p.i; p.i + n.i = 0;
+  end Capacitor;
+  model Resistor
+    parameter Real R; Pin p; Pin n;
+  equation
+    p.v - n.v = R*p.i; p.i + n.i = 0;
+  end Resistor;
+  model Ground Pin p; equation p.v = 0; end Ground;
+  Capacitor a(C=1e-3, v(start=5, fixed=true));
+  Capacitor b(C=3e-3);
+  Resistor r(R=100);
+  Ground g;
+equation
+  connect(a.p, b.p); connect(a.p, r.p);
+  connect(a.n, b.n); connect(a.n, r.n); connect(a.n, g.p);
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.0, 0.1, "a.v", "b.p.i")
+    exact = 5 * np.exp(-found["time"] / 0.4)
+    assert np.abs(found["a.v"] - exact).max() < 1e-8
+    assert np.abs(found["b.p.i"] + 3e-3 * exact / 0.4).max() < 1e-9
+
+
+def test_initial_equations_give_parameters_and_states(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  parameter Real p(fixed=false, start=1);
+  parameter Real twice = 2*p;
+  Real x;
+  Real y(start=3);
+  Integer n;
+initial equation
+  der(y) = 0;
+  x = 2*p;
+  x + p = 6;
+  n = 4;
+equation
+  der(x) = -x;
+  der(y) = twice - y;
+  when x < 1 then
+    n = pre(n) + 1;
+  end when;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.0, 0.1, "x", "y", "p", "twice", "n")
+    assert np.abs(found["x"] - 4 * np.exp(-found["time"])).max() < 1e-8
+    assert np.abs(found["y"] - 4).max() < 1e-12
+    assert (found["p"] == 2).all() and (found["twice"] == 4).all()
+    assert (found["n"] == np.where(found["time"] > math.log(4), 5, 4)).all()
+
+
+def test_a_nonlinear_loop_is_solved(tmp_path):
+    fmu = made(tmp_path, "model M\nReal x;\nReal y;\nequation\nx = 0.5*sin(y) + time;\ny = x + 1;\nend M;\n")
+    found = run(fmu, 3.0, 0.05, "x", "y")
+    assert np.abs(found["x"] - 0.5 * np.sin(found["x"] + 1) - found["time"]).max() < 1e-12
+    assert np.abs(found["y"] - found["x"] - 1).max() < 1e-12
+
+
+def test_a_stiff_reaction_follows_its_reference(tmp_path):
+    """Robertson's problem (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.10)."""
+    fmu = made(tmp_path, """
+model M
+  Real a(start=1, fixed=true);
+  Real b(start=0, fixed=true, nominal=1e-5);
+  Real c;
+equation
+  der(a) = -0.04*a + 1e4*b*c;
+  der(b) = 0.04*a - 1e4*b*c - 3e7*b^2;
+  a + b + c = 1;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 40.0, 1.0, "a", "b", "c")
+    assert found["a"][-1] == pytest.approx(0.7158270688, rel=1e-7)
+    assert found["b"][-1] == pytest.approx(0.9185534765e-5, rel=1e-7)
+    assert found["c"][-1] == pytest.approx(0.2841637457, rel=1e-7)
+
+
+def test_steps_of_functions_are_events(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  Real ramp(start=0, fixed=true);
+  Real total(start=0, fixed=true);
+  Real saw;
+  Integer whole;
+equation
+  der(ramp) = 1;
+  whole = integer(ramp);
+  saw = mod(ramp, 0.3);
+  der(total) = floor(2*ramp) + saw;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.05, 0.05, "ramp", "total", "saw", "whole")
+    time = found["time"]
+    halves = np.floor(2 * time + 1e-9)
+    saws = np.floor(time / 0.3 + 1e-9)
+    exact = halves * time - (halves * (halves + 1)) / 4 + saws * 0.045 + (time - 0.3 * saws) ** 2 / 2
+    assert np.abs(found["total"] - exact).max() < 1e-9
+    inside = np.abs(time / 0.3 - np.round(time / 0.3)) > 1e-6
+    assert np.abs(found["saw"] - np.mod(time, 0.3))[inside].max() < 1e-9
+
+
+def test_branches_of_a_when_and_of_discrete_variables(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  type Mode = enumeration(off, on, done);
+  output Mode mode(start=Mode.off, fixed=true);
+  Real x(start=0, fixed=true);
+  Boolean high;
+  Integer flips(start=0, fixed=true);
+equation
+  der(x) = if mode == Mode.on then 2 else 1;
+  high = x > 1;
+  when time >= 0.5 then
+    mode = Mode.on;
+  elsewhen x > 2.5 then
+    mode = Mode.done;
+  end when;
+  when change(high) then
+    flips = pre(flips) + 1;
+  end when;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.0, 0.125, "x", "mode", "flips")
+    time = found["time"]
+    exact = np.where(time < 0.5, time, np.where(time < 1.5, 0.5 + 2 * (time - 0.5), 2.5 + (time - 1.5)))
+    assert np.abs(found["x"] - exact).max() < 1e-10
+    inside = (np.abs(time - 0.5) > 1e-6) & (np.abs(time - 1.5) > 1e-6)
+    modes = np.where(time < 0.5, 1, np.where(time < 1.5, 2, 3))
+    assert (found["mode"] == modes)[inside].all()
+    assert found["flips"][-1] == 1
+
+
+def test_an_ideal_diode_rectifies(tmp_path):
+    """Its condition depends on what the loop of equations gives."""
+    fmu = made(tmp_path, """
+model M
+  Real s; Real v; Real i; Boolean off; Real u;
+equation
+  u = sin(6.283185307179586*time);
+  off = s < 0;
+  v = if off then s else 1e-5*s;
+  i = if off then 1e-5*s else s;
+  u = v + 10*i;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.0, 0.01, "i", "u")
+    exact = np.where(found["u"] > 0, found["u"] / (10 + 1e-5), found["u"] * 1e-5 / (1 + 1e-4))
+    assert np.abs(found["i"] - exact).max() < 1e-12
+
+
+def test_chattering_is_named(tmp_path, capfd):
+    fmu = made(tmp_path, """
+model M
+  Real x(start=1, fixed=true);
+equation
+  der(x) = if x > 0 then -1 else 1;
+end M;
+""".replace("der(x)", "der(x) + 0*integer(x)"))  # fmt: skip
+    with pytest.raises(Exception, match="error"):
+        run(fmu, 2.0, 0.1, "x")
+    assert "chattering: events follow each other without end at the relation of x" in "".join(capfd.readouterr())
+
+
+def test_an_assertion_ends_the_run_with_its_text(tmp_path, capfd):
+    fmu = made(tmp_path, """
+model M
+  Real x(start=0, fixed=true);
+  Boolean b;
+equation
+  der(x) = 1;
+  b = pre(b);
+  assert(x < 0.5, "x has left its range");
+end M;
+""")  # fmt: skip
+    with pytest.raises(Exception, match="error"):
+        run(fmu, 1.0, 0.1, "x")
+    assert "x has left its range" in "".join(capfd.readouterr())
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("Real x;\nReal y;\nequation\nder(x) = y;\nx = y;\nx = 2*y;", "equation"),
+        ("Real x(start=1, fixed=true);\ninitial equation\nx = 2;\nequation\nder(x) = -x;", "the start value of x must not have fixed=true"),
+        ("input Real u;\nReal x;\nReal y;\nequation\nder(x) = y;\nx = u;", "the input u would have to be differentiated"),
+    ],
+)
+def test_what_cannot_be_solved_is_refused_by_name(tmp_path, body, told):
+    with pytest.raises(BuildError) as caught:
+        made(tmp_path, f"model M\n{body}\nend M;\n")
+    assert told in str(caught.value)
