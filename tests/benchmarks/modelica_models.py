@@ -78,13 +78,12 @@ def tried(path: Path, names: list[str], libraries: list[Path]) -> None:
 def compared(ours: Any, theirs: Any) -> dict[str, Any]:
     """The largest difference of a signal, in shares of its range."""
     worst, where = 0.0, ""
-    times = np.asarray(theirs.t, dtype=float)
+    times = np.asarray(theirs.time, dtype=float)
     count = 0
     for name in ours.dtype.names[1:]:
-        try:
-            other = np.asarray(theirs[name], dtype=float)
-        except (KeyError, ValueError, TypeError):
+        if name not in theirs.names:
             continue
+        other = np.asarray(theirs.to_numpy([name])[0], dtype=float)
         own = ours[name].astype(float)
         at = np.interp(ours["time"], times, other)
         count += 1

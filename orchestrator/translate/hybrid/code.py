@@ -280,7 +280,7 @@ def _blocks(blocks: Sequence[Block], name: str, writer: _Writer, layout: Layout)
     def close() -> None:
         if waiting:
             # One after the other: each may read what those before it have set.
-            lines = [line for one in waiting for line in ("    {", *writer.statements([one], "        "), "    }")]
+            lines = [line for place, value in waiting for line in _braced(writer, place, value)]
             call = f"{name}_{len(entries)}_assign"
             functions.append(_function(f"static void {call}(const Hybrid *h)", lines))
             entries.append(f'{{0, 1, 0, {call}, 0, 0, ""}}')
@@ -296,10 +296,10 @@ def _blocks(blocks: Sequence[Block], name: str, writer: _Writer, layout: Layout)
         n, stem = len(block.unknowns), f"{name}_{len(entries)}"
         slots = ", ".join(str(layout.slots[one]) for one in block.unknowns)
         functions.append(f"static const int {stem}_slots[] = {{{slots}}};\n")
-        residuals = [(f"r[{k}]", one) for k, one in enumerate(block.residuals)]
-        functions.append(
-            _function(f"static void {stem}_residuals(const Hybrid *h, double *r)", writer.statements(residuals))
-        )
+        inner = [line for one, value in block.inner for line in _braced(writer, writer.reference(one), value)]
+        residuals = writer.statements([(f"r[{k}]", one) for k, one in enumerate(block.residuals)])
+        head = f"static void {stem}_residuals(const Hybrid *h, double *r)"
+        functions.append(_function(head, [*inner, *residuals], "r"))
         jacobian = "0"
         if block.jacobian is not None:
             jacobian = f"{stem}_jacobian"
@@ -316,6 +316,12 @@ def _blocks(blocks: Sequence[Block], name: str, writer: _Writer, layout: Layout)
     table = ",\n    ".join(entries) or '{0, 1, 0, 0, 0, 0, ""}'
     functions.append(f"static const HybridBlock {name}_table[] = {{\n    {table}\n}};\n#define N_{name} {len(entries)}\n")
     return "\n".join(functions)
+
+
+def _braced(writer: _Writer, place: str, value: Expr) -> list[str]:
+    """One assignment in a scope of its own."""
+    lines = writer.statements([(place, value)], "        ")
+    return [f"    {lines[0].strip()}"] if len(lines) == 1 else ["    {", *lines, "    }"]
 
 
 def _named(one: Expr, layout: Layout) -> str:

@@ -114,6 +114,7 @@ class DaeModel:
         modes: expressions whose value is held between events; symbol ("mode", k) stands for entry k.
         clocks: phase and period of each [s].
         instants: times of events that are known beforehand [s].
+        valueless: parameters without a value.
     """
 
     name: str
@@ -127,6 +128,7 @@ class DaeModel:
     modes: list[Expr]
     clocks: list[tuple[float, float]]
     instants: list[float]
+    valueless: tuple[str, ...] = ()
 
 
 def read_dae(document: Json, name: str) -> DaeModel:
@@ -161,6 +163,8 @@ class _Reader:
         self._subscripts: dict[int, list[Json]] = {}
         self._number_nodes()
         self._depth = 0
+        self._roles: dict[Expr, str] = {}
+        self._valueless: list[str] = []
 
     def _number_nodes(self) -> None:
         table = self._s["expressions"]
@@ -216,7 +220,7 @@ class _Reader:
         instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
         return DaeModel(
             self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes, clocks,
-            sorted(set(instants)),
+            sorted(set(instants)), tuple(self._valueless),
         )  # fmt: skip
 
     def _scalar(self, variable: Json, name: str) -> Scalar:
@@ -250,6 +254,9 @@ class _Reader:
         if variable["role"] not in ("parameter", "constant"):
             return
         binding = attributes.get("binding")
+        given = attributes.get("start") is not None and any(one.start is not _ZERO for one in ours)
+        if binding is None and variable["role"] == "parameter" and ours[0].fixed and not given:
+            self._valueless.append(variable["name"])
         values = [None] * len(ours) if binding is None else self._flat(binding, len(ours))
         for one, value in zip(ours, values, strict=True):
             if not one.fixed:
@@ -497,14 +504,13 @@ class _Reader:
 
     def _moves(self, made: Expr) -> bool:
         continuous = ("state", "algebraic", "input", "output")
-        roles = getattr(self, "_roles", None)
-        if roles is None:
-            roles = self._roles = {
+        if not self._roles:
+            self._roles = {
                 place: variable["role"]
                 for variable, places in zip(self._s["variables"], self._elements, strict=True)
                 for place in places.ravel()
             }
-        return any(one.args[0] in ("t", "der") or roles.get(one) in continuous for one in made.free)
+        return any(one.args[0] in ("t", "der") or self._roles.get(one) in continuous for one in made.free)
 
     def _held(self, made: Expr) -> Expr:
         if made not in self._mode_of:
@@ -603,6 +609,8 @@ class _Reader:
             return _each(partial(self._stepped, _STEPS[name]), values[0])
         if name in _REDUCTIONS:
             return _REDUCTIONS[name](values)
+        if name in ("mod", "div", "rem"):
+            return self._quotient({"builtin": name}, *values)
         if name == "homotopy":
             return values[0]
         if name in ("promoted_cat1", "promoted_cat2"):

@@ -28,8 +28,9 @@ class Block:
     """Equations that are solved together.
 
     Attributes:
-        unknowns: symbols; of one with `value` set, the equation is solved for it already.
+        unknowns: symbols that are iterated; of one with `value` set, the equation is solved for it already.
         residuals: zero at the solution.
+        inner: further unknowns in the order in which they follow from those that are iterated.
         jacobian: rows of derivatives of the residuals; None where they have to be found by differences.
         linear: whether the Jacobian holds no unknown.
     """
@@ -39,6 +40,7 @@ class Block:
     jacobian: tuple[tuple[Expr, ...], ...] | None = None
     linear: bool = False
     value: Expr | None = None
+    inner: tuple[tuple[Expr, Expr], ...] = ()
 
 
 @dataclass
@@ -94,7 +96,7 @@ def solve_order(model: DaeModel) -> System:
     used = set(owner.values())
     constraints = [equation for number, equation in enumerate(ordered) if number not in used]
     blocks = _blocks(ordered, owner, by_symbol)
-    notes: list[str] = []
+    notes = [f"without a value, 0 until the importer sets one: {', '.join(model.valueless)}"] if model.valueless else []
     initial = _initial(model, ordered, states, unknowns, by_symbol, notes)
     return System(model, states, blocks, initial, constraints, aliases, unknowns, notes)
 
@@ -312,21 +314,70 @@ def _block(residuals: list[Expr], unknowns: list[Expr]) -> Block:
             factor, rest = found
             if factor.op == "num" or not _may_vanish(factor):
                 return Block(tuple(unknowns), tuple(residuals), value=ex.neg(ex.div(rest, factor)))
+    residuals, unknowns, inner = _torn(residuals, unknowns)
     try:
-        rows = []
-        for residual in residuals:
-            row = []
-            for unknown in unknowns:
-                if unknown in residual.free:
-                    row.append(ex.derivative(residual, lambda one, u=unknown: ex.ONE if one is u else ex.ZERO))
-                else:
-                    row.append(ex.ZERO)
-            rows.append(tuple(row))
+        rows: list[list[Expr]] = [[] for _ in residuals]
+        for unknown in unknowns:
+            known: dict[int, Expr] = {}
+            by = {unknown: ex.ONE}
+            for one, value in inner:
+                by[one] = ex.derivative(value, lambda other, by=by: by.get(other, ex.ZERO), known)
+            for row, residual in zip(rows, residuals, strict=True):
+                row.append(ex.derivative(residual, lambda other, by=by: by.get(other, ex.ZERO), known))
     except ex.NoDerivative:
-        return Block(tuple(unknowns), tuple(residuals))
-    sought = set(unknowns)
+        return Block(tuple(unknowns), tuple(residuals), inner=inner)
+    sought = {*unknowns, *(one for one, _ in inner)}
     linear = not any(one.free & sought for row in rows for one in row)
-    return Block(tuple(unknowns), tuple(residuals), tuple(rows), linear)
+    return Block(tuple(unknowns), tuple(residuals), tuple(map(tuple, rows)), linear, inner=inner)
+
+
+def _torn(
+    residuals: list[Expr], unknowns: list[Expr]
+) -> tuple[list[Expr], list[Expr], tuple[tuple[Expr, Expr], ...]]:
+    """Split a block: residuals and unknowns that are iterated, and those that follow from them (tearing).
+
+    An unknown follows from an equation that is linear in it, with a factor of numbers and parameters.
+    """
+    if len(unknowns) < 3:
+        return residuals, unknowns, ()
+    left = dict(enumerate(residuals))
+    holds = {number: set(one.free) & set(unknowns) for number, one in left.items()}
+    where: dict[Expr, set[int]] = {one: {n for n, found in holds.items() if one in found} for one in unknowns}
+    open_unknowns, iterated = set(unknowns), []
+    inner: list[tuple[Expr, Expr]] = []
+    ready = sorted(n for n, found in holds.items() if len(found) == 1)
+
+    def settle(one: Expr) -> None:
+        open_unknowns.discard(one)
+        for number in sorted(where[one]):
+            if number in left:
+                holds[number].discard(one)
+                if len(holds[number]) == 1:
+                    ready.append(number)
+
+    while open_unknowns:
+        found = None
+        while ready and found is None:
+            number = ready.pop(0)
+            if number not in left or len(holds[number]) != 1:
+                continue
+            (one,) = holds[number]
+            solved = ex.linear(left[number], one)
+            if solved and solved[0] is not ex.ZERO and all(f.args[0] == "p" for f in solved[0].free):
+                if not _may_vanish(solved[0]):
+                    found = one, ex.neg(ex.div(solved[1], solved[0]))
+        if found:
+            del left[number]
+            inner.append(found)
+            settle(found[0])
+            continue
+        one = max(
+            sorted(open_unknowns, key=lambda one: (one.args[0], one.args[1:])),
+            key=lambda one: sum(n in left for n in where[one]),
+        )
+        iterated.append(one)
+        settle(one)
+    return list(left.values()), iterated, tuple(inner)
 
 
 def _may_vanish(factor: Expr) -> bool:

@@ -498,6 +498,7 @@ static double until_event(Work *w, double t, double h, int *event)
 {
     static const double looks[] = {0.25, 0.5, 0.75, 1};
     double low = 0, high = 1, end = 0;
+    int costly = largest() > 16; /* then a step by RODAS costs much more than a look at its dense output */
     *event = 0;
     for (int k = 0; k < 4 && !*event; k++) {
         high = looks[k];
@@ -505,12 +506,20 @@ static double until_event(Work *w, double t, double h, int *event)
         if (!*event) low = high;
     }
     if (!*event) return h;
-    for (int k = 0; k < 12; k++) {
+    for (int k = 0; k < (costly ? 52 : 12); k++) {
         double middle = 0.5 * (low + high);
         if (changed_at(w, t, h, middle))
             high = middle;
         else
             low = middle;
+    }
+    if (costly) {
+        /* The dense output knows the event as well as the error control knows the states. */
+        double more = DBL_EPSILON;
+        for (int k = 0; k < 40; k++, more *= 2)
+            if (changed_after(w, t, fmin(h, (high + more) * h), &end)) return fmin(h, (high + more) * h);
+        changed_after(w, t, h, &end);
+        return h;
     }
     low = fmax(0, low - 0.01) * h;
     high = fmin(1, high + 0.01) * h;
