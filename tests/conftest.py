@@ -130,7 +130,7 @@ _SLOW = (
 )
 
 
-# Each takes from half a minute to five: FULL_TESTS=1 runs them. Shorter tests of the same subjects always run.
+# Each takes from half a minute to five: FULL_TESTS=1 runs them. Shorter ones of the same subjects always run.
 _LONGEST = (
     "diagnosis/test_calibrate.py::test_the_calibration_is_learned_by_its_command",
     "diagnosis/test_challenge.py::test_the_same_seed_gives_the_same_bytes",

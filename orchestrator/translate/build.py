@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -20,6 +19,7 @@ from .package import (
     binary_member,
     build_description,
     compile_library,
+    content_token,
     named_platforms,
     runtime_sources,
     write_fmu,
@@ -152,7 +152,8 @@ def translate(
 
 # Of refusals by the explicit route those that say what it lacks; all others name a mistake of the model.
 _LACKS = re.compile(
-    r"^(?!.*(the compiler |expressions of kind )).*(?<!which are )not supported|fixed=false, which needs|only Real, Integer and Boolean|a subscript or size has to be"
+    r"^(?!.*(the compiler |expressions of kind )).*(?<!which are )not supported"
+    r"|fixed=false, which needs|only Real, Integer and Boolean|a subscript or size has to be"
 )
 
 
@@ -238,13 +239,3 @@ def _explicit(
 def model_identifier(model: str) -> str:
     """Model identifier of a qualified model name: the last part, as a C identifier."""
     return re.sub(r"\W", "_", model.rpartition(".")[2], flags=re.ASCII)
-
-
-def content_token(parts: Sequence[bytes]) -> str:
-    """A GUID made of the contents: unlike sources get unlike tokens, like sources the same."""
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(len(part).to_bytes(8, "little"))
-        digest.update(part)
-    text = digest.hexdigest()
-    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"

@@ -9,9 +9,9 @@ from typing import Any
 
 from orchestrator.base.errors import BuildError
 
-from .build import ALL, check_options, compiled, content_token, need_casadi
+from .build import ALL, check_options, compiled, need_casadi
 from .build_report import BuildReport
-from .package import build_description, runtime_sources, write_fmu
+from .package import build_description, content_token, runtime_sources, write_fmu
 from .presentation import Section, dress, sources_of
 from .python_fmu import described_model, docstrings, source_files
 from .shared_source import assembled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import hashlib
 import os
 import platform as host
 import re
@@ -157,6 +158,16 @@ def runtime_sources(fmi_version: FmiVersion, stepped: bool = False) -> dict[str,
     sources |= interface_headers(fmi_version)
     # A checkout with CRLF line ends must give the same FMU.
     return {name: sources[name].replace(b"\r\n", b"\n") for name in sorted(sources)}
+
+
+def content_token(parts: Sequence[bytes]) -> str:
+    """A GUID made of the contents: unlike sources get unlike tokens, like sources the same."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    text = digest.hexdigest()
+    return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"
 
 
 def hybrid_sources(fmi_version: FmiVersion) -> dict[str, bytes]:

@@ -51,7 +51,8 @@ def tried(path: Path, names: list[str], libraries: list[Path]) -> None:
                 model = session.load(str(folder / tree.main), model=name)
                 document = json.loads(model.to_json("dae"))
                 stage = "translation"
-                hybrid.dae_form = lambda *_: document  # read once, by the session that holds the library
+                # Read once, by the session that holds the library.
+                hybrid.dae_form = lambda *_, read=document: read
                 identifier = model_identifier(name)
                 members, counts, _ = hybrid.translate_hybrid(tree, name, identifier, "2.0")
                 stage = "binary"
@@ -121,14 +122,21 @@ def main() -> int:
             one.name
             for one in tree.classes.values()
             if one.kind in ("model", "block")
-            and not re.search(rf"\bpartial\s+{one.kind}\s+{re.escape(one.name.rpartition('.')[2])}\b", tree.texts[one.file])
+            and not re.search(
+                rf"\bpartial\s+{one.kind}\s+{re.escape(one.name.rpartition('.')[2])}\b", tree.texts[one.file]
+            )
         ]
     names = [one for one in names if re.search(args.match, one)]
     command = [sys.executable, "-m", "tests.benchmarks.modelica_models", *sys.argv[1:], "--worker"]
 
     def started() -> subprocess.Popen[str]:
         return subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            bufsize=1,
         )
 
     worker, counts = started(), Counter[str]()
@@ -151,7 +159,9 @@ def main() -> int:
         if "gap" in answer:
             agrees = answer["gap"] <= WITHIN
             outcome = "agrees" if agrees else "differs"
-            text = f"{outcome}: {answer['gap']:.1e} in {answer['where'] or '-'} of {answer['signals']} signals"
+            text = (
+                f"{outcome}: {answer['gap']:.1e} in {answer['where'] or '-'} of {answer['signals']} signals"
+            )
         else:
             outcome = answer["stage"]
             text = f"{outcome}: {answer['what'].splitlines()[0][:200]}"

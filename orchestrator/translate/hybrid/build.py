@@ -11,7 +11,7 @@ from orchestrator.base.errors import BuildError
 from ..audit import experiment
 from ..documents import sources_used
 from ..generate import TOKEN_MARK
-from ..package import FmiVersion, build_description, hybrid_sources
+from ..package import FmiVersion, build_description, content_token, hybrid_sources
 from ..presentation import dress, sources_of
 from ..sources import SourceTree
 from .code import generate_hybrid_c, layout_of
@@ -35,8 +35,6 @@ def translate_hybrid(
     Returns: path within the FMU -> content; counts; notes.
     Raises: BuildError for what is not supported.
     """
-    from ..build import content_token
-
     document = dae_form(tree, name, libraries)
     try:
         system = solve_order(read_dae(document, name))
@@ -53,7 +51,9 @@ def translate_hybrid(
             layout, numbers, fmi_version=fmi_version, identifier=identifier, token=token, source_files=files
         )
 
-    token = content_token([code.encode(), description(TOKEN_MARK), *(sources[key] for key in sorted(sources))])
+    token = content_token(
+        [code.encode(), description(TOKEN_MARK), *(sources[key] for key in sorted(sources))]
+    )
     sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
     if fmi_version == "3.0":
         sources["buildDescription.xml"] = build_description(identifier, list(sources))

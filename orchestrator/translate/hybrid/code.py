@@ -119,7 +119,8 @@ def layout_of(system: System) -> Layout:
             ports.append(Port(f"der({one.name})", "ALGEBRAIC", count, one, slope, order=1))
             count += 1
     return Layout(
-        system, slots, inputs, parameters, ports, done + 2, modes, conditions, clocks, warned, done, done + 1, settable
+        system, slots, inputs, parameters, ports, done + 2, modes, conditions, clocks, warned, done, done + 1,
+        settable,
     )  # fmt: skip
 
 
@@ -233,6 +234,7 @@ def generate_hybrid_c(layout: Layout, identifier: str) -> str:
             "w",
         ),
     ]
+    token = c_string(TOKEN_MARK)
     counts = (len(layout.ports), layout.n_z, len(layout.inputs), len(layout.parameters), len(layout.computed))
     lines = "\n".join(f"    {_entry(one)}," for one in layout.ports)
     body = "\n".join(parts)
@@ -247,7 +249,7 @@ static inline double sign_of(double x)
     return (x > 0) - (x < 0);
 }}
 
-const ModelInfo model_info = {{{c_string(identifier)}, {c_string(TOKEN_MARK)}, {", ".join(map(str, counts))}, 0, 0, 0}};
+const ModelInfo model_info = {{{c_string(identifier)}, {token}, {", ".join(map(str, counts))}, 0, 0, 0}};
 
 const ModelVariable model_variables[] = {{
 {lines}
@@ -261,9 +263,8 @@ const ModelVariable model_variables[] = {{
 def _entry(port: Port) -> str:
     kind = "TYPE_REAL" if port.scalar is None or port.order else _TYPES.get(port.scalar.type, "TYPE_INTEGER")
     settable = int(port.kind in ("INPUT", "PARAMETER", "STATE"))
-    return (
-        f"{{{c_string(port.name)}, KIND_{port.kind}, {port.index}, {kind}, {settable}, {port.start or 0.0!r}, 1.0}}"
-    )
+    start = port.start or 0.0
+    return f"{{{c_string(port.name)}, KIND_{port.kind}, {port.index}, {kind}, {settable}, {start!r}, 1.0}}"
 
 
 def _function(head: str, lines: Sequence[str], *unused: str) -> str:
@@ -303,10 +304,14 @@ def _blocks(blocks: Sequence[Block], name: str, writer: _Writer, layout: Layout)
         jacobian = "0"
         if block.jacobian is not None:
             jacobian = f"{stem}_jacobian"
-            cells = [(f"j[{r * n + c}]", one) for r, row in enumerate(block.jacobian) for c, one in enumerate(row)]
+            cells = [
+                (f"j[{r * n + c}]", one) for r, row in enumerate(block.jacobian) for c, one in enumerate(row)
+            ]
             lines = writer.statements([one for one in cells if one[1] is not ex.ZERO])
             clear = f"    for (int k = 0; k < {n * n}; k++) j[k] = 0;"
-            functions.append(_function(f"static void {jacobian}(const Hybrid *h, double *j)", [clear, *lines]))
+            functions.append(
+                _function(f"static void {jacobian}(const Hybrid *h, double *j)", [clear, *lines])
+            )
         names = [_named(one, layout) for one in block.unknowns]
         text = ", ".join(names[:8]) + (f" and {n - 8} more" if n > 8 else "")
         entries.append(
@@ -314,7 +319,9 @@ def _blocks(blocks: Sequence[Block], name: str, writer: _Writer, layout: Layout)
         )
     close()
     table = ",\n    ".join(entries) or '{0, 1, 0, 0, 0, 0, ""}'
-    functions.append(f"static const HybridBlock {name}_table[] = {{\n    {table}\n}};\n#define N_{name} {len(entries)}\n")
+    functions.append(
+        f"static const HybridBlock {name}_table[] = {{\n    {table}\n}};\n#define N_{name} {len(entries)}\n"
+    )
     return "\n".join(functions)
 
 
@@ -371,7 +378,11 @@ def _conditions(layout: Layout, writer: _Writer) -> str:
             case "rise":
                 value, rise = f"(c[{a}] != 0 || c[{b}] != 0)", f"(rise[{a}] != 0 || rise[{b}] != 0)"
             case _:
-                lines += ["    {", *writer.statements([(f"c[{number}]", one.operands[0])], "        "), "    }"]
+                lines += [
+                    "    {",
+                    *writer.statements([(f"c[{number}]", one.operands[0])], "        "),
+                    "    }",
+                ]
                 value = ""
         if value:
             lines.append(f"    c[{number}] = {value};")
@@ -406,11 +417,19 @@ def _discretes(layout: Layout, writer: _Writer) -> str:
             # Where the start of a parameter or variable is set by initial equations, that holds.
             before = writer.reference(ex.symbol("pre", one.target.args[1]))
             lines.append(f"    else {place} = {before};")
-    initial = [(target, value) for target, value in model.initial_values if target in {d.target for d in model.discretes}]
+    initial = [
+        (target, value)
+        for target, value in model.initial_values
+        if target in {d.target for d in model.discretes}
+    ]
     if initial:
         lines.append("    if (h->initial) {")
         for target, value in initial:
-            lines += ["        {", *writer.statements([(writer.reference(target), value)], "            "), "        }"]
+            lines += [
+                "        {",
+                *writer.statements([(writer.reference(target), value)], "            "),
+                "        }",
+            ]
         lines.append("    }")
     return _function("void hybrid_discretes(const Hybrid *h)", lines)
 
@@ -432,7 +451,11 @@ def _actions(layout: Layout, writer: _Writer) -> str:
     lines = []
     for number, one in enumerate(_reported(layout.system)):
         if one.value is not None:
-            lines += ["    {", *writer.statements([(f"a[{number}]", ex.logical("not", one.value))], "        "), "    }"]
+            lines += [
+                "    {",
+                *writer.statements([(f"a[{number}]", ex.logical("not", one.value))], "        "),
+                "    }",
+            ]
         elif one.kind == "terminate":
             lines.append(f"    a[{number}] = h->c[{one.guard}] != 0;")
         else:
@@ -449,8 +472,11 @@ def _tables(layout: Layout) -> str:
     system, slots = layout.system, layout.slots
     model = system.model
     variables = model.variables
-    before = [(slot, slots[ex.symbol("v", one.args[1])]) for one, slot in slots.items() if one.args[0] == "pre"
-              and ex.symbol("v", one.args[1]) in slots]  # fmt: skip
+    before = [
+        (slot, slots[ex.symbol("v", one.args[1])])
+        for one, slot in slots.items()
+        if one.args[0] == "pre" and ex.symbol("v", one.args[1]) in slots
+    ]
     discrete = {one.value for one in variables if one.role == "discrete"}
     numbers = [one.args[1] for one in slots if one.args[0] == "pre" and ex.symbol("v", one.args[1]) in slots]
     started = [
@@ -484,14 +510,18 @@ def _tables(layout: Layout) -> str:
         layout.n_z, len(system.states), "states", "slopes", "nominals", "N_block", "N_initial", "block_table",
         "initial_table", len(model.modes), layout.mode_slot, "mode_names", len(model.conditions),
         layout.condition_slot, len(model.clocks), layout.clock_slot, "phases", "periods", len(model.instants),
-        "instants", len(before), sum(ex.symbol("v", one) in discrete for one in numbers), "pre", "pre_of", len(model.discretes), "discretes", len(started), "started",
+        "instants", len(before), sum(ex.symbol("v", one) in discrete for one in numbers), "pre", "pre_of",
+        len(model.discretes), "discretes", len(started), "started",
         "starts", len(layout.settable), "settable", "settable_starts", "settable_lasts", len(reported),
-        layout.warned_slot, "action_kinds", "messages", len(system.constraints), layout.done_slot, layout.size_slot,
+        layout.warned_slot, "action_kinds", "messages", len(system.constraints),
+        layout.done_slot, layout.size_slot,
     ]  # fmt: skip
     return "\n".join([*arrays, f"const HybridInfo hybrid_info = {{{', '.join(map(str, values))}}};"])
 
 
 def _mode(one: Expr, layout: Layout) -> str:
     """A mode in words, for messages."""
-    names = sorted({_named(s, layout) if s.args[0] != "t" else "time" for s in one.free if s.args[0] != "mode"})
+    names = sorted(
+        {_named(s, layout) if s.args[0] != "t" else "time" for s in one.free if s.args[0] != "mode"}
+    )
     return f"of {', '.join(names)}"

@@ -25,7 +25,8 @@ Json = Mapping[str, Any]
 _HIDDEN_NODES = 6
 _DEEPEST_CALL = 200
 _RELATIONS = {
-    "less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne",
+    "less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq",
+    "not_equal": "ne",
 }  # fmt: skip
 _FUNCTIONS = {
     "abs": "fabs", "sin": "sin", "cos": "cos", "tan": "tan", "asin": "asin", "acos": "acos", "atan": "atan",
@@ -187,7 +188,6 @@ class _Reader:
         self._derivatives: list[np.ndarray] = []
         self._pre: list[np.ndarray] = []
         scalars: list[Scalar] = []
-        self._kinds = []
         for variable in self._s["variables"]:
             shape = tuple(self._s["value_types"][variable["value_type"]]["dimensions"])
             places = np.empty(shape, dtype=object)
@@ -199,7 +199,9 @@ class _Reader:
                 places[index] = ex.symbol(role, number)
                 slopes[index], before[index] = ex.symbol("der", number, 1), ex.symbol("pre", number)
                 inside = ",".join(str(one + 1) for one in index)
-                scalars.append(self._scalar(variable, f"{variable['name']}[{inside}]" if index else variable["name"]))
+                scalars.append(
+                    self._scalar(variable, f"{variable['name']}[{inside}]" if index else variable["name"])
+                )
                 scalars[-1].value = places[index]
             self._elements.append(places)
             self._derivatives.append(slopes)
@@ -219,7 +221,8 @@ class _Reader:
         clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
         instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
         return DaeModel(
-            self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes, clocks,
+            self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes,
+            clocks,
             sorted(set(instants)), tuple(self._valueless),
         )  # fmt: skip
 
@@ -396,7 +399,7 @@ class _Reader:
         raise _refuse(self._name, f"the action {kind}")
 
     def _text(self, number: int) -> str:
-        kind, content, operands = self._nodes[number]
+        kind, content, _ = self._nodes[number]
         if kind == "literal" and isinstance(content, dict) and "string" in content:
             return str(content["string"])
         if kind == "binary" and content["operator"] == "add":
@@ -478,7 +481,11 @@ class _Reader:
         if kind == "function_parameter":
             return bound["parameter", where["ordinal"]]
         if kind == "derivative":
-            return self._derivatives[where][()] if not self._derivatives[where].shape else self._derivatives[where]
+            return (
+                self._derivatives[where][()]
+                if not self._derivatives[where].shape
+                else self._derivatives[where]
+            )
         table = self._pre if kind.startswith("pre_") else self._elements
         if isinstance(where, int) and where < len(table):
             return table[where][()] if not table[where].shape else table[where]
@@ -572,7 +579,9 @@ class _Reader:
     def _comprehension(self, content: Json, bound: Mapping[Any, Any]) -> Any:
         binders = [one for one in self._domain(content["domain"]) if one[0] not in bound]
         made = [
-            self._at(content["body"], {**bound, **dict(zip((key for key, _ in binders), values, strict=True))})
+            self._at(
+                content["body"], {**bound, **dict(zip((key for key, _ in binders), values, strict=True))}
+            )
             for values in itertools.product(*(values for _, values in binders))
         ]
         shape = tuple(len(values) for _, values in binders)
@@ -637,7 +646,9 @@ class _Reader:
             self._statements(function["statements"], inside)
             return inside["value", content["output"]]
         except KeyError as error:
-            raise _refuse(self._name, f"the function {function['name']}() (a value before it is set)") from error
+            raise _refuse(
+                self._name, f"the function {function['name']}() (a value before it is set)"
+            ) from error
         finally:
             self._events = before
             self._depth -= 1
@@ -749,7 +760,8 @@ _REDUCTIONS: dict[str, Callable[[list[Any]], Any]] = {
         dtype=object,
     ),
     "diagonal": lambda values: np.array(
-        [[one if i == j else _ZERO for j in range(len(values[0]))] for i, one in enumerate(values[0])], dtype=object
+        [[one if i == j else _ZERO for j in range(len(values[0]))] for i, one in enumerate(values[0])],
+        dtype=object,
     ),
     "linspace": lambda values: _linspace(*values),
     "size": lambda values: ex.number(np.shape(values[0])[_whole(values[1]) - 1]),

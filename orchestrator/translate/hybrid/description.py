@@ -48,7 +48,8 @@ def describe_hybrid(
         root.set("numberOfEventIndicators", "0")
         simulation = ET.SubElement(
             root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
-            canNotUseMemoryManagementFunctions="true", canGetAndSetFMUstate="true", canSerializeFMUstate="true",
+            canNotUseMemoryManagementFunctions="true", canGetAndSetFMUstate="true",
+            canSerializeFMUstate="true",
         )  # fmt: skip
         files = ET.SubElement(simulation, "SourceFiles")
         for name in sorted(source_files):
@@ -64,7 +65,12 @@ def describe_hybrid(
     categories = ET.SubElement(root, "LogCategories")
     for name, text in LOG_CATEGORIES.items():
         ET.SubElement(categories, "Category", name=name, description=text)
-    names = {"startTime": "StartTime", "stopTime": "StopTime", "tolerance": "Tolerance", "stepSize": "Interval"}
+    names = {
+        "startTime": "StartTime",
+        "stopTime": "StopTime",
+        "tolerance": "Tolerance",
+        "stepSize": "Interval",
+    }
     if found := {name: repr(experiment[key]) for name, key in names.items() if key in experiment}:
         ET.SubElement(root, "DefaultExperiment", found)
     variables = ET.SubElement(root, "ModelVariables")
@@ -87,7 +93,11 @@ def _variable(variables: ET.Element, number: int, port: Port, second: bool) -> N
     identity = {"name": port.name, "valueReference": str(number)}
     value: dict[str, str] = {}
     if scalar is None:
-        identity |= {"description": "Simulation time", "causality": "independent", "variability": "continuous"}
+        identity |= {
+            "description": "Simulation time",
+            "causality": "independent",
+            "variability": "continuous",
+        }
     else:
         text = f"Time derivative of {scalar.name}" if port.order else scalar.description
         if text:
@@ -133,12 +143,16 @@ def _structure(root: ET.Element, ports: Sequence[Port], second: bool) -> None:
     outputs = [
         number
         for number, one in enumerate(ports)
-        if one.scalar is not None and one.scalar.causality == "output" and not one.order and one.kind != "INPUT"
+        if one.scalar is not None
+        and one.scalar.causality == "output"
+        and not one.order
+        and one.kind != "INPUT"
     ]
     initial = [
         number
         for number, one in enumerate(ports)
-        if one.kind == "ALGEBRAIC" and (number in outputs or (one.scalar and one.scalar.role in ("dependent", "free")))
+        if one.kind == "ALGEBRAIC"
+        and (number in outputs or (one.scalar and one.scalar.role in ("dependent", "free")))
     ]
     if second:
         for name, numbers in (("Outputs", outputs), ("InitialUnknowns", initial)):

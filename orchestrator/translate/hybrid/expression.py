@@ -24,7 +24,7 @@ class Expr:
     """A node: an operator and its operands.
 
     Attributes:
-        op: "num", "sym", an arithmetic or logical operator, or "fn:NAME" of the C library, "call:NAME:OUTPUT".
+        op: "num", "sym", an arithmetic or logical operator, or "fn:NAME" of the C library.
         args: operands; of "num" the value, of "sym" what identifies the symbol.
         free: the symbols that the expression contains.
     """
@@ -218,9 +218,11 @@ def function(name: str, *args: Expr) -> Expr:
 
 
 _VALUES: dict[str, Callable[..., float]] = {
-    "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos, "atan": math.atan,
+    "sin": math.sin, "cos": math.cos, "tan": math.tan, "asin": math.asin, "acos": math.acos,
+    "atan": math.atan,
     "atan2": math.atan2, "sinh": math.sinh, "cosh": math.cosh, "tanh": math.tanh, "exp": math.exp,
-    "log": math.log, "log10": math.log10, "sqrt": math.sqrt, "fabs": abs, "floor": math.floor, "ceil": math.ceil,
+    "log": math.log, "log10": math.log10, "sqrt": math.sqrt, "fabs": abs, "floor": math.floor,
+    "ceil": math.ceil,
     "trunc": math.trunc, "fmin": min, "fmax": max, "sign": lambda x: (x > 0) - (x < 0), "pow": pow,
 }  # fmt: skip
 
@@ -274,7 +276,9 @@ def substituted(expression: Expr, by: Mapping[Expr, Expr], known: dict[int, Expr
         elif one.op == "num" or not one.free & by.keys():
             made[id(one)] = one
         else:
-            made[id(one)] = rebuild(one.op, tuple(made[id(a)] if isinstance(a, Expr) else a for a in one.args))
+            made[id(one)] = rebuild(
+                one.op, tuple(made[id(a)] if isinstance(a, Expr) else a for a in one.args)
+            )
     return made[id(expression)]
 
 

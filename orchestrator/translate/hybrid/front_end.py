@@ -28,7 +28,9 @@ def library_paths(given: Sequence[Path] = ()) -> tuple[Path, ...]:
     """
     for one in given:
         if not one.is_dir():
-            raise BuildError(f"--library {one}: no such folder; give one that holds a library's folder or package.mo")
+            raise BuildError(
+                f"--library {one}: no such folder; give one that holds a library's folder or package.mo"
+            )
     named = [Path(one) for one in os.environ.get("MODELICAPATH", "").split(os.pathsep) if one]
     return (*given, *(one for one in named if one.is_dir()))
 
@@ -67,7 +69,8 @@ def dae_form(
             )
         except subprocess.TimeoutExpired:
             raise BuildError(
-                f"{tree.shown(tree.main)}: the Modelica compiler did not end within {time_limit:g} s for {model}"
+                f"{tree.shown(tree.main)}: the Modelica compiler did not end within {time_limit:g} s "
+                f"for {model}"
             ) from None
         if done.returncode:
             text = restored(done.stderr.strip() or "it ended without a message")
@@ -80,7 +83,9 @@ def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
     words = {word for text in tree.texts.values() for word in re.findall(r"\w+", text)}
     found = []
     for folder in libraries:
-        inside = [folder.name] if (folder / "package.mo").is_file() else [one.stem for one in folder.iterdir()]
+        inside = (
+            [folder.name] if (folder / "package.mo").is_file() else [one.stem for one in folder.iterdir()]
+        )
         # A folder may carry a version, as "Modelica 4.1.0".
         if any(name.partition(" ")[0] in words for name in inside):
             found.append(folder)

@@ -77,7 +77,9 @@ def solve_order(model: DaeModel) -> System:
     by_symbol = {one.value: one for one in model.variables}
     model, aliases = _without_aliases(model, by_symbol)
     states = [one.value for one in model.variables if one.role == "state"]
-    algebraics = [one.value for one in model.variables if one.role == "algebraic" and one.value not in aliases]
+    algebraics = [
+        one.value for one in model.variables if one.role == "algebraic" and one.value not in aliases
+    ]
     _check_count(model, states, algebraics)
     ordered = _reduced(model, states, algebraics)
     known = set(states)
@@ -90,13 +92,16 @@ def solve_order(model: DaeModel) -> System:
             raise BuildError(f"{model.name}: no equation determines {by_symbol[one].name}")
     owner = _matched(ordered, set(unknowns))
     if missing := [one for one in unknowns if one not in owner]:
-        raise BuildError(
-            f"{model.name}: the equations do not determine {listed(_named(one, by_symbol) for one in missing)}"
-        )
+        names = listed(_named(one, by_symbol) for one in missing)
+        raise BuildError(f"{model.name}: the equations do not determine {names}")
     used = set(owner.values())
     constraints = [equation for number, equation in enumerate(ordered) if number not in used]
     blocks = _blocks(ordered, owner, by_symbol)
-    notes = [f"without a value, 0 until the importer sets one: {', '.join(model.valueless)}"] if model.valueless else []
+    notes = (
+        [f"without a value, 0 until the importer sets one: {', '.join(model.valueless)}"]
+        if model.valueless
+        else []
+    )
     initial = _initial(model, ordered, states, unknowns, by_symbol, notes)
     return System(model, states, blocks, initial, constraints, aliases, unknowns, notes)
 
@@ -151,7 +156,9 @@ def _without_aliases(model: DaeModel, by_symbol: dict[Expr, Scalar]) -> tuple[Da
             replace(one, branches=tuple(replace(b, value=replaced(b.value)) for b in one.branches))
             for one in model.discretes
         ],
-        actions=[replace(one, value=None if one.value is None else replaced(one.value)) for one in model.actions],
+        actions=[
+            replace(one, value=None if one.value is None else replaced(one.value)) for one in model.actions
+        ],
         conditions=[
             replace(one, operands=tuple(replaced(o) if isinstance(o, Expr) else o for o in one.operands))
             for one in model.conditions
@@ -209,8 +216,8 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
                 break
             if not seen and not (equations[current].free & set(variables)):
                 raise BuildError(
-                    f"{model.name}: an equation holds no unknown; a component whose connectors are not connected "
-                    "is no complete model: build a model that uses it"
+                    f"{model.name}: an equation holds no unknown; a component whose connectors are not "
+                    "connected is no complete model: build a model that uses it"
                 )
             for one in sorted(seen, key=lambda one: (one.args[0] == "der", one.args[1:])):
                 order = one.args[2] + 1 if one.args[0] == "der" else 1
@@ -256,7 +263,7 @@ def _augment(
     path: list[tuple[int, list[Expr], Expr | None]] = [(start, _ordered(equations[start], allowed), None)]
     seen_equations.add(start)
     while path:
-        equation, ahead, _ = path[-1]
+        _, ahead, _ = path[-1]
         free = next((one for one in ahead if one not in owner and one not in seen), None)
         if free is not None:
             choice = free
@@ -413,13 +420,19 @@ def _initial(
     weak += [one for one in model.variables if one.role == "free"]
     required = [*ordered, *follow, *model.initial_equations, *(ex.sub(a, b) for a, b in given.items())]
     begins = len(ordered) + len(follow)
-    equations = [*required, *starts, *(ex.sub(one.value, ex.symbol("start", one.value.args[1])) for one in weak)]
+    equations = [
+        *required,
+        *starts,
+        *(ex.sub(one.value, ex.symbol("start", one.value.args[1])) for one in weak),
+    ]
     owner: dict[Expr, int] = {}
     for number, equation in enumerate(equations):
         if _augment(number, equations, sought, owner, set(), set()) or number < begins:
             continue
         if number < len(required):
-            raise BuildError(f"{model.name}: too many initial equations: 0 = {_shown(equation, by_symbol)} is one too many")
+            raise BuildError(
+                f"{model.name}: too many initial equations: 0 = {_shown(equation, by_symbol)} is one too many"
+            )
         if number < len(required) + len(starts):
             name = by_symbol[equation.args[0]].name
             if model.initial_equations:
@@ -430,7 +443,9 @@ def _initial(
             notes.append(f"the start value of {name} is not used, since others determine {name}")
     if missing := [one for one in sorted(sought, key=lambda one: one.args[1:]) if one not in owner]:
         names = listed(_named(one, by_symbol) for one in missing)
-        raise BuildError(f"{model.name}: initialisation does not determine {names}; give start values with fixed=true")
+        raise BuildError(
+            f"{model.name}: initialisation does not determine {names}; give start values with fixed=true"
+        )
     used = set(owner.values())
     taken = [one.name for k, one in enumerate(weak) if len(required) + len(starts) + k in used]
     if taken:

@@ -1,4 +1,4 @@
-"""FMUs of models with events, loops, initial equations, functions and higher index, against exact solutions."""
+"""FMUs of models with events, loops, initial equations, functions, higher index, against exact solutions."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from scipy.integrate import solve_ivp
 pytest.importorskip("rumoca", reason="needs the extra build")
 
 from orchestrator.base.errors import BuildError
+from orchestrator.cli.main import main
 from orchestrator.translate.build import build
+from orchestrator.translate.hybrid.front_end import dae_form, modernised
 from orchestrator.translate.package import this_platform
+from orchestrator.translate.sources import load_sources
 
 
 def made(tmp_path: Path, text: str, fmi_version: str = "2.0") -> Path:
@@ -28,7 +31,12 @@ def made(tmp_path: Path, text: str, fmi_version: str = "2.0") -> Path:
 
 def run(fmu: Path, stop: float, step: float, *outputs: str, **options) -> dict[str, np.ndarray]:
     found = fmpy.simulate_fmu(
-        str(fmu), stop_time=stop, output_interval=step, output=list(outputs), fmi_type="CoSimulation", **options
+        str(fmu),
+        stop_time=stop,
+        output_interval=step,
+        output=list(outputs),
+        fmi_type="CoSimulation",
+        **options,
     )
     return {name: found[name].astype(float) for name in ("time", *outputs)}
 
@@ -88,7 +96,9 @@ def test_a_saved_state_holds_events_and_all(tmp_path):
         first = []
         for _ in range(2):
             one.doStep(0.4, 0.1)
-            first.append((*one.getReal([reference["h"], reference["v"]]), *one.getInteger([reference["bounces"]])))
+            first.append(
+                (*one.getReal([reference["h"], reference["v"]]), *one.getInteger([reference["bounces"]]))
+            )
             one.setFMUState(state)
         assert first[0] == first[1]
         assert first[0][2] == 1
@@ -167,8 +177,8 @@ end M;
 """)  # fmt: skip
     found = run(fmu, 3.0, 0.01, "x", "y", "F")
     exact = solve_ivp(
-        lambda t, z: [z[1], -9.81 * math.sin(z[0])], (0, 3), [0, 7], t_eval=found["time"], rtol=1e-12, atol=1e-13,
-        method="DOP853",
+        lambda t, z: [z[1], -9.81 * math.sin(z[0])], (0, 3), [0, 7], t_eval=found["time"], rtol=1e-12,
+        atol=1e-13, method="DOP853",
     ).y  # fmt: skip
     assert exact[0].max() > 2 * math.pi  # it goes over the top
     assert np.abs(found["x"] - np.sin(exact[0])).max() < 1e-7
@@ -343,7 +353,9 @@ end M;
 """.replace("der(x)", "der(x) + 0*integer(x)"))  # fmt: skip
     with pytest.raises(Exception, match="error"):
         run(fmu, 2.0, 0.1, "x")
-    assert "chattering: events follow each other without end at the relation of x" in "".join(capfd.readouterr())
+    assert "chattering: events follow each other without end at the relation of x" in "".join(
+        capfd.readouterr()
+    )
 
 
 def test_an_assertion_ends_the_run_with_its_text(tmp_path, capfd):
@@ -366,11 +378,68 @@ end M;
     ("body", "told"),
     [
         ("Real x;\nReal y;\nequation\nder(x) = y;\nx = y;\nx = 2*y;", "equation"),
-        ("Real x(start=1, fixed=true);\ninitial equation\nx = 2;\nequation\nder(x) = -x;", "the start value of x must not have fixed=true"),
-        ("input Real u;\nReal x;\nReal y;\nequation\nder(x) = y;\nx = u;", "the input u would have to be differentiated"),
+        (
+            "Real x(start=1, fixed=true);\ninitial equation\nx = 2;\nequation\nder(x) = -x;",
+            "the start value of x must not have fixed=true",
+        ),
+        (
+            "input Real u;\nReal x;\nReal y;\nequation\nder(x) = y;\nx = u;",
+            "the input u would have to be differentiated",
+        ),
     ],
 )
 def test_what_cannot_be_solved_is_refused_by_name(tmp_path, body, told):
     with pytest.raises(BuildError) as caught:
         made(tmp_path, f"model M\n{body}\nend M;\n")
     assert told in str(caught.value)
+
+
+def test_a_library_is_read_where_it_is_named(tmp_path):
+    library = tmp_path / "libraries" / "Springs"
+    library.mkdir(parents=True)
+    (library / "package.mo").write_text("package Springs\nend Springs;\n")
+    (library / "Cubic.mo").write_text("""
+within Springs;
+model Cubic
+  parameter Real k = 2;
+  Real s;
+  Real f;
+equation
+  f = k*s^3;
+end Cubic;
+""")
+    text = """
+model M
+  Springs.Cubic c(k=4);
+  Real v(start=1, fixed=true);
+equation
+  der(c.s) = v;
+  der(v) = -c.f;
+end M;
+"""
+    source = tmp_path / "M.mo"
+    source.write_text(text)
+    assert main(["build", str(source), "-o", str(tmp_path / "M.fmu"), "--library", str(library.parent)]) == 0
+    found = run(tmp_path / "M.fmu", 2.0, 0.1, "c.s", "v")
+    assert np.abs(found["v"] ** 2 / 2 + found["c.s"] ** 4 - 0.5).max() < 1e-8  # its energy
+    assert (
+        main(["build", str(source), "-o", str(tmp_path / "N.fmu"), "--library", str(tmp_path / "none")]) == 1
+    )
+    assert main(["build", str(source), "-o", str(tmp_path / "N.fmu")]) == 1
+
+
+def test_units_of_an_old_standard_library_get_their_new_names(tmp_path):
+    (tmp_path / "Old.mo").write_text(
+        "model Old\nimport Modelica.SIunits;\nModelica.SIunits.Mass m;\nend Old;\n"
+    )
+    modernised(tmp_path)
+    text = (tmp_path / "Old.mo").read_text()
+    assert "import SIunits = Modelica.Units.SI;" in text and "Modelica.Units.SI.Mass m" in text
+
+
+def test_a_compiler_that_does_not_end_is_an_error(tmp_path):
+    source = tmp_path / "M.mo"
+    source.write_text(BALL)
+    tree = load_sources(source)
+    with pytest.raises(BuildError, match=r"the Modelica compiler did not end within 0.01 s for M"):
+        dae_form(tree, "M", time_limit=0.01)
