@@ -17,7 +17,7 @@ from typing import Any, cast
 from ..base.errors import BuildError, ConfigError, Problem
 from ..config import Config, load_config
 from ..simulation.run import prepare
-from ..translate.build import content_token
+from ..translate.package import content_token
 from ..translate.coupled import binary
 from ..translate.package import FmiVersion, binary_member, join_macs, write_fmu
 from ..translate.presentation import dress

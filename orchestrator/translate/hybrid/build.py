@@ -40,6 +40,8 @@ def translate_hybrid(
         system = solve_order(read_dae(document, name))
     except RecursionError:
         raise BuildError(f"{name}: an expression is nested too deeply; split it") from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise BuildError(f"{name}: the compiler's form of the model is not understood: {error}") from error
     layout = layout_of(system)
     code = generate_hybrid_c(layout, identifier)
     sources = dict(hybrid_sources(cast(FmiVersion, fmi_version)))

@@ -150,8 +150,8 @@ class _Writer:
 
     def reference(self, one: Expr) -> str:
         layout, kind = self._layout, one.args[0]
-        if kind == "t":
-            return "h->t"
+        if kind in ("t", "initial"):
+            return f"h->{kind}"
         if kind == "mode":
             return f"h->z[{layout.mode_slot + one.args[1]}]"
         if one in layout.inputs:

@@ -36,6 +36,10 @@ _FUNCTIONS = {
 _ROLES = {
     "discrete_real": "discrete", "discrete_value": "discrete", "constant": "parameter", "output": "algebraic",
 }  # fmt: skip
+# Kinds of references to variables.
+_REFERENCES = (
+    "state", "algebraic", "output", "discrete_real", "discrete_value", "input", "parameter", "constant",
+)  # fmt: skip
 # Functions whose value jumps: outside noEvent they are held between events.
 _STEPS = {"floor": "floor", "ceil": "ceil", "integer": "floor", "sign": "sign"}
 _ZERO = ex.number(0)
@@ -262,7 +266,9 @@ class _Reader:
             self._valueless.append(variable["name"])
         values = [None] * len(ours) if binding is None else self._flat(binding, len(ours))
         for one, value in zip(ours, values, strict=True):
-            if not one.fixed:
+            if not one.fixed and value is not None:  # what an initial algorithm gives it
+                one.role, one.binding = "dependent", value
+            elif not one.fixed:
                 one.role = "free"
             elif value is not None and (value.op != "num" or variable["role"] == "constant"):
                 one.role, one.binding = "dependent", value
@@ -486,10 +492,29 @@ class _Reader:
                 if not self._derivatives[where].shape
                 else self._derivatives[where]
             )
+        if kind == "condition":
+            return self._truth(where)
         table = self._pre if kind.startswith("pre_") else self._elements
-        if isinstance(where, int) and where < len(table):
+        if kind.removeprefix("pre_") in _REFERENCES:
             return table[where][()] if not table[where].shape else table[where]
         raise _refuse(self._name, f"a reference of the kind {kind}")
+
+    def _truth(self, number: int) -> Expr:
+        """Whether a condition holds, as an expression."""
+        node = self._s["conditions"][number]["node"]
+        if node in ("always", "initial"):
+            return ex.ONE if node == "always" else ex.symbol("initial")
+        ((kind, content),) = node.items()
+        match kind:
+            case "relation":
+                return self._one(self._s["relations"][content]["relation"]["expression"])
+            case "discrete":
+                return self._one(content)
+            case "not":
+                return ex.logical("not", self._truth(content))
+            case "and" | "or":
+                return ex.logical(kind, self._truth(content["lhs"]), self._truth(content["rhs"]))
+        raise _refuse(self._name, f"the condition {kind} in an equation")
 
     def _binary(self, operator: str, a: Any, b: Any) -> Any:
         if operator == "multiply":
@@ -623,7 +648,9 @@ class _Reader:
         if name == "homotopy":
             return values[0]
         if name in ("promoted_cat1", "promoted_cat2"):
-            promoted = [np.atleast_2d(np.asarray(one, dtype=object)) for one in values]
+            # A vector counts as a column (Modelica Language Specification 3.6, section 10.4.2).
+            promoted = [np.asarray(one, dtype=object) for one in values]
+            promoted = [one if one.ndim > 1 else one.reshape(-1, 1) for one in promoted]
             return np.concatenate(promoted, axis=int(name[-1]) - 1)
         raise _refuse(self._name, f"the function {name}()")
 

@@ -146,8 +146,8 @@ def div(a: Expr, b: Expr) -> Expr:
         return ZERO
     if x is not None and y:
         return number(x / y)
-    if y == 1:
-        return a
+    if y in (1, -1):
+        return a if y == 1 else neg(a)
     return make("div", a, b)
 
 
