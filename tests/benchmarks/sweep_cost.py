@@ -110,13 +110,13 @@ def efficiency(folder: Path, runs: int, changes: dict[str, Any]) -> tuple[float,
     share = one / (2 * two)
     alone, beside = each_run(folder / "one"), each_run(folder / "two")
     return share, [
-        f"{runs} runs, each once more at half the step: one process {one:.1f} s, two {two:.1f} s, efficiency "
-        f"**{share:.3f}**; {_same(same)}",
-        f"a pair of runs takes a process {1e3 * alone:.1f} ms alone and {1e3 * beside:.1f} ms beside another "
-        f"one ({alone / beside:.3f}): what is lost within the runs, to what cores share; of the two "
-        f"processes' time {1 - runs * beside / (2 * two):.1%} is no run's",
+        f"{runs} runs, each repeated with half the step: one process {one:.1f} s, two {two:.1f} s, "
+        f"efficiency **{share:.3f}**; {_same(same)}",
+        f"time of a pair of runs: {1e3 * alone:.1f} ms in a single process and {1e3 * beside:.1f} ms beside "
+        f"another one ({alone / beside:.3f}); this loss is due to hardware that the cores share",
+        f"share of the two processes' time outside runs: {1 - runs * beside / (2 * two):.1%}",
         f"processor time of all processes of the command: {one_used:.1f} s with one, {two_used:.1f} s with "
-        f"two, {two_used / (2 * two):.1%} of the two cores: the rest went to other programs, or idle",
+        f"two, {two_used / (2 * two):.1%} of the two cores",
     ]
 
 
@@ -136,9 +136,9 @@ def cost(folder: Path, runs: int, changes: dict[str, Any]) -> list[str]:
     with Store(folder / "cost") as store:
         loop = store.query("select median(stepping_time) as s from runs").column("s")[0].as_py()
     return [
-        f"a single run takes a process {1e3 * seconds:.1f} ms, of which its loop {1e3 * loop:.1f} ms; the "
-        f"same run alone has a loop of {1e3 * median(loops):.1f} ms: **{seconds / median(loops):.2f}** times "
-        f"({seconds / loop:.2f} times the loops of the sweep itself)"
+        f"time of a single run in a sweep: {1e3 * seconds:.1f} ms, with {1e3 * loop:.1f} ms in its loop; "
+        f"loop of the same run alone: {1e3 * median(loops):.1f} ms; ratio **{seconds / median(loops):.2f}** "
+        f"({seconds / loop:.2f} to the loops of the sweep itself)"
     ]
 
 
@@ -154,13 +154,13 @@ def memory(folder: Path, runs: int) -> tuple[float, list[str]]:
             noted[done] = resident(own), max(resident(one) for one in own.children())
 
     _, wall, used = timed(quick(runs), folder / "memory", jobs=2, progress=note)
-    told = "; ".join(
+    resident_sizes = "; ".join(
         f"after {done} runs {here:.0f} MB and {worker:.0f} MB" for done, (here, worker) in noted.items()
     )
     return used / runs, [
-        f"{runs} runs of 20 steps: memory of the process that keeps the store, and of its largest worker: "
-        f"{told}",
-        f"that process takes {1e3 * used / runs:.2f} ms of processor time a run ({1e3 * wall / runs:.2f} ms "
+        f"{runs} runs of 20 steps: memory of the process that writes the store, and of its largest worker: "
+        f"{resident_sizes}",
+        f"the process takes {1e3 * used / runs:.2f} ms of processor time per run ({1e3 * wall / runs:.2f} ms "
         "of wall time with two workers)",
     ]
 
@@ -206,9 +206,10 @@ def outlook(seconds: float, own: float, stored: float, share: float) -> list[str
         "",
         *lines,
         "",
-        f"The process that keeps the store takes {1e3 * own:.2f} ms a run, and so can feed "
-        f"{seconds / own:.0f} workers; beyond that the time is its own, {1e6 * own / 60:.0f} min.",
-        "More than two cores were not at hand: the table is computed from what is measured above.",
+        f"The process that writes the store takes {1e3 * own:.2f} ms per run, so it can serve "
+        f"{seconds / own:.0f} workers. With more workers its own time is the limit: "
+        f"{1e6 * own / 60:.0f} min.",
+        "More than two cores were not available: the table is computed from the measurements above.",
     ]
 
 
