@@ -17,9 +17,8 @@ from typing import Any, cast
 from ..base.errors import BuildError, ConfigError, Problem
 from ..config import Config, load_config
 from ..simulation.run import prepare
-from ..translate.package import content_token
 from ..translate.coupled import binary
-from ..translate.package import FmiVersion, binary_member, join_macs, write_fmu
+from ..translate.package import FmiVersion, binary_member, content_token, join_macs, write_fmu
 from ..translate.presentation import dress
 from .system_contents import Inside, look_inside, native_config
 from .system_description import describe_system

@@ -321,7 +321,13 @@ def _block(residuals: list[Expr], unknowns: list[Expr]) -> Block:
             factor, rest = found
             if factor.op == "num" or not _may_vanish(factor):
                 return Block(tuple(unknowns), tuple(residuals), value=ex.neg(ex.div(rest, factor)))
-    residuals, unknowns, inner = _torn(residuals, unknowns)
+    torn = _block_of(*_torn(residuals, unknowns))
+    # Chains of nonlinear equations amplify what is wrong in a guess: there all unknowns are iterated.
+    return torn if torn.linear or not torn.inner else _block_of(residuals, unknowns, ())
+
+
+def _block_of(residuals: list[Expr], unknowns: list[Expr], inner: tuple[tuple[Expr, Expr], ...]) -> Block:
+    """A block with its Jacobian."""
     try:
         rows: list[list[Expr]] = [[] for _ in residuals]
         for unknown in unknowns:

@@ -443,3 +443,91 @@ def test_a_compiler_that_does_not_end_is_an_error(tmp_path):
     tree = load_sources(source)
     with pytest.raises(BuildError, match=r"the Modelica compiler did not end within 0.01 s for M"):
         dae_form(tree, "M", time_limit=0.01)
+
+
+def test_initial_in_an_equation_holds_at_the_start_alone(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  Real x;
+  Real y;
+initial equation
+  y = 3;
+equation
+  der(x) = -x;
+  y = if initial() then 2*x else x;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.0, 0.1, "x", "y")
+    exact = 1.5 * np.exp(-found["time"])
+    assert np.abs(found["x"] - exact).max() < 1e-9
+    assert np.abs(found["y"] - exact)[1:].max() < 1e-9
+
+
+def test_an_initial_algorithm_gives_a_parameter(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  parameter Real a = 3;
+  parameter Real limit(fixed=false);
+  Real x(start=0, fixed=true);
+initial algorithm
+  limit := 2*a;
+  if limit > 5 then
+    limit := 5;
+  end if;
+equation
+  der(x) = if x < limit then 10 else 0;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.0, 0.1, "x", "limit")
+    assert (found["limit"] == 5).all()
+    assert np.abs(found["x"] - np.minimum(10 * found["time"], 5)).max() < 1e-9
+
+
+@pytest.mark.parametrize("cubic", [0.0, 0.01])
+def test_a_ladder_is_one_block(tmp_path, cubic):
+    """Twenty resistors in a ladder, linear and not."""
+    fmu = made(tmp_path, """
+model M
+  parameter Integer n = 20;
+  Real v[n+1];
+  Real i[n];
+equation
+  v[1] = 1 + time;
+  for k in 1:n loop
+    v[k] - v[k+1] = (1 + 0.1*k)*i[k];
+  end for;
+  for k in 1:n-1 loop
+    i[k] = i[k+1] + v[k+1]/(5 + k) + CUBIC*v[k+1]^3;
+  end for;
+  i[n] = v[n+1]/3;
+end M;
+""".replace("CUBIC", str(cubic)))  # fmt: skip
+    found = run(fmu, 1.0, 0.5, *(f"v[{k}]" for k in range(1, 22)), *(f"i[{k}]" for k in range(1, 21)))
+    v = np.array([found[f"v[{k}]"] for k in range(1, 22)])
+    i = np.array([found[f"i[{k}]"] for k in range(1, 21)])
+    k = np.arange(1, 21)[:, None]
+    assert np.abs(v[:-1] - v[1:] - (1 + 0.1 * k) * i).max() < 1e-12
+    assert np.abs(i[:-1] - i[1:] - v[1:-1] / (5 + k[:-1]) - cubic * v[1:-1] ** 3).max() < 1e-12
+    assert np.abs(v[0] - 1 - found["time"]).max() < 1e-12
+
+
+def test_arrays_are_joined_and_multiplied(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  Real a[2](start={1, 2}, each fixed=true);
+  Real b[3, 2];
+  Real c[3];
+  Integer n(start=0, fixed=true);
+equation
+  der(a) = -a;
+  b = [transpose([a]); 1, 2; 3, 4];
+  c = b*a;
+  when a[1] < 0.5 then
+    n = pre(n) + 1;
+  end when;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.0, 0.25, "a[1]", "a[2]", "c[1]", "c[2]", "c[3]")
+    one, two = np.exp(-found["time"]), 2 * np.exp(-found["time"])
+    assert np.abs(found["c[1]"] - one**2 - two**2).max() < 1e-8
+    assert np.abs(found["c[3]"] - 3 * one - 4 * two).max() < 1e-8
