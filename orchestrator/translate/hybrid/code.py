@@ -32,7 +32,7 @@ class Port:
         scalar: its declaration; None for time.
         value: of a computed one.
         order: of the derivative that it is.
-        start: where the importer may set it, or its value is known.
+        start: where the importer may set it; None where it is computed.
     """
 
     name: str
@@ -108,8 +108,9 @@ def layout_of(system: System) -> Layout:
             ports.append(Port(one.name, "INPUT", inputs[one.value], one, start=_number(one.start)))
         elif one.role == "parameter":
             ports.append(Port(one.name, "PARAMETER", parameters[one.value], one, start=_number(one.start)))
-        elif slots.get(one.value) in may_set:
-            ports.append(Port(one.name, "STATE", slots[one.value], one, start=_number(one.start)))
+        elif one.role == "state":
+            start = _number(one.start) if slots[one.value] in may_set else None
+            ports.append(Port(one.name, "STATE", slots[one.value], one, start=start))
         else:
             ports.append(Port(one.name, "ALGEBRAIC", count, one, system.aliases.get(one.value, one.value)))
             count += 1
@@ -262,7 +263,7 @@ const ModelVariable model_variables[] = {{
 
 def _entry(port: Port) -> str:
     kind = "TYPE_REAL" if port.scalar is None or port.order else _TYPES.get(port.scalar.type, "TYPE_INTEGER")
-    settable = int(port.kind in ("INPUT", "PARAMETER", "STATE"))
+    settable = int(port.start is not None)
     start = port.start or 0.0
     return f"{{{c_string(port.name)}, KIND_{port.kind}, {port.index}, {kind}, {settable}, {start!r}, 1.0}}"
 

@@ -44,12 +44,14 @@ def describe_hybrid(
             "variableNamingConvention": "structured",
         },
     )
+    # States that constraints bind are no independent ones, as a linearisation takes them for.
+    derivatives = "false" if layout.system.constraints else "true"
     if second:
         root.set("numberOfEventIndicators", "0")
         simulation = ET.SubElement(
             root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
             canNotUseMemoryManagementFunctions="true", canGetAndSetFMUstate="true",
-            canSerializeFMUstate="true",
+            canSerializeFMUstate="true", providesDirectionalDerivative=derivatives,
         )  # fmt: skip
         files = ET.SubElement(simulation, "SourceFiles")
         for name in sorted(source_files):
@@ -58,6 +60,7 @@ def describe_hybrid(
         ET.SubElement(
             root, "CoSimulation", modelIdentifier=identifier, canGetAndSetFMUState="true",
             canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
+            providesDirectionalDerivatives=derivatives,
         )  # fmt: skip
     units = used_units((_unit(one), "", one.name) for one in layout.ports)
     if (definitions := units.element()) is not None:
@@ -74,8 +77,13 @@ def describe_hybrid(
     if found := {name: repr(experiment[key]) for name, key in names.items() if key in experiment}:
         ET.SubElement(root, "DefaultExperiment", found)
     variables = ET.SubElement(root, "ModelVariables")
+    places = {
+        port.scalar.name: number
+        for number, port in enumerate(layout.ports)
+        if port.kind == "STATE" and port.scalar is not None
+    }
     for number, port in enumerate(layout.ports):
-        _variable(variables, number, port, second)
+        _variable(variables, number, port, second, places)
     _structure(root, layout.ports, second)
     ET.indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="utf-8") + b"\n"
@@ -87,7 +95,9 @@ def _unit(port: Port) -> str:
     return derivative_unit(port.scalar.unit) if port.order else port.scalar.unit
 
 
-def _variable(variables: ET.Element, number: int, port: Port, second: bool) -> None:
+def _variable(
+    variables: ET.Element, number: int, port: Port, second: bool, places: Mapping[str, int]
+) -> None:
     scalar = port.scalar
     kind = "real" if scalar is None or port.order else scalar.type
     identity = {"name": port.name, "valueReference": str(number)}
@@ -103,8 +113,10 @@ def _variable(variables: ET.Element, number: int, port: Port, second: bool) -> N
         if text:
             identity["description"] = text
         identity |= _attributes(port, kind)
-        if port.kind in ("INPUT", "PARAMETER", "STATE"):
-            value["start"] = _text(kind, port.start or 0.0)
+        if port.start is not None:
+            value["start"] = _text(kind, port.start)
+        if port.order:
+            value["derivative"] = str(places[scalar.name] + (1 if second else 0))
     if kind == "real" and _unit(port):
         value["unit"] = _unit(port)
     if second:
@@ -125,7 +137,8 @@ def _attributes(port: Port, kind: str) -> dict[str, str]:
         case "PARAMETER":
             return {"causality": "parameter", "variability": "fixed", "initial": "exact"}
         case "STATE":
-            return {"causality": role, "variability": "continuous", "initial": "exact"}
+            initial = "exact" if port.start is not None else "calculated"
+            return {"causality": role, "variability": "continuous", "initial": initial}
     if scalar.role in ("dependent", "free"):
         return {"causality": "calculatedParameter", "variability": "fixed", "initial": "calculated"}
     return {"causality": role, "variability": changing, "initial": "calculated"}
@@ -151,16 +164,21 @@ def _structure(root: ET.Element, ports: Sequence[Port], second: bool) -> None:
     initial = [
         number
         for number, one in enumerate(ports)
-        if one.kind == "ALGEBRAIC"
-        and (number in outputs or (one.scalar and one.scalar.role in ("dependent", "free")))
+        if one.start is None
+        and one.scalar is not None
+        and (
+            number in outputs or one.order or one.kind == "STATE" or one.scalar.role in ("dependent", "free")
+        )
     ]
+    slopes = [number for number, one in enumerate(ports) if one.order]
     if second:
-        for name, numbers in (("Outputs", outputs), ("InitialUnknowns", initial)):
+        for name, numbers in (("Outputs", outputs), ("Derivatives", slopes), ("InitialUnknowns", initial)):
             if numbers:
                 group = ET.SubElement(structure, name)
                 for number in numbers:
                     ET.SubElement(group, "Unknown", index=str(number + 1))
         return
-    for name, numbers in (("Output", outputs), ("InitialUnknown", initial)):
+    groups = (("Output", outputs), ("ContinuousStateDerivative", slopes), ("InitialUnknown", initial))
+    for name, numbers in groups:
         for number in numbers:
             ET.SubElement(structure, name, valueReference=str(number))

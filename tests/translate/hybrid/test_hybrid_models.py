@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 pytest.importorskip("rumoca", reason="needs the extra build")
 
+import orchestrator as orc
 from orchestrator.base.errors import BuildError
 from orchestrator.cli.main import main
 from orchestrator.translate.build import build
@@ -531,3 +532,38 @@ end M;
     one, two = np.exp(-found["time"]), 2 * np.exp(-found["time"])
     assert np.abs(found["c[1]"] - one**2 - two**2).max() < 1e-8
     assert np.abs(found["c[3]"] - 3 * one - 4 * two).max() < 1e-8
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_a_loop_with_a_hybrid_fmu_has_modes_and_margins(tmp_path, version):
+    """A limited servo, linear within its limits, against its characteristic polynomial."""
+    fmu = made(tmp_path, """
+model M
+  parameter Real d = 0.4;
+  input Real u(start=0);
+  output Real x(start=0, fixed=true);
+  Real v(start=0, fixed=true);
+  Real force;
+  Real load(start=0);
+equation
+  force = if u > 10 then 10 elseif u < -10 then -10 else u;
+  load + 0.1*load^3 = 3*x;
+  der(x) = v;
+  der(v) = force - d*v - load;
+  when x > 100 then
+    reinit(v, 0);
+  end when;
+end M;
+""", version)  # fmt: skip
+    description = fmpy.read_model_description(fmu, validate=True)
+    assert not fmpy.validation.validate_fmu(str(fmu)), description.modelName
+    config = {
+        "run": {"master": "jacobi", "step_size": "1 ms", "stop_time": "1 s"},
+        "instances": {"servo": {"fmu": str(fmu)}},
+        "connections": [{"from": [{"port": "servo.x", "gain": -2.0}], "to": "servo.u"}],
+    }
+    loop = orc.linearise(config)
+    roots = np.roots([1, 0.4, 5])
+    found = loop.modes().modes[0]
+    assert found.frequency == pytest.approx(abs(roots[0]) / (2 * math.pi), rel=1e-6)
+    assert found.damping == pytest.approx(-roots[0].real / abs(roots[0]), rel=1e-6)

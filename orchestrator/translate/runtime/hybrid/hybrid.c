@@ -772,12 +772,15 @@ void model_tangent(const ModelPoint *at, const ModelPoint *seed, double *xdot, d
     size_t n_z = (size_t)model_info.n_x, n_u = (size_t)model_info.n_u, n_w = (size_t)model_info.n_w;
     double *z = malloc((n_z + n_u + n_w + 1) * sizeof(double)), *u = z + n_z, *other = u + n_u;
     ModelPoint moved = {at->time, z, u, at->p, at->d, at->m};
-    double size = 0, step;
+    double step = INFINITY;
     (void)xdot, (void)operand;
     if (!z) return;
-    for (size_t k = 0; k < n_z; k++) size = fmax(size, fabs(seed->x[k]));
-    for (size_t k = 0; k < n_u; k++) size = fmax(size, fabs(seed->u[k]));
-    step = size > 0 ? 1e-5 / size : 0;
+    for (size_t k = 0; k < n_z; k++)
+        if (seed->x[k] != 0) step = fmin(step, (fabs(at->x[k]) + 1) / fabs(seed->x[k]));
+    for (size_t k = 0; k < n_u; k++)
+        if (seed->u[k] != 0) step = fmin(step, (fabs(at->u[k]) + 1) / fabs(seed->u[k]));
+    /* The cube root of the machine precision balances truncation and rounding. */
+    step = isfinite(step) ? 6e-6 * step : 0;
     for (int side = -1; side <= 1; side += 2) {
         for (size_t k = 0; k < n_z; k++) z[k] = at->x[k] + side * step * seed->x[k];
         for (size_t k = 0; k < n_u; k++) u[k] = at->u[k] + side * step * seed->u[k];
