@@ -194,6 +194,7 @@ def build(
     model: str | None = None,
     fmi_version: str = "2.0",
     platforms: Sequence[str] = (),
+    libraries: Sequence[Path | str] = (),
 ) -> BuildReport:
     """Make an FMU from a Modelica file.
 
@@ -203,6 +204,7 @@ def build(
         model: qualified name, where the file holds several.
         fmi_version: "2.0" or "3.0".
         platforms: such as ("linux64", "win64"); by default this machine's.
+        libraries: folders with further Modelica libraries, beside those of MODELICAPATH.
     Returns: `.path` is the FMU; notes say what the author of the model should know.
     Raises: BuildError for what cannot be translated, with the line.
     """
@@ -214,7 +216,8 @@ def build(
     file = Path(model_file)
     made = Path(output) if output is not None else Path(f"{(model or file.stem).rpartition('.')[2]}.fmu")
     chosen = named_platforms(platforms) if platforms else (this_platform(),)
-    return build_model(file, made, model=model, fmi_version=fmi_version, platforms=chosen)
+    folders = [Path(one) for one in libraries]
+    return build_model(file, made, model=model, fmi_version=fmi_version, platforms=chosen, libraries=folders)
 
 
 def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed:

@@ -24,7 +24,7 @@ from .package import (
     runtime_sources,
     write_fmu,
 )
-from .sources import SourceTree, load_sources
+from .sources import DELAY, SourceTree, load_sources
 
 Compiler = Literal["rumoca", "omc"]
 ALL: tuple[str, ...] = tuple(PLATFORMS)
@@ -146,7 +146,7 @@ def translate(
             identifier = model_identifier(name)
             members, counts, notes = translate_hybrid(tree, name, identifier, fmi_version, folders)
         except BuildError as error:
-            raise _joined(refusal, error) from None
+            raise BuildError(_placed(tree, str(error).replace(DELAY, "delay"))) from None
         return members, TranslationReport(name, counts, (*tree.remarks, *notes))
 
 
@@ -168,9 +168,10 @@ def _other_route(refusal: str, libraries: bool) -> bool:
     return all(_LACKS.search(line) for line in refusal.splitlines() if not line.startswith(" "))
 
 
-def _joined(explicit: BuildError, hybrid: BuildError) -> BuildError:
-    """What both routes say of a model."""
-    return BuildError("\n".join(dict.fromkeys((str(explicit), str(hybrid)))))
+def _placed(tree: SourceTree, text: str) -> str:
+    """A message with the file that it is about."""
+    place = tree.shown(tree.main)
+    return text if text.startswith((place, "--library")) else f"{place}: {text}"
 
 
 def _explicit(

@@ -80,13 +80,13 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
             if wrong := _syntax(tree, rumoca.validate_source):
                 raise BuildError("\n".join(wrong)) from error
             text = tree.restored(str(error)).replace(f"{folder}/", tree.label).replace(DELAY, "delay")
-            raise BuildError(_refusal(tree, model, text)) from error
+            raise BuildError(refusal(tree, model, text)) from error
         except BaseException as error:
             # A panic of the compiler is no Exception, and its class cannot be imported.
             if type(error).__name__ != "PanicException":
                 raise
             raise BuildError(
-                _refusal(tree, model, _panic_text(tree, model, tree.restored(str(error))))
+                refusal(tree, model, _panic_text(tree, model, tree.restored(str(error))))
             ) from None
         prefix = f"{folder.as_posix()}/"
         paths = {number: path.replace("\\", "/").removeprefix(prefix) for number, path, _ in files}
@@ -109,14 +109,14 @@ def _restore_offsets(json: Any, paths: dict[int, str], tree: SourceTree) -> None
             _restore_offsets(item, paths, tree)
 
 
-def _refusal(tree: SourceTree, model: str, text: str) -> str:
+def refusal(tree: SourceTree, model: str, text: str) -> str:
     """The compiler's message, headed by the line of the model, followed by the lines of the names in it."""
     item = tree.classes[model]
     lines = [f"{tree.shown(item.file)}:{item.line}: the Modelica compiler refuses {model}"]
     lines += [f"  {line}" for line in text.splitlines()]
     if "'Modelica." in text:
         lines.append(
-            "  The Modelica Standard Library is not read: write out what is used, or take --compiler omc."
+            "  The Modelica Standard Library is not found: name its folder by --library or MODELICAPATH."
         )
     for name in dict.fromkeys(_QUOTED.findall(text)):
         last = name.rpartition(".")[2]

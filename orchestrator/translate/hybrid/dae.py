@@ -154,7 +154,7 @@ def read_dae(document: Json, name: str) -> DaeModel:
 
 
 def _refuse(name: str, what: str) -> BuildError:
-    return BuildError(f"{name}: {what} is not supported in models with events, algebraic loops or functions")
+    return BuildError(f"{name}: {what} is not supported beside events, algebraic loops or functions")
 
 
 class _Reader:

@@ -13,12 +13,21 @@ from typing import Any
 
 from orchestrator.base.errors import BuildError
 
+from ..flatten import refusal
 from ..sources import SourceTree
 
 __all__ = ["dae_form", "library_paths", "modernised"]
 
 # The compiler has models that it never ends with.
 _TIME_LIMIT = 120.0
+# What words of the compiler mean for the author of a model.
+_HINTS = {
+    "function statement": "Functions may hold assignments, if and for; write while, break and return as these.",
+    "sequential read": "An algorithm that reads what it has set before becomes a function or equations.",
+    "sample interval is not": "The period of sample() has to be a number or a parameter with a value.",
+    "delayTime is not": "The time of delay() has to be a number or a parameter with a value.",
+    "expandable connector": "Declare the members of an expandable connector in it.",
+}
 
 
 def library_paths(given: Sequence[Path] = ()) -> tuple[Path, ...]:
@@ -74,7 +83,9 @@ def dae_form(
             ) from None
         if done.returncode:
             text = restored(done.stderr.strip() or "it ended without a message")
-            raise BuildError(_short(text.replace(f"{folder}/", tree.label)))
+            hints = [f"  {hint}" for words, hint in _HINTS.items() if words in text]
+            text = refusal(tree, model, _short(text.replace(f"{folder}/", tree.label)))
+            raise BuildError("\n".join([text, *hints]))
         return dict(json.loads(restored(done.stdout)))
 
 
