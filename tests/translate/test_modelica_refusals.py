@@ -109,7 +109,8 @@ def test_keywords_as_names_are_told_as_such(tmp_path, declared, told):
 
 def test_the_standard_library_is_told_to_be_missing(tmp_path):
     text = "model Model\nModelica.Blocks.Interfaces.RealInput u;\nReal x = u;\nend Model;\n"
-    assert "The Modelica Standard Library is not found: name its folder by --library" in refused(bench.model_file(tmp_path, text))
+    told = refused(bench.model_file(tmp_path, text))
+    assert "The Modelica Standard Library is not found: name its folder by --library" in told
 
 
 def test_files_and_names(tmp_path):

@@ -22,7 +22,7 @@ __all__ = ["dae_form", "library_paths", "modernised"]
 _TIME_LIMIT = 120.0
 # What words of the compiler mean for the author of a model.
 _HINTS = {
-    "function statement": "Functions may hold assignments, if and for; write while, break and return as these.",
+    "function statement": "Functions may hold assignments, if and for; write while and break as these.",
     "sequential read": "An algorithm that reads what it has set before becomes a function or equations.",
     "sample interval is not": "The period of sample() has to be a number or a parameter with a value.",
     "delayTime is not": "The time of delay() has to be a number or a parameter with a value.",

@@ -323,7 +323,11 @@ static int round_of_event(Work *w, const HybridBlock *blocks, int n)
         int moved = 0;
         if ((status = solve_all(w, blocks, n))) return status;
         if ((mode = changed_mode(w)) >= 0) {
-            take_modes(w);
+            /* Modes that flip together may do so for ever: later on one of them at a time. */
+            if (round < 20)
+                take_modes(w);
+            else
+                z[i->mode_slot + mode] = w->m[mode];
             moved = 1;
         }
         conditions(w);
@@ -605,7 +609,8 @@ static int advance(Work *w, double t, double end)
     while (t < end) {
         int planned, event = 0, done = 0, tries = 0;
         double stop = next_stop(w, t, end, &planned), h = 0;
-        if (stop <= t) stop = t;
+        /* What rounding leaves between an event and a known time is no step. */
+        if (stop - t <= 8 * DBL_EPSILON * fabs(stop)) t = stop;
         for (int k = 0; k < n; k++) w->x[k] = z[i->state_slots[k]];
         if (stop > t) {
             int refused = 0;
