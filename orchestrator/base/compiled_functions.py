@@ -182,9 +182,9 @@ class _BySources:
         try:
             with os.scandir(self.get_cache_path()) as entries:  # type: ignore[attr-defined]
                 for entry in entries:
-                    told = self._files.fullmatch(entry.name)  # type: ignore[attr-defined]
-                    if told and told[1] != self._digest:
-                        state = told[1] or ""
+                    match = self._files.fullmatch(entry.name)  # type: ignore[attr-defined]
+                    if match and match[1] != self._digest:
+                        state = match[1] or ""
                         others.append((state, entry.path))
                         # Without a digest: kept before files were named by it, and never to be used again.
                         if state:

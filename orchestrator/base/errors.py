@@ -150,19 +150,19 @@ class BuildError(OrchestratorError):
 
 def error_data(error: BaseException) -> dict[str, Any]:
     """An error for machines: its kind and message, and what it knows besides: problems, or where and when."""
-    told: dict[str, Any] = {"kind": type(error).__name__, "message": str(error)}
+    document: dict[str, Any] = {"kind": type(error).__name__, "message": str(error)}
     if isinstance(error, ConfigError):
-        told["problems"] = [asdict(problem) for problem in error.problems]
+        document["problems"] = [asdict(problem) for problem in error.problems]
         if error.unchecked:
-            told["unchecked"] = list(error.unchecked)
+            document["unchecked"] = list(error.unchecked)
     elif isinstance(error, StepError):
-        told |= {
+        document |= {
             "instance": error.instance,
             "time": error.time,
             "status": error.status,
             "log": list(error.log),
         }
-    return told
+    return document
 
 
 def nearest(name: str, names: Iterable[str], prefix: str = "") -> str:

@@ -53,8 +53,8 @@ def remarks(summary: Mapping[str, Any]) -> list[str]:
             f"{name}: {link['sent']} datagrams sent, {link['received']} received, {link['lost']} lost, "
             f"{link['reordered']} out of order; round trip {_milliseconds(link['round_trip'])}"
         )
-    for name, told in run.get("log", {}).items():
-        lines.append(f"{name} logged {len(told)} warnings; the last: {told[-1]}")
+    for name, warnings in run.get("log", {}).items():
+        lines.append(f"{name} logged {len(warnings)} warnings; the last: {warnings[-1]}")
     if "error" in numerics:
         message = numerics["error"]["message"].splitlines()[0]
         how = "was not made" if numerics["error"].get("kind") == "NotMade" else "failed"

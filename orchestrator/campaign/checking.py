@@ -204,7 +204,7 @@ class _Check:
         given["record_every"] = run.record_every
         paths = {axis.target[1]: path for path, axis in self._axes.items() if axis.target[0] == "run"}
         varied = {key: paths[key] for key in given if key in paths}
-        told: dict[tuple[str, float], Problem] = {}
+        found: dict[tuple[str, float], Problem] = {}
         for number in range((len(block) if varied else 1) if wanted else 0):
             point = block[number] if varied else {}
             levels = {key: point[path].canonical for key, path in varied.items() if path in point}
@@ -217,14 +217,14 @@ class _Check:
                 continue  # there is no such run, which is reported as that
             first, last = float(start), float(start + rows * step * every)
             for name, instant in wanted:
-                if first <= instant <= last or (name, instant) in told:
+                if first <= instant <= last or (name, instant) in found:
                     continue
                 what = f"{name}: at {instant:.12g} s nothing is recorded"
                 whose = f"point {number} of the design" if varied else "the run"
                 allowed = f"{whose} is recorded from {first:.12g} s to {last:.12g} s; "
                 allowed += f"run.stop_time is {float(stop):.12g} s"
-                told[name, instant] = Problem(self._place(("derived", name)), what, allowed)
-        return list(told.values())
+                found[name, instant] = Problem(self._place(("derived", name)), what, allowed)
+        return list(found.values())
 
     def _distinct(self, names: Iterable[str], key: str) -> None:
         """Names of columns, which SQL reads without regard to case, so that one would hide the other."""
@@ -237,7 +237,7 @@ class _Check:
             what = f"{name!r} and {other!r} differ in case only"
             remedy = "Rename one of them." if key == "derived" else "Keep one of them, by record.signals."
             self._problems.append(
-                Problem(self._place(place), what, "the store's columns do not tell them apart", remedy)
+                Problem(self._place(place), what, "the store's columns do not distinguish them", remedy)
             )
 
     # The design.

@@ -177,12 +177,12 @@ class Context:
         try:
             prepared = self.prepared(task)
         except (ConfigError, FmuError) as error:
-            return Row(task.key, "config", self._told(error))
+            return Row(task.key, "config", self._message(error))
         try:
             made = run(prepared, halving=self.order.halving, figures=False)
         except OrchestratorError as error:
             partial = getattr(error, "result", None)
-            row = Row(task.key, _kind(error), self._told(error))
+            row = Row(task.key, _kind(error), self._message(error))
             return row if partial is None else self._filled(row, partial)
         finally:
             self._renew()
@@ -195,14 +195,14 @@ class Context:
                 archive.release()
                 archive.acquire()
 
-    def _told(self, error: OrchestratorError) -> str:
+    def _message(self, error: OrchestratorError) -> str:
         """A message that is the same on every machine."""
         return str(error).replace(f"{self._folder}{os.sep}", "")
 
     def _filled(self, row: Row, made: RunResult) -> Row:
         summary = made.summary
         numerics = summary.get("numerics") or {}
-        told = numerics.get("error")
+        error = numerics.get("error")
         ran = summary.get("run") or {}
         names = ("loop", "steps", "simulated_time", "wall_time", "stepping_time")
         parts = {key: summary[key] for key in summary if key not in _APART}
@@ -213,7 +213,7 @@ class Context:
             derived=summary.get("derived"),
             changes=numerics.get("derived"),
             numbers=dict(flat(parts)),
-            halving_error=told["message"] if told else "",
+            halving_error=error["message"] if error else "",
             log=ran.get("log") or None,
             timing={name: ran.get(name) for name in names},
             trajectory=self._trajectory(made.results),

@@ -108,7 +108,7 @@ class StoreWriter:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigError([Problem("", f"cannot make the folder {folder} ({error})")]) from error
-        with self._told("it cannot be opened"):
+        with self._reporting("it cannot be opened"):
             if any(folder.iterdir()) and not (folder / "store.json").is_file():
                 left = {one.name for one in folder.iterdir()} - {
                     "journal",
@@ -125,7 +125,7 @@ class StoreWriter:
                 (folder / name).mkdir(parents=True, exist_ok=True)
         self._stack.enter_context(locked(folder))
         try:
-            with self._told("it cannot be opened"):
+            with self._reporting("it cannot be opened"):
                 if (folder / "store.json").exists():
                     check_store(folder)
                 else:
@@ -160,7 +160,7 @@ class StoreWriter:
         try:
             if self._journal is not None:
                 with suppress(OrchestratorError) if failed else ExitStack():
-                    with self._told("the latest runs cannot be brought to the disk"):
+                    with self._reporting("the latest runs cannot be brought to the disk"):
                         self._journal.sync()
                 # A journal that there is no room to turn into a part stays, and is read as well.
                 with suppress(OSError):
@@ -182,7 +182,7 @@ class StoreWriter:
 
     def put(self, files: Mapping[str, bytes]) -> None:
         """Keep files by content. Raises: OrchestratorError."""
-        with self._told("files of the study cannot be kept"):
+        with self._reporting("files of the study cannot be kept"):
             for place, data in files.items():
                 put_file(self.folder / "files", place, data)
 
@@ -191,7 +191,7 @@ class StoreWriter:
         import pyarrow.parquet as pq
 
         folder = self.folder / "studies" / study
-        with self._told("the study cannot be kept"):
+        with self._reporting("the study cannot be kept"):
             if (folder / "study.json").is_file():
                 return folder
             folder.mkdir(parents=True, exist_ok=True)
@@ -212,7 +212,7 @@ class StoreWriter:
     def begin(self, session: str, about: Mapping[str, Any]) -> None:
         """Begin a session: a journal of its own. Raises: OrchestratorError."""
         self._session, self._about = session, {"session": session, **about}
-        with self._told("no journal can be begun"):
+        with self._reporting("no journal can be begun"):
             self._open()
 
     def _open(self) -> None:
@@ -233,10 +233,10 @@ class StoreWriter:
             "written": time(),
             "row": row,
         }
-        with self._told("no more runs can be kept"):
+        with self._reporting("no more runs can be kept"):
             self._journal.append(json.dumps(record, ensure_ascii=False, separators=(",", ":")).encode(), data)
         if self._journal.size > _LARGEST or self._journal.count > _MOST:
-            with self._told("no more runs can be kept"):
+            with self._reporting("no more runs can be kept"):
                 self._turn()
                 self._open()
 
@@ -276,14 +276,14 @@ class StoreWriter:
             shutil.rmtree(temporary, ignore_errors=True)
             raise
 
-    def _told(self, what: str) -> _Told:
-        return _Told(self.folder, what)
+    def _reporting(self, what: str) -> _Reporting:
+        return _Reporting(self.folder, what)
 
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
-class _Told:
+class _Reporting:
     """Errors of the disk as errors that say what to do."""
 
     def __init__(self, folder: Path, what: str) -> None:

@@ -174,8 +174,8 @@ def _sweep(
     if not todo:
         return swept
     session = secrets.token_hex(8)
-    told = {**now, "packages": versions(_PACKAGES), "product": product(), "fmus": sorted(study.files)}
-    writer.begin(session, {"study": study.id, "created": now["created"], "about": json.dumps(told)})
+    facts = {**now, "packages": versions(_PACKAGES), "product": product(), "fmus": sorted(study.files)}
+    writer.begin(session, {"study": study.id, "created": now["created"], "about": json.dumps(facts)})
     work = Work(
         execute,
         begin,

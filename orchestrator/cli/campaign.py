@@ -71,7 +71,7 @@ def sweep_main(args: argparse.Namespace) -> int:
     if problems or study is None:
         raise ConfigError(problems, unchecked)
     notes = (
-        [] if study.model.step_halving else ["step_halving is off: no number is told with its change at half"]
+        [] if study.model.step_halving else ["step_halving is off: changes at half the step are not reported"]
     )
     if args.check:
         if not args.quiet:
@@ -92,12 +92,12 @@ def sweep_main(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(swept.data() | {"step_halving": study.model.step_halving}, ensure_ascii=False))
     elif not args.quiet:
-        print("\n".join([_told(swept), *notes]))
+        print("\n".join([_outcome(swept), *notes]))
     runs = swept.made + swept.reused
     return 1 if runs and sum(swept.failed.values()) == runs else 0
 
 
-def _told(swept: Swept) -> str:
+def _outcome(swept: Swept) -> str:
     failed = sum(swept.failed.values())
     lines = [
         f"{swept.points} points: {swept.made} runs made, {swept.reused} found in the store, {failed} failed; "

@@ -88,7 +88,7 @@ def main(args: argparse.Namespace) -> int:
     return {"make": _make, "run": _run, "score": _score}[args.part](args)
 
 
-def _told(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
+def _print_if_json(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:
     """Print JSON in one line, if that is asked for. Returns: whether it is."""
     if args.json:
         print(json.dumps(strict(data), allow_nan=False, ensure_ascii=False))
@@ -125,8 +125,8 @@ def _make(args: argparse.Namespace) -> int:
                 f"interrupted; cases made until then are in {args.folder}, but their truth is sealed "
                 "at the end alone: they can be diagnosed, not scored\n  Make them again in a new folder."
             ) from None
-    told = {"folder": args.folder, "cases": order.cases, "sealed": SEALED, "sha256": digest}
-    if _told(args, {"exit_code": 0, **told}):
+    report = {"folder": args.folder, "cases": order.cases, "sealed": SEALED, "sha256": digest}
+    if _print_if_json(args, {"exit_code": 0, **report}):
         return 0
     print(f"{_cases(order.cases)} in {args.folder}; the truth is sealed in {SEALED}, SHA-256 {digest}")
     return 0
@@ -140,8 +140,8 @@ def _run(args: argparse.Namespace) -> int:
         done, failed = diagnose_all(folder, verdicts, _jobs(args), args.by or OURS, progress, args.scheduler)
     status = 1 if failed else 0
     errors = [{"case": name, "message": error} for name, error in failed]
-    told = {"exit_code": status, "verdicts": str(verdicts), "diagnosed": done, "failed": errors}
-    if not _told(args, told):
+    report = {"exit_code": status, "verdicts": str(verdicts), "diagnosed": done, "failed": errors}
+    if not _print_if_json(args, report):
         print(f"{_cases(done)} diagnosed; verdicts in {verdicts}")
     for name, error in failed:
         print(f"orchestrator: {name}: {error}", file=sys.stderr)
@@ -154,7 +154,7 @@ def _score(args: argparse.Namespace) -> int:
     out = Path(args.verdicts)
     found = score(Path(args.folder), out)
     write_score(out / "score.json", found)
-    if _told(args, {"exit_code": 0, "file": str(out / "score.json"), "score": found}):
+    if _print_if_json(args, {"exit_code": 0, "file": str(out / "score.json"), "score": found}):
         return 0
     print(score_text(found))
     print(f"Written to {out / 'score.json'}")

@@ -32,7 +32,7 @@ def main(args: argparse.Namespace) -> int:
         for one in system.instances
         for name in sorted(one.unconnected)
     }
-    told = {
+    report = {
         "exit_code": 0,
         "name": prepared.config.name,
         "instances": {one.name: one.fmu.description.name for one in system.instances},
@@ -45,7 +45,7 @@ def main(args: argparse.Namespace) -> int:
         "unconnected": unconnected,
         "notes": list(prepared.notes),
     }
-    if print_json(args, told):
+    if print_json(args, report):
         return 0
     print(f"{prepared.config.name}: {len(system.instances)} instances, {len(system.connections)} connections")
     for index in system.order:

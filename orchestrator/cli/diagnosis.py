@@ -13,7 +13,7 @@ from ..results.progress import Share
 
 __all__ = ["add_arguments", "main"]
 
-_DESCRIPTION = """Tell from logs which unmodelled effect makes a rig differ from its model, where, how far
+_DESCRIPTION = """Find out from logs which unmodelled effect makes a rig differ from its model, where, how far
 the gap shrinks once the effect is added, and what to run next. A case is a folder with case.yaml
 and its logs, or a study.yaml. Writes diagnosis.json and report.html."""
 
@@ -175,7 +175,7 @@ class _Bar:
     def __init__(self, total: int, shown: bool) -> None:
         self._bar: Any = None
         self._stages = 0
-        self._told, self._shown = ("practice", 0), shown
+        self._reported, self._shown = ("practice", 0), shown
         if shown and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -202,8 +202,8 @@ class _Bar:
     def _tenths(self, share: Share) -> None:
         """A line for each tenth."""
         tenth = share.stage, 10 * share.done // max(share.total, 1)
-        if self._shown and tenth != self._told:
-            self._told = tenth
+        if self._shown and tenth != self._reported:
+            self._reported = tenth
             print(f"orchestrator: {share}", file=sys.stderr, flush=True)
 
     def end(self, stages: int) -> None:

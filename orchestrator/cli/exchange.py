@@ -64,8 +64,8 @@ def _export_fmu(args: argparse.Namespace) -> int:
     )
     print(f"{report.path}: FMI {report.fmi_version} co-simulation, step size {report.step_size!r} s")
     counts = {"input": report.inputs, "output": report.outputs, "parameter": report.parameters}
-    told = [f"{len(names)} {what}{'' if len(names) == 1 else 's'}" for what, names in counts.items()]
-    print(f"  {', '.join(told)}")
+    amounts = [f"{len(names)} {what}{'' if len(names) == 1 else 's'}" for what, names in counts.items()]
+    print(f"  {', '.join(amounts)}")
     print(f"  binaries: {', '.join(report.platforms)}")
     for note in report.notes:
         print(f"  {note}")
@@ -153,12 +153,12 @@ def new_main(args: argparse.Namespace) -> int:
 
 def export_main(args: argparse.Namespace) -> int:
     """Export. Returns: 0. Raises: ConfigError for what cannot be exported."""
-    return _chosen(EXPORTS, args.output, "cannot tell in which format to write")(args)
+    return _chosen(EXPORTS, args.output, "cannot derive the format from the file name")(args)
 
 
 def import_main(args: argparse.Namespace) -> int:
     """Import. Returns: 0. Raises: ConfigError for what cannot be imported."""
-    found = _chosen(IMPORTS, args.file, "cannot tell what kind of file this is")
+    found = _chosen(IMPORTS, args.file, "cannot recognise the kind of this file")
     if not args.file.is_file():
         raise ConfigError([Problem("", f"no file {args.file}")])
     return found(args)

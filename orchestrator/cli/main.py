@@ -60,7 +60,7 @@ COMMANDS: dict[str, tuple[str, str | None, str]] = {
         "exchange:import_main",
     ),
     "diagnose": (
-        "tell from logs why a rig differs from its model",
+        "find out from logs why a rig differs from its model",
         "diagnosis:add_arguments",
         "diagnosis:main",
     ),

@@ -51,8 +51,8 @@ def main(args: argparse.Namespace) -> int:
         ) from None
     write(made, folder)
     if args.json:
-        told = {"exit_code": 1 if made.failed else 0, "folder": str(folder), **made.summary}
-        print(json.dumps(told, allow_nan=False, ensure_ascii=False))
+        report = {"exit_code": 1 if made.failed else 0, "folder": str(folder), **made.summary}
+        print(json.dumps(report, allow_nan=False, ensure_ascii=False))
     elif not args.quiet:
         print(_text(made))
         print(f"Written to {folder}: reproduction.html, {NAME}, figures/")

@@ -57,8 +57,8 @@ def main(args: argparse.Namespace) -> int:
         if not args.json:
             print(f"Written to {folder}: {', '.join(files)}")
     if args.json:
-        told = {"exit_code": 0, "folder": args.out, "files": files, **report}
-        print(json.dumps(told, allow_nan=False, ensure_ascii=False))
+        document = {"exit_code": 0, "folder": args.out, "files": files, **report}
+        print(json.dumps(document, allow_nan=False, ensure_ascii=False))
     return 0
 
 

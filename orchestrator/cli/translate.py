@@ -95,13 +95,13 @@ def main(args: argparse.Namespace) -> int:
         if args.json:
             from ..fmi import read_description
 
-            told = {"path": str(path), "model": read_description(path).name, "fmi_version": "2.0"}
-            print(json.dumps({"exit_code": 0, "form": "python", **told}, ensure_ascii=False))
+            built = {"path": str(path), "model": read_description(path).name, "fmi_version": "2.0"}
+            print(json.dumps({"exit_code": 0, "form": "python", **built}, ensure_ascii=False))
         else:
             print(f"{path}: FMI 2.0 co-simulation, in Python")
         return 0
     if file.suffix != ".mo":
-        raise BuildError(f"{file}: cannot tell what kind of model this is; give a .mo or a .py file")
+        raise BuildError(f"{file}: cannot recognise the kind of this model; give a .mo or a .py file")
     if args.form == "native":
         raise BuildError(f"{file}: --form is for Python models; Modelica models are always compiled")
     from ..translate.build import build
@@ -132,8 +132,8 @@ def _platforms(text: str) -> tuple[str, ...]:
 
 def _print(report: BuildReport, as_json: bool) -> None:
     if as_json:
-        told = {**asdict(report), "path": str(report.path)}
-        print(json.dumps({"exit_code": 0, "form": "compiled", **told}, ensure_ascii=False))
+        built = {**asdict(report), "path": str(report.path)}
+        print(json.dumps({"exit_code": 0, "form": "compiled", **built}, ensure_ascii=False))
         return
     print(f"{report.path}: {report.model}, FMI {report.fmi_version} co-simulation")
     if report.counts:

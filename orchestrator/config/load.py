@@ -128,10 +128,10 @@ def read_config(
         found.problems += problems
         found.gaps += meant
     model, wrong, gaps = read_model(data, places, Gaps(frozenset(found.gaps)))
-    told = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in wrong]
+    schema_problems = [replace(one, remedy=remedies.get(one.what.split(" ")[0], one.remedy)) for one in wrong]
     config = None if found.wanting else Config(model, places, own, name, notes, unpacked)
     unchecked = tuple(f"instances, connections and measures, for want of {one!r}" for one in found.wanting)
-    return Draft(config, (*found.problems, *told, *found.misspelt), gaps, unchecked)
+    return Draft(config, (*found.problems, *schema_problems, *found.misspelt), gaps, unchecked)
 
 
 @dataclass

@@ -199,20 +199,20 @@ Arrow = Annotated[
 class BondModel(Model):
     """A power bond: connections on which an effort and the motion that it works on go round."""
 
-    name: str = Field("", description="Of the bond; by default giver-taker.")
+    name: str = Field("", description="Of the bond; by default source-receiver.")
     effort: Arrow | Annotated[list[Arrow], Field(min_length=1)] = Field(
-        description="The connection of the effort, or the connections that lead it from giver to taker."
+        description="The connection of the effort, or the connections that lead it from source to receiver."
     )
     flow: str | list[Arrow] = Field(
         min_length=1,
-        description="The connections that lead the taker's flow or displacement back to the giver, or an "
-        "output of the taker, instance.variable, that the giver is not told of.",
+        description="The connections of the receiver's flow or displacement back to the source, or an "
+        "output of the receiver, instance.variable, that the source does not read.",
     )
     sign: Literal[1, -1] = Field(
-        1, description="-1 where a positive effort along the flow takes energy from the taker."
+        1, description="-1 where a positive effort along the flow takes energy from the receiver."
     )
     displacement: bool | None = Field(
-        None, description="Where units do not tell: whether `flow` is a displacement, whose rate is the flow."
+        None, description="If units are ambiguous: whether `flow` is a displacement, whose rate is the flow."
     )
 
     def effort_legs(self) -> list[str]:

@@ -290,7 +290,7 @@ def _reads(name: str, kind: type[Effect], read: Any, place: Callable[..., str]) 
             )
     for key in kind.reads:
         if not isinstance(read.get(key), str):
-            what = f"effect {name} is to be told which output is its signal {key!r}"
+            what = f"effect {name} needs to know which output is its signal {key!r}"
             problems.append(Problem(place("read"), what, f"written as read: {{{key}: instance.output}}"))
     return problems
 

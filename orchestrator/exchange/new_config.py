@@ -73,7 +73,7 @@ def _instance(member: _Member, output: Path) -> list[str]:
     for title, causality in (("inputs", Causality.INPUT), ("outputs", Causality.OUTPUT)):
         ports = [one for one in description.variables.values() if one.causality is causality]
         lines += [f"    # {title}:"] if ports else []
-        lines += [f"    #   {_told(one)}"[:_WIDTH] for one in ports]
+        lines += [f"    #   {_port_text(one)}"[:_WIDTH] for one in ports]
     own = [one for one in description.variables.values() if one.causality is Causality.PARAMETER]
     given = {one.name: one.written(one.start) for one in own if one.start is not None}
     if given:
@@ -82,7 +82,7 @@ def _instance(member: _Member, output: Path) -> list[str]:
     return lines
 
 
-def _told(variable: Variable) -> str:
+def _port_text(variable: Variable) -> str:
     unit = f" [{variable.unit_name}]" if variable.unit_name else ""
     start = "" if variable.start is None else f", start {variable.start!r}"
     more = f": {' '.join(variable.description.split())}" if variable.description else ""

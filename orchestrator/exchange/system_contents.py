@@ -196,7 +196,7 @@ def _unfit(one: Instance, places: Places) -> list[Problem]:
         return [Problem(place, what, "it runs with event_mode, of which the inner master has none", remedy)]
     if run_options.tolerance is not None:
         remedy = f"Leave instances.{one.name}.tolerance out."
-        return [Problem(place, what, "it is told a tolerance, which the inner master does not do", remedy)]
+        return [Problem(place, what, "it needs a tolerance, which the inner master does not pass on", remedy)]
     return []
 
 

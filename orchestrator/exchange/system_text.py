@@ -82,7 +82,7 @@ class _Writer:
         stride = grid.step_size.numerator * grid.start.denominator
         if max(abs(begin), stride, denominator) > _LARGEST // 2**20:
             run = self._inside.prepared.config.model.run
-            what = f"the step size {run.step_size}, from {run.start_time} on, has too many digits"
+            what = f"the step size {run.step_size}, from {run.start_time} onwards, has too many digits"
             raise ConfigError([Problem("run.step_size", what, "nine digits are possible inside an FMU")])
         self._line("grid", begin, stride, denominator, _bits(grid.step_size))
 

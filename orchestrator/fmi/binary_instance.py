@@ -108,7 +108,7 @@ class CompiledInstance(Values):
     def do_step(self, point: Point) -> StepStatus:
         """Step from `point` by its step size."""
 
-    def _told_tolerance(self) -> tuple[bool, float]:
+    def _tolerance_arguments(self) -> tuple[bool, float]:
         """What initialisation hands over: whether a tolerance is defined, and which.
 
         Only one that the config gives: an FMU knows the one that it proposes itself.

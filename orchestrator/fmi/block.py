@@ -126,8 +126,8 @@ class Block:
             whole = [round(value) for value in values]
         except (OverflowError, ValueError):
             position = next(place for place, value in enumerate(values) if not isfinite(value))
-            told = f"{self._variables[position].name} ({self._variables[position].type})"
-            raise Unfit(f"{told} cannot hold {values[position]!r}: it is no whole number") from None
+            label = f"{self._variables[position].name} ({self._variables[position].type})"
+            raise Unfit(f"{label} cannot hold {values[position]!r}: it is no whole number") from None
         if self._range is not None and not self._range[0] <= min(whole) <= max(whole) <= self._range[1]:
             # Signals are doubles: of 64 bits, that next to the largest number is one beyond it.
             whole = [self._range[1] if float(one) == float(self._range[1]) else one for one in whole]

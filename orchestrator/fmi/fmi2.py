@@ -50,7 +50,7 @@ class Fmi2Instance(CompiledInstance):
         return ctype, self._function(f"fmi2{verb}{name}")
 
     def _enter(self, start_time: float, stop_time: float | None) -> None:
-        defined, tolerance = self._told_tolerance()
+        defined, tolerance = self._tolerance_arguments()
         stop_defined = int(stop_time is not None)
         self._call("fmi2SetupExperiment", int(defined), tolerance, start_time, stop_defined, stop_time or 0.0)
         self._call("fmi2EnterInitializationMode")

@@ -147,8 +147,8 @@ class Fmi3Instance(CompiledInstance):
         super().enter_initialisation(start_time, start_values, stop_time)
 
     def _enter(self, start_time: float, stop_time: float | None) -> None:
-        told = (*self._told_tolerance(), start_time, stop_time is not None, stop_time or 0.0)
-        self._call("fmi3EnterInitializationMode", *told)
+        arguments = (*self._tolerance_arguments(), start_time, stop_time is not None, stop_time or 0.0)
+        self._call("fmi3EnterInitializationMode", *arguments)
 
     def exit_initialisation(self) -> None:
         """See FmuInstance.exit_initialisation."""

@@ -24,7 +24,7 @@ class Fmi1Exchange(Exchange, Fmi1Base):
     def _initialise(self, start_time: float, stop_time: float | None) -> None:
         self._call(self._SET_TIME, start_time)
         self._info = fmi1EventInfo()
-        defined, tolerance = self._told_tolerance()
+        defined, tolerance = self._tolerance_arguments()
         controlled = b"\x01" if defined else b"\x00"
         self._call("fmi1Initialize", controlled, c_double(tolerance), byref(self._info))
         self._note_event()

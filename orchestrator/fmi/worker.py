@@ -40,7 +40,7 @@ class _Server:
         self.instance: Any = None
         self._u = self._y = np.zeros(0)
         self._states: dict[int, Any] = {}
-        self._told: tuple[str, ...] = ()
+        self._sent_log: tuple[str, ...] = ()
 
     def instantiate(
         self, name: str, path: Path, description: Any, run_options: Any, folder: Path, logs: Path | None
@@ -100,8 +100,8 @@ class _Server:
             self.instance.read_outputs()
             outputs = self._y.tobytes()
         lines = self.instance.log_lines()
-        if lines != self._told:
-            self._told = lines
+        if lines != self._sent_log:
+            self._sent_log = lines
             return frames.NEWS, pickle.dumps((int(status), lines, outputs))
         return frames.DONE, bytes((status,)) + outputs
 
@@ -139,8 +139,8 @@ def main() -> None:
             answer = frames.ERROR, _packed(error)
         except Exception as error:
             # Nothing but an answer gets out of this process.
-            told = FmuError(f"its process failed: {type(error).__name__}: {error}")
-            answer = frames.ERROR, _packed(told)
+            failure = FmuError(f"its process failed: {type(error).__name__}: {error}")
+            answer = frames.ERROR, _packed(failure)
         try:
             frames.send(answers, *answer)
         except OSError:

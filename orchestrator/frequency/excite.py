@@ -226,6 +226,6 @@ def _unknown(system: System, source: str, targets: Sequence[str], place: str) ->
         ]
         if name not in there:
             kind = causality.value
-            told = f"{kind}s: {listed(there)}"
-            problems.append(Problem(place, f"no numeric {kind} {name}", told, nearest(name, there)))
+            allowed = f"{kind}s: {listed(there)}"
+            problems.append(Problem(place, f"no numeric {kind} {name}", allowed, nearest(name, there)))
     return problems

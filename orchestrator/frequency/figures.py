@@ -91,7 +91,7 @@ def nyquist(loops: Mapping[str, Transfer], growth: Mapping[str, float] | None = 
     figure = Figure(figsize=(6.5, 6.0), layout="constrained")
     axes = figure.subplots()
     for index, (name, loop) in enumerate(loops.items()):
-        value, told = loop(1j * span(loop)), margins(loop)
+        value, margin = loop(1j * span(loop)), margins(loop)
         color = COLORS[index % len(COLORS)]
         near = np.abs(value) < 20.0
         axes.plot(
@@ -99,10 +99,10 @@ def nyquist(loops: Mapping[str, Transfer], growth: Mapping[str, float] | None = 
             value.imag[near],
             _DASHES[index % 4],
             color=color,
-            label=f"{name}: {verdict(told.unstable, (growth or {}).get(name))}",
+            label=f"{name}: {verdict(margin.unstable, (growth or {}).get(name))}",
         )
         turn = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 200))
-        circle = -1.0 + told.modulus_margin * turn
+        circle = -1.0 + margin.modulus_margin * turn
         axes.plot(circle.real, circle.imag, ":", color=color, linewidth=0.9)
     unit = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 400))
     axes.plot(unit.real, unit.imag, color=_GREY, linewidth=0.6)

@@ -108,8 +108,8 @@ def _unknown_ports(fmu: Fmu, source: str, target: str) -> list[Problem]:
     for name, causality in ((source, "input"), (target, "output")):
         there = [key for key, one in fmu.description.variables.items() if one.causality.value == causality]
         if name not in there:
-            told = f"{causality}s: {listed(there)}"
-            problems.append(Problem(place, f"no {causality} {name}", told, nearest(name, there)))
+            allowed = f"{causality}s: {listed(there)}"
+            problems.append(Problem(place, f"no {causality} {name}", allowed, nearest(name, there)))
     return problems
 
 

@@ -223,8 +223,8 @@ class Loop:
         def along(wire: Wire) -> Transfer:
             if wire.source in under_way:
                 begin = under_way.index(wire.source)
-                told = " -> ".join(".".join(one) for one in [wire.source, *reversed(under_way[begin:])])
-                what = f"algebraic loop, or one that does not pass through the satellite: {told}"
+                hops = " -> ".join(".".join(one) for one in [wire.source, *reversed(under_way[begin:])])
+                what = f"algebraic loop, or one that does not pass through the satellite: {hops}"
                 raise ConfigError(
                     [Problem(self.name, what, "only the loop through the satellite can be analysed")]
                 )
@@ -276,9 +276,9 @@ class Loop:
                 notes.append(f"{name}.switching_compensation is not linear and is left out")
         for wire in self.wires:
             for name, effect in wire.effects:
-                told = effect_note(effect)
-                if told:
-                    notes.append(f"{'.'.join(wire.source)} -> {'.'.join(wire.target)}: {name} {told}")
+                note = effect_note(effect)
+                if note:
+                    notes.append(f"{'.'.join(wire.source)} -> {'.'.join(wire.target)}: {name} {note}")
         return notes
 
 

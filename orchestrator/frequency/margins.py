@@ -206,11 +206,11 @@ def critical_delays(fixed: Transfer, delayed: Transfer, up_to: float) -> tuple[i
         first = float(np.mod(np.angle(-ratio(np.asarray(1j * w))), 2.0 * np.pi)) / w
         count = int((up_to - first) * w / (2.0 * np.pi)) + 1 if first <= up_to else 0
         found += [(first + 2.0 * np.pi * turn / w, w, falling) for turn in range(count)]
-    unstable, told = begin, []
+    unstable, critical = begin, []
     for delay, w, falling in sorted(found):
         unstable += 2 if falling else -2
-        told.append(CriticalDelay(delay, w, falling, unstable))
-    return begin, told
+        critical.append(CriticalDelay(delay, w, falling, unstable))
+    return begin, critical
 
 
 def _beyond(omega: Array, delay: float) -> Array:

@@ -37,7 +37,7 @@ def stability(
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
     loop = Loop.of(prepared)
-    told = margins(loop.gain())
+    margin = margins(loop.gain())
     roots = rightmost_roots(loop.characteristic())
     first = contact_root(roots)
     growth = None if first is None else growth_per_contact(first)
@@ -54,17 +54,17 @@ def stability(
         contact = {"error": str(error)}
     return {
         "title": prepared.config.model.title,
-        "verdict": verdict(told.unstable, growth),
+        "verdict": verdict(margin.unstable, growth),
         "margins": {
-            "stable": told.stable,
-            "unstable_roots": told.unstable,
-            "crossovers": [vars(one) for one in told.crossovers],
-            "phase_margin": told.phase_margin,
-            "delay_margin": _number(told.delay_margin),
-            "gain_margin": [_number(one) for one in told.gain_margin],
-            "modulus_margin": told.modulus_margin,
-            "sensitivity_peak": told.sensitivity_peak,
-            "complementary_peak": told.complementary_peak,
+            "stable": margin.stable,
+            "unstable_roots": margin.unstable,
+            "crossovers": [vars(one) for one in margin.crossovers],
+            "phase_margin": margin.phase_margin,
+            "delay_margin": _number(margin.delay_margin),
+            "gain_margin": [_number(one) for one in margin.gain_margin],
+            "modulus_margin": margin.modulus_margin,
+            "sensitivity_peak": margin.sensitivity_peak,
+            "complementary_peak": margin.complementary_peak,
         },
         "critical_delays": _critical(loop),
         "roots": [[root.real, root.imag] for root in roots.values],
@@ -118,11 +118,11 @@ def _step(prepared: Prepared, loop: Loop) -> dict[str, Any] | None:
     ):
         return None
     size = float(prepared.grid.step_size)
-    told = {"master": master, "step_size": size}
+    sampling = {"master": master, "step_size": size}
     try:
-        return {**told, "growth_per_contact": _number(sample(loop, master, size).growth())}
+        return {**sampling, "growth_per_contact": _number(sample(loop, master, size).growth())}
     except ConfigError as error:
-        return {**told, "growth_per_contact": None, "error": str(error)}
+        return {**sampling, "growth_per_contact": None, "error": str(error)}
 
 
 def _factors(fall: float | None, rise: float | None) -> str:

@@ -134,8 +134,8 @@ def system_state_space(
         there = [f"{one.name}.{name}" for one in system.instances for name in _real(one.fmu, kind)]
         for name in names:
             if name not in there:
-                told = f"{kind.value}s: {listed(there)}"
-                problems.append(Problem(place, f"no real {kind.value} {name}", told))
+                allowed = f"{kind.value}s: {listed(there)}"
+                problems.append(Problem(place, f"no real {kind.value} {name}", allowed))
     if problems:
         raise ConfigError(problems)
     parts: list[StateSpace] = []

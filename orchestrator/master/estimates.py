@@ -69,7 +69,7 @@ class _Scale:
 
     def __init__(self, instances: Instances, tolerance: Tolerance, counted: NDArray[np.bool_]) -> None:
         layout = instances.layout
-        self._names = [layout.told(place) for place in range(layout.size)]
+        self._names = [layout.describe(place) for place in range(layout.size)]
         self._nominal = layout.nominal
         self._relative: float | None = None
         if isinstance(tolerance, Mapping):

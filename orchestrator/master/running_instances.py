@@ -406,13 +406,13 @@ class Instances:
 
     def warnings(self) -> dict[str, list[str]]:
         """What each instance logged beyond mere information; instances that did not are left out."""
-        told = {
+        logged = {
             one.name: [line for line in one.log_lines() if not line.startswith("[ok]")]
             for one in self.running
         }
         for name, lines in self._complaints.items():
-            told[name] += lines
-        return {name: lines for name, lines in told.items() if lines}
+            logged[name] += lines
+        return {name: lines for name, lines in logged.items() if lines}
 
     def elapsed(self) -> dict[str, float]:
         """Wall time spent in each instance's steps so far [s]."""
@@ -423,8 +423,8 @@ class Instances:
 
     def link_statistics(self) -> dict[str, Any]:
         """What links to external programs counted, by instance."""
-        told = {one.name: getattr(one, "link_statistics", None) for one in self.running}
-        return {name: tell() for name, tell in told.items() if tell is not None}
+        links = {one.name: getattr(one, "link_statistics", None) for one in self.running}
+        return {name: tell() for name, tell in links.items() if tell is not None}
 
     def _read_texts(self, index: int) -> None:
         names = self.layout.text_outputs[index]

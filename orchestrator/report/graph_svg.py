@@ -41,13 +41,13 @@ def _link(connection: str | ConnectionModel) -> Link:
         source, _, target = connection.partition("->")
         return Link((_port(source),), _port(target))
     given = connection.source if isinstance(connection.source, list) else [connection.source]
-    sources, told = [], []
+    sources, labels = [], []
     for one in given:
         sources.append(_port(one if isinstance(one, str) else one.port))
         if not isinstance(one, str) and one.gain != 1:
-            told.append(f"{one.gain} x {one.port}")
+            labels.append(f"{one.gain} x {one.port}")
     return Link(
-        tuple(sources), _port(connection.target), ", ".join([*told, *map(_effect, connection.through)])
+        tuple(sources), _port(connection.target), ", ".join([*labels, *map(_effect, connection.through)])
     )
 
 
@@ -126,7 +126,7 @@ def _box(box: Box) -> str:
 
 def _net(net: Any, index: int) -> str:
     color = f"var(--series-{index % _COLORS})"
-    told = "; ".join(
+    title = "; ".join(
         f"{'.'.join(wire.source)} -> {'.'.join(wire.target)}" + (f" ({wire.tag})" if wire.tag else "")
         for wire in net.wires
     )
@@ -143,6 +143,6 @@ def _net(net: Any, index: int) -> str:
             f'<text x="{x - width / 2:.1f}" y="{y + 4:.1f}" text-anchor="middle">{escape(text)}</text>'
         )
     return (
-        f'<g class="wire" tabindex="0"><title>{escape(told)}</title>'
+        f'<g class="wire" tabindex="0"><title>{escape(title)}</title>'
         f'<path class="net" stroke="{color}" d="{path}"/>{tips}{tags}</g>'
     )

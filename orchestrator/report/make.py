@@ -67,7 +67,7 @@ def left_out(folders: Sequence[Path | str]) -> tuple[str, ...]:
     """
     paths = [Path(one) for one in folders]
     shown = {run.resolve() for path in paths for run in _runs(path)}
-    told = []
+    notes = []
     for path in paths:
         words = {
             "store": "the store of a sweep",
@@ -77,12 +77,12 @@ def left_out(folders: Sequence[Path | str]) -> tuple[str, ...]:
         }
         kind = _kind(path) if len(paths) == 1 else "run"
         held = {*_specials(path), *(["run"] if _runs(path) else [])}
-        told += [f"{path} also holds {text}" for one, text in words.items() if one in held and one != kind]
+        notes += [f"{path} also holds {text}" for one, text in words.items() if one in held and one != kind]
         within = [run for run in _within(path) if run.resolve() not in shown]
         if kind == "run" and within:
             names, command = listed(run.name for run in within), " ".join(map(str, within))
-            told.append(f"{path} also holds runs in folders ({names}): see `orchestrator report {command}`")
-    return tuple(told)
+            notes.append(f"{path} also holds runs in folders ({names}): see `orchestrator report {command}`")
+    return tuple(notes)
 
 
 def page_name(folder: Path) -> str:

@@ -85,15 +85,15 @@ def page(run: RunFolder, budget: int = BUDGET, notes: Sequence[str] = ()) -> str
 
 def sentence(run: RunFolder) -> str:
     """How the run ended, and what its measures say."""
-    told = [verdict(run)]
+    sentences = [verdict(run)]
     for one in run.measures:
         headline = getattr(one.measure, "headline", None)
         try:
             if callable(headline) and run.state is State.DONE:
-                told.append(headline(run.summary))
+                sentences.append(headline(run.summary))
         except (KeyError, TypeError, ValueError):
             continue  # of another version, or of a run whose measures failed: its numbers stand below
-    return " ".join(told)
+    return " ".join(sentences)
 
 
 def verdict(run: RunFolder) -> str:
@@ -151,11 +151,11 @@ def _numbers(run: RunFolder) -> str:
             f"Of the measured signals, half the step changes {name} most: by {share:.2g} of its range."
         )
     if not found:
-        told = "The config names no measures that give single numbers."
+        text = "The config names no measures that give single numbers."
         if run.measures and run.state is not State.DONE:
             how = "has not ended yet" if run.state is State.RUNNING else "did not come to its end"
-            told = f"{listed(one.name for one in run.measures)}: not computed, since the run {how}."
-        return (worst or "") + note(told)
+            text = f"{listed(one.name for one in run.measures)}: not computed, since the run {how}."
+        return (worst or "") + note(text)
     rows = [
         [spelt(one.name), one.value, one.unit, None if one.change is None else float(f"{one.change:.1e}")]
         for one in found

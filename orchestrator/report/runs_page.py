@@ -25,13 +25,13 @@ def page(runs: Sequence[RunFolder], budget: int = BUDGET, notes: Sequence[str] =
         notes: to be reported with it.
     """
     done = sum(run.state is State.DONE for run in runs)
-    told = f"{len(runs)} runs, {'all' if done == len(runs) else done} done."
+    outcome = f"{len(runs)} runs, {'all' if done == len(runs) else done} done."
     store = SignalStore(budget)
     having = {run.name: run.results for run in runs if run.results is not None and len(run.results)}
     first = list(dict.fromkeys(name for run in runs for one in run.measures for name in one.signals()))
     charts = shared_charts(store, having, first) if having else ""
     parts = [
-        f"<p class=headline>{escape(told)}</p>",
+        f"<p class=headline>{escape(outcome)}</p>",
         aside("To know", notes),
         table(
             ["run", "state", "in a sentence"],

@@ -76,9 +76,9 @@ def _study(one: SweepTable, store: SignalStore) -> list[str]:
     counts = Counter(row["status"] for row in one.rows)
     done, failed = counts.get("done", 0), counts.get("failed", 0)
     rest = len(one.rows) - done - failed
-    told = f"{len(one.rows)} points: {done} done, {failed} failed"
-    told += f", {rest} not run yet." if rest else "."
-    parts = [f"<p class=headline>{escape(told)}</p>"]
+    outcome = f"{len(one.rows)} points: {done} done, {failed} failed"
+    outcome += f", {rest} not run yet." if rest else "."
+    parts = [f"<p class=headline>{escape(outcome)}</p>"]
     kinds = Counter(row.get("kind") or "error" for row in one.rows if row["status"] == "failed")
     if kinds:
         examples = {

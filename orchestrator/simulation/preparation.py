@@ -113,8 +113,8 @@ def judge(
     whole = names == model.instances.keys() | model.external.keys() and gaps.whole("run", "record")
     whole &= not (gaps.further("instances") or gaps.beneath("instances"))
     whole &= not problems or model.run.record == "all"
-    told = tuple(in_order(problems))
-    return Judgement(draft.config, judged.system, prepared, told, tuple(unchecked), whole)
+    ordered = tuple(in_order(problems))
+    return Judgement(draft.config, judged.system, prepared, ordered, tuple(unchecked), whole)
 
 
 def _grid(draft: Draft, unchecked: list[str]) -> Grid | None:

@@ -51,7 +51,7 @@ def algebraic_loops(
         accepted: whether a master solves them.
         step_size: of the communication step [s]; None if it is not known.
     """
-    told: dict[frozenset[Port], Problem] = {}
+    reported: dict[frozenset[Port], Problem] = {}
     found = Loops()
     place = places.text(("connections",))
     targets = {connection.target: connection for connection in connections}
@@ -88,12 +88,12 @@ def algebraic_loops(
                 if not initial:
                     found.solvable.append(tuple(loop))
                 continue
-            if key not in told:
+            if key not in reported:
                 reason = ""
                 if other:
                     reason = f"{other[0]} is of type {kinds[other[0]]}, and only real numbers can be iterated"
-                told[key] = loop_problem(loop, targets, assumed, place, initial, reason, step_size)
-    problems += told.values()
+                reported[key] = loop_problem(loop, targets, assumed, place, initial, reason, step_size)
+    problems += reported.values()
     return found
 
 
@@ -161,13 +161,13 @@ def loop_problem(
         if index % 2:
             wire, through = connections[after].wire, []
             for link in wire.links if wire else ():
-                told = link.name
+                label = link.name
                 # A delay: over a step short enough it passes nothing at once.
                 if not initial and step_size is not None and link.at_once:
                     if not link.effect.passes_at_once(1e-9 * step_size):
-                        told += f" (shorter than the step of {step_size!r} s, hence passed at once)"
+                        label += f" (shorter than the step of {step_size!r} s, hence passed at once)"
                         short = True
-                through.append(told)
+                through.append(label)
             hops.append(f"{port} is connected to {after}{' through ' if through else ''}{', '.join(through)}")
             continue
         doubt = ""

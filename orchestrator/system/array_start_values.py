@@ -36,7 +36,7 @@ def elementwise(
         made = each_element(name, members, value)
         twice = [one for one in made or () if one in start]
         if made is None:
-            what = f"{instance}.{name} is an array of {_told(_shape(members, name))}, got {_got(value)}"
+            what = f"{instance}.{name} is an array of {_sizes_text(_shape(members, name))}, got {_got(value)}"
             remedy = "Give a list of its values, row by row, or single elements by their names."
             problems.append(Problem(place, what, remedy=remedy))
         elif twice:
@@ -64,7 +64,7 @@ def _shape(members: Sequence[Variable], name: str) -> list[int]:
     return [int(text) for text in members[-1].name[len(name) + 1 : -1].split(",")]
 
 
-def _told(sizes: Sequence[int]) -> str:
+def _sizes_text(sizes: Sequence[int]) -> str:
     return f"{sizes[0]} values" if len(sizes) == 1 else f"{' x '.join(map(str, sizes))} values"
 
 

@@ -189,13 +189,13 @@ def _assemble(
     stated, single, fed = _stated(connections, descriptions, judged, places, absent, gaps)
     wired: dict[Port, tuple[int, Port]] = {}
     checked: list[Connection] = []
-    told: set[Problem] = set()
+    reported: set[Problem] = set()
     for one in single:
         apart: list[Problem] = []
         made = connect(one, descriptions, absent, places, folder, step_size, apart, notes)
         # Of an effect on an array every element tells the same.
-        found += [problem for problem in apart if problem not in told]
-        told.update(apart)
+        found += [problem for problem in apart if problem not in reported]
+        reported.update(apart)
         if made is None:
             continue
         if made.target in wired:

@@ -110,9 +110,9 @@ def find_bonds(
     for effort, flow, displacement in _DOMAINS:
         efforts = _leaving(connections, variable, (effort,))
         motions = _leaving(connections, variable, (displacement, flow))
-        told = {one.target.instance for leaving in motions.values() for one in leaving}
+        informed = {one.target.instance for leaving in motions.values() for one in leaving}
         for first in [one for leaving in efforts.values() for one in leaving]:
-            if first.source.instance not in told:
+            if first.source.instance not in informed:
                 continue
             for way in _ways(efforts, first.source.instance, None, budget, (first,)):
                 giver, taker = first.source.instance, way[-1].target.instance
@@ -284,7 +284,7 @@ def declared_bonds(
         if model is None:
             continue
         place = places.text(("bonds", index))
-        told = len(problems)
+        before = len(problems)
         missing = [] if further else problems
         effort = [_leg(text, known, place, missing) for text in model.effort_legs()]
         flow = [_leg(text, known, place, missing) for text in model.flow_legs()]
@@ -297,7 +297,7 @@ def declared_bonds(
                 what = f"no output {model.flow_port()!r}"
                 problems.append(Problem(place, what, remedy=nearest(model.flow_port() or "", ports)))
         way, back = [one for one in effort if one], [one for one in flow if one]
-        if len(problems) > told or len(way) < len(effort) or len(back) < len(flow):
+        if len(problems) > before or len(way) < len(effort) or len(back) < len(flow):
             continue
         motion = motion or back[0].source
         bond = Bond("", tuple(way), motion, tuple(back), ())
@@ -327,7 +327,7 @@ def _broken(bond: Bond) -> str:
     """What does not fit together; empty if all does."""
     for one in (*bond.effort, *bond.flow):
         if _mixed(one):
-            return f"{one} is made of several signals, whose energies cannot be told apart"
+            return f"{one} is made of several signals, whose energies cannot be distinguished"
     for way in (bond.effort, bond.flow):
         for one, other in pairwise(way):
             if one.target.instance != other.source.instance:

@@ -194,7 +194,7 @@ class Layout:
                 made.setdefault(place, []).append(one)
         return made
 
-    def told(self, place: int) -> str:
+    def describe(self, place: int) -> str:
         """A signal's name for messages."""
         ports = len(self.owners) - len(self.wired)
         return str(self.owners[place]) if place < ports else str(self.wired[place - ports].connection)

@@ -85,9 +85,9 @@ def settle(
     kept = {one.name: one.start for one in unfed if keep and one.start is not None}
     if wanting := [one for one in unfed if one.name not in kept]:
         problems.append(_unfed(part.name, wanting, places.text(path)))
-    told = len(problems)
+    before = len(problems)
     feedthrough, initial = checks.dependencies(part.name, description, part.feedthrough, places, problems)
-    if len(problems) > told:
+    if len(problems) > before:
         unsure.add(part.name)
     assumed = description.assumed - part.feedthrough.keys()
     return Instance(

@@ -230,9 +230,7 @@ class _VariableReader:
         values = {entry for entry in value} if isinstance(value, list) else {value}
         if values in ({True}, {False}):
             return values.pop()
-        raise BuildError(
-            f"{where}: `fixed` of {name} has to be true or false for the whole variable, got {value}"
-        )
+        raise BuildError(f"{where}: `fixed` of {name} has to be true or false for all elements, got {value}")
 
     def _number(self, name: str, attribute: str, node: Node | None, where: Location) -> float | None:
         if node is None:

@@ -63,8 +63,8 @@ def dress(
         icon: _icon(len(inputs), len(outputs)),
     }
     if provenance is not None:
-        told = {"generationTool": "orchestrator", "modelName": title, **provenance}
-        members["extra/orchestrator/provenance.json"] = (json.dumps(told, indent=2) + "\n").encode()
+        content = {"generationTool": "orchestrator", "modelName": title, **provenance}
+        members["extra/orchestrator/provenance.json"] = (json.dumps(content, indent=2) + "\n").encode()
     return members
 
 
@@ -167,8 +167,10 @@ def _structure(root: ET.Element, rows: Sequence[_Row]) -> str:
         ]
     lines = []
     for reference, dependencies in unknowns:
-        told = "everything" if dependencies is None else ", ".join(names[one] for one in dependencies.split())
-        lines.append(_line("td", (names[reference or ""], told or "nothing")))
+        shown = (
+            "everything" if dependencies is None else ", ".join(names[one] for one in dependencies.split())
+        )
+        lines.append(_line("td", (names[reference or ""], shown or "nothing")))
     given = dict(simulation.attrib) if simulation is not None else {}
     provided = any(
         name.startswith("providesDirectional") and value == "true" for name, value in given.items()

@@ -225,8 +225,8 @@ def _describe(
             if other.same_dimension(unit):
                 shown[display] = other
             else:
-                told = f"display unit {display} [{other.base()}] for {unit} [{unit.base()}]"
-                problems.append(f"{name}: {told}: dimensions differ")
+                both = f"display unit {display} [{other.base()}] for {unit} [{unit.base()}]"
+                problems.append(f"{name}: {both}: dimensions differ")
     except KeyError:
         problems.append(
             f'{name}: a Real without a unit; name it in type_attributes, "1" if it has no dimension'
@@ -293,7 +293,7 @@ def _structure(root: Any, model: Any, variables: Mapping[str, Any], problems: li
         for name in names:
             missing = [other for other in known.get(name, ()) if other not in index]
             if name not in known or missing:
-                wrong = f"names {listed(missing)}, unknown" if missing else "does not tell what it depends on"
+                wrong = f"names {listed(missing)}, unknown" if missing else "has no dependencies declared"
                 problems.append(f"{table}: {name}: {wrong}; give it as a tuple of variables, () for none")
                 continue
             depends = " ".join(sorted((index[other] for other in known[name]), key=int))

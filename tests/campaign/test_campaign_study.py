@@ -219,13 +219,13 @@ def test_names_that_the_store_would_not_tell_apart_are_refused():
         "study: derived.Attempts: 'Attempts' cannot name a quantity",
         "  the store has a column of it",
         "study: derived.Peak: 'Peak' and 'peak' differ in case only",
-        "  the store's columns do not tell them apart. Rename one of them.",
+        "  the store's columns do not distinguish them. Rename one of them.",
         *(
             line
             for name in ("position", "velocity", "kinetic_energy")
             for line in (
                 f"study: record: 'M.{name}' and 'm.{name}' differ in case only",
-                "  the store's columns do not tell them apart. Keep one of them, by record.signals.",
+                "  the store's columns do not distinguish them. Keep one of them, by record.signals.",
             )
         ),
     ]

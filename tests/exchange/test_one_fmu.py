@@ -81,7 +81,7 @@ def test_units_and_names_of_columns(header, fmu, tmp_path):
 def test_a_file_that_ends_early_holds_its_last_values_and_says_so(fmu, tmp_path, capsys):
     path = signals(tmp_path / "s.csv", "time,rate\n0,1\n0.5,1\n")
     assert main(["run", fmu, "--input", path]) == 0
-    assert "s.csv ends at 0.5 s; its last values hold from there on" in capsys.readouterr().out
+    assert "s.csv ends at 0.5 s; its last values are held" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

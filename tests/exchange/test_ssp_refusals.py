@@ -350,10 +350,10 @@ def test_the_command_line(tmp_path, capsys, monkeypatch):
     assert main(["stability", "X.ssp"]) == 0
     capsys.readouterr()
     assert main(["export", "X.ssp", "-o", "Y.zip"]) == 2
-    assert "Y.zip: cannot tell in which format to write\n  suffixes: " in capsys.readouterr().err
+    assert "Y.zip: cannot derive the format from the file name\n  suffixes: " in capsys.readouterr().err
     assert main(["import", "new.yaml", "-o", "Y.yaml"]) == 2
     assert (
-        "new.yaml: cannot tell what kind of file this is\n  suffixes: .ssp, .ssd" in capsys.readouterr().err
+        "new.yaml: cannot recognise the kind of this file\n  suffixes: .ssp, .ssd" in capsys.readouterr().err
     )
 
 

@@ -429,7 +429,7 @@ def _written(folder, content):
             ["instances.contact.tolerance=1e-6"],
             {},
             "contact (DockingHIL.DockingContact) cannot become part of an FMU\n"
-            "  it is told a tolerance, which the inner master does not do. "
+            "  it needs a tolerance, which the inner master does not pass on. "
             "Leave instances.contact.tolerance out.",
         ),
         (

@@ -284,7 +284,7 @@ def test_all_that_a_model_does_not_tell_is_told_at_once(tmp_path):
         (
             "self.dependencies = ",
             "self.other = ",
-            "doubler.py: dependencies: y: does not tell what it depends on; give it as a tuple of variables, "
+            "doubler.py: dependencies: y: has no dependencies declared; give it as a tuple of variables, "
             "() for none",
         ),
         (

@@ -212,7 +212,7 @@ def test_a_sum_of_forces_is_no_bond():
         summed([bond])
     assert str(caught.value).splitlines()[0] == (
         "system: bonds[0]: spring.force + other.force -> mass.force is made of several signals, "
-        "whose energies cannot be told apart"
+        "whose energies cannot be distinguished"
     )
 
 

@@ -413,5 +413,5 @@ def test_command_line(tmp_path, capsys, monkeypatch):
     Path("model.txt").write_text("")
     assert main(["build", "model.txt"]) == 1
     assert capsys.readouterr().err == (
-        "orchestrator: model.txt: cannot tell what kind of model this is; give a .mo or a .py file\n"
+        "orchestrator: model.txt: cannot recognise the kind of this model; give a .mo or a .py file\n"
     )

@@ -64,8 +64,8 @@ def runs(trial: Trial) -> Finding:
         instance.terminate()
         log = instance.log_lines()
     inputs = f"inputs up to {amplitude:g} of their nominal values" if amplitude else "inputs at their start"
-    told = f"Instantiated, initialised, {steps} steps of {trial.step:g} s with {inputs}, terminated, freed."
-    return passed("run", told, steps=steps, step_size=trial.step, amplitude=amplitude, log=list(log)[-5:])
+    text = f"Instantiated, initialised, {steps} steps of {trial.step:g} s with {inputs}, terminated, freed."
+    return passed("run", text, steps=steps, step_size=trial.step, amplitude=amplitude, log=list(log)[-5:])
 
 
 def values(trial: Trial) -> Finding:
@@ -94,7 +94,7 @@ def values(trial: Trial) -> Finding:
     if strange:
         shown = ", ".join(f"{name} = {value!r}" for name, value in list(strange.items())[:5])
         level = Level.ERROR if outputs else Level.WARNING
-        remedy = "Give them finite values from initialisation on."
+        remedy = "Give them finite values from initialisation onwards."
         return failed("values", level, f"{len(strange)} variables are not finite: {shown}.", remedy)
     if outside:
         shown = ", ".join(list(outside.values())[:5])
@@ -179,9 +179,9 @@ def halving(trial: Trial) -> Finding:
     if not orders:
         return passed("step halving", "Half the step changes the outputs by rounding only.")
     order = orders[which]["order"]
-    told = f"Half the step changes {which} most, by {worst:.2g} of its range"
+    text = f"Half the step changes {which} most, by {worst:.2g} of its range"
     shown = f"order {order:.1f}" if math.isfinite(order) else "a quarter nothing more"
-    told_orders = {
+    orders_by_output = {
         name: {key: value if math.isfinite(value) else None for key, value in one.items()}
         for name, one in orders.items()
     }
@@ -194,11 +194,11 @@ def halving(trial: Trial) -> Finding:
         return failed(
             "step halving",
             Level.WARNING,
-            f"{told}; the change does not fall with the step for {', '.join(growing[:5])}.",
+            f"{text}; the change does not fall with the step for {', '.join(growing[:5])}.",
             "If it is a sampled component, run it at its sample time; else its results depend on the step.",
-            outputs=told_orders,
+            outputs=orders_by_output,
         )
-    return passed("step halving", f"{told} ({shown}).", outputs=told_orders)
+    return passed("step halving", f"{text} ({shown}).", outputs=orders_by_output)
 
 
 def state(trial: Trial) -> Finding:

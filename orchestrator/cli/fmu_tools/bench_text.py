@@ -38,8 +38,8 @@ def bench_text(found: Mapping[str, Any]) -> str:
         lines.append("  loop python: each call from Python adds about a microsecond")
     for one in found["ratios"]:
         figures = [name for name in ("step", "whole", "instantiate") if name in one]
-        told = ", ".join(f"{name} {_spread(one[name], 1.0)}" for name in figures)
-        lines.append(f"{Path(one['of']).stem} over {Path(one['to']).stem}, paired: {told}")
+        ratios = ", ".join(f"{name} {_spread(one[name], 1.0)}" for name in figures)
+        lines.append(f"{Path(one['of']).stem} over {Path(one['to']).stem}, paired: {ratios}")
     return "\n".join(lines)
 
 

@@ -44,7 +44,7 @@ class Image:
     exports: frozenset[str]
     needs: tuple[str, ...]
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """The image without its exports, for JSON."""
         return {key: value for key, value in asdict(self).items() if key != "exports"}
 

@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         help="exit with 1 if an output differs by more than this part of its largest value",
     )
-    benching.add_argument("--rounds", type=int, default=9, help="repeats, of which the median is told (9)")
+    benching.add_argument("--rounds", type=int, default=9, help="repeats; the median is reported (9)")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -122,10 +122,10 @@ def _inspect(path: Path, args: argparse.Namespace) -> int:
     return 0
 
 
-def _line(told: Any) -> str:
+def _line(value: Any) -> str:
     from .json_values import plain
 
-    return json.dumps(plain(told), allow_nan=False)
+    return json.dumps(plain(value), allow_nan=False)
 
 
 def _validate(path: Path, args: argparse.Namespace) -> int:
@@ -144,7 +144,7 @@ def _validate(path: Path, args: argparse.Namespace) -> int:
         seen=lambda finding: None if args.json else print(finding_line(finding), flush=True),
     )
     if args.json:
-        print(_line({"file": str(path), "findings": [one.told() for one in found]}))
+        print(_line({"file": str(path), "findings": [one.as_dict() for one in found]}))
     else:
         print(verdicts_line(found))
     return int(has_errors(found))
@@ -160,7 +160,7 @@ def _compare(paths: list[Path], args: argparse.Namespace) -> int:
         found.conditions is None or any(not one.relative <= args.tolerance for one in found.differences)
     )
     if args.json:
-        print(_line({"files": [str(path) for path in paths], **found.told()}))
+        print(_line({"files": [str(path) for path in paths], **found.as_dict()}))
     else:
         print(comparison_text(found, paths))
     return int(found.interface_differs or beyond)

@@ -68,7 +68,7 @@ class Comparison:
         ports = {"causality", "kind", "unit_name"}
         return bool(self.removed) or any(ports & changes.keys() for changes in self.changed.values())
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "attributes": {name: list(pair) for name, pair in self.attributes.items()},

@@ -70,13 +70,13 @@ class Binary:
         }
         return tuple(sorted(found))
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "file": self.file,
             "size": self.size,
             "problem": self.problem,
-            "images": [image.told() for image in self.images],
+            "images": [image.as_dict() for image in self.images],
             "functions_exported": self.exported,
             "functions_missing": [*self.missing_core, *self.missing],
             "needs_beyond_the_system": list(self.foreign_needs),
@@ -128,7 +128,7 @@ def inspect_fmu(path: Path) -> dict[str, Any]:
         "token": found.token,
         "model_identifier": found.model_identifier,
         "this_platform": binary_folder(found.fmi_version),
-        "binaries": {binary.platform: binary.told() for binary in binaries(path, found)},
+        "binaries": {binary.platform: binary.as_dict() for binary in binaries(path, found)},
         "capabilities": asdict(found.capabilities),
         "experiment": {
             "step_size": found.default_step,
@@ -160,7 +160,7 @@ def _interfaces(path: Path) -> list[str]:
         "ModelExchange": "model-exchange",
         "ScheduledExecution": "scheduled-execution",
     }
-    return [told for name, told in names.items() if root.find(name) is not None]
+    return [capability for name, capability in names.items() if root.find(name) is not None]
 
 
 def _counts(found: ModelDescription) -> dict[str, int]:
@@ -169,7 +169,7 @@ def _counts(found: ModelDescription) -> dict[str, int]:
 
 
 def _variable(one: Variable, found: ModelDescription) -> dict[str, Any]:
-    told: dict[str, Any] = {
+    document: dict[str, Any] = {
         "name": one.name,
         "causality": str(one.causality),
         "variability": str(one.variability),
@@ -183,5 +183,5 @@ def _variable(one: Variable, found: ModelDescription) -> dict[str, Any]:
         "description": one.description,
     }
     if one.causality is Causality.OUTPUT:
-        told["depends_on"] = None if one.name in found.assumed else list(found.feedthrough[one.name])
-    return told
+        document["depends_on"] = None if one.name in found.assumed else list(found.feedthrough[one.name])
+    return document

@@ -45,7 +45,7 @@ class Finding:
     remedy: str = ""
     figures: dict[str, Any] = field(default_factory=dict)
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
             key: str(value) if isinstance(value, StrEnum) else value for key, value in asdict(self).items()

@@ -134,7 +134,7 @@ class Laboratory:
         return failed(name, Level.ERROR, f"{how[0].upper()}{how[1:]}.", remedy)
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """The message in one line, which may not grow endless."""
     line = " ".join(str(error).split())
     return f"{line[:400].rstrip('.')}."
@@ -144,8 +144,8 @@ def _steps_taken(trial: Trial) -> int | Finding:
     try:
         return trial.steps_taken()
     except Exception as error:
-        told = _told(error) if isinstance(error, (OrchestratorError, Ended)) else f"{error!r}."
-        return Finding("run", Verdict.FAILED, told, Level.ERROR)
+        reason = _reason(error) if isinstance(error, (OrchestratorError, Ended)) else f"{error!r}."
+        return Finding("run", Verdict.FAILED, reason, Level.ERROR)
 
 
 def _outcome(trial: Trial, name: str) -> Finding:
@@ -153,10 +153,10 @@ def _outcome(trial: Trial, name: str) -> Finding:
         return CHECKS[name](trial)
     except Exception as error:
         # An FMU can have what no check was made for; the others are done all the same.
-        told = _told(error) if isinstance(error, (OrchestratorError, Ended)) else f"{error!r}."
+        reason = _reason(error) if isinstance(error, (OrchestratorError, Ended)) else f"{error!r}."
         if name == "run":
-            return failed(name, Level.ERROR, told, "Without this nothing else can be tried.")
-        return Finding(name, Verdict.NOT_TRIED, told)
+            return failed(name, Level.ERROR, reason, "Without this nothing else can be tried.")
+        return Finding(name, Verdict.NOT_TRIED, reason)
 
 
 def main() -> None:
@@ -187,7 +187,7 @@ def main() -> None:
 
                 answer = REQUESTS[name](trial, *arguments)
         except FmuError as error:
-            answer = failed(name, Level.ERROR, _told(error))
+            answer = failed(name, Level.ERROR, _reason(error))
         spoiled = trial is None or trial.fmu.corrupt
         frames.send(answers, frames.VALUE, pickle.dumps((answer, spoiled)))
     _leave()

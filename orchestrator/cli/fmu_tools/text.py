@@ -54,7 +54,7 @@ def inspection_text(found: Mapping[str, Any]) -> str:
         f"{found['name']}: {found['description']}".rstrip(": "),
         f"  file          {found['file']}, {found['size']} bytes, {found['checksum']}",
         f"  FMI           {found['fmi_version']}, {' and '.join(found['interfaces'])}",
-        f"  made with     {found['tool'] or 'not told'}",
+        f"  made with     {found['tool'] or 'not stated'}",
         f"  token         {found['token']}",
         f"  step size     {_cell(experiment['fixed_step_size'] or experiment['step_size'])}"
         f"{' s, no other' if experiment['fixed_step_size'] else ' s' if experiment['step_size'] else ''}",
@@ -102,7 +102,7 @@ def _variable_row(one: Mapping[str, Any]) -> dict[str, Any]:
         "nominal": one["nominal"],
     }
     if "depends_on" in one:
-        row["depends at once on"] = "not told" if one["depends_on"] is None else one["depends_on"]
+        row["depends at once on"] = "not declared" if one["depends_on"] is None else one["depends_on"]
     return row
 
 

@@ -67,8 +67,8 @@ def _judged(
     factor, offset, table = 1.0, 0.0, None
     wire = connection.wire
     if wire is not None and len(wire.legs) > 1:
-        told = f"connections[{index}]: SSP has no sums: {connection.target} is fed by nothing in other tools"
-        lost.append(told)
+        note = f"connections[{index}]: SSP has no sums: {connection.target} is fed by nothing in other tools"
+        lost.append(note)
         return None
     if wire is not None:
         factor, offset = wire.legs[0].gain, wire.legs[0].offset
@@ -84,9 +84,9 @@ def _judged(
             else:
                 dropped.append(link.name)
         if dropped:
-            told = f"connections[{index}]: other tools carry the value without {', '.join(dropped)}"
-            if told not in lost:
-                lost.append(told)
+            note = f"connections[{index}]: other tools carry the value without {', '.join(dropped)}"
+            if note not in lost:
+                lost.append(note)
     factor, offset = connection.gain * factor, connection.gain * offset + connection.offset
     one, other = (
         descriptions[port.instance].variables[port.variable]

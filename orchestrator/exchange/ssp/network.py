@@ -259,7 +259,7 @@ class Network:
         (start, gives), (end, takes) = ends
         if gives is None and takes is None:
             what = f"{connection.start} and {connection.end} are both of the kind inout"
-            self.problems.append(Problem(connection.place, what, "which feeds which cannot be told"))
+            self.problems.append(Problem(connection.place, what, "its direction is ambiguous"))
             return
         forward = gives if gives is not None else not takes
         if gives is not None and gives == takes:

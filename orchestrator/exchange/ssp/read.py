@@ -146,7 +146,7 @@ def _connections(
         try:
             found.append(_connection(network, names, begin, target, [one for _, one in chain]))
         except CourseError as error:
-            problems.append(Problem(edge.place, f"{_told(begin)} to {_told(target)}: {error}"))
+            problems.append(Problem(edge.place, f"{_key_text(begin)} to {_key_text(target)}: {error}"))
     return found, begins
 
 
@@ -158,14 +158,14 @@ def _chain(
     seen = {target}
     while (source := chain[0][0]) in network.edges and source[0] not in network.leaves:
         if source in seen:
-            problems.append(Problem(edge.place, f"{_told(source)} feeds itself", "connectors in a ring"))
+            problems.append(Problem(edge.place, f"{_key_text(source)} feeds itself", "connectors in a ring"))
             return None
         seen.add(source)
         chain.insert(0, (network.edges[source].source, (source, network.edges[source])))
     return chain
 
 
-def _told(key: Key) -> str:
+def _key_text(key: Key) -> str:
     return ".".join((*key[0], key[1]))
 
 
@@ -265,11 +265,12 @@ def _starts(
         steps = _steps(network, target)
         for key, edge in steps[:-1]:
             if edge.transformation is not None or edge.suppress:
-                what = f"parameter {_told(begin)} is transformed more than once on its way to {_told(key)}"
+                name = _key_text(begin)
+                what = f"parameter {name} is transformed more than once on its way to {_key_text(key)}"
                 problems.append(Problem(edge.place, what, "one transformation, at the component, is read"))
         last = steps[-1][1]
         if last.transformation is not None and given.transformation is not None:
-            what = f"{_told(begin)} is transformed by a mapping and by a connection"
+            what = f"{_key_text(begin)} is transformed by a mapping and by a connection"
             problems.append(Problem(last.place, what, "one of the two is read"))
         given = Given(
             given.parameter, given.suppress or last.suppress, last.transformation or given.transformation
@@ -298,7 +299,7 @@ def _start(
     """One start value, or those of an array's elements; elements that something feeds have none."""
     path, name = key
     variables = family(network.leaves[path].description, name)
-    values = scalars(given, variables, _told(key))
+    values = scalars(given, variables, _key_text(key))
     if isinstance(values, Problem):
         problems.append(values)
     else:

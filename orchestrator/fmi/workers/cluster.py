@@ -107,8 +107,10 @@ class ClusterPool:
             made, attempts = future.result()
             return Outcome(task, made.value, made.failure, attempts, made.seconds)
         if type(error).__name__ == "KilledWorker":
-            told = Failure("killed", "the cluster's workers that it was given to died, one after the other")
-            return Outcome(task, None, told, 4, 0.0)
+            failure = Failure(
+                "killed", "the cluster's workers that it was given to died, one after the other"
+            )
+            return Outcome(task, None, failure, 4, 0.0)
         raise OrchestratorError(f"{self._where}: {_first(error)}") from error
 
 

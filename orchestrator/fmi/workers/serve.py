@@ -19,7 +19,7 @@ __all__ = ["main"]
 _FREED_EVERY = 64
 
 
-def _told(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     if isinstance(error, OrchestratorError):
         return str(error)
     place = traceback.extract_tb(error.__traceback__)[-1]
@@ -48,7 +48,7 @@ def main() -> None:
             break
         except Exception as error:  # of the work: a module that is not there, say
             if number == 0:
-                frames.send(answers, frames.ERROR, pickle.dumps((_told(error), 0)))
+                frames.send(answers, frames.ERROR, pickle.dumps((_error_text(error), 0)))
             break
         try:
             if number == 0:
@@ -61,7 +61,7 @@ def main() -> None:
                 gc.collect()
             answer = frames.VALUE, pickle.dumps((value, max(_resident() - begun, 0)), 5)
         except Exception as error:  # whatever a task raises: nothing but an answer gets out of here
-            answer = frames.ERROR, pickle.dumps((_told(error), max(_resident() - begun, 0)))
+            answer = frames.ERROR, pickle.dumps((_error_text(error), max(_resident() - begun, 0)))
         try:
             frames.send(answers, *answer)
         except OSError:

@@ -231,12 +231,12 @@ class Books:
         jump = first[:, q] - last[:, q]
         work += np.where(self._displaced, 0.5 * (last[:, p] + first[:, p]) * jump, 0.0)
         # Not by a matrix product of BLAS, whose rounding depends on where arrays lie in memory.
-        told = np.einsum("sp,pt->st", work, self._sums)
+        sums = np.einsum("sp,pt->st", work, self._sums)
         created = [place for places in self._created for place in places]
         if not count:
-            return told[:, self._taken], told[:, self._given], told[:, created], before
+            return sums[:, self._taken], sums[:, self._given], sums[:, created], before
         after = Before(fed[-1, 2], slopes[-1], float(sizes[-1]))
-        return told[:, self._taken], told[:, self._given], told[:, created], after
+        return sums[:, self._taken], sums[:, self._given], sums[:, created], after
 
     def _jump(self, last: Array, first: Array, middle: Array, end: Array) -> None:
         """Let outputs that depend directly on an input jump with it at the beginning of the step."""

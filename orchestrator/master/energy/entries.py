@@ -36,7 +36,7 @@ class Entries:
     jumping: set[int] = field(default_factory=set)
     curved: set[int] = field(default_factory=set)
     _terms: list[tuple[int, int, float]] = field(default_factory=list)
-    _told: int = 0
+    _count: int = 0
 
     @staticmethod
     def of(system: System) -> Entries:
@@ -48,7 +48,7 @@ class Entries:
 
     def sums(self) -> Array:
         """By which products are added up to energies, shape (products, energies)."""
-        found = np.zeros((len(self.products), self._told))
+        found = np.zeros((len(self.products), self._count))
         for product, place, factor in self._terms:
             found[product, place] += factor
         return found
@@ -107,9 +107,9 @@ class Entries:
     def _energy(self, *terms: tuple[int, int, bool, float]) -> int:
         """A place of its own for the sum of products of effort and motion, each with a factor."""
         for effort, motion, displaced, factor in terms:
-            self._terms.append((self._product(effort, motion, displaced), self._told, factor))
-        self._told += 1
-        return self._told - 1
+            self._terms.append((self._product(effort, motion, displaced), self._count, factor))
+        self._count += 1
+        return self._count - 1
 
     def _column(self, kind: str, port: Port) -> int:
         key = kind, port

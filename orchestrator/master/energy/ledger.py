@@ -204,8 +204,8 @@ class Ledger:
             first += len(names)
             taken, given, created = self._totals[:, place].tolist()
             exchanged = float(self._exchanged[place])
-            told = dict(zip(names, parts, strict=True))
-            made[bond.name] = Account(taken, given, created, told, exchanged)
+            by_connection = dict(zip(names, parts, strict=True))
+            made[bond.name] = Account(taken, given, created, by_connection, exchanged)
         return made
 
     def summary(self) -> dict[str, Any]:

@@ -88,9 +88,9 @@ def card(title: str, content: str) -> str:
     return f"<section class=card><h2>{escape(title)}</h2>{content}</section>"
 
 
-def aside(title: str, told: Iterable[str]) -> str:
+def aside(title: str, notes: Iterable[str]) -> str:
     """A warning with its points; nothing without points."""
-    items = "".join(f"<li>{escape(one)}</li>" for one in told)
+    items = "".join(f"<li>{escape(one)}</li>" for one in notes)
     return f"<aside><b>{escape(title)}</b><ul>{items}</ul></aside>" if items else ""
 
 
@@ -176,11 +176,11 @@ def provenance(kept: Mapping[str, Any], more: str = "") -> str:
     """When and with what something was made, folded; `more` is HTML that stands below."""
     versions = kept.get("packages") or {}
     packages = ", ".join(f"{name} {version}" for name, version in versions.items() if version is not None)
-    told = [
+    facts = [
         f"made {kept['created']}" if kept.get("created") else "",
         f"Python {kept['python']}" if kept.get("python") else "",
         str(kept.get("platform") or ""),
         packages,
     ]
-    text = "; ".join(part for part in told if part)
+    text = "; ".join(part for part in facts if part)
     return details("Provenance", f"<p>{escape(text)}</p>{more}")

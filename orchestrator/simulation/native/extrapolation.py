@@ -254,8 +254,8 @@ class Curves:
                 values = (ctypes.c_double * count)()
                 kept += [orders, values]
                 references = addressof(block.references)
-                told = (references, count, addressof(orders), addressof(values))
-                bends.append([one.bend, one.component, *told, len(places)])
+                arguments = (references, count, addressof(orders), addressof(values))
+                bends.append([one.bend, one.component, *arguments, len(places)])
                 places += [steps[position][Step.FIRST_INPUT] + place for place in block.positions]
             bounds.append(len(bends))
         smooth, spans = layout.smooth, [*(span.start for span in layout.spans), layout.spans[-1].stop]

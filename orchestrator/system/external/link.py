@@ -75,8 +75,8 @@ class Link:
             # Others may send without an end: what they send puts nothing off.
             self._take(_AGAIN)
             if self._theirs is None and perf_counter_ns() - begin > seconds * 1e9:
-                told = f"no datagram from {_text(self._peer)} within {seconds:g} s"
-                raise LinkError(told + self._strangers())
+                reason = f"no datagram from {_text(self._peer)} within {seconds:g} s"
+                raise LinkError(reason + self._strangers())
         self._say(Flag.HELLO)
         self._heard = perf_counter_ns()
 

@@ -194,7 +194,7 @@ class SignalInstance:
         last = float(self._fmu.times[-1])
         if self._time <= last + 1e-9 * max(abs(last), 1.0):
             return ()
-        return (f"[warning] {self._fmu.path.name} ends at {last:g} s; its last values hold from there on",)
+        return (f"[warning] {self._fmu.path.name} ends at {last:g} s; its last values are held",)
 
     def last_successful_time(self) -> float | None:
         """See `FmuInstance`."""
