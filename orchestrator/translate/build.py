@@ -152,7 +152,7 @@ def translate(
 
 # Of refusals by the explicit route those that say what it lacks; all others name a mistake of the model.
 _LACKS = re.compile(
-    r"^(?!.*(the compiler |expressions of kind )).*(?<!which are )not supported"
+    r"^(?!.*(the compiler |expressions of kind (?!Tuple))).*(?<!which are )not supported"
     r"|fixed=false, which needs|only Real, Integer and Boolean|a subscript or size has to be"
 )
 

@@ -220,6 +220,11 @@ def generate_hybrid_c(layout: Layout, identifier: str) -> str:
             writer.statements([(f"m[{n}]", one) for n, one in enumerate(model.modes)]),
             "m",
         ),
+        _function(
+            "void hybrid_margins(const Hybrid *h, double *g)",
+            writer.statements([(f"g[{n}]", one) for n, one in enumerate(_margins(model.modes))]),
+            "g",
+        ),
         _conditions(layout, writer),
         _discretes(layout, writer),
         _reinits(layout, writer),
@@ -515,9 +520,31 @@ def _tables(layout: Layout) -> str:
         len(model.discretes), "discretes", len(started), "started",
         "starts", len(layout.settable), "settable", "settable_starts", "settable_lasts", len(reported),
         layout.warned_slot, "action_kinds", "messages", len(system.constraints),
-        layout.done_slot, layout.size_slot,
+        layout.done_slot, layout.size_slot, len(_margins(model.modes)),
     ]  # fmt: skip
     return "\n".join([*arrays, f"const HybridInfo hybrid_info = {{{', '.join(map(str, values))}}};"])
+
+
+def _margins(modes: Sequence[Expr]) -> list[Expr]:
+    """Expressions whose zeros are where a mode changes: two of a step function, for either end of a tread."""
+    found: list[Expr] = []
+    for number, one in enumerate(modes):
+        held = ex.symbol("mode", number)
+        before, after = ex.sub(held, ex.ONE), ex.add(held, ex.ONE)
+        match one.op:
+            case "lt" | "le" | "gt" | "ge" | "eq" | "ne":
+                found.append(ex.sub(*one.args))
+            case "fn:sign":
+                found.append(one.args[0])
+            case "fn:floor":
+                found += [ex.sub(one.args[0], held), ex.sub(after, one.args[0])]
+            case "fn:ceil":
+                found += [ex.sub(one.args[0], before), ex.sub(held, one.args[0])]
+            case "fn:trunc":
+                low = ex.conditional(ex.logical("gt", held, ex.ZERO), held, before)
+                high = ex.conditional(ex.logical("lt", held, ex.ZERO), held, after)
+                found += [ex.sub(one.args[0], low), ex.sub(high, one.args[0])]
+    return found
 
 
 def _mode(one: Expr, layout: Layout) -> str:

@@ -465,7 +465,17 @@ class _Reader:
             case "array":
                 return _stacked([at(one) for one in operands])
             case "index":
-                return self._indexed(at(content["base"]), self._subscripts[number], bound)
+                base = content["base"]
+                return self._indexed(
+                    self._at(base, self._unbound(base, bound)), self._subscripts[number], bound
+                )
+            case "record":
+                return tuple(at(one) for one in operands)
+            case "field":
+                record = at(content["base"])
+                if not isinstance(record, tuple):
+                    raise _refuse(self._name, "a member of an array of records")
+                return record[content["field"]]
             case "range":
                 return self._range(content, bound)
             case "comprehension":
@@ -477,6 +487,13 @@ class _Reader:
             case "call":
                 return self._called(number, content, operands, bound)
         raise _refuse(self._name, f"an expression of the kind {kind}")
+
+    def _unbound(self, number: int, bound: Mapping[Any, Any]) -> Mapping[Any, Any]:
+        """Values of binders outside an array that is made in full, even where its own index is bound."""
+        kind, content, _ = self._nodes[number]
+        if kind != "comprehension":
+            return bound
+        return {key: value for key, value in bound.items() if key[0] != content["domain"]}
 
     def _coordinate(self, content: Any, bound: Mapping[Any, Any]) -> Any:
         if content == "time":
@@ -626,6 +643,11 @@ class _Reader:
             cases.append((condition, self._at(pairs[place + 1], bound)))
         found = self._at(otherwise, bound)
         for condition, value in reversed(cases):
+            if isinstance(found, tuple):
+                found = tuple(
+                    _each(partial(ex.conditional, condition), a, b) for a, b in zip(value, found, strict=True)
+                )
+                continue
             found = _each(partial(ex.conditional, condition), value, found)
         return found
 

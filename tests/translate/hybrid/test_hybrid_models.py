@@ -567,3 +567,85 @@ end M;
     found = loop.modes().modes[0]
     assert found.frequency == pytest.approx(abs(roots[0]) / (2 * math.pi), rel=1e-6)
     assert found.damping == pytest.approx(-roots[0].real / abs(roots[0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("step", [2.0, 1.0, 0.3, 0.01])
+@pytest.mark.parametrize("clock", ["time", "x"])
+def test_no_oscillation_hides_within_a_long_step(tmp_path, step, clock):
+    fmu = made(
+        tmp_path,
+        f"""
+model M
+  output Real x(start=0, fixed=true);
+  output Integer n(start=0, fixed=true);
+  output Integer halves(start=0, fixed=true);
+equation
+  der(x) = 1;
+  when sin(20*3.141592653589793*{clock}) > 0.5 then
+    n = pre(n) + 1;
+  end when;
+  when mod({clock}, 0.5) > 0.4523 then
+    halves = pre(halves) + 1;
+  end when;
+end M;
+""",
+    )
+    found = run(fmu, 2.1, step, "n", "halves")
+    times = found["time"]
+    # The sine exceeds 0.5 from 1/120 s on in each period of 0.1 s.
+    assert list(found["n"]) == list(np.floor((times - 1 / 120) / 0.1 + 1 + 1e-9))
+    assert list(found["halves"]) == list(np.floor((times - 0.4523) / 0.5 + 1 + 1e-9))
+
+
+def test_functions_with_several_results_and_records_and_loops_over_elements(tmp_path):
+    fmu = made(
+        tmp_path,
+        """
+model M
+  record Pair
+    Real a;
+    Real b;
+  end Pair;
+  function both
+    input Real u;
+    output Real s;
+    output Real c;
+  algorithm
+    s := sin(u);
+    c := cos(u);
+  end both;
+  function pair
+    input Real u;
+    output Pair p;
+  algorithm
+    p.a := u;
+    p.b := 2*u;
+  end pair;
+  Pair p;
+  Real e[3];
+  output Real s;
+  output Real c;
+  output Real y;
+  output Real z;
+equation
+  (s, c) = both(time);
+  p = pair(time);
+  y = p.a - p.b^2;
+algorithm
+  z := 0;
+  for i in 1:3 loop
+    e[i] := i*time;
+    z := z + e[i];
+  end for;
+end M;
+""",
+    )
+    found = run(fmu, 1.0, 0.1, "s", "c", "y", "z")
+    time = found["time"]
+    for name, exact in (
+        ("s", np.sin(time)),
+        ("c", np.cos(time)),
+        ("y", time - 4 * time**2),
+        ("z", 6 * time),
+    ):
+        assert found[name] == pytest.approx(exact, abs=1e-12)

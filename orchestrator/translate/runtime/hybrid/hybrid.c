@@ -22,13 +22,14 @@ static const double SOLVED = 1e-12;      /* relative change of an unknown in the
 static const int MOST_ITERATIONS = 60;
 static const int MOST_ROUNDS = 100;      /* of an event */
 static const int MOST_EVENTS = 300;      /* in close succession */
+enum { MOST_LOOKS = 33 };                /* for events within an internal step, beside its beginning */
 
 typedef struct {
     Hybrid h;
     double *c, *rise, *tick, *m;
     double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
     double *j, *lu, *y, *r;                                         /* of blocks */
-    double *keep;
+    double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
     int *pivot, *pivot_a;
     int failed; /* block */
 } Work;
@@ -75,6 +76,7 @@ static size_t lay_out(Work *w, double *block)
     w->j = part(block, &used, n * n);
     w->lu = part(block, &used, n * n);
     w->keep = part(block, &used, (size_t)i->n_z + 1);
+    w->g = part(block, &used, (MOST_LOOKS + 1) * (size_t)i->n_margins + 1);
     return used;
 }
 
@@ -487,6 +489,63 @@ static int changed_at(Work *w, double t, double h, double share)
     return slopes(w, t + share * h, w->k[0], w->k[1]) || changed_mode(w) >= 0;
 }
 
+/* How a margin bends at the middle one of three looks: the divided difference of second order. */
+static double bend(const double *s, const double *g, size_t n)
+{
+    return ((g[2 * n] - g[n]) / (s[2] - s[1]) - (g[n] - g[0]) / (s[1] - s[0])) / (s[2] - s[0]);
+}
+
+/* Whether a margin may cross 0 unseen between looks a and a + 1: whether it bends as much as it is large. */
+static int may_hide(const Work *w, const double *shares, int count, int a)
+{
+    size_t n = (size_t)hybrid_info.n_margins;
+    double width = shares[a + 1] - shares[a];
+    if (count < 3) return 1;
+    for (size_t k = 0; k < n; k++) {
+        const double *g = w->g + (size_t)a * n + k;
+        double most = 0;
+        if (a > 0) most = fabs(bend(shares + a - 1, g - n, n));
+        if (a + 2 < count) most = fmax(most, fabs(bend(shares + a, g, n)));
+        /* Many times what a parabola departs from its chord, for margins that oscillate. */
+        if (fmin(fabs(g[0]), fabs(g[n])) < 8 * most * width * width) return 1;
+    }
+    return 0;
+}
+
+/* Look for a changed mode within a step, more closely where margins bend: the bracket of the first found. */
+static int look(Work *w, double t, double h, double *low, double *high)
+{
+    /* Uneven, so that oscillations of no period hide between them. */
+    static const double looks[] = {0, 0.21, 0.47, 0.72, 1};
+    size_t n = (size_t)hybrid_info.n_margins, bytes = n * sizeof(double);
+    double shares[MOST_LOOKS + 1];
+    int count = 0, event = 0;
+    for (int k = 0; k < 5 && !event; k++) {
+        shares[count] = looks[k];
+        event = changed_at(w, t, h, looks[k]) && k > 0;
+        hybrid_margins(&w->h, w->g + (size_t)count++ * n);
+    }
+    for (int a = 0; a + 1 < count;) {
+        if (count > MOST_LOOKS || shares[a + 1] - shares[a] < 1.0 / 256 ||
+            !may_hide(w, shares, count, a)) {
+            a++;
+            continue;
+        }
+        memmove(w->g + (size_t)(a + 2) * n, w->g + (size_t)(a + 1) * n, (size_t)(count - a - 1) * bytes);
+        memmove(shares + a + 2, shares + a + 1, (size_t)(count - a - 1) * sizeof(double));
+        shares[a + 1] = shares[a] + 0.46 * (shares[a + 2] - shares[a]);
+        count++;
+        if (changed_at(w, t, h, shares[a + 1])) {
+            event = 1;
+            count = a + 2;
+        }
+        hybrid_margins(&w->h, w->g + (size_t)(a + 1) * n);
+    }
+    *low = event ? shares[count - 2] : 1;
+    *high = shares[count - 1];
+    return event;
+}
+
 /* As changed_at, by a step of that length. */
 static int changed_after(Work *w, double t, double h, double *end)
 {
@@ -500,15 +559,9 @@ static int changed_after(Work *w, double t, double h, double *end)
 /* Length of the part of the step after which a mode has changed; h if none has. */
 static double until_event(Work *w, double t, double h, int *event)
 {
-    static const double looks[] = {0.25, 0.5, 0.75, 1};
     double low = 0, high = 1, end = 0;
     int costly = largest() > 16; /* then a step by RODAS costs much more than a look at its dense output */
-    *event = 0;
-    for (int k = 0; k < 4 && !*event; k++) {
-        high = looks[k];
-        *event = changed_at(w, t, h, high);
-        if (!*event) low = high;
-    }
+    *event = look(w, t, h, &low, &high);
     if (!*event) return h;
     for (int k = 0; k < (costly ? 52 : 12); k++) {
         double middle = 0.5 * (low + high);
@@ -657,8 +710,11 @@ static int advance(Work *w, double t, double end)
             int mode = changed_mode(w);
             if (t - last_event < 1e-9 * fmax(1e-3, fabs(t)))
                 events++;
-            else
+            else {
                 events = 0;
+                /* Where events follow each other, a long step may hide some; steps grow again by themselves. */
+                size = fmin(size, 4 * (t - last_event));
+            }
             if (events > MOST_EVENTS) return OUTCOME(CHATTERING, mode < 0 ? 0 : mode);
             last_event = t;
             if (mode >= 0) take_modes(w);

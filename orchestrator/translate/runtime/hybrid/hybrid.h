@@ -56,12 +56,14 @@ typedef struct {
     const char *const *messages;
     int n_constraints;
     int done_slot, size_slot;             /* 1 after initialisation; internal step size [s] */
+    int n_margins;
 } HybridInfo;
 
 extern const HybridInfo hybrid_info;
 
 void hybrid_dependents(const Hybrid *);          /* dependent parameters and start values */
 void hybrid_modes(const Hybrid *, double *m);
+void hybrid_margins(const Hybrid *, double *g);  /* a mode changes where one of its margins crosses 0 */
 void hybrid_conditions(const Hybrid *, const double *before, double *c, double *rise);
 void hybrid_discretes(const Hybrid *);
 int hybrid_reinits(const Hybrid *);              /* whether a state is set */
