@@ -67,7 +67,7 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     if "outside" in effects:
         return (
             f"The gap of the closed loop shows most at {first} ({percent(shares[first])}), while "
-            f"{_listed(places)} strays most from what was measured there: the effect may act at {first} "
+            f"{_listed(places)} deviates most from the measured signals there: the effect may act at {first} "
             "instead, and its error travel on."
         )
     one = len(effects) == 1
@@ -85,8 +85,8 @@ def _as_one(diagnosis: Diagnosis) -> str:
         return ""
     chain, own = _listed(sorted([*diagnosis.verdict.places, *others])), _listed(diagnosis.verdict.places)
     return (
-        f"Logs drive {chain} as one: that it is at the {own}, and not at {listed_or(others)}, is told by how "
-        "residuals look alone."
+        f"Logs drive {chain} as one: that it is at the {own}, and not at {listed_or(others)}, follows only "
+        "from the shape of the residuals."
     )
 
 
@@ -102,7 +102,7 @@ def _late(diagnosis: Diagnosis) -> str:
     if not late:
         return ""
     told = _listed([f"of {port} late by {value:.4g} s" for port, value in late])
-    return f"A clock {told} would look alike: check how the column was logged first."
+    return f"A clock {told} would look the same: check how the column was logged first."
 
 
 def _unneeded(diagnosis: Diagnosis) -> str:

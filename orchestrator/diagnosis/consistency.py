@@ -181,7 +181,7 @@ def _force_of_velocity(study: Study, run: Run) -> _Broken | None:
         return _Broken(
             columns,
             row,
-            f"compensated_force is {force[row]:.6g} N where desired_velocity tells {body[row]:.6g} N "
+            f"compensated_force is {force[row]:.6g} N where desired_velocity implies {body[row]:.6g} N "
             f"(mass {run.mass:g} kg)",
         )
     lag = _lag(pushes, changes)

@@ -93,7 +93,7 @@ def _answer(diagnosis: Diagnosis) -> str:
     if among:
         whole = first.probability + sum(one.probability for one in tied)
         named = f"One of {listed_or([*effects, *first.ties])}"
-        chance = f"together {percent(whole)}; these logs cannot tell them apart"
+        chance = f"together {percent(whole)}; these logs cannot separate them"
     it = "them" if len(effects) > 1 else effects[0] if among else "it"
     tied_ones, many = "them" if len(effects) > 1 else "it", len(effects) > 1
     if (forms := _forms(diagnosis)) is not None:
@@ -107,13 +107,13 @@ def _answer(diagnosis: Diagnosis) -> str:
         if gap.within_floor:
             grows = "beyond the noise"
         text = (
-            f"The runs that were fitted speak for {both} ({chance}), but on runs that no fit saw "
+            f"The fitted runs support {both} ({chance}), but on runs that no fit saw "
             f"the gap grows {grows} with {it}: do not rely on this answer"
         )
     elif gap is not None and (gap.over_recalibration or 0.0) < -SPEAKS:
         by = nats(-gap.over_recalibration)
         text = (
-            f"The runs that were fitted speak for {both} ({chance}), but runs that no fit saw are likelier "
+            f"The fitted runs support {both} ({chance}), but runs that no fit saw are likelier "
             f"by {by} with other values of calibrated numbers alone: do not rely on this answer"
         )
     elif gap is not None and gap.within_floor:
@@ -123,7 +123,7 @@ def _answer(diagnosis: Diagnosis) -> str:
         text += f"; adding {it} closes {closed} of the gap on runs that no fit saw"
     text += "."
     if first.ties and not among:
-        text += f" These logs cannot tell {tied_ones} from {listed_or(first.ties)}."
+        text += f" These logs cannot separate {tied_ones} from {listed_or(first.ties)}."
     return text
 
 
@@ -146,7 +146,7 @@ def _forms(diagnosis: Diagnosis) -> _Forms | None:
         return None
     own = dict.fromkeys(kin[name] for name in first.effects if name in kin)
     told = [_listed_forms(one, {name: members[name] for name in members if kin[name] == one}) for one in own]
-    chance = f"probability {percent(whole)}; these logs do not tell which form: {'; '.join(told)}"
+    chance = f"probability {percent(whole)}; these logs do not show which form: {'; '.join(told)}"
     named = dict.fromkeys(str(kin.get(name, name)) for name in first.effects)
     return _Forms(list(named), chance)
 
@@ -220,7 +220,7 @@ def given(diagnosis: Diagnosis) -> Which:
 def leaves_in_words(one: Experiment) -> str:
     """Pairs that an experiment does not distinguish, and what would."""
     pairs = "; ".join(" from ".join(pair) for pair in one.leaves)
-    return f"It does not tell {pairs}" + (f": {one.then} does." if one.then else ".")
+    return f"It does not separate {pairs}" + (f": {one.then} does." if one.then else ".")
 
 
 def listed_or(names: Sequence[str]) -> str:

@@ -82,7 +82,7 @@ def unmapped_clock(
             str(path),
             f"time is not mapped, and column {name} rises by {told} from row to row",
             f"{tick:.6g} s, of {key}",
-            f"Map `{entry}` under columns, or set {key}; rename the column if it tells no time.",
+            f"Map `{entry}` under columns, or set {key}; rename the column if it holds no time.",
         )
 
 

@@ -241,7 +241,7 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
         f"Fits saw {', '.join(roles[Role.TRAIN])} only; "
         + (
             f"closure is measured on {', '.join(roles[Role.HELDOUT])}, and what an answer leaves is looked "
-            "for in all runs, where these can tell."
+            "for in all runs, if these can show it."
             if roles[Role.HELDOUT]
             else "nothing is held out."
         ),

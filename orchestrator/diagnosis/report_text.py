@@ -12,7 +12,7 @@ _LINES = 4
 
 # Where no experiment that was simulated would tell the likely answers apart.
 UNTOLD = (
-    "no experiment that was considered tells these answers apart; name what else can be run under "
+    "no experiment that was considered separates these answers; name what else can be run under "
     "`experiments` of the study"
 )
 

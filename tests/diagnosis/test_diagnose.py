@@ -140,7 +140,7 @@ def test_the_page_stands_alone_and_tells_all(study, tmp_path):
     assert not re.search(r"@import|url\((?!#)", text)
     for part in (
         "contact.hertz causes the gap (probability 90 %); adding it closes 98 % of the gap on runs that no "
-        "fit saw. These logs cannot tell it from contact.cubic.",
+        "fit saw. These logs cannot separate it from contact.cubic.",
         "slow approach", "31 nats of evidence expected", "Residual energy", "125.0", "-25.0",
         "What was assumed", "Power-law stiffness (exponent",
     ):  # fmt: skip
@@ -161,7 +161,7 @@ def test_what_an_experiment_leaves_tied_is_told(study, tmp_path):
         "leaves": [["contact.stiffness", "structure.compliance"]], "then": "tip tracker",
     }  # fmt: skip
     made = diagnose(study, tmp_path, parts=parts(next_experiment=lambda study, found: told)[0])
-    words = "It does not tell contact.stiffness from structure.compliance: tip tracker does."
+    words = "It does not separate contact.stiffness from structure.compliance: tip tracker does."
     assert words in (tmp_path / "report.html").read_text() and words in in_lines(made)
     made = diagnose(study, parts=parts(next_experiment=lambda study, found: told | {"then": ""})[0])
     assert "from structure.compliance." in in_lines(made)
@@ -213,8 +213,7 @@ def test_headlines():
         "An effect outside the catalogue acts (probability 90 %), most likely at the sensor."
     )
     assert told(finding(("sensor.delay",), ("sensor.gain",), 0.6), how_far=None) == (
-        "One of sensor.delay or sensor.gain causes the gap (together 100 %; "
-        "these logs cannot tell them apart)."
+        "One of sensor.delay or sensor.gain causes the gap (together 100 %; these logs cannot separate them)."
     )
     assert told(finding(("robot.delay", "sensor.gain"), ()), how_far=None) == (
         "robot.delay and sensor.gain cause the gap (probability 90 %)."

@@ -48,7 +48,7 @@ def told(shares, verdict=None, ties=(), **other):
 def test_forms_of_a_cause_are_told_together_where_none_is_clear_alone():
     found = told(SPLIT)
     assert headline(found) == (
-        "Dry friction at drive causes the gap (probability 100 %; these logs do not tell which form: "
+        "Dry friction at drive causes the gap (probability 100 %; these logs do not show which form: "
         "coulomb 43 %, stribeck 31 %, dahl 26 %); adding drive.coulomb closes 98 % of the gap on runs that "
         "no fit saw."
     )
@@ -75,7 +75,7 @@ def test_what_acts_beside_a_form_is_told_by_itself():
     found = told({lag: 0.5, ("drive.dahl", "drive.voltage.low-pass"): 0.4, ("drive.voltage.gain",): 0.1})
     assert headline(found).startswith(
         "Dry friction at drive and a lag at drive.voltage cause the gap (probability 90 %; these logs do not "
-        "tell which form: coulomb 50 %, dahl 40 %; delay 50 %, low-pass 40 %); adding drive.coulomb and "
+        "show which form: coulomb 50 %, dahl 40 %; delay 50 %, low-pass 40 %); adding drive.coulomb and "
         "drive.voltage.delay closes"
     )
     found = told(
@@ -85,7 +85,7 @@ def test_what_acts_beside_a_form_is_told_by_itself():
     assert said.startswith("drive.voltage.gain and dry friction at drive cause the gap (probability 100 %;")
     assert "coulomb 60 %, dahl 40 %)" in said
     assert said.endswith(
-        " These logs cannot tell drive.voltage.gain and drive.coulomb from drive.stribeck or x.offset."
+        " These logs cannot separate drive.voltage.gain and drive.coulomb from drive.stribeck or x.offset."
     )
 
 

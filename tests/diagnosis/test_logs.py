@@ -328,7 +328,7 @@ def test_decimal_commas_between_commas(tmp_path):
     ("header", "step", "said"),
     [
         ("stamp [ms]", 2.0, "column stamp rises by 2 ms from row to row\n  0.001 s, of tick. Map `time: "
-         "stamp` under columns, or set tick; rename the column if it tells no time."),
+         "stamp` under columns, or set tick; rename the column if it holds no time."),
         ("Time", 0.004, "column Time rises by 0.004, without a unit, from row to row\n  0.001 s, of tick. "
          "Map `time: {column: Time, unit: s}` under"),
         # The tick itself, in whatever it is counted; what is no clock; what does not rise evenly.

@@ -296,7 +296,7 @@ def test_a_time_that_is_not_mapped_is_not_taken_for_the_step(told):
     assert told(change) == (
         "run-0.csv: time is not mapped, and column time rises by 0.002 s from row to row; "
         "the same in 2 more runs\n  0.001 s, of run.step_size. Map `time: time` under columns, or set "
-        "run.step_size; rename the column if it tells no time."
+        "run.step_size; rename the column if it holds no time."
     )
     assert told(within(set=["run.step_size=2 ms"])) == ""
 

@@ -114,7 +114,7 @@ def test_of_a_signal_of_few_values_no_resolution_can_be_told(moving):
         assert (path in {one.id for one in candidates_of(own)}) == known
     log[:] = np.resize([-1.0, 1.0], len(log))
     with pytest.raises(
-        ConfigError, match=r"no resolution can be told of signals of 8 values or fewer: drive\.v"
+        ConfigError, match=r"no resolution can be identified from signals of 8 values or fewer: drive\.v"
     ):
         candidates_of(replace(own, only=(path,)))
 

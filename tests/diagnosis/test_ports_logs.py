@@ -133,7 +133,7 @@ def test_runs_that_were_driven_otherwise_repeat_nothing(tmp_path):
     (found,) = [one for one in check_logs(own)[1] if one.place == "again"]
     said = f"path.position differs from that of {first}, which it is said to repeat, by "
     assert found.what.startswith(said)
-    assert found.what.endswith("; the noise is told without this run")
+    assert found.what.endswith("; the noise is estimated without this run")
     alike = [replace(run, repeats=second) if run.name == "again" else run for run in own.runs]
     assert not [one for one in check_logs(replace(own, runs=tuple(alike)))[1] if one.place == "again"]
 

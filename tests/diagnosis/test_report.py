@@ -60,7 +60,7 @@ def made(effects=("drive.coulomb",), ties=(), **other):
 def test_held_out_runs_that_contradict_an_answer_are_told_in_the_headline():
     worse = made(how_far=GAP | {"closure": -6.33, "after": 0.7})
     assert headline(worse) == (
-        "The runs that were fitted speak for drive.coulomb (probability 100 %), but on runs that no fit saw "
+        "The fitted runs support drive.coulomb (probability 100 %), but on runs that no fit saw "
         "the gap grows by 633 % of it with it: do not rely on this answer."
     )
     runs_away = made(how_far=GAP | {"closure": None, "after": None})
@@ -158,7 +158,7 @@ def test_the_place_of_something_outside_is_told_to_be_one_of_a_chain():
     row = {"component": "structure+contact+sensor", "phase": "flight", "band": "to 10 Hz", "share": 1.0}
     assert caveats(made(("outside",), outside_place="sensor", ledger=[row])) == [
         "Logs drive contact, sensor and structure as one: that it is at the sensor, and not at contact or "
-        "structure, is told by how residuals look alone."
+        "structure, follows only from the shape of the residuals."
     ]
     alone = made(("outside",), outside_place="dynamics", ledger=[row | {"component": "dynamics"}])
     assert caveats(alone) == [] == caveats(made(("sensor.gain",), ledger=[row], where={"sensor": 1.0}))
@@ -203,8 +203,8 @@ def test_a_gap_that_shows_elsewhere_than_least_is_explained_is_told_of_what_is_o
         return made(("outside",), **data)
 
     said = (
-        "The gap of the closed loop shows most at drive (110 %), while controller strays most from what was "
-        "measured there: the effect may act at drive instead, and its error travel on."
+        "The gap of the closed loop shows most at drive (110 %), while controller deviates most from the "
+        "measured signals there: the effect may act at drive instead, and its error travel on."
     )
     assert caveats(outside("controller")) == [said]
     html = page(outside("controller"))
@@ -359,7 +359,9 @@ def test_that_held_out_runs_do_not_tell_an_answer_from_recalibration_is_told(ove
 def test_a_delay_of_what_is_logged_may_be_its_clock(effect, said):
     first = {"effects": [effect], "probability": 1.0, "parameters": {f"{effect}.delay": 1.9943}, "ties": []}
     told = caveats(made([effect], where={"tank": 1.0}, which=[first], misfit={"tank.level": 1.0}))
-    clock = "A clock of tank.level late by 1.994 s would look alike: check how the column was logged first."
+    clock = (
+        "A clock of tank.level late by 1.994 s would look the same: check how the column was logged first."
+    )
     assert told == ([clock] if said else [])
 
 
@@ -367,5 +369,5 @@ def test_what_to_do_where_no_experiment_tells_is_said():
     """A study of ports has no menu: experiments are those that it names, and one more output logged."""
     vain = {"name": "log drive.velocity", "description": "x", "expected_evidence": 0.1, "between": []}
     found = made(next_experiment=vain)
-    told = "o experiment that was considered tells these answers apart; name what else can be run under"
+    told = "o experiment that was considered separates these answers; name what else can be run under"
     assert told in page(found) and f"  next: n{told}" in text(Diagnosed(None, None, found))

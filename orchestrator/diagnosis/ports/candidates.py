@@ -75,12 +75,12 @@ def candidates(study: PortStudy, sizes: Sizes) -> tuple[Effect, ...]:
     kept = set(_fit(names, study.only or ("*",))) - set(_fit(names, study.without))
     if found and not kept and not problems:
         what = "`only` and `without` leave no candidate"
-        remedy = "Strike fewer of them: where nothing can be blamed there is nothing to tell."
+        remedy = "Strike fewer of them: with nothing to blame there is no diagnosis."
         problems.append(Problem(study.place("candidates"), what, f"some of {listed(names, 30)}", remedy))
     told = tuple(one for one in found if one.id in kept and not _untold(one))
     if kept and not told and not problems:
         names = listed(sorted(kept), 10)
-        what = f"no resolution can be told of signals of {FEW_LEVELS} values or fewer: {names}"
+        what = f"no resolution can be identified from signals of {FEW_LEVELS} values or fewer: {names}"
         problems.append(Problem(study.place("candidates"), what, remedy="Let others in."))
     if problems:
         raise ConfigError(problems)

@@ -101,8 +101,8 @@ def _unlike(study: PortStudy) -> list[Warned]:
             what = f"{port} differs from that of {run.repeats}, which it is said to repeat, by {differ:.3g} "
             what += f"{study.unit(port)}, which spreads by {spread:.3g}"
             if run.role is Role.REPEAT:
-                what += "; the noise is told without this run"
-            remedy = "Correct `repeats`: runs driven alike tell what does not repeat."
+                what += "; the noise is estimated without this run"
+            remedy = "Correct `repeats`: runs with equal inputs show what does not repeat."
             found.append(Warned(place=run.name, what=what, remedy=remedy))
     return found
 

@@ -109,7 +109,7 @@ def practise(path: Path, order: Practise) -> dict[str, Any]:
     study = load_port_study(path, practising=True)
     effects = candidates_of(study)
     if len(effects) < 2:
-        raise ConfigError([Problem("practice", f"got {len(effects)} candidates", "at least 2 to tell apart")])
+        raise ConfigError([Problem("practice", f"got {len(effects)} candidates", "at least 2")])
     cases = _weighed(path, study, order, [one.id for one in effects])
     start = Tempering()
     unseen: list[tuple[Case, Tempering]] = []
