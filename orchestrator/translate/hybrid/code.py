@@ -392,8 +392,8 @@ def _conditions(layout: Layout, writer: _Writer) -> str:
                 value = ""
         if value:
             lines.append(f"    c[{number}] = {value};")
-        # While the model starts, nothing rises but initial().
-        held = "" if one.kind in ("initial", "always") else "!h->initial && "
+        # While the model starts, nothing rises but initial(), alone or as an element of a when's vector.
+        held = "" if one.kind in ("initial", "always", "rise") else "!h->initial && "
         lines.append(f"    rise[{number}] = {held}{rise};")
     return _function(
         "void hybrid_conditions(const Hybrid *h, const double *before, double *c, double *rise)", lines,

@@ -649,3 +649,23 @@ end M;
         ("z", 6 * time),
     ):
         assert found[name] == pytest.approx(exact, abs=1e-12)
+
+
+def test_initial_among_the_conditions_of_a_when_holds_at_the_start(tmp_path):
+    fmu = made(
+        tmp_path,
+        """
+model M
+  output Real k(start=0);
+  output Real x(start=0, fixed=true);
+equation
+  der(x) = k;
+  when {initial(), time >= 0.5} then
+    k = if time < 0.4 then 2 else 5;
+  end when;
+end M;
+""",
+    )
+    found = run(fmu, 1.0, 0.1, "x")
+    exact = np.where(found["time"] < 0.5, 2 * found["time"], 1 + 5 * (found["time"] - 0.5))
+    assert found["x"] == pytest.approx(exact, abs=1e-9)
