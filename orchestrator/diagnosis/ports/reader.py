@@ -147,7 +147,7 @@ class _Reader:
         if self.faithful and abs(interval - parts * step) > 1e-6 * step:
             near = listed([f"{n * step:.6g} s" for n in (parts, parts + 1)])
             what, allowed = f"got {given!r}", f"a whole number of communication steps, as {near}"
-            self.sheet.tell(("interval",), what, allowed, "Or set run.step_size under `set`.")
+            self.sheet.add(("interval",), what, allowed, "Or set run.step_size under `set`.")
         return parts
 
     def study(self) -> PortStudy | None:
@@ -165,7 +165,7 @@ class _Reader:
         if practice is not None and not self.practising and not practice.is_file():
             what = f"no file {practice.name} in {practice.parent}"
             remedy = "`orchestrator diagnose STUDY --practice N --out DIR` writes one."
-            sheet.tell(("practice",), what, remedy=remedy)
+            sheet.add(("practice",), what, remedy=remedy)
         step = self.step if self.faithful else None
         columns = Columns(_named(model), mapping, units, step, tuple(map(str, compared)))
         runs = read_runs(sheet, model.runs, columns, round(settled / self.step))
@@ -206,7 +206,7 @@ class _Reader:
         )
         fed, compared = self._uses({Port.of(name): one for name, one in mapping.items() if name != "time"})
         if not compared and len(self.problems) == before:
-            self.sheet.tell(("columns",), "no output is compared", "at least one output with its noise")
+            self.sheet.add(("columns",), "no output is compared", "at least one output with its noise")
         return mapping, fed, compared
 
     def _candidates(self) -> tuple[CandidatesModel | None, dict[str, float]]:
@@ -223,7 +223,7 @@ class _Reader:
         if self.faithful and 0.0 < window < 2.0 * self.step * (1.0 - 1e-9):
             allowed = f"two samples, {2.0 * self.step:.6g} s, or more"
             remedy = "Leave it out for a twentieth of each run."
-            self.sheet.tell(("window",), f"got {self.model.window!r}", allowed, remedy)
+            self.sheet.add(("window",), f"got {self.model.window!r}", allowed, remedy)
             return 0.0
         return window
 
@@ -237,7 +237,7 @@ class _Reader:
             longest = f"{(len(shortest) - settled) * self.step:.6g} s"
             allowed = f"up to {longest}, what {shortest.name} holds after it settled"
             remedy = "Leave it out for a twentieth of each run."
-            self.sheet.tell(("window",), f"got {self.model.window!r}", allowed, remedy)
+            self.sheet.add(("window",), f"got {self.model.window!r}", allowed, remedy)
 
     def _moving(self, runs: tuple[PortRun, ...], compared: tuple[Port, ...], settled: int) -> None:
         """Tell if nothing moves at any port at which runs of training are compared."""
@@ -248,7 +248,7 @@ class _Reader:
             found = {f"{port}: {log[0]:g} {self.ports[str(port)].unit_name or '1'}" for port, log in logs}
             what = "the logs of all compared ports are constant in the runs of the role train"
             remedy = "Check the columns, or take runs in which something moves; settle less."
-            self.sheet.tell(("columns",), f"{what} ({listed(sorted(found))})", "one that moves", remedy)
+            self.sheet.add(("columns",), f"{what} ({listed(sorted(found))})", "one that moves", remedy)
 
     def _motion(self) -> tuple[Port | None, float | None]:
         """The port by which phases of motion are reported, and the speed of rest in its unit."""
@@ -262,7 +262,7 @@ class _Reader:
         if rate is None:
             moving = [name for name, one in self.ports.items() if (one.unit_name or "1") in SPEEDS]
             what = f"{model.port} is no position or velocity"
-            self.sheet.tell(("motion", "port"), what, listed(moving), nearest(model.port, moving))
+            self.sheet.add(("motion", "port"), what, listed(moving), nearest(model.port, moving))
             return None, None
         rest = None
         if model.rest is not None:
@@ -278,7 +278,7 @@ class _Reader:
             if one is None:
                 continue
             if one.name in found:
-                self.sheet.tell((*place, "name"), f"two are called {one.name}", "one name for each")
+                self.sheet.add((*place, "name"), f"two are called {one.name}", "one name for each")
             try:
                 prepared = prepare(self.prepared.config, one.overrides, self.sheet.file.parent)
             except ConfigError as error:
@@ -287,7 +287,7 @@ class _Reader:
             step = self.prepared.grid.step_size
             if self.faithful and prepared.grid.step_size != step:
                 what = f"changes the communication step to {float(prepared.grid.step_size):g} s"
-                self.sheet.tell((*place, "set"), what, f"that of the study, {float(step):g} s")
+                self.sheet.add((*place, "set"), what, f"that of the study, {float(step):g} s")
             found[one.name] = Trial(one.name, one.description, prepared)
         return tuple(found.values())
 
@@ -332,9 +332,7 @@ class _Reader:
         """A quantity in the unit of a parameter; None if it is none. See `Sheet.size`."""
         variable = self.parameters.get(name)
         if variable is None:
-            self.sheet.tell(
-                path, "no such parameter", listed(self.parameters), nearest(name, self.parameters)
-            )
+            self.sheet.add(path, "no such parameter", listed(self.parameters), nearest(name, self.parameters))
             return None
         measure = Measure(variable.unit_name, variable.unit, variable.display_units)
         return self.sheet.size(measure, value, *path, least=least, difference=difference)

@@ -68,7 +68,7 @@ def read_runs(
     taken = [sheet.taken(RunModel, entry, "runs", number) for number, entry in enumerate(entries)]
     # A run of training that cannot be read is one all the same.
     if not any(wrong or model.role is Role.TRAIN for model, wrong in taken):
-        sheet.tell(("runs",), "no run has the role train", "at least one")
+        sheet.add(("runs",), "no run has the role train", "at least one")
     before = len(sheet.problems)
     read = [_Run(sheet, number, *one, columns).read() for number, one in enumerate(taken)]
     logs = [str(sheet.file.parent / one.file) for one, _ in taken if one.file is not None]
@@ -81,21 +81,21 @@ def read_runs(
             others = [name for at, name in enumerate(names) if name is not None and at != number]
             remedy = "Add it, or give the run another role."
             what = "a run of the role repeat has no `repeats`"
-            sheet.tell(("runs", number), what, listed(others), remedy)
+            sheet.add(("runs", number), what, listed(others), remedy)
     for number, run in enumerate(read):
         if run is None:
             continue
         if run.name in names[:number]:
-            sheet.tell(
+            sheet.add(
                 ("runs", number), f"two runs are called {run.name}", remedy="Give one of them a `name`."
             )
         if run.logs and len(run) - settled < _FEWEST:  # without any, its columns are the problem
             what = f"{run.name} has {len(run)} samples, {settled} of them while it settles"
-            sheet.tell(("runs", number), what, f"at least {_FEWEST} more", "Log longer, or settle less.")
+            sheet.add(("runs", number), what, f"at least {_FEWEST} more", "Log longer, or settle less.")
         others = [one for one in names if one is not None and one != run.name]
         if run.repeats is not None and run.repeats not in others and None not in names:
             what = f"{run.name} repeats {run.repeats}, which is no run"
-            sheet.tell(("runs", number, "repeats"), what, listed(others), nearest(run.repeats, others))
+            sheet.add(("runs", number, "repeats"), what, listed(others), nearest(run.repeats, others))
     found = tuple(run for run in read if run is not None)
     sheet.problems += logged_twice([(run.name, run.logs) for run in found], sheet.place("runs"))
     return found
@@ -137,20 +137,20 @@ class _Run:
         if unknown:
             near = nearest(unknown[0], self.columns.named)
             what = f"{listed(unknown)} has no column"
-            sheet.tell((*self.place, "without"), what, listed(self.columns.named), near)
+            sheet.add((*self.place, "without"), what, listed(self.columns.named), near)
         compared = self.columns.compared
         if compared and set(compared) <= set(model.without):
             called = model.name or self.path.name
             what = f"`without` leaves nothing of {called} to compare"
             remedy = "Leave one of them in, or leave the run out."
-            sheet.tell((*self.place, "without"), what, f"at least one of {listed(compared)}", remedy)
+            sheet.add((*self.place, "without"), what, f"at least one of {listed(compared)}", remedy)
         if not self.begin < self.end:
             what = f"from {model.begin} to {model.end} holds no samples"
-            sheet.tell((*self.place, "to"), what, "an end after the begin")
+            sheet.add((*self.place, "to"), what, "an end after the begin")
         if not self.path.exists():
             there = [one.name for one in self.path.parent.iterdir()] if self.path.parent.is_dir() else []
             what = f"no file {self.path.name} in {self.path.parent}"
-            sheet.tell((*self.place, "file"), what, remedy=nearest(self.path.name, there))
+            sheet.add((*self.place, "file"), what, remedy=nearest(self.path.name, there))
         if len(sheet.problems) > before or self.wrong:
             return None
         wanted = {name: one for name, one in mapping.items() if name not in model.without}
@@ -177,7 +177,7 @@ class _Run:
         if np.isfinite(self.end) and self.end > log_end + step * (1.0 + _UNEVEN):
             what = f"got {self.model.end!r}, but {self.path.name} ends before"
             remedy = "Leave it out to take all that was logged."
-            self.sheet.tell((*self.place, "to"), what, f"up to {log_end:.6g} s", remedy)
+            self.sheet.add((*self.place, "to"), what, f"up to {log_end:.6g} s", remedy)
             return None
         if not (np.diff(time) >= 0.0).all():
             self._told_uneven(time, 0)
@@ -187,7 +187,7 @@ class _Run:
         if not first < last - 2:
             end = "its end" if self.model.end is None else self.model.end
             what = f"from {self.model.begin or '0 s'} to {end} holds no samples"
-            self.sheet.tell(self.place, what, f"up to {log_end:.6g} s, and at least three")
+            self.sheet.add(self.place, what, f"up to {log_end:.6g} s, and at least three")
             return None
         taken = time[first:last]
         if not (self._even(taken, first) if "time" in self.columns.named else self._steady(taken, first)):

@@ -50,7 +50,7 @@ class Sheet:
         """Where a value stands: file, line and path."""
         return self.places.text(tuple(one if isinstance(one, int) else str(one) for one in path))
 
-    def tell(self, path: Sequence[object], what: str, allowed: str = "", remedy: str = "") -> None:
+    def add(self, path: Sequence[object], what: str, allowed: str = "", remedy: str = "") -> None:
         """Add a problem."""
         self.problems.append(Problem(self.place(*path), what, allowed, remedy))
 
@@ -87,7 +87,7 @@ class Sheet:
             self.problems.append(found)
             return None
         if not least < found < math.inf:
-            self.tell(path, f"got {value!r}", "a finite number" if least < 0.0 else "above 0")
+            self.add(path, f"got {value!r}", "a finite number" if least < 0.0 else "above 0")
             return None
         return found
 
@@ -97,7 +97,7 @@ class Sheet:
             return absent
         found = self.size(_SECONDS, value, *path)
         if found is not None and found < 0.0:
-            self.tell(path, f"got {value!r}", "0 s or more")
+            self.add(path, f"got {value!r}", "0 s or more")
             return absent
         return absent if found is None else found
 
