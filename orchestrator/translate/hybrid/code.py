@@ -82,7 +82,7 @@ def layout_of(system: System) -> Layout:
         slots.setdefault(one, len(slots))
     started = [one for one in variables if one.role in ("state", "algebraic", "discrete", "free")]
     for one in started:
-        if one.value in slots:
+        if one.value in slots or one.fixed:
             slots[ex.symbol("start", one.value.args[1])] = len(slots)
     used = ex.symbols(*_expressions(system))
     for one in sorted(started, key=lambda one: one.role != "discrete"):
@@ -488,7 +488,7 @@ def _tables(layout: Layout) -> str:
     started = [
         (slots[one.value], slots[ex.symbol("start", one.value.args[1])])
         for one in variables
-        if ex.symbol("start", one.value.args[1]) in slots
+        if one.value in slots and ex.symbol("start", one.value.args[1]) in slots
     ]
     reported = _reported(system)
     nominals = [variables[one.args[1]].nominal for one in system.states]

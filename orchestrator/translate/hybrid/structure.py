@@ -102,7 +102,7 @@ def solve_order(model: DaeModel) -> System:
         if model.valueless
         else []
     )
-    initial = _initial(model, ordered, states, unknowns, by_symbol, notes)
+    initial = _initial(model, ordered, states, unknowns, by_symbol, aliases, notes)
     return System(model, states, blocks, initial, constraints, aliases, unknowns, notes)
 
 
@@ -407,6 +407,7 @@ def _initial(
     states: list[Expr],
     unknowns: list[Expr],
     by_symbol: dict[Expr, Scalar],
+    aliases: dict[Expr, Expr],
     notes: list[str],
 ) -> list[Block]:
     free = [one.value for one in model.variables if one.role == "free"]
@@ -417,10 +418,16 @@ def _initial(
             sought.add(one.value)
             follow.append(ex.sub(one.value, one.binding))
     given = {target: value for target, value in model.initial_values if target in sought}
-    starts = [
-        ex.sub(one.value, ex.symbol("start", one.value.args[1]))
+    # Of an alias the start value holds for what it equals.
+    fixed = [
+        one
         for one in model.variables
-        if one.role in ("state", "algebraic") and one.fixed and one.value in sought
+        if one.role in ("state", "algebraic")
+        and one.fixed
+        and {one.value, *aliases.get(one.value, one.value).free} & sought
+    ]
+    starts = [
+        ex.sub(aliases.get(one.value, one.value), ex.symbol("start", one.value.args[1])) for one in fixed
     ]
     weak = [one for one in model.variables if one.role == "state" and not one.fixed]
     weak += [one for one in model.variables if one.role == "free"]
@@ -440,7 +447,7 @@ def _initial(
                 f"{model.name}: too many initial equations: 0 = {_shown(equation, by_symbol)} is one too many"
             )
         if number < len(required) + len(starts):
-            name = by_symbol[equation.args[0]].name
+            name = fixed[number - len(required)].name
             if model.initial_equations:
                 raise BuildError(
                     f"{model.name}: too many initial equations: with them the start value of {name} must not "
