@@ -174,17 +174,19 @@ def linearise(
     system: str | Path | Mapping[str, Any] | System,
     *,
     set: Mapping[str, Any] | None = None,
+    at_time: float | None = None,
 ) -> Linearised:
-    """The linear system with delays that a system is around its start, without communication steps.
+    """The linear system with delays that a system is, without communication steps.
 
     Args:
         system, set: see `run`.
+        at_time: the point of a run that it is linear around [s]; None: its start.
     Returns: `.modes()`, `.margins()` of each connection in a feedback loop, `.system` with its matrices.
     Raises: ConfigError with what cannot be linearised.
     """
     from .frequency.from_system import linearise as linearise_config
 
-    return linearise_config(_changed(system, set))
+    return linearise_config(_changed(system, set), at_time=at_time)
 
 
 def build(

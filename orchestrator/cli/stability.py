@@ -27,6 +27,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="open the loop at what feeds this input, as drive.voltage; may be given again",
     )
+    parser.add_argument(
+        "--at-time",
+        metavar="TIME",
+        help="linearise around this time of a run, as '2 s', in place of its start",
+    )
+    parser.add_argument(
+        "--over",
+        metavar="PATH=LOW..HIGH",
+        help="where the system becomes unstable over a parameter, as robot.tau_m='1..8 ms'",
+    )
+    parser.add_argument(
+        "--verify",
+        action="store_true",
+        help="co-simulate a small change, and compare its decay and frequency with the dominant root",
+    )
+    parser.add_argument("--points", type=int, default=25, help="values of --over (default: %(default)s)")
     parser.add_argument("--out", metavar="DIR", help="write stability.json and figures to this folder")
     add_json(parser)
 
@@ -38,7 +54,8 @@ def main(args: argparse.Namespace) -> int:
 
     prepared = prepare(args.config, args.overrides)
     # Docking loops have a report of their own, with growth per contact and charts.
-    analyse = _docking_loop if Loop.fits(prepared.system) and not args.open else _any_system
+    special = args.open or args.over or args.at_time or args.verify
+    analyse = _docking_loop if Loop.fits(prepared.system) and not special else _any_system
     report, words, draw = analyse(prepared, args)
     if not args.json:
         print(words)
@@ -75,8 +92,38 @@ def _docking_loop(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
 
 def _any_system(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
     from ..frequency.from_system import linearise
+    from ..frequency.over_parameter import over_figure, over_text, parameter_range, stability_over
     from ..frequency.system_report import system_figures, system_stability, system_text
 
-    linear = linearise(prepared)
+    at_time = None if args.at_time is None else _time(args.at_time)
+    over = None if args.over is None else parameter_range(args.over, args.points)
+    linear = linearise(prepared, at_time=at_time)
     report = system_stability(prepared, args.open, linear)
-    return report, system_text(report), lambda: system_figures(report, linear)
+    words = system_text(report)
+    if over is not None:
+        report["over"] = stability_over(args.config, over, args.overrides, at_time)
+        words = f"{words}\n{over_text(report['over'])}"
+
+    if args.verify:
+        from ..frequency.verify import verified, verify_text
+
+        report["verify"] = verified(args.config, linear, args.overrides)
+        words = f"{words}\n{verify_text(report['verify'])}"
+
+    def draw() -> dict[str, Any]:
+        figures = system_figures(report, linear)
+        return figures | ({"over": over_figure(report["over"])} if over is not None else {})
+
+    return report, words, draw
+
+
+def _time(text: str) -> float:
+    """A time with its unit [s]. Raises: ConfigError."""
+    from ..base.errors import ConfigError, Problem
+    from ..base.quantities import Measure, quantity
+    from ..base.units import parse_unit
+
+    value = quantity("", Measure("s", parse_unit("s")), text, "--at-time")
+    if isinstance(value, Problem):
+        raise ConfigError([value])
+    return value

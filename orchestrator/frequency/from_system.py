@@ -20,9 +20,10 @@ from scipy.optimize import minimize_scalar
 
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from ..fmi import FmuInstance, Point, StepStatus
-from ..master.running_instances import instantiate
+from ..master.running_instances import Instances, instantiate
 from ..simulation.run import Prepared, prepare
 from ..system.connection import Connection
+from ..system.signal_vector import Signals
 from ..system.system import Instance
 from .connections import effect_note, effect_path, known_effects
 from .delay_system import FILTER, DelaySystem, Link, Modes
@@ -83,11 +84,17 @@ class _Hidden:
     gains: Array
 
 
-def linearise(config: str | Path | Mapping[str, Any] | Prepared, overrides: Iterable[str] = ()) -> Linearised:
-    """The linear system with delays of a configured system, around its start, without communication steps.
+def linearise(
+    config: str | Path | Mapping[str, Any] | Prepared,
+    overrides: Iterable[str] = (),
+    *,
+    at_time: float | None = None,
+) -> Linearised:
+    """The linear system with delays of a configured system, without communication steps.
 
     Args:
         config, overrides: as `orchestrator.simulation.run.prepare`.
+        at_time: the point of a run that it is linear around [s]; None: its start.
     Raises: ConfigError with all FMUs that offer no directional derivatives or whose input acts on their
         states in no way that is known here, and all effects without a transfer function.
     """
@@ -100,7 +107,11 @@ def linearise(config: str | Path | Mapping[str, Any] | Prepared, overrides: Iter
     point: dict[str, float] = {}
     fed = {str(connection.target) for connection in system.connections}
     with instantiate(system) as instances:
-        instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
+        signals = instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
+        if at_time is not None:
+            notes.append(
+                f"linear around t = {_advanced(instances, prepared, signals, at_time):.9g} s of the run"
+            )
         for one, running in zip(system.instances, instances.running, strict=True):
             if not one.fmu.description.capabilities.directional_derivatives or one.fmu.path is None:
                 problems.append(
@@ -145,6 +156,23 @@ def linearise(config: str | Path | Mapping[str, Any] | Prepared, overrides: Iter
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
     return Linearised(_closed(parts, chains, hidden), point, tuple(dict.fromkeys(notes)))
+
+
+def _advanced(instances: Instances, prepared: Prepared, signals: Signals, at_time: float) -> float:
+    """Step the system to a time. Returns: the time that is reached [s].
+
+    Raises: ConfigError if it lies outside the run; StepError if a step fails.
+    """
+    grid = prepared.grid
+    if not float(grid.start) <= at_time <= float(grid.stop):
+        allowed = f"between {float(grid.start):g} s and {float(grid.stop):g} s, the start and stop of the run"
+        raise ConfigError([Problem("--at-time", f"{at_time:g} s lies outside the run", allowed)])
+    for point in grid:
+        if point.last or point.time >= at_time - 1e-9 * point.step_size:
+            break
+        signals, info = prepared.master.step(instances.system, instances, point, signals)
+        info.raise_on_failure(point)
+    return float(point.time)
 
 
 @dataclass(frozen=True)

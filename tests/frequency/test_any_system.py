@@ -111,3 +111,68 @@ def test_what_cannot_be_opened_or_linearised_is_named(capsys):
     assert "nothing is connected to drive.volt" in capsys.readouterr().err
     assert main(["stability", "docking-1d-uncompensated", "--open", "satellite.force"]) == 2
     assert "satellite: it offers no directional derivatives" in capsys.readouterr().err
+
+
+def test_the_border_over_a_delay_is_the_delay_margin(tmp_path, capsys):
+    """On top of 1 ms that the connection has."""
+    found = orc.linearise(late(0.001)).margins()
+    margin = next(one for name, one in found.items() if name.startswith("controller.voltage")).delay_margin
+    orc.load(late(0.001)).to_yaml(tmp_path / "late.yaml")
+    over = "connections[3].through[0].delay=1..9 ms"
+    command = [
+        "stability",
+        str(tmp_path / "late.yaml"),
+        "--over",
+        over,
+        "--points",
+        "5",
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main(command) == 0
+    report = json.loads((tmp_path / "o" / "stability.json").read_text())["over"]
+    (border,) = report["borders"]
+    assert border["unstable_above"]
+    assert border["value"] == pytest.approx(1 + 1e3 * margin, abs=2e-3)
+    assert (tmp_path / "o" / "over.png").stat().st_size > 0
+    assert "over connections[3].through[0].delay from 1 to 9 ms: unstable above" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--over", "drive.mass=90"], "is no range of a parameter"),
+        (["--over", "drive.mass=95..90 kg"], "is empty"),
+        (["--over", "drive.mass=90 g..95 kg"], "has two units"),
+        (["--over", "drive.mass=90..95 kg", "--points", "1"], "at least 3"),
+        (["--at-time", "2"], "has no unit"),
+        (["--at-time", "2000 s"], "lies outside the run"),
+    ],
+)
+def test_ranges_and_times_that_make_no_sense_are_refused(options, message, capsys):
+    assert main(["stability", "emps", *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_system_is_linearised_around_a_point_of_its_run():
+    result = orc.run("emps", set={"run.stop_time": "0.5 s"}, halving=False)
+    place = len(result.time) // 2
+    linear = orc.linearise("emps", at_time=float(result.time[place]))
+    assert linear.point["drive.position"] == pytest.approx(result["drive.position"].values[place], rel=1e-12)
+    assert linear.point["drive.position"] != orc.linearise("emps").point["drive.position"]
+    assert f"linear around t = {result.time[place]:.9g} s of the run" in linear.notes
+    assert linear.modes().modes[1].root == pytest.approx(
+        orc.linearise("emps").modes().modes[1].root, rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("delay", [None, 0.004])
+def test_a_co_simulation_verifies_the_dominant_root(delay, tmp_path, capsys):
+    """Its error falls with the communication step, and what is extrapolated is near."""
+    orc.load("emps" if delay is None else late(delay)).to_yaml(tmp_path / "system.yaml")
+    assert main(["stability", str(tmp_path / "system.yaml"), "--verify", "--out", str(tmp_path / "out")]) == 0
+    report = json.loads((tmp_path / "out" / "stability.json").read_text())["verify"]
+    whole, half, none = (one["difference"] for one in report["steps"])
+    assert 0.4 < half / whole < 0.6
+    assert none < 0.005
+    assert "extrapolated to step 0" in capsys.readouterr().out
