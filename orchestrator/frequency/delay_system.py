@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -20,6 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..base import graph
 from ..base.errors import ConfigError, OrchestratorError, Problem
 from .margins import Crossover, Margins, gain_crossovers
+
+if TYPE_CHECKING:
+    import control
 
 __all__ = ["FILTER", "DelaySystem", "Link", "Mode", "Modes"]
 
@@ -404,6 +407,69 @@ class DelaySystem:
         first = [one for one in own if one.target == targets[0]]
         back = sum(one.gain * np.exp(-s * one.delay) * y[:, one.source] for one in first)
         return -np.asarray(back)
+
+    def to_control(self, connection: str, order: int = 6) -> control.StateSpace:
+        """L(s) of `open_loop` as a state space of python-control, delays by Pade's approximation.
+
+        It is near the exact one where |s| times the longest delay is below `order`; `to_response` is exact.
+
+        Args:
+            connection: as a link names it.
+            order: of the approximation of each delay.
+        """
+        import control
+
+        n, m = len(self.states), len(self.inputs)
+        parts = []
+        at_once = np.zeros((m, len(self.outputs)))
+        for one in self.links:
+            if one.delay > 0.0:
+                late = control.tf2ss(*control.pade(one.delay, order))
+                blocks = [np.atleast_2d(np.asarray(x, float)) for x in (late.A, late.B, late.C, late.D)]
+            else:
+                blocks = [np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))]
+            parts.append(blocks)
+        lines = scipy.linalg.block_diag(np.zeros((0, 0)), *(one[0] for one in parts))
+        size = n + len(lines)
+        into = np.zeros((size, len(self.outputs)))
+        ends, back, back_at_once = np.zeros((m, size)), np.zeros((1, size)), np.zeros((1, len(self.outputs)))
+        drive = np.zeros((m, 1))
+        own = [one for one in self.links if one.connection == connection]
+        first = min(one.target for one in own)
+        low = n
+        for one, (a, b, c, d) in zip(self.links, parts, strict=True):
+            high = low + len(a)
+            into[low:high, one.source] += b[:, 0]
+            if one.connection != connection:
+                ends[one.target, low:high] += one.gain * c[0]
+                at_once[one.target, one.source] += one.gain * d[0, 0]
+                low = high
+                continue
+            drive[one.target] = 1.0
+            if one.target == first:
+                back[0, low:high] += one.gain * c[0]
+                back_at_once[0, one.source] += one.gain * d[0, 0]
+            low = high
+        c = np.hstack([self.c, np.zeros((len(self.outputs), size - n))])
+        solved = np.linalg.inv(np.eye(m) - at_once @ self.d)
+        u_of_x, u_of_v = solved @ (at_once @ c + ends), solved @ drive
+        y_of_x, y_of_v = c + self.d @ u_of_x, self.d @ u_of_v
+        a = scipy.linalg.block_diag(self.a, lines) + into @ y_of_x
+        b = into @ y_of_v
+        a[:n] += self.b @ u_of_x
+        b[:n] += self.b @ u_of_v
+        return control.ss(a, b, -(back + back_at_once @ y_of_x), -back_at_once @ y_of_v)
+
+    def to_response(self, connection: str, omega: ArrayLike) -> control.FrequencyResponseData:
+        """`open_loop`, exact, for the plots and margins of python-control.
+
+        Args:
+            omega: shape (k,) [rad/s].
+        """
+        import control
+
+        omega = np.atleast_1d(np.asarray(omega, np.float64))
+        return control.frd(self.open_loop(connection, omega), omega)
 
     def margins(self, connection: str, modes: Modes | None = None) -> Margins:
         """Margins of the loop through one connection, all crossovers considered."""

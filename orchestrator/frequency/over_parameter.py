@@ -155,9 +155,10 @@ def over_figure(report: dict[str, Any]) -> Any:
     upper, lower = figure.subplots(2, 1, sharex=True)
     upper.plot(report["values"], report["real"])
     upper.axhline(0.0, color="black", linewidth=0.8)
-    upper.set_ylabel("real part of the dominant root [1/s]")
+    upper.set_title("dominant root")
+    upper.set_ylabel("real part [1/s]")
     lower.plot(report["values"], report["frequency"])
-    lower.set_ylabel("its frequency [Hz]")
+    lower.set_ylabel("frequency [Hz]")
     lower.set_xlabel(f"{report['parameter']} [{report['unit'] or '1'}]")
     for axes in (upper, lower):
         for one in report["borders"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import control
 import numpy as np
 import pytest
 
@@ -176,3 +177,23 @@ def test_a_co_simulation_verifies_the_dominant_root(delay, tmp_path, capsys):
     assert 0.4 < half / whole < 0.6
     assert none < 0.005
     assert "extrapolated to step 0" in capsys.readouterr().out
+
+
+def test_an_open_loop_is_python_controls():
+    """Delays by Pade's approximation near the exact response, and the same margins."""
+    linear = orc.linearise(late(0.004))
+    name, margins = next(
+        (name, one) for name, one in linear.margins().items() if name.startswith("controller.voltage")
+    )
+    omega = np.geomspace(1.0, 500.0, 60)
+    exact = linear.system.open_loop(name, omega)
+    loop = linear.system.to_control(name)
+    assert np.abs(loop(1j * omega) / exact - 1).max() < 1e-6
+    assert np.allclose(np.ravel(linear.system.to_response(name, omega).frdata), exact, rtol=1e-12)
+    with np.errstate(invalid="ignore"):
+        _, phase, _, crossover = control.margin(loop)
+    assert phase == pytest.approx(margins.phase_margin, abs=1e-3)
+    assert min(abs(crossover / one.omega - 1) for one in margins.crossovers) < 1e-4
+    closed = control.feedback(loop, 1)
+    dominant = next(one.root for one in linear.modes().modes if one.root.imag > 0)
+    assert np.min(abs(closed.poles() - dominant)) < 1e-6 * abs(dominant)
