@@ -102,6 +102,12 @@ class Modes:
         """Whether all roots lie to the left of the imaginary axis."""
         return all(one.root.real < 0.0 for one in self.modes)
 
+    @property
+    def dominant(self) -> Mode | None:
+        """The rightmost mode whose root is not 0, as integrators of a reference have; None without one."""
+        size = max((abs(one.root) for one in self.modes), default=0.0)
+        return next((one for one in self.modes if abs(one.root) > 1e-9 * size), None)
+
 
 @dataclass(frozen=True)
 class DelaySystem:

@@ -93,7 +93,7 @@ def stability_over(
 
     values = np.linspace(over.low, over.high, over.points)
     found = [modes(float(value)) for value in values]
-    dominant = [_dominant(one) for one in found]
+    dominant = [_root(one) for one in found]
     unstable = [_unstable(one) for one in found]
     borders = []
     for place in np.flatnonzero(np.diff(unstable)):
@@ -101,7 +101,7 @@ def stability_over(
         while high - low > _BORDER * (over.high - over.low):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if _unstable(modes(middle)) == state else (low, middle)
-        root = _dominant(modes(0.5 * (low + high)))
+        root = _root(modes(0.5 * (low + high)))
         borders.append(
             {
                 "value": 0.5 * (low + high),
@@ -120,15 +120,12 @@ def stability_over(
     }
 
 
-def _dominant(modes: Modes) -> complex:
-    """The rightmost root that is not 0, which integrators of a reference make."""
-    roots = [one.root for one in modes.modes]
-    size = max((abs(one) for one in roots), default=1.0)
-    return complex(next((one for one in roots if abs(one) > 1e-9 * size), 0.0))
+def _root(modes: Modes) -> complex:
+    return modes.dominant.root if modes.dominant is not None else 0j
 
 
 def _unstable(modes: Modes) -> bool:
-    root = _dominant(modes)
+    root = _root(modes)
     return root.real > 1e-9 * abs(root)
 
 

@@ -45,7 +45,9 @@ def verified(
     Raises: OrchestratorError if no mode can be excited or none is found; StepError if a run fails.
     """
     overrides = tuple(overrides)
-    mode = _dominant(linear)
+    mode = linear.modes().dominant
+    if mode is None:
+        raise OrchestratorError("--verify: the system has no root but 0, whose decay could be looked at")
     prepared = prepare(config, overrides)
     step = float(prepared.grid.step_size)
     spacing = (2 * np.pi / abs(mode.root.imag) if mode.root.imag else 1 / abs(mode.root)) / _DENSITY
@@ -78,15 +80,6 @@ def verify_text(report: dict[str, Any]) -> str:
         where = f"step {1e3 * one['step']:g} ms" if one["step"] else "extrapolated to step 0"
         lines.append(f"  {where}: {root} 1/s, {100 * one['difference']:.2g} % from the root")
     return "\n".join(lines)
-
-
-def _dominant(linear: Linearised) -> Mode:
-    modes = linear.modes().modes
-    size = max((abs(one.root) for one in modes), default=0.0)
-    for one in modes:
-        if abs(one.root) > 1e-9 * size:
-            return one
-    raise OrchestratorError("--verify: the system has no root but 0, whose decay could be looked at")
 
 
 def _changed(

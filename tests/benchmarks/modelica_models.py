@@ -27,7 +27,7 @@ LIMIT = 90.0
 WITHIN = 1e-3
 
 
-def tried(path: Path, names: list[str], libraries: list[Path]) -> None:
+def tried(path: Path, libraries: list[Path]) -> None:
     """Read names from standard input, and print what became of each as JSON."""
     import fmpy
     import rumoca
@@ -110,7 +110,7 @@ def main() -> int:
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.worker:
-        tried(args.package, [], args.library)
+        tried(args.package, args.library)
         return 0
     from orchestrator.translate.sources import load_sources
 

@@ -318,7 +318,7 @@ def _blocks(blocks: Sequence[Block], name: str, writer: _Writer, layout: Layout)
             functions.append(
                 _function(f"static void {jacobian}(const Hybrid *h, double *j)", [clear, *lines])
             )
-        names = [_named(one, layout) for one in block.unknowns]
+        names = [layout.system.model.name_of(one) for one in block.unknowns]
         text = ", ".join(names[:8]) + (f" and {n - 8} more" if n > 8 else "")
         entries.append(
             f"{{{n}, {int(block.linear)}, {stem}_slots, 0, {stem}_residuals, {jacobian}, {c_string(text)}}}"
@@ -335,11 +335,6 @@ def _braced(writer: _Writer, place: str, value: Expr) -> list[str]:
     """One assignment in a scope of its own."""
     lines = writer.statements([(place, value)], "        ")
     return [f"    {lines[0].strip()}"] if len(lines) == 1 else ["    {", *lines, "    }"]
-
-
-def _named(one: Expr, layout: Layout) -> str:
-    name = layout.system.model.variables[one.args[1]].name
-    return "der(" * one.args[2] + name + ")" * one.args[2] if one.args[0] == "der" else name
 
 
 def _dependents(layout: Layout, writer: _Writer) -> list[tuple[str, Expr]]:
@@ -550,6 +545,10 @@ def _margins(modes: Sequence[Expr]) -> list[Expr]:
 def _mode(one: Expr, layout: Layout) -> str:
     """A mode in words, for messages."""
     names = sorted(
-        {_named(s, layout) if s.args[0] != "t" else "time" for s in one.free if s.args[0] != "mode"}
+        {
+            layout.system.model.name_of(s) if s.args[0] != "t" else "time"
+            for s in one.free
+            if s.args[0] != "mode"
+        }
     )
     return f"of {', '.join(names)}"

@@ -135,6 +135,11 @@ class DaeModel:
     instants: list[float]
     valueless: tuple[str, ...] = ()
 
+    def name_of(self, one: Expr) -> str:
+        """The name of the variable or derivative that a symbol stands for."""
+        name = self.variables[one.args[1]].name
+        return "der(" * one.args[2] + name + ")" * one.args[2] if one.args[0] == "der" else name
+
 
 def read_dae(document: Json, name: str) -> DaeModel:
     """Read the DAE form.

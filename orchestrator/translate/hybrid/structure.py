@@ -54,7 +54,7 @@ class System:
         initial_blocks: give these, the states and free parameters at the start.
         constraints: of the states; zero on every solution.
         aliases: variable -> what it equals.
-        weak: states that begin at their start value though it is not declared as fixed.
+        unknowns: symbols of the algebraic variables and derivatives.
         notes: for the author of the model.
     """
 
@@ -92,11 +92,11 @@ def solve_order(model: DaeModel) -> System:
             raise BuildError(f"{model.name}: no equation determines {by_symbol[one].name}")
     owner = _matched(ordered, set(unknowns))
     if missing := [one for one in unknowns if one not in owner]:
-        names = listed(_named(one, by_symbol) for one in missing)
+        names = listed(model.name_of(one) for one in missing)
         raise BuildError(f"{model.name}: the equations do not determine {names}")
     used = set(owner.values())
     constraints = [equation for number, equation in enumerate(ordered) if number not in used]
-    blocks = _blocks(ordered, owner, by_symbol)
+    blocks = _blocks(ordered, owner)
     notes = (
         [f"without a value, 0 until the importer sets one: {', '.join(model.valueless)}"]
         if model.valueless
@@ -108,13 +108,6 @@ def solve_order(model: DaeModel) -> System:
 
 def _continuous(one: Expr, by_symbol: dict[Expr, Scalar]) -> bool:
     return one.args[0] == "der" or (one in by_symbol and by_symbol[one].role in ("state", "algebraic"))
-
-
-def _named(one: Expr, by_symbol: dict[Expr, Scalar]) -> str:
-    if one.args[0] != "der":
-        return by_symbol[one].name
-    variable = next(v for s, v in by_symbol.items() if s.args[1] == one.args[1])
-    return "der(" * one.args[2] + variable.name + ")" * one.args[2]
 
 
 def _check_count(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> None:
@@ -222,7 +215,7 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
             for one in sorted(seen, key=lambda one: (one.args[0] == "der", one.args[1:])):
                 order = one.args[2] + 1 if one.args[0] == "der" else 1
                 if order > _HIGHEST_ORDER:
-                    raise _singular(model, seen, by_symbol)
+                    raise _singular(model, seen)
                 raised[one] = ex.symbol("der", one.args[1], order)
                 variables.append(raised[one])
             for place in sorted(seen_equations):
@@ -237,7 +230,7 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
                     owner[raised[one]] = higher[owner[one]]
             current = higher[current]
         else:
-            raise _singular(model, seen, by_symbol)
+            raise _singular(model, seen)
     # Of each chain the last derivative, then the equation itself, then those between: what is left unmatched
     # is then as low as can be, and constrains the states alone.
     lasts = [n for n in range(len(equations)) if n not in higher]
@@ -246,8 +239,8 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
     return [equations[n] for n in (*lasts, *firsts, *between)]
 
 
-def _singular(model: DaeModel, seen: Iterable[Expr], by_symbol: dict[Expr, Scalar]) -> BuildError:
-    names = sorted({_named(one, by_symbol) for one in seen})
+def _singular(model: DaeModel, seen: Iterable[Expr]) -> BuildError:
+    names = sorted({model.name_of(one) for one in seen})
     return BuildError(f"{model.name}: the equations are structurally singular in {listed(names)}")
 
 
@@ -299,7 +292,7 @@ def _matched(equations: Sequence[Expr], unknowns: set[Expr]) -> dict[Expr, int]:
 # Blocks
 
 
-def _blocks(equations: Sequence[Expr], owner: dict[Expr, int], by_symbol: dict[Expr, Scalar]) -> list[Block]:
+def _blocks(equations: Sequence[Expr], owner: dict[Expr, int]) -> list[Block]:
     unknown_of = {number: one for one, number in owner.items()}
     numbers = sorted(unknown_of)
     place = {number: position for position, number in enumerate(numbers)}
@@ -455,7 +448,7 @@ def _initial(
                 )
             notes.append(f"the start value of {name} is not used, since others determine {name}")
     if missing := [one for one in sorted(sought, key=lambda one: one.args[1:]) if one not in owner]:
-        names = listed(_named(one, by_symbol) for one in missing)
+        names = listed(model.name_of(one) for one in missing)
         raise BuildError(
             f"{model.name}: initialisation does not determine {names}; give start values with fixed=true"
         )
@@ -463,7 +456,7 @@ def _initial(
     taken = [one.name for k, one in enumerate(weak) if len(required) + len(starts) + k in used]
     if taken:
         notes.append(f"started at their start values, though not fixed: {', '.join(taken)}")
-    return _blocks(equations, owner, by_symbol)
+    return _blocks(equations, owner)
 
 
 def _shown(equation: Expr, by_symbol: dict[Expr, Scalar]) -> str:

@@ -31,7 +31,6 @@ typedef struct {
     double *j, *lu, *y, *r;                                         /* of blocks */
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
     int *pivot, *pivot_a;
-    int failed; /* block */
 } Work;
 
 static double *part(double *block, size_t *used, size_t n)
@@ -261,10 +260,8 @@ static int solve_all(Work *w, const HybridBlock *blocks, int n)
     for (int i = 0; i < n; i++) {
         if (blocks[i].assign)
             blocks[i].assign(&w->h);
-        else if (solve_block(w, &blocks[i])) {
-            w->failed = i;
+        else if (solve_block(w, &blocks[i]))
             return OUTCOME(BLOCK, i);
-        }
     }
     return 0;
 }
