@@ -17,11 +17,10 @@ from .package import (
     PLATFORMS,
     FmiVersion,
     binary_member,
-    build_description,
     compile_library,
-    content_token,
     named_platforms,
     runtime_sources,
+    source_members,
     write_fmu,
 )
 from .sources import DELAY, SourceTree, load_sources
@@ -181,7 +180,7 @@ def _explicit(
     from .causalise import solve
     from .description import describe
     from .documents import model_sections, sources_used
-    from .generate import TOKEN_MARK, generate_c, variable_table
+    from .generate import generate_c, variable_table
     from .presentation import dress, sources_of
     from .program import build_program
     from .reader import read_model
@@ -197,24 +196,21 @@ def _explicit(
     identifier = model_identifier(name)
     code = generate_c(program, identifier)
     table = variable_table(program)
-    sources = dict(runtime_sources(cast(FmiVersion, fmi_version)))
+    sources = runtime_sources(cast(FmiVersion, fmi_version))
     files = [file for file in (*sources, "model.c") if file.endswith(".c")]
 
-    def description(token: str) -> tuple[bytes, tuple[str, ...]]:
+    notes: tuple[str, ...] = ()
+
+    def description(token: str) -> bytes:
+        nonlocal notes
         written = describe(
             program, table, fmi_version=fmi_version, identifier=identifier, token=token, source_files=files
         )
-        return written.xml, written.notes
+        notes = written.notes
+        return written.xml
 
-    token = content_token(
-        [code.encode(), description(TOKEN_MARK)[0], *(sources[key] for key in sorted(sources))]
-    )
-    xml, notes = description(token)
-    sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
-    if fmi_version == "3.0":
-        sources["buildDescription.xml"] = build_description(identifier, list(sources))
-    members = {f"sources/{file}": content for file, content in sources.items()}
-    members["modelDescription.xml"] = xml
+    members = source_members(code, sources, identifier, cast(FmiVersion, fmi_version), description)
+    xml = members["modelDescription.xml"]
     made_of = sources_of(sources_used(tree.texts, tree.classes[name].file), ("rumoca", "casadi", "ziglang"))
     members |= dress(xml, model_sections(program, table, tree.classes[name]), made_of)
     counts = {

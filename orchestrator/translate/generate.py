@@ -11,10 +11,8 @@ import casadi as ca
 
 from .flat import TIME, Assertion, Literal, Role, Type, Variable
 from .interpreter import derivative_key, evaluate
+from .package import TOKEN_MARK
 from .program import Program
-
-TOKEN_MARK = "@TOKEN@"
-"""Stands for the token in the generated text until the token, which depends on the text, is known."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from orchestrator.base.errors import BuildError
 
 from .build import ALL, check_options, compiled, need_casadi
 from .build_report import BuildReport
-from .package import build_description, content_token, runtime_sources, write_fmu
+from .package import runtime_sources, source_members, write_fmu
 from .presentation import Section, dress, sources_of
 from .python_fmu import described_model, docstrings, source_files
 from .shared_source import assembled
@@ -37,7 +37,6 @@ def build_native_fmu(
     """
     need_casadi()
     from .component import trace_component
-    from .generate import TOKEN_MARK
     from .step_check import check_component
     from .step_code import generate_step_c
     from .step_description import describe_native
@@ -53,20 +52,13 @@ def build_native_fmu(
         )
     checked = check_component(script, type(model), program)
     code = generate_step_c(program)
-    sources = dict(runtime_sources(version, stepped=True))
+    sources = runtime_sources(version, stepped=True)
     files = [file for file in (*sources, "model.c") if file.endswith(".c")]
 
     def description(token: str) -> bytes:
         return describe_native(root, program, fmi_version, token, files)
 
-    token = content_token(
-        [code.encode(), description(TOKEN_MARK), *(sources[key] for key in sorted(sources))]
-    )
-    sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
-    if version == "3.0":
-        sources["buildDescription.xml"] = build_description(name, list(sources))
-    members = {f"sources/{file}": content for file, content in sources.items()}
-    members["modelDescription.xml"] = description(token)
+    members = source_members(code, sources, name, version, description)
     made_of = sources_of(source_files(script), ("pythonfmu", "casadi", "ziglang"))
     members |= dress(members["modelDescription.xml"], _sections(model, script), made_of)
     members |= compiled(members, name, version, platforms)

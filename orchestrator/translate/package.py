@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -28,6 +28,9 @@ from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import scratch_folder
 
 FmiVersion = Literal["2.0", "3.0"]
+
+TOKEN_MARK = "@TOKEN@"
+"""Stands for the token in the generated text until the token, which depends on the text, is known."""
 
 # Of the runtime, in every model description.
 LOG_CATEGORIES = {
@@ -168,6 +171,31 @@ def content_token(parts: Sequence[bytes]) -> str:
         digest.update(part)
     text = digest.hexdigest()
     return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"
+
+
+def source_members(
+    code: str,
+    sources: Mapping[str, bytes],
+    identifier: str,
+    fmi_version: FmiVersion,
+    describe: Callable[[str], bytes],
+) -> dict[str, bytes]:
+    """The description and the C sources of an FMU, with a token made of both.
+
+    Args:
+        code: of model.c, with `TOKEN_MARK` where the token goes.
+        sources: the other files, by name.
+        identifier: the model identifier.
+        describe: writes the model description with a token.
+    Returns: path within the FMU -> content.
+    """
+    token = content_token([code.encode(), describe(TOKEN_MARK), *(sources[key] for key in sorted(sources))])
+    files = {**sources, "model.c": code.replace(TOKEN_MARK, token).encode()}
+    if fmi_version == "3.0":
+        files["buildDescription.xml"] = build_description(identifier, list(files))
+    members = {f"sources/{file}": content for file, content in files.items()}
+    members["modelDescription.xml"] = describe(token)
+    return members
 
 
 def hybrid_sources(fmi_version: FmiVersion) -> dict[str, bytes]:

@@ -10,8 +10,7 @@ from orchestrator.base.errors import BuildError
 
 from ..audit import experiment
 from ..documents import sources_used
-from ..generate import TOKEN_MARK
-from ..package import FmiVersion, build_description, content_token, hybrid_sources
+from ..package import FmiVersion, hybrid_sources, source_members
 from ..presentation import dress, sources_of
 from ..sources import SourceTree
 from .code import generate_hybrid_c, layout_of
@@ -44,7 +43,8 @@ def translate_hybrid(
         raise BuildError(f"{name}: the compiler's form of the model is not understood: {error}") from error
     layout = layout_of(system)
     code = generate_hybrid_c(layout, identifier)
-    sources = dict(hybrid_sources(cast(FmiVersion, fmi_version)))
+    version = cast(FmiVersion, fmi_version)
+    sources = hybrid_sources(version)
     files = [file for file in (*sources, "model.c") if file.endswith(".c")]
     numbers = experiment(tree.classes[name]) if name in tree.classes else {}
 
@@ -53,14 +53,7 @@ def translate_hybrid(
             layout, numbers, fmi_version=fmi_version, identifier=identifier, token=token, source_files=files
         )
 
-    token = content_token(
-        [code.encode(), description(TOKEN_MARK), *(sources[key] for key in sorted(sources))]
-    )
-    sources["model.c"] = code.replace(TOKEN_MARK, token).encode()
-    if fmi_version == "3.0":
-        sources["buildDescription.xml"] = build_description(identifier, list(sources))
-    members = {f"sources/{file}": content for file, content in sources.items()}
-    members["modelDescription.xml"] = description(token)
+    members = source_members(code, sources, identifier, version, description)
     made_of = sources_of(sources_used(tree.texts, tree.classes[name].file), ("rumoca", "ziglang"))
     members |= dress(members["modelDescription.xml"], [], made_of)
     model = system.model
