@@ -240,7 +240,13 @@ def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed:
 
 
 def read_results(path: Path | str) -> RunResult:
-    """Read a run back from a folder that `run` wrote, or from a file of results; see `RunResult`."""
+    """Read a run back from its files.
+
+    Args:
+        path: a folder that `run` wrote, or a file of results: arrow, csv, parquet, mat or h5.
+    Returns: the run, also one that was killed or is still running.
+    Raises: OrchestratorError if it cannot be read.
+    """
     from .simulation.run_result import read_run
 
     return read_run(path)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -11,8 +13,10 @@ from typing import Any
 import pytest
 import yaml
 
+import orchestrator
 from orchestrator.campaign import Study
-from orchestrator.cli.main import main
+from orchestrator.cli.main import COMMANDS, main
+from orchestrator.config import json_schema
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -108,7 +112,68 @@ def test_the_site_builds_without_a_warning(tmp_path):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    page = (tmp_path / "site" / "python" / "index.html").read_text(encoding="utf-8")
-    assert "to_dataframe" in page
-    sources = re.findall(r'(?:src|href)="(https?://[^"]+)"', page)
-    assert [one for one in sources if "squidfunk" not in one] == []
+    for name, content in (
+        ("python", "to_dataframe"),
+        ("reference-config", "record_every"),
+        ("commands", "--at-time"),
+    ):
+        page = (tmp_path / "site" / name / "index.html").read_text(encoding="utf-8")
+        assert content in page
+        sources = re.findall(r'(?:src|href)="(https?://[^"]+)"', page)
+        assert [one for one in sources if "squidfunk" not in one] == []
+
+
+@pytest.fixture(scope="module")
+def reference() -> dict[str, str]:
+    """The generated parts of the pages by name."""
+    pages = runpy.run_path(str(ROOT / "docs" / "reference.py"))["PAGES"]
+    return {name: make() for name, make in pages.items()}
+
+
+def test_the_reference_gives_type_default_and_meaning_of_every_key(reference):
+    for name in ("config-keys", "study-keys"):
+        rows = re.findall(r"^\| `(.*)$", reference[name], re.M)
+        cells = [re.split(r"(?<!\\)\|", row) for row in rows]
+        assert {len(one) for one in cells} == {6}
+        incomplete = [one[0] for one in cells if not all(one[place].strip() for place in (0, 1, 3, 4))]
+        assert incomplete == []
+
+
+def test_the_reference_holds_every_key_of_the_schema(reference):
+    schema = json_schema()
+    parts = [schema, *schema["$defs"].values()]
+    keys = {key for one in parts for key in one.get("properties", {})} - {"extends"}
+    assert {key for key in keys if f"| `{key}` |" not in reference["config-keys"]} == set()
+
+
+def test_the_reference_holds_units_and_defaults(reference):
+    assert "| `timeout` | quantity | s | `1 s` |" in reference["config-keys"]
+    assert "| `rate` | quantity | of the signal, per s | required |" in reference["config-keys"]
+    assert (
+        "| `count` | integer |  | required | Number of values, both ends included. Allowed: at least 2"
+        in (reference["study-keys"])
+    )
+
+
+def test_the_reference_holds_every_command_and_option(reference, capsys):
+    for name in COMMANDS:
+        with pytest.raises(SystemExit):
+            main([name, "--help"])
+        options = set(re.findall(r"^  (?:-\w, )?(--[\w-]+)", capsys.readouterr().out, re.M)) - {"--help"}
+        (section,) = re.findall(
+            rf"^### orchestrator {name}\n.*?(?=^### |\Z)", reference["commands"], re.M | re.S
+        )
+        assert {one for one in options if one not in section} == set()
+
+
+def test_the_reference_holds_every_public_name_and_argument(reference):
+    for name in orchestrator.__all__:
+        if name == "__version__":
+            continue
+        one = getattr(orchestrator, name)
+        head = name if isinstance(one, type) else f"orc.{name}"
+        (section,) = re.findall(rf"^### {head}\n.*?(?=^##|\Z)", reference["python-api"], re.M | re.S)
+        if not isinstance(one, type):
+            assert {key for key in inspect.signature(one).parameters if f"`{key}`" not in section} == set(), (
+                name
+            )

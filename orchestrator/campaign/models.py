@@ -47,10 +47,12 @@ class _Model(BaseModel):
 class RangeModel(_Model):
     """Values at equal distances, or at equal ratios."""
 
-    low: Scalar = Field(alias="from")
-    high: Scalar = Field(alias="to")
-    count: int = Field(ge=2, le=_MOST, strict=True)
-    spacing: Literal["linear", "log"] = "linear"
+    low: Scalar = Field(alias="from", description="First value, with its unit.")
+    high: Scalar = Field(alias="to", description="Last value, with its unit.")
+    count: int = Field(ge=2, le=_MOST, strict=True, description="Number of values, both ends included.")
+    spacing: Literal["linear", "log"] = Field(
+        "linear", description="Whether differences or ratios of neighbours are equal."
+    )
 
 
 def _form(value: Any) -> str:
@@ -65,21 +67,25 @@ Values = Annotated[
 
 
 class NormalModel(_Model):
-    """A normal distribution, cut off if wanted."""
+    """A normal distribution, truncated if ends are given."""
 
-    mean: Scalar
-    std: Scalar
-    low: Scalar | None = None
-    high: Scalar | None = None
+    mean: Scalar = Field(description="Mean, with its unit.")
+    std: Scalar = Field(description="Standard deviation, with its unit.")
+    low: Scalar | None = Field(None, description="Lower end; no value below it is drawn.")
+    high: Scalar | None = Field(None, description="Upper end; no value above it is drawn.")
 
 
 class DrawnModel(_Model):
-    """What a value is drawn from."""
+    """The distribution of a value: exactly one of these."""
 
-    uniform: Ends | None = None
-    log_uniform: Ends | None = Field(None, alias="log-uniform")
-    normal: NormalModel | None = None
-    choice: Annotated[list[Scalar], Field(min_length=1)] | None = None
+    uniform: Ends | None = Field(None, description="Lower and upper end.")
+    log_uniform: Ends | None = Field(
+        None, alias="log-uniform", description="Lower and upper end; the logarithm is distributed uniformly."
+    )
+    normal: NormalModel | None = Field(None, description="A normal distribution.")
+    choice: Annotated[list[Scalar], Field(min_length=1)] | None = Field(
+        None, description="Values of equal probability."
+    )
 
     @model_validator(mode="after")
     def _is_one(self) -> DrawnModel:
@@ -104,9 +110,11 @@ class BlockModel(_Model):
     list_: list[Annotated[dict[str, Scalar], Field(min_length=1)]] | None = Field(
         None, min_length=1, alias="list", description="Points one by one, each its values by path."
     )
-    random: SampleModel | None = None
-    latin_hypercube: SampleModel | None = Field(None, alias="latin-hypercube")
-    sobol: SampleModel | None = None
+    random: SampleModel | None = Field(None, description="Points drawn independently.")
+    latin_hypercube: SampleModel | None = Field(
+        None, alias="latin-hypercube", description="Points drawn by Latin hypercube sampling."
+    )
+    sobol: SampleModel | None = Field(None, description="Points of a scrambled Sobol sequence.")
     multiply: list[BlockModel] | None = Field(
         None, min_length=1, description="Every point of each block with every one of the others."
     )
@@ -121,8 +129,8 @@ class BlockModel(_Model):
 class RepeatsModel(_Model):
     """Every point several times, with seeds that differ; they are the same at every point."""
 
-    count: int = Field(ge=1, le=_MOST, strict=True)
-    seed: int = Field(ge=0, strict=True)
+    count: int = Field(ge=1, le=_MOST, strict=True, description="Runs of each point.")
+    seed: int = Field(ge=0, strict=True, description="Of the seeds that the runs receive.")
     into: Annotated[list[str], Field(min_length=1)] = Field(
         description="Paths of the config that take a seed, a whole number."
     )
@@ -138,30 +146,35 @@ class RecordModel(_Model):
 class RetryModel(_Model):
     """What to do about runs that fail."""
 
-    attempts: int = Field(ge=1, le=20, strict=True)
+    attempts: int = Field(ge=1, le=20, strict=True, description="Attempts at most, the first included.")
     kinds: list[Literal["crash", "time limit", "error", "killed"]] = Field(
-        ["crash", "time limit"], alias="on", min_length=1
+        ["crash", "time limit"],
+        alias="on",
+        min_length=1,
+        description="Kinds of failure that are tried again.",
     )
 
 
 class StudyModel(_Model):
     """A study: a system, the points at which it is run, and what is kept of each run."""
 
-    format: Literal["sweep/1"]
-    title: str = ""
+    format: Literal["sweep/1"] = Field(description="Format of the file.")
+    title: str = Field("", description="What the study is, for reports.")
     system: str | dict[str, Any] = Field(
         description="A bundled system, a path relative to the study, or a config."
     )
     set_: dict[str, Scalar] = Field(
         default_factory=dict, alias="set", description="Changes of the config that hold in every run."
     )
-    design: BlockModel
-    repeats: RepeatsModel | None = None
+    design: BlockModel = Field(description="The points at which the system is run.")
+    repeats: RepeatsModel | None = Field(None, description="Repetition of every point with other seeds.")
     derived: dict[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")], str] = Field(
         default_factory=dict, description="Quantities of each run by name, as expressions."
     )
-    record: Literal["none", "decimated", "all"] | RecordModel = "none"
-    retry: RetryModel | None = None
+    record: Literal["none", "decimated", "all"] | RecordModel = Field(
+        "none", description="Signals that the store keeps of each run."
+    )
+    retry: RetryModel | None = Field(None, description="Which failed runs are tried again, and how often.")
     time_limit: str | None = Field(None, description="How long a run may take, with its unit.")
     step_halving: bool = Field(
         True, strict=True, description="Whether every run is made with half the step, too."

@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=1.0,
         metavar="F",
-        help="have the lab state tolerances that are F times too tight (1 by default)",
+        help="have the lab state tolerances that are F times too tight",
     )
     run = parts.add_parser("run", help="diagnose every case that has no verdict yet")
     _add_folders(run)

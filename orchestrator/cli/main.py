@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
 
-__all__ = ["COMMANDS", "entry_point", "function", "main"]
+__all__ = ["COMMANDS", "entry_point", "function", "main", "make_parser"]
 
 _EXIT_CODES = """exit codes:
   0    done
@@ -148,7 +148,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ..base.errors import ConfigError, Interrupted, OrchestratorError, error_data, extras_named
     from .arguments import print_json
 
-    parser = _parser(sys.argv[1:] if arguments is None else list(arguments))
+    parser = make_parser(sys.argv[1:] if arguments is None else list(arguments))
     args = parser.parse_args(arguments)
     try:
         with extras_named():
@@ -172,8 +172,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return status
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser; of the commands, only the one that is called knows its arguments."""
+def make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser; of the commands, only the one that is called knows its arguments.
+
+    Args:
+        arguments: of the command line; the first that is no option is the command.
+    """
     import argparse
 
     parser = argparse.ArgumentParser(

@@ -234,7 +234,7 @@ class SystemModel(Model):
     """A system of connected FMUs, how to run it and what to measure."""
 
     title: str = Field("", description="What the system is, for figures and reports.")
-    run: RunModel
+    run: RunModel = Field(description="Step size, stop time, master and recording.")
     instances: dict[
         Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$")], InstanceModel
     ] = Field(min_length=1, description="Running FMUs by name; Gauss-Seidel masters keep to this order.")
@@ -244,11 +244,15 @@ class SystemModel(Model):
             description="Other programs and rigs, reached over UDP; connected as instances are.",
         )
     )
-    connections: list[Arrow | ConnectionModel] = Field(default_factory=list)
+    connections: list[Arrow | ConnectionModel] = Field(
+        default_factory=list,
+        description="What passes values between instances: `a.y -> b.u`, or in long form with effects.",
+        examples=[["a.y -> b.u", {"from": "b.y", "to": "a.u", "through": [{"delay": "1 ms"}]}]],
+    )
     bonds: Literal["auto"] | list[BondModel] = Field(
         "auto",
         description="Connections that carry energy, for the coupling ledger; by default those that units "
-        "and graph leave no doubt about.",
+        "and connections determine.",
     )
     measures: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="Post-processing by name, each with its options."

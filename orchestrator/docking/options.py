@@ -1,8 +1,8 @@
-"""Which instances of a config play which part."""
+"""Options of the docking measures: which instances they read."""
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 __all__ = ["POSE", "DockingOptions", "SpaceOptions"]
 
@@ -12,14 +12,16 @@ _SATELLITES = ("kinetic_energy", "linear_momentum", "angular_momentum")
 
 
 class SpaceOptions(BaseModel):
-    """Which instances play which part; `controller` is absent in an uncompensated loop."""
+    """Names of the instances that the measure of contacts in space reads."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    satellites: str
-    robot: str
-    contact: str
-    controller: str | None = None
+    satellites: str = Field(description="Name of the instance that simulates both satellites.")
+    robot: str = Field(description="Name of the instance that simulates the robot.")
+    contact: str = Field(description="Name of the instance that simulates the contact.")
+    controller: str | None = Field(
+        None, description="Name of the controller's instance; none in an uncompensated loop."
+    )
 
     def signals(self) -> tuple[str, ...]:
         """Names of the recorded signals that the measure reads."""
@@ -36,14 +38,16 @@ class SpaceOptions(BaseModel):
 
 
 class DockingOptions(BaseModel):
-    """Which instances play which part; `controller` is absent in an uncompensated loop."""
+    """Names of the instances that the measure of contacts along a line reads."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    satellite: str
-    robot: str
-    contact: str
-    controller: str | None = None
+    satellite: str = Field(description="Name of the instance that simulates the relative motion.")
+    robot: str = Field(description="Name of the instance that simulates the robot.")
+    contact: str = Field(description="Name of the instance that simulates the contact.")
+    controller: str | None = Field(
+        None, description="Name of the controller's instance; none in an uncompensated loop."
+    )
 
     def signals(self) -> tuple[str, ...]:
         """Names of the recorded signals that the measure reads."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, cast
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -26,6 +26,7 @@ __all__ = [
     "create_master",
     "ended",
     "failure",
+    "master_class",
     "master_names",
     "need_rollback",
 ]
@@ -155,6 +156,12 @@ def master_names() -> tuple[str, ...]:
     return tuple(_MASTERS)
 
 
+def master_class(name: str) -> type[Master]:
+    """The class of a master. Raises: KeyError if there is none of that name."""
+    module, _, attribute = _MASTERS[name].partition(":")
+    return getattr(import_module(module, __package__), attribute)
+
+
 def create_master(
     master: str | Mapping[str, Any], place: str = "", places: Places | None = None
 ) -> MasterAlgorithm:
@@ -173,10 +180,9 @@ def create_master(
         what = f"no master {name!r}" if name is not None else "the master has no name"
         suggestion = nearest(name, names) if isinstance(name, str) else ""
         raise ConfigError([Problem(place, what, f"masters: {listed(names)}", suggestion)])
-    module, _, attribute = _MASTERS[name].partition(":")
-    found = getattr(import_module(module, __package__), attribute)
+    found = master_class(name)
     try:
-        return found.model_validate(options)
+        return cast(MasterAlgorithm, found.model_validate(options))
     except ValidationError as error:
         known = places or Places(place or f"master {name}")
         raise ConfigError(

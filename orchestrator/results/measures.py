@@ -25,6 +25,7 @@ __all__ = [
     "changes",
     "choose_measures",
     "judge_measures",
+    "measure_class",
     "measure_names",
     "signal_changes",
 ]
@@ -95,6 +96,12 @@ def measure_names() -> tuple[str, ...]:
     return tuple(_MEASURES)
 
 
+def measure_class(name: str) -> type[Measure]:
+    """The class of a measure. Raises: KeyError if there is none of that name."""
+    module, _, attribute = _MEASURES[name].partition(":")
+    return getattr(import_module(module), attribute)
+
+
 def choose_measures(config: Config) -> tuple[ChosenMeasure, ...]:
     """The measures of a config. Raises: ConfigError if one does not exist or its options are wrong."""
     chosen, problems = judge_measures(config)
@@ -113,8 +120,7 @@ def judge_measures(config: Config) -> tuple[list[ChosenMeasure], list[Problem]]:
             place = config.places.text(("measures", name))
             problems.append(Problem(place, what, f"measures: {listed(names)}", nearest(name, names)))
             continue
-        module, _, attribute = _MEASURES[name].partition(":")
-        measure = getattr(import_module(module), attribute)()
+        measure = measure_class(name)()
         try:
             chosen.append(ChosenMeasure(name, measure, measure.options.model_validate(options)))
         except ValidationError as error:

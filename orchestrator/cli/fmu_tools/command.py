@@ -38,14 +38,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     comparing.add_argument("fmus", nargs=2, metavar="FILE|NAME", help="two .fmu files, or bundled ones")
     for tool in (validating, comparing, benching):
         tool.add_argument("--step-size", type=float, metavar="SECONDS", help="instead of the FMU's own [s]")
-        tool.add_argument("--seed", type=int, default=1, help="of the inputs (1)")
+        tool.add_argument("--seed", type=int, default=1, help="of the inputs (default: 1)")
     for tool, steps in ((validating, 50), (comparing, 500)):
-        tool.add_argument("--steps", type=int, default=steps, help=f"of a trajectory ({steps})")
+        tool.add_argument("--steps", type=int, default=steps, help=f"of a trajectory (default: {steps})")
     validating.add_argument(
         "--interface", choices=["co-simulation", "model-exchange"], help="the one to try, if there are both"
     )
     validating.add_argument(
-        "--time-limit", type=float, default=60.0, metavar="SECONDS", help="of each check of behaviour (60)"
+        "--time-limit",
+        type=float,
+        default=60.0,
+        metavar="SECONDS",
+        help="of each check of behaviour (default: 60)",
     )
     comparing.add_argument(
         "--tolerance",
@@ -53,7 +57,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         help="exit with 1 if an output differs by more than this part of its largest value",
     )
-    benching.add_argument("--rounds", type=int, default=9, help="repeats; the median is reported (9)")
+    benching.add_argument(
+        "--rounds", type=int, default=9, help="repeats; the median is reported (default: 9)"
+    )
 
 
 def main(args: argparse.Namespace) -> int:
