@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_size_t, c_void_p, cast, create_string_buffer
+from ctypes import (
+    CFUNCTYPE,
+    addressof,
+    byref,
+    c_char_p,
+    c_double,
+    c_int,
+    c_size_t,
+    c_void_p,
+    cast,
+    create_string_buffer,
+)
 from typing import Any
 
 from ..base.errors import StepError
@@ -28,7 +39,7 @@ class Fmi2Instance(CompiledInstance):
 
     _EXIT, _TERMINATE, _FREE = "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2FreeInstance"
     _RESET, _BEND = "fmi2Reset", "fmi2SetRealInputDerivatives"
-    _STATUS, _REAL_STATUS = "fmi2GetStatus", "fmi2GetRealStatus"
+    _STATUS, _REAL_STATUS, _BOOLEAN_STATUS = "fmi2GetStatus", "fmi2GetRealStatus", "fmi2GetBooleanStatus"
 
     def _instantiate(self) -> None:
         self._callbacks = callbacks_for(self._log)
@@ -44,6 +55,7 @@ class Fmi2Instance(CompiledInstance):
         # Without fmpy's argument types a call takes half as long.
         do_step = CFUNCTYPE(c_int, c_void_p, c_double, c_double, c_int)
         self._do_step = do_step(cast(self._function("fmi2DoStep"), c_void_p).value)
+        self._answers = c_int(), c_double()
 
     def _accessor(self, variable: Variable, verb: str) -> tuple[Any, Any]:
         ctype, name = _TYPES[variable.type]
@@ -72,11 +84,16 @@ class Fmi2Instance(CompiledInstance):
             component=self._handle.value or 0,
             step=cast(self._do_step, c_void_p).value or 0,
             no_rollback=self._saved_states == 0,
-            returned=(0, 0, 0, 0),
+            returned=(0, addressof(self._answers[0]), 0, addressof(self._answers[1])),
             inputs=tuple(self._inputs),
             outputs=tuple(self._outputs),
-            bend=cast(self._slave._functions.get(self._BEND), c_void_p).value or 0,
+            bend=self._address(self._BEND),
+            asked=(self._address(self._BOOLEAN_STATUS), self._address(self._REAL_STATUS)),
         )
+
+    def _address(self, name: str) -> int:
+        """Of a function; 0 without it."""
+        return cast(self._slave._functions.get(name), c_void_p).value or 0
 
     def judge_step(self, status: int, point: Point) -> StepStatus:
         """See CompiledInstance.judge_step."""
@@ -96,7 +113,7 @@ class Fmi2Instance(CompiledInstance):
         self._fail("fmi2DoStep", status)
 
     def _asks_to_terminate(self) -> bool:
-        function = self._slave._functions.get("fmi2GetBooleanStatus")
+        function = self._slave._functions.get(self._BOOLEAN_STATUS)
         value = c_int(0)
         return (
             function is not None and function(self._component, _TERMINATED, byref(value)) <= 1 and bool(value)

@@ -155,20 +155,71 @@ def test_plain_systems_take_the_short_way_to_the_same(way, steps_before, master)
     assert never or steps_before < len(kept.results) <= steps_before + 2
 
 
-@every_master
+def ending(version: int, who: str, at: float, units=("m", "m"), own=1, through=()):
+    """Three integrators in a chain, of which one ends the simulation after the step from a time."""
+    fmu = load_fmu(unruly_fmu(version, *units))
+    starts = {"one": {}, "two": {}, "three": {"rate": f"0.1 {units[0]}"}}
+    starts[who] |= {"way": WAYS.index("ends"), "at": at}
+    parts = [
+        Part(name, fmu, start, ratio=Fraction(own if name == who else 1)) for name, start in starts.items()
+    ]
+    return assemble(
+        parts,
+        ["three.level -> one.rate", {"from": "one.level", "to": "two.rate", "through": list(through)}],
+    )
+
+
+@curved_or_not
 @every_version
+@pytest.mark.parametrize("through", [(), ({"effect": "delay", "time": "5 ms"},)])
 @pytest.mark.parametrize("who", ["one", "two", "three"])
 @pytest.mark.parametrize("steps_before", [0, 1, 1300])
-def test_an_fmu_that_ends_the_simulation_after_a_step_has_all_finish_it(steps_before, who, master, version):
-    begin = Fraction(1, 3) + steps_before * Fraction(1, 700)
-    fmu = load_fmu(unruly_fmu(version))
-    starts = {"one": {}, "two": {}, "three": {"rate": "0.1 mm"}}
-    starts[who] |= {"way": WAYS.index("ends"), "at": float(begin)}
-    parts = [Part(name, fmu, start) for name, start in starts.items()]
-    kept = both(assemble(parts, ["three.level -> one.rate", "one.level -> two.rate"]), master, 2000)
+def test_an_fmu_that_ends_the_simulation_after_a_step_has_all_finish_it(
+    steps_before, who, through, master, version
+):
+    system = ending(
+        version, who, float(Fraction(1, 3) + steps_before * Fraction(1, 700)), ("mm", "m"), 1, through
+    )
+    kept = both(system, master, 2000)
     assert kept.error is None and kept.ended == (who, kept.results.time[-1])
     assert len(kept.results) == steps_before + 2
-    assert all(kept.results[f"{name}.count"][-1] == steps_before + 1 for name in starts)
+    assert all(kept.results[f"{name}.count"][-1] == steps_before + 1 for name in ("one", "two", "three"))
+
+
+@every_master
+@every_version
+@pytest.mark.parametrize("steps_before", [0, 1300])
+def test_a_slow_instance_ends_the_simulation_after_its_own_step(steps_before, master, version):
+    at = float(Fraction(1, 3) + steps_before * Fraction(1, 700))
+    kept = both(ending(version, "two", at, own=4), master, 2000)
+    assert kept.error is None and kept.ended == ("two", kept.results.time[-1])
+    assert len(kept.results) == steps_before + 5
+
+
+@curved_or_not
+@every_version
+@pytest.mark.parametrize("steps_before", [0, 1300])
+@pytest.mark.parametrize("part", [0, 2])
+def test_a_fast_instance_ends_the_simulation_after_the_last_part_of_a_step(
+    part, steps_before, master, version
+):
+    """After another part it ends before the communication point: the last point is the one before."""
+    at = float(Fraction(1, 3) + (steps_before + Fraction(part, 3)) * Fraction(1, 700))
+    kept = both(ending(version, "two", at, own=Fraction(1, 3)), master, 2000)
+    assert kept.error is None and kept.ended[0] == "two"
+    assert len(kept.results) == steps_before + (2 if part == 2 else 1)
+
+
+@every_master
+@pytest.mark.parametrize("steps_before", [0, 1, 62, 63, 64, 1300, 2498])
+def test_plain_systems_end_after_a_step_as_well(steps_before, master):
+    fmu = load_fmu(unruly_fmu(2))
+    at = float(Fraction(1, 3) + steps_before * Fraction(1, 700))
+    parts = [Part("one", fmu, {"rate": "1 m"}), Part("two", fmu, {"way": WAYS.index("ends"), "at": at})]
+    system = assemble(parts, ["one.level -> two.rate"], record=["one.level", "two.level"])
+    kept = both(system, master)
+    assert kept.error is None and kept.ended == ("two", kept.results.time[-1])
+    assert len(kept.results) == steps_before + 2
 
 
 @curved_or_not

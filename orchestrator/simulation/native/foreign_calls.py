@@ -17,6 +17,7 @@ __all__ = [
     "as_doubles",
     "call_effect",
     "call_fmi2_derivatives",
+    "call_fmi2_status",
     "call_fmi2_step",
     "call_fmi2_values",
     "call_fmi3_step",
@@ -46,6 +47,7 @@ def _caller(kinds: str, result: str = "i") -> Callable[..., Any]:
 
 _VALUES2, _VALUES3, _DERIVATIVES2 = _caller("wwww"), _caller("wwwww"), _caller("wwwww")
 _STEP2, _STEP3 = _caller("wddi"), _caller("wddiwwww")
+_STATUS2 = _caller("wiw")
 _TIMER = _caller("iw")
 _EFFECT = _caller("dwwwwwww", "d")
 
@@ -72,6 +74,12 @@ def call_fmi3_values(typing, function, component, references, count, values, val
 def call_fmi2_step(typing, function, component, time, step_size, no_rollback):
     """fmi2Status (*)(fmi2Component, fmi2Real, fmi2Real, fmi2Boolean)"""
     return _STEP2()
+
+
+@intrinsic
+def call_fmi2_status(typing, function, component, kind, value):
+    """fmi2Status (*)(fmi2Component, const fmi2StatusKind, value *)"""
+    return _STATUS2()
 
 
 @intrinsic

@@ -21,9 +21,9 @@ from .foreign_calls import (
     store,
 )
 from .plain_steps import end as _end
-from .plain_steps import not_finite, run_plain
+from .plain_steps import ends_after, not_finite, run_plain
 from .plain_steps import word as _word
-from .table_columns import Ahead, Call, Code, Phase, Step
+from .table_columns import Ahead, Call, Code, Outcome, Phase, Step
 from .table_columns import Path as Chain
 
 __all__ = ["run_bent_steps", "run_steps", "run_wired_steps"]
@@ -31,11 +31,11 @@ __all__ = ["run_bent_steps", "run_steps", "run_wired_steps"]
 # numba takes plain whole numbers for constants.
 _C_FUNCTION, _C_COMPONENT, _REFERENCES, _COUNT, _VALUES, _CODE, _PLACE, _VALUE_COUNT = map(int, Call)
 _VERSION, _FUNCTION, _COMPONENT, _NO_ROLLBACK, _EVENT, _TERMINATE, _EARLY, _REACHED = map(int, list(Step)[:8])
-_FIRST_SET, _END_SET, _FIRST_GET, _END_GET, _FIRST_INPUT, _END_INPUT, _CONVERTS = map(int, list(Step)[8:15])
-_EVERY, _PARTS = map(int, list(Step)[15:])
+_FIRST_SET, _END_SET, _FIRST_GET, _END_GET, _FIRST_INPUT, _END_INPUT, _CONVERTS = map(int, list(Step)[10:17])
+_EVERY, _PARTS = map(int, list(Step)[17:])
 _DIRECT, _F64, _F32, _I8, _U8, _I16, _U16, _I32, _U32, _I64, _U64, _BOOL = map(int, Code)
 _DONE, _SET, _ADVANCE, _GET, _FINITE, _CONVERT, _BEND = map(int, Phase)
-_AT_END, _PATH_PLACE = int(Ahead.END), int(Chain.PLACE)
+_AT_END, _PATH_PLACE, _ENDER = int(Ahead.END), int(Chain.PLACE), int(Outcome.ENDER)
 _CALL_ROW, _STEP_ROW = 8 * len(Call), 8 * len(Step)  # bytes
 
 # Of a step: how near its end an early return counts as its end, as in fmi3.py.
@@ -268,10 +268,12 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
             paths, links, legs, leg_gain, leg_offset, reads, after, bounds: of connections with effects, see
                 `wiring.Wiring`.
             ahead: of inputs that follow curves, see `ahead.Curves`; square: of `step_size`.
-            outcome: how it ended, shape (4,).
-        Returns: the number of steps that were finished.
+            outcome: how it ended, by `Outcome`.
+        Returns: the number of steps that were finished. An instance may end the simulation
+            after the last one.
         """
         _end(outcome.ctypes.data, 0, _DONE, 0, 0)
+        outcome[_ENDER] = ender = np.int64(-1)
         steps_at, calls_at, places_at = steps.ctypes.data, calls.ctypes.data, places.ctypes.data
         source_at, gain_at, offset_at = source.ctypes.data, gain.ctypes.data, offset.ctypes.data
         values_at, inputs_at, timer_at = values.ctypes.data, inputs.ctypes.data, timer.ctypes.data
@@ -295,10 +297,10 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
             elif plain:
                 last = min(point + countdown, times.shape[0])
                 reached = run_plain(
-                    point, last, plan, late, source, inputs_at, values, bits, times, step_size, columns,
-                    record, outcome_at,
+                    point, last, plan, steps_at, late, source, inputs_at, values, bits, times, step_size,
+                    columns, record, outcome_at,
                 )  # fmt: skip
-                if reached != last:
+                if reached != last or _word(outcome_at, _ENDER) >= 0:
                     return reached
                 point, countdown = last, 1
                 continue
@@ -370,8 +372,11 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
                             return point
                     status = _step(step, own_time, own_size)
                     if status > 1 or (version == 3 and _stopped(step, own_time + (1.0 - _CLOSE) * own_size)):
-                        _end(outcome_at, who, _ADVANCE, 0, status, part)
-                        return point
+                        if not ends_after(step, status, time, step_size):
+                            _end(outcome_at, who, _ADVANCE, 0, status, part)
+                            return point
+                        ender = who
+                        break
                 for index in range(_word(step, _FIRST_GET), _word(step, _END_GET)):
                     call = calls_at + _CALL_ROW * index
                     status = _call_values(call, version)
@@ -409,6 +414,9 @@ def _compile(name: str, wired: bool, bent: bool) -> Callable[..., int]:
                 _end(outcome_at, 0, _FINITE, 0, 0)
                 return point
             point += 1
+            if ender >= 0:
+                outcome[_ENDER] = ender
+                return point
         return times.shape[0]
 
     run_steps.__qualname__ = name

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from time import perf_counter_ns
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,8 +95,10 @@ def run_native(
                 if latest is not None:
                     one.stand_at(latest)
         if native.failed:
-            native.end(Point(index, float(times[done]), float(grid.step_size)))
-            return index + 1
+            native.fail(Point(index, float(times[done]), float(grid.step_size)))
+        if (ender := int(native.outcome[Outcome.ENDER])) >= 0:
+            instances.ender = ender
+            break
         native.timed_every = _TIMED_EVERY if took < done * len(native.running) * _SHORT else 1
         size = min(2 * size, largest) if took < _LONGEST else max(size // 2, 1)
     return index
@@ -201,30 +203,12 @@ class _Native:
             self.instances.add_elapsed([round(factor * part) for part in self.elapsed.tolist()])
             self.elapsed[:] = 0
 
-    def end(self, point: Point) -> None:
-        """Do about a failed step what the interpreter's loop would.
-
-        Raises: StepError, unless an instance finished its step and then asked to end the simulation: then the
-            instances after it finish theirs.
-        """
+    def fail(self, point: Point) -> NoReturn:
+        """Raises: StepError or SimulationEnded, as the interpreter's loop does for such a step."""
         who = int(self.outcome[Outcome.WHO])
         status = _judged(self.instances, self.tables, self.outcome, point, self.begun)
-        instances, planned = self.instances, self.planned
-        # Effects, curves and slow instances keep what they remember in the machine code alone.
-        simple = not self.tables.curves.order and not len(self.tables.wiring.paths)
-        simple &= all(one.ratio.numerator == 1 for one in instances.system.instances)
-        if not (simple and status is StepStatus.TERMINATED and instances.is_complete(who, point)):
-            failure(instances, who, status).raise_on_failure(point)
-            raise AssertionError("a step that did not fail ended the native loop")
-        instances.ender = who
-        self.running[who].read_outputs()
-        order = list(planned.order)
-        for index in order[order.index(who) + 1 :]:
-            if planned.late:
-                instances.transfer(index)
-            later = instances.advance(index, point)
-            if later > StepStatus.WARNING:
-                failure(instances, index, later).raise_on_failure(point)
+        failure(self.instances, who, status).raise_on_failure(point)
+        raise AssertionError("a step that did not fail ended the native loop")
 
 
 def _latest(ratio: Fraction, grid: Grid, steps: int) -> float | None:
@@ -253,7 +237,7 @@ def _judged(
     instances: Instances, tables: Tables, outcome: NDArray[np.int64], point: Point, begun: Array
 ) -> StepStatus:
     """The status of a failed step. Raises: StepError, as the interpreter's loop does."""
-    who, phase, row, status, part = outcome.tolist()
+    who, phase, row, status, part, _ = outcome.tolist()
     if phase == Phase.FINITE:
         instances.signals(point.time + point.step_size)
     one = instances.running[who]

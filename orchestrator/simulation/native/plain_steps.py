@@ -9,18 +9,28 @@ from __future__ import annotations
 import numpy as np
 from numba.extending import register_jitable
 
-from .foreign_calls import call_fmi2_step, call_fmi2_values, load, store
-from .table_columns import Outcome, Phase, Plain
+from .foreign_calls import call_fmi2_status, call_fmi2_step, call_fmi2_values, load, store
+from .table_columns import Outcome, Phase, Plain, Step
 
-__all__ = ["end", "not_finite", "run_plain", "word"]
+__all__ = ["end", "ends_after", "not_finite", "run_plain", "word"]
 
 # numba takes plain whole numbers for constants.
-_WHO, _PHASE, _BLOCK, _STATUS, _PART = map(int, Outcome)
+_WHO, _PHASE, _BLOCK, _STATUS, _PART, _ENDER = map(int, Outcome)
 _SET, _ADVANCE, _GET, _FINITE = map(int, (Phase.SET, Phase.ADVANCE, Phase.GET, Phase.FINITE))
 _COMPONENT, _SETTER, _INPUTS, _INPUT_COUNT, _U, _STEP, _NO_ROLLBACK = map(int, list(Plain)[:7])
 _GETTER, _OUTPUTS, _OUTPUT_COUNT, _Y, _FIRST_INPUT, _END_INPUT = map(int, list(Plain)[7:13])
 _POSITION, _SET_ROW, _GET_ROW = map(int, list(Plain)[13:])
-_ROW = 8 * len(Plain)  # bytes
+_VERSION, _OWNER, _TERMINATE, _REACHED, _ASK_TERMINATE, _ASK_REACHED = map(
+    int,
+    (Step.VERSION, Step.COMPONENT, Step.TERMINATE, Step.REACHED, Step.ASK_TERMINATE, Step.ASK_REACHED),
+)
+_ROW, _STEP_ROW = 8 * len(Plain), 8 * len(Step)  # bytes
+
+# Codes of FMI 2.
+_DISCARD, _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 2, 3
+# How near a step's end an end of the simulation counts as being there, as in running_instances.py: parts of
+# the step, and roundings.
+_CLOSE, _ROUNDINGS = 1e-9, 8.0
 
 # The bits of a double that are all ones in infinities and NaNs only.
 _EXPONENT = 0x7FF0000000000000
@@ -43,6 +53,36 @@ def end(outcome, who, phase, row, status, part=0):
 
 
 @register_jitable
+def ends_after(step, status, time, step_size):
+    """Whether an instance finished a communication step and asks to end the simulation.
+
+    Args:
+        step: address of the instance's row of table_columns.Step.
+        status: what its step function returned.
+        time, step_size: of the communication step [s].
+    """
+    if word(step, _VERSION) == 3:
+        if status > 1 or load(word(step, _TERMINATE), np.uint8(0)) == 0:
+            return False
+    else:
+        asked, reached = word(step, _ASK_TERMINATE), word(step, _ASK_REACHED)
+        if status != _DISCARD or asked == 0 or reached == 0:
+            return False
+        owner, answer = word(step, _OWNER), word(step, _TERMINATE)
+        store(answer, np.int32(0))
+        if (
+            call_fmi2_status(asked, owner, np.int32(_TERMINATED), answer) > 1
+            or load(answer, np.int32(0)) == 0
+        ):
+            return False
+        if call_fmi2_status(reached, owner, np.int32(_LAST_SUCCESSFUL_TIME), word(step, _REACHED)) > 1:
+            return False
+    until = time + step_size
+    close = max(_CLOSE * step_size, _ROUNDINGS * np.spacing(abs(until)))
+    return load(word(step, _REACHED), np.float64(0)) >= until - close
+
+
+@register_jitable
 def not_finite(bits):
     """Whether one of these doubles, given by their bits, is no finite number."""
     # Vectorised, in numbers that do not overflow: compiled code may take that as given.
@@ -54,18 +94,20 @@ def not_finite(bits):
 
 @register_jitable
 def run_plain(
-    first, last, plan, late, source, inputs_at, values, bits, times, step_size, columns, record, outcome
-):
+    first, last, plan, steps_at, late, source, inputs_at, values, bits, times, step_size, columns, record,
+    outcome,
+):  # fmt: skip
     """Take the steps first <= point < last, or those until one fails; see `kernel.run_steps`.
 
     Args:
         plan: one row of codes.Plain for each instance in the order of stepping.
-        inputs_at, outcome: addresses.
+        steps_at, inputs_at, outcome: addresses.
         bits: of `values`.
-    Returns: the first point whose step was not finished.
+    Returns: the first point whose step was not taken, or not finished.
     """
     plan_at, values_at, count, inputs = plan.ctypes.data, values.ctypes.data, plan.shape[0], source.shape[0]
     source_at = source.ctypes.data
+    ender = np.int64(-1)
     for point in range(first, last):
         time = times[point]
         if record:
@@ -92,8 +134,11 @@ def run_plain(
                 word(row, _STEP), component, time, step_size, np.int32(word(row, _NO_ROLLBACK))
             )
             if status > 1:
-                end(outcome, word(row, _POSITION), _ADVANCE, 0, status)
-                return point
+                position = word(row, _POSITION)
+                if not ends_after(steps_at + _STEP_ROW * position, status, time, step_size):
+                    end(outcome, position, _ADVANCE, 0, status)
+                    return point
+                ender = position
             size = word(row, _OUTPUT_COUNT)
             if size != 0:
                 status = call_fmi2_values(
@@ -106,4 +151,7 @@ def run_plain(
         if not_finite(bits):
             end(outcome, 0, _FINITE, 0, 0)
             return point
+        if ender >= 0:
+            store(outcome + 8 * _ENDER, ender)
+            return point + 1
     return last

@@ -33,10 +33,12 @@ class Step(_Column):
     FUNCTION = auto()
     COMPONENT = auto()
     NO_ROLLBACK = auto()  # whether no state is kept
-    EVENT = auto()  # FMI 3: where the step's results go
+    EVENT = auto()  # where the step's results go; FMI 2 has two of them, and gives them when it is asked
     TERMINATE = auto()
     EARLY = auto()
     REACHED = auto()
+    ASK_TERMINATE = auto()  # FMI 2: functions that give them; 0 without one
+    ASK_REACHED = auto()
     FIRST_SET = auto()  # rows of the table of calls
     END_SET = auto()
     FIRST_GET = auto()
@@ -167,3 +169,4 @@ class Outcome(_Column):
     BLOCK = auto()  # row of the table of calls
     STATUS = auto()
     PART = auto()  # of the instance's own steps in a communication step
+    ENDER = auto()  # position of the instance that ends the simulation after the last step; -1: none

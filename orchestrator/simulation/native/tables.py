@@ -86,7 +86,14 @@ class Tables:
         first = 0
         for position, one in enumerate(native):
             end = first + len(layout.inputs[position].names)
-            row: list[Any] = [one.version, one.step, one.component, one.no_rollback, *one.returned]
+            row: list[Any] = [
+                one.version,
+                one.step,
+                one.component,
+                one.no_rollback,
+                *one.returned,
+                *one.asked,
+            ]
             for group, begin in ((one.inputs, first), (one.outputs, layout.spans[position].start)):
                 row.append(len(blocks))
                 for block in group:
