@@ -1,11 +1,13 @@
-"""Pages outside docs/ that pages link to, for the documentation site."""
+"""The documentation site: pages outside docs/ that pages link to, and equations."""
 
 from __future__ import annotations
 
+import html
 import re
 from pathlib import Path
 from typing import Any
 
+from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
 
 _ROOT = Path(__file__).parents[1]
@@ -32,3 +34,21 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     for name, place in _PAGES.items():
         markdown = re.sub(rf"\]\((?:\.\./)?{re.escape(name)}(?=[#)])", f"]({place}", markdown)
     return markdown
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Equations in LaTeX -> MathML, which browsers show without a script."""
+    return re.sub(
+        r'(<(?:span|div) class="arithmatex">)(?:\\\((.*?)\\\)|\\\[(.*?)\\\])(?=</)',
+        lambda found: found[1] + _equation(found[2] or found[3], "inline" if found[2] else "block"),
+        content,
+        flags=re.DOTALL,
+    )
+
+
+def _equation(latex: str, display: str) -> str:
+    """Raises: ValueError if a command of LaTeX is not known to the converter."""
+    made = convert(html.unescape(latex).strip(), display=display)
+    if "\\" in made or "&#x0005C;" in made:
+        raise ValueError(f"equation {latex.strip()!r}: {made} holds a command of LaTeX that is not converted")
+    return made
