@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ...base.errors import Problem
+from ...base.errors import Problem, SimulationEnded, StepError
 from ...system.connection import Port
 from ..channels import clipped, frozen
 from ..mistakes import Mistake, plural, told_once, wrong_factors, wrong_scales
@@ -40,13 +40,14 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     """Check the logs of a study, and the tolerances that they are held against.
 
     Returns: a column with a wrong sign or unit, two that were exchanged, or some whose clock is off, if that
-        explains nearly all that the model misses, and runs in which the model runs away: they forbid a
-        diagnosis; and what a reader should be warned of.
+        explains nearly all that the model misses, and runs in which the model runs away, fails or ends: they
+        forbid a diagnosis; and what a reader should be warned of.
     """
-    given = {run.name: _signals(PortReplay(study, [run]), run) for run in study.runs}
+    stops: dict[str, list[StepError]] = {run.name: [] for run in study.runs}
+    given = {run.name: _signals(PortReplay(study, [run]), run, stops[run.name]) for run in study.runs}
     found = [_mistake(study, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    refused = told_once(mistakes, "the same in {} more run{s}") + _runaways(study, given)
+    refused = told_once(mistakes, "the same in {} more run{s}") + _stray(study, given, stops)
     # Beside a mistake of another kind nothing says about clocks.
     late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
     return [*refused, *late], [
@@ -59,18 +60,25 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     ]
 
 
-def _signals(replay: PortReplay, run: PortRun) -> Signals:
-    """What the model as configured gives of a run."""
-    return replay.signals(run, {}, (), np.zeros(0))
+def _signals(replay: PortReplay, run: PortRun, stops: list[StepError] | None = None) -> Signals:
+    """What the model as configured gives of a run; `stops`: see `Player.run`."""
+    return replay.signals(run, {}, (), np.zeros(0), stops=stops)
 
 
 def _compared(study: PortStudy, run: PortRun) -> list[Port]:
     return [port for port in study.compared if port in run.logs]
 
 
-def _runaways(study: PortStudy, signals: Mapping[str, Signals]) -> list[Problem]:
-    """Runs in which the model as configured runs away: nothing tells then what it lacks."""
-    found: list[tuple[str, str]] = []
+def _stray(
+    study: PortStudy, signals: Mapping[str, Signals], stops: Mapping[str, list[StepError]]
+) -> list[Problem]:
+    """Runs in which the model as configured runs away, fails or ends: nothing tells then what it lacks.
+
+    Args:
+        stops: by run, what ended it, if anything did.
+    """
+    runaways: list[tuple[str, str]] = []
+    found: list[Problem] = []
     for run in study.runs:
         given = signals[run.name]
         begun: dict[Port, int] = {}
@@ -79,17 +87,39 @@ def _runaways(study: PortStudy, signals: Mapping[str, Signals]) -> list[Problem]
             away = np.flatnonzero(~(np.abs(given[port]) <= _AWAY * most))  # what is no number, too
             if away.size:
                 begun[port] = int(away[0])
-        if begun:
-            port = min(begun, key=lambda one: begun[one])
-            found.append((run.name, f"{port} from {begun[port] * study.interval:.4g} s on"))
-    if not found:
-        return []
-    (name, what), *more = found
+        if not begun:
+            continue
+        port = min(begun, key=lambda one: begun[one])
+        stop = next((one for one in stops[run.name] if one.status != "not finite"), None)
+        if stop is not None and np.isnan(given[port][begun[port]]):
+            found.append(_stopped(study, run, stop, begun[port] - 1))
+        else:
+            runaways.append((run.name, f"{port} from {begun[port] * study.interval:.4g} s on"))
+    if not runaways:
+        return found
+    (name, what), *more = runaways
     what += f"; it does in {len(more)} more run{plural(more)}" if more else ""
     allowed = f"within {_AWAY:g} times what was measured, driven by the same inputs"
     remedy = "Check its parameters and what is fed; whether the coupling makes it so, a step smaller than "
     remedy += f"{float(study.prepared.grid.step_size):.4g} s tells."
-    return [Problem(name, f"the model as configured runs away: {what}", allowed, remedy)]
+    return [*found, Problem(name, f"the model as configured runs away: {what}", allowed, remedy)]
+
+
+def _stopped(study: PortStudy, run: PortRun, stop: StepError, last: int) -> Problem:
+    """A run that an FMU ended before the log ends.
+
+    Args:
+        last: index of the last sample that the model gave; -1: none.
+    """
+    ended = isinstance(stop, SimulationEnded)
+    what = (
+        f"the model as configured {'ends' if ended else 'fails'} before the log: {stop.instance} {stop.what}"
+    )
+    what += f" at {stop.time or 0.0:.6g} s of {(len(run) - 1) * study.interval:.6g} s"
+    # With shorter steps it ends up to a step earlier: the sample before is there with all.
+    cut = f"Cut the run before it (`to`, {last * study.interval:.6g} s after its first sample), or check "
+    remedy = (cut if last > 2 else "Check ") + "what makes it do so: parameters, start values, what is fed."
+    return Problem(run.name, what, "a model that runs as long as the log", remedy)
 
 
 def _unlike(study: PortStudy) -> list[Warned]:

@@ -102,7 +102,7 @@ def doubts(found: Mapping[str, Any]) -> list[Warned]:
         if fraction is None or (not loud and (fraction <= _DOUBTFUL or noisy)):
             return []
     step = _step(found)
-    what = "a model runs away" if found["halved"] else f"FMUs take no steps of half of {step}"
+    what = "a model runs away or ends early" if found["halved"] else f"FMUs take no steps of half of {step}"
     what += ", so that the co-simulation's own error is not known"
     if not runs_away:
         what = f"halving the step of {step} changes the signals by {100 * fraction:.3g} % of the gap"

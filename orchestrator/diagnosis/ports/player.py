@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -20,7 +20,7 @@ from ...fmi.loading import CompiledFmu
 from ...master import MasterAlgorithm
 from ...master.gauss_seidel import GaussSeidel
 from ...simulation.grid import Grid
-from ...simulation.loop import simulate
+from ...simulation.loop import Report, simulate
 from ...system.connection import Connection, Leg, Link, Port, Wire
 from ...system.instance_pool import InstancePool
 from ...system.signal_vector import Layout, Signals, Wired
@@ -101,6 +101,7 @@ class Player:
         start: Mapping[Port, Value] | None = None,
         inserted: Sequence[Inserted] = (),
         errors: Mapping[Port, Array] | None = None,
+        stops: list[StepError] | None = None,
     ) -> dict[Port, Array]:
         """Run from 0 s over so many samples.
 
@@ -109,7 +110,8 @@ class Player:
             start: start values in place of the config's, in the units of the variables.
             inserted: in the order in which they act.
             errors: added to what compared ports give, before effects act on it, each of shape (samples,).
-        Returns: what the compared ports give, each of shape (samples,); NaN where the run failed.
+            stops: is given what ended the run before its last sample: an FMU that failed, or that asked to.
+        Returns: what the compared ports give, each of shape (samples,); NaN after what ended the run.
         """
         logs = {port: between(log, self._parts, port in self._held) for port, log in logs.items()}
         system = self._system(logs, start or {}, inserted, float(self.step_size))
@@ -120,9 +122,17 @@ class Player:
         grid = Grid(Fraction(0), self.step_size, (samples - 1) * self._parts)
 
         def simulated(loop: str) -> None:
+            report, stop = Report(), None
             # Of a model that runs away, what it gave until then is there.
-            with suppress(StepError):
-                simulate(system, self._master, grid, (seen,), loop=loop, layout=layout, pool=self._pool)
+            try:
+                simulate(
+                    system, self._master, grid, (seen,), report, loop=loop, layout=layout, pool=self._pool
+                )
+            except StepError as error:
+                stop = error
+            stop = report.ended or stop
+            if stops is not None and stop is not None:
+                stops.append(stop)
 
         try:
             simulated("native")

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...base.errors import StepError
 from ...effects.offset import Offset
 from ...fmi import Kind, Value
 from ...system.connection import Port
@@ -82,6 +83,7 @@ class PortReplay:
         effects: Sequence[Effect],
         theta: Array,
         off: Mapping[Port, float] | None = None,
+        stops: list[StepError] | None = None,
     ) -> dict[Port, Array]:
         """What a model gives at the ports that are seen, in their units, each of shape (samples,).
 
@@ -89,12 +91,13 @@ class PortReplay:
 
         Args:
             off: by what runs begin elsewhere than at the first samples of ports, in their units.
+            stops: see `Player.run`.
         """
         start, inserted = self.made(calibrated, effects, theta)
         for port, column in self.study.columns.items():
             if column.start and port in run.logs:
                 start[port] = float(run.logs[port][0]) + (off or {}).get(port, 0.0)
-        return self.player.run(run.logs, len(run), start, inserted, run.errors)
+        return self.player.run(run.logs, len(run), start, inserted, run.errors, stops)
 
     def made(
         self, calibrated: Mapping[str, float], effects: Sequence[Effect], theta: Array
