@@ -136,6 +136,24 @@ class _Lag:
         return memory[1]
 
 
+class _Held:
+    """A sample that is held. Memory: the sample, and the signal one instant ago."""
+
+    size = 2
+
+    def __init__(self, period: float, phase: float, step: float, instant: int) -> None:
+        latest, before = (math.floor((one * step - phase) / period + 1e-6) for one in (instant, instant - 1))
+        behind = max(instant * step - phase - latest * period, 0.0) / step
+        self.samples, self.share = latest > before, behind if behind > 1e-6 else 0.0
+
+    def advance(self, memory: Array, x: Array) -> Array:
+        held, old = memory
+        return np.array([x + self.share * (old - x) if self.samples else held, x])
+
+    def value(self, memory: Array, x: Array) -> Array:
+        return memory[0]
+
+
 class Feed:
     """A connection's signal from instant to instant: effects in turn, with what they remember.
 
@@ -143,11 +161,23 @@ class Feed:
         size: rows of its memory.
     """
 
-    def __init__(self, place: str, effects: Sequence[tuple[str, Effect]], step: float) -> None:
-        """Raises: ConfigError for an effect whose instants are not those of the steps."""
+    def __init__(
+        self,
+        place: str,
+        effects: Sequence[tuple[str, Effect]],
+        step: float,
+        instant: int | None = None,
+    ) -> None:
+        """Args: instant: number of the point that `advance` leads to, since the first sample of holds.
+
+        Raises: ConfigError without `instant` for an effect whose instants are not those of the steps.
+        """
         laws: list[_Law] = []
         for name, effect in effects:
             if isinstance(effect, SampleAndHold) and effect.period:
+                if instant is not None:
+                    laws.append(_Held(effect.period, effect.phase, step, instant))
+                    continue
                 what = f"{name} samples at instants of its own"
                 raise ConfigError([Problem(place, what, "the sampled loop knows those of the steps alone")])
             numbers = effect.numbers()

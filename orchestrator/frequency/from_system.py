@@ -30,7 +30,7 @@ from .delay_system import FILTER, DelaySystem, Link, Modes
 from .margins import Margins
 from .statespace import StateSpace, linearised, real_ports
 
-__all__ = ["Linearised", "linearise"]
+__all__ = ["LateInput", "Linearised", "linearise"]
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,19 @@ _SAMPLES = 24
 _LEFT = 2e-3
 
 
+@dataclass(frozen=True)
+class LateInput:
+    """A measured path from an input through a delay to the states.
+
+    Attributes:
+        delay: [s].
+        gains: what the input's delayed value adds to each state's derivative, shape (n,).
+    """
+
+    delay: float
+    gains: Array
+
+
 @dataclass(frozen=True, repr=False)
 class Linearised:
     """A linear system with delays, and what it was made of.
@@ -49,11 +62,15 @@ class Linearised:
         system: the closed system.
         point: values of states and connected inputs that it is linear around, by name, in the FMUs' units.
         notes: what was measured, assumed or left out, one sentence each.
+        parts: the state space of each instance, by its name.
+        late: inputs that act after a delay within their FMU, as "robot.command".
     """
 
     system: DelaySystem
     point: Mapping[str, float]
     notes: tuple[str, ...]
+    parts: Mapping[str, StateSpace]
+    late: Mapping[str, LateInput]
 
     def modes(self, count: int = 6) -> Modes:
         """The rightmost modes; see `DelaySystem.modes`."""
@@ -76,14 +93,6 @@ class Linearised:
         return f"{len(self.system.states)} states, {len(self.system.links)} links; modes at {shown or 'none'}"
 
 
-@dataclass(frozen=True)
-class _Hidden:
-    """A measured path from an input through a delay to the states."""
-
-    delay: float
-    gains: Array
-
-
 def linearise(
     config: str | Path | Mapping[str, Any] | Prepared,
     overrides: Iterable[str] = (),
@@ -102,8 +111,8 @@ def linearise(
     system = prepared.system
     problems: list[Problem] = []
     notes: list[str] = []
-    parts: list[StateSpace] = []
-    hidden: dict[str, _Hidden] = {}
+    parts: dict[str, StateSpace] = {}
+    hidden: dict[str, LateInput] = {}
     point: dict[str, float] = {}
     fed = {str(connection.target) for connection in system.connections}
     with instantiate(system) as instances:
@@ -151,11 +160,12 @@ def linearise(
                 notes.append(
                     f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)"
                 )
-            parts.append(part.named(one.name))
+            parts[one.name] = part
     chains, wrong = _chains(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
-    return Linearised(_closed(parts, chains, hidden), point, tuple(dict.fromkeys(notes)))
+    closed = _closed([part.named(name) for name, part in parts.items()], chains, hidden)
+    return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden)
 
 
 def _advanced(instances: Instances, prepared: Prepared, signals: Signals, at_time: float) -> float:
@@ -218,7 +228,7 @@ def _chains(connections: Iterable[Connection], notes: list[str]) -> tuple[list[_
     return chains, problems
 
 
-def _closed(parts: list[StateSpace], chains: list[_Chain], hidden: Mapping[str, _Hidden]) -> DelaySystem:
+def _closed(parts: list[StateSpace], chains: list[_Chain], hidden: Mapping[str, LateInput]) -> DelaySystem:
     lags = [(index, place, lag) for index, one in enumerate(chains) for place, lag in enumerate(one.lags)]
     blocks = [(one.a, one.b, one.c, one.d) for one in parts]
     states = [name for one in parts for name in one.states]
@@ -267,7 +277,7 @@ def _closed(parts: list[StateSpace], chains: list[_Chain], hidden: Mapping[str, 
 
 def _measured(
     one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], prepared: Prepared
-) -> _Hidden | Literal["idle"] | None:
+) -> LateInput | Literal["idle"] | None:
     """The delay between an input and the states, from two runs that differ in a step of it.
 
     Returns: "idle" if nothing answers, None if what answers is no pure delay before the states.
@@ -276,11 +286,10 @@ def _measured(
     variable = one.variable(name)
     height = 1e-3 * (abs(float(values[name])) or float(variable.nominal or 1.0))
     try:
-        runs = [_answer(one, part, name, values, change, step, prepared) for change in (0.0, height)]
+        answer = _answer(one, part, name, values, height, prepared)
     except OrchestratorError:  # it refuses to run on its own
         return None
-    length = min(len(run) for run in runs)
-    answer = (runs[1][:length] - runs[0][:length]) / height
+    length = len(answer)
     size = np.max(abs(answer), axis=0)
     scale = np.where(size > 0.0, size, 1.0)
     moved = np.flatnonzero(np.max(abs(answer) / scale, axis=1) > 1e-9)
@@ -311,7 +320,7 @@ def _measured(
     misfits = [fitted(delay)[0] for delay in delays]
     delay = delays[int(np.argmin(misfits))]
     misfit, gains = fitted(delay)
-    return _Hidden(delay, gains) if misfit <= _LEFT * np.linalg.norm(wanted) else None
+    return LateInput(delay, gains) if misfit <= _LEFT * np.linalg.norm(wanted) else None
 
 
 def _integral(a: Array, time: float) -> Array:
@@ -323,38 +332,46 @@ def _integral(a: Array, time: float) -> Array:
 
 
 def _answer(
-    one: Instance,
-    part: StateSpace,
-    name: str,
-    values: Mapping[str, Any],
-    change: float,
-    step: float,
-    prepared: Prepared,
+    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], height: float, prepared: Prepared
 ) -> Array:
-    """States and outputs after each step, shape (steps + 1, n); an input changes at the first step."""
-    begin = float(prepared.grid.start)
-    instance: FmuInstance = one.fmu.instantiate(f"{one.name} linearised")
+    """By how much states and outputs of two runs differ after each step, shape (steps + 1, n), relative to
+    the height by which an input differs from the first step on.
+    """
+    begin, step = float(prepared.grid.start), float(prepared.grid.step_size)
+    start = {**one.start, **{key: values[key] for key in part.inputs}}
+    watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
+    inputs = [np.array([float(values[name])]) for _ in range(2)]
+    instances: list[FmuInstance] = []
     try:
-        u, y = np.zeros(1), np.zeros(0)
-        instance.bind([name], u, [], y)
-        start = {**one.start, **{key: values[key] for key in part.inputs}}
-        instance.enter_initialisation(begin, start, float(prepared.grid.stop))
-        instance.exit_initialisation()
-        watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
-        states = [[float(value) for value in instance.get_values(watched).values()]]
-        u[0] = float(values[name]) + change
-        moved = 0
+        for u in inputs:
+            instance = one.fmu.instantiate(f"{one.name} linearised")
+            instances.append(instance)
+            instance.bind([name], u, [], np.zeros(0))
+            # On its own it may run longer than the system.
+            instance.enter_initialisation(begin, start, begin + (_MOST_STEPS + 1) * step)
+            instance.exit_initialisation()
+
+        def difference() -> Array:
+            still, changed = (
+                np.array([float(value) for value in instance.get_values(watched).values()])
+                for instance in instances
+            )
+            return (changed - still) / height
+
+        inputs[1] += height
+        answer, moved = [difference()], 0
         for index in range(_MOST_STEPS):
-            instance.write_inputs()
-            status = instance.do_step(Point(index, begin + index * step, step))
+            status = StepStatus.OK
+            for instance in instances:
+                instance.write_inputs()
+                status = max(status, instance.do_step(Point(index, begin + index * step, step)))
             if status > StepStatus.WARNING:
                 break
-            states.append([float(value) for value in instance.get_values(watched).values()])
-            # A system at rest answers to nothing but the change.
-            far = np.max(abs(np.subtract(states[-1], states[0]))) > 1e-12
-            moved += bool(far)
+            answer.append(difference())
+            moved += bool(np.max(abs(answer[-1]), initial=0.0) > 0.0)
             if moved > 4 * _SAMPLES:
                 break
     finally:
-        instance.free()
-    return np.array(states)
+        for instance in instances:
+            instance.free()
+    return np.array(answer)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..base.errors import ConfigError, Problem
-from ..simulation.run import prepare
+from ..base.quantities import Measure, quantity
+from ..base.units import parse_unit
+from ..simulation.run import Prepared, prepare
 from .delay_system import Modes
 from .from_system import linearise
+from .sampled_system import SampledSystem, sampled_system
+from .step_report import at_step, resting_roots
 
 __all__ = ["ParameterRange", "over_figure", "over_text", "parameter_range", "stability_over"]
 
@@ -21,6 +26,7 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\s*([^\d.\s][^=]*?)?\s*\.\.\s*({_NUMBER})\s*(.*)\Z")
 # A border is found to this share of the range.
 _BORDER = 2e-4
+_STEP = "run.step_size"
 
 
 @dataclass(frozen=True)
@@ -80,42 +86,88 @@ def stability_over(
 
     Args:
         config, overrides: as for `prepare`.
-        over: the parameter.
+        over: the parameter; also run.step_size, which the machine does not depend on.
         at_time: see `linearise` [s].
-    Returns: a dict with `parameter`, `unit`, `values`, `real`, `frequency` (of the dominant root, [1/s] and
-        [Hz]), `unstable` and `borders`.
+    Returns: a dict with `parameter`, `unit`, `values`, and of the machine `real`, `frequency` (of the
+        dominant root, [1/s] and [Hz]), `unstable` and `borders`; the same of the sampled system in `sampled`,
+        or `refused` there.
     Raises: ConfigError for a value that the config does not take.
     """
     overrides = tuple(overrides)
+    common = prepare(config, overrides) if over.path == _STEP else None
+    same = linearise(common, at_time=at_time) if common is not None else None
 
-    def modes(value: float) -> Modes:
-        return linearise(prepare(config, (*overrides, over.override(value))), at_time=at_time).modes()
+    @cache
+    def at(value: float) -> tuple[Modes, SampledSystem | ConfigError]:
+        if common is not None and same is not None:
+            prepared, linear = _with_step(common, over, value), same
+        else:
+            prepared = prepare(config, (*overrides, over.override(value)))
+            linear = linearise(prepared, at_time=at_time)
+        modes = linear.modes()
+        try:
+            return modes, sampled_system(prepared, linear, resting_roots(modes))
+        except ConfigError as error:
+            return modes, error
 
-    values = np.linspace(over.low, over.high, over.points)
-    found = [modes(float(value)) for value in values]
-    dominant = [_root(one) for one in found]
-    unstable = [_unstable(one) for one in found]
+    def machine(value: float) -> tuple[bool, complex]:
+        modes = at(value)[0]
+        return _unstable(modes), _root(modes)
+
+    def sampled(value: float) -> tuple[bool, complex]:
+        found = at(value)[1]
+        if isinstance(found, ConfigError):
+            raise found
+        modes = found.modes(1)
+        return found.unstable > 0, modes[0].root if modes else 0j
+
+    values = np.linspace(over.low, over.high, over.points).tolist()
+    report = {
+        "parameter": over.path,
+        "unit": over.unit,
+        "values": values,
+        **_followed(machine, values, _BORDER * (over.high - over.low)),
+    }
+    try:
+        report["sampled"] = _followed(sampled, values, _BORDER * (over.high - over.low))
+    except ConfigError as error:
+        report["sampled"] = {"refused": "; ".join(one.what for one in error.problems)}
+    return report
+
+
+def _with_step(common: Prepared, over: ParameterRange, value: float) -> Prepared:
+    """The system with another communication step, in the unit of the range."""
+    found = quantity("", Measure("s", parse_unit("s")), f"{value!r} {over.unit}".rstrip(), over.path)
+    if isinstance(found, Problem):
+        raise ConfigError([found])
+    return prepare(common.config, at_step(common, found)[1])
+
+
+def _followed(
+    state: Callable[[float], tuple[bool, complex]], values: list[float], resolution: float
+) -> dict[str, Any]:
+    """Dominant roots at values, and borders between them, by bisection."""
+    found = [state(one) for one in values]
     borders = []
-    for place in np.flatnonzero(np.diff(unstable)):
-        low, high, state = float(values[place]), float(values[place + 1]), unstable[place]
-        while high - low > _BORDER * (over.high - over.low):
+    for place in range(len(values) - 1):
+        low, high, unstable = values[place], values[place + 1], found[place][0]
+        if found[place + 1][0] == unstable:
+            continue
+        while high - low > resolution:
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if _unstable(modes(middle)) == state else (low, middle)
-        root = _root(modes(0.5 * (low + high)))
+            low, high = (middle, high) if state(middle)[0] == unstable else (low, middle)
+        root = state(0.5 * (low + high))[1]
         borders.append(
             {
                 "value": 0.5 * (low + high),
                 "frequency": abs(root.imag) / (2 * np.pi),
-                "unstable_above": not state,
+                "unstable_above": not unstable,
             }
         )
     return {
-        "parameter": over.path,
-        "unit": over.unit,
-        "values": values.tolist(),
-        "real": [one.real for one in dominant],
-        "frequency": [abs(one.imag) / (2 * np.pi) for one in dominant],
-        "unstable": [bool(one) for one in unstable],
+        "real": [root.real for _, root in found],
+        "frequency": [abs(root.imag) / (2 * np.pi) for _, root in found],
+        "unstable": [bool(one) for one, _ in found],
         "borders": borders,
     }
 
@@ -133,15 +185,22 @@ def over_text(report: dict[str, Any]) -> str:
     """The report in lines for terminals."""
     unit = f" {report['unit']}" if report["unit"] else ""
     low, high = report["values"][0], report["values"][-1]
-    head = f"over {report['parameter']} from {low:g} to {high:g}{unit}: "
+    sampled = report["sampled"]
+    step = f"not known, {sampled['refused']}" if "refused" in sampled else _borders(sampled, unit)
+    return (
+        f"over {report['parameter']} from {low:g} to {high:g}{unit}: {_borders(report, unit)}\n"
+        f"  as co-simulated: {step}"
+    )
+
+
+def _borders(report: dict[str, Any], unit: str) -> str:
     if not report["borders"]:
-        return head + ("unstable" if report["unstable"][0] else "stable") + " throughout"
-    lines = [
+        return ("unstable" if report["unstable"][0] else "stable") + " throughout"
+    return "; ".join(
         f"{'un' if one['unstable_above'] else ''}stable above {one['value']:.5g}{unit} "
         f"({one['frequency']:.4g} Hz)"
         for one in report["borders"]
-    ]
-    return head + "; ".join(lines)
+    )
 
 
 def over_figure(report: dict[str, Any]) -> Any:
@@ -150,15 +209,20 @@ def over_figure(report: dict[str, Any]) -> Any:
 
     figure = Figure(figsize=(6.5, 5.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
-    upper.plot(report["values"], report["real"])
+    shown = {"machine": report, "co-simulated": report["sampled"]}
+    for name, one in shown.items():
+        if "refused" not in one:
+            upper.plot(report["values"], one["real"], label=name)
+            lower.plot(report["values"], one["frequency"])
+    upper.legend()
     upper.axhline(0.0, color="black", linewidth=0.8)
     upper.set_title("dominant root")
     upper.set_ylabel("real part [1/s]")
-    lower.plot(report["values"], report["frequency"])
     lower.set_ylabel("frequency [Hz]")
     lower.set_xlabel(f"{report['parameter']} [{report['unit'] or '1'}]")
     for axes in (upper, lower):
-        for one in report["borders"]:
-            axes.axvline(one["value"], color="#D55E00", linewidth=0.8)
+        for color, one in zip(("C0", "C1"), shown.values(), strict=True):
+            for border in one.get("borders", ()):
+                axes.axvline(border["value"], color=color, linewidth=0.8, linestyle="--")
         axes.grid(alpha=0.3)
     return figure

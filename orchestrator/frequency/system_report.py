@@ -12,6 +12,7 @@ from ..simulation.run import Prepared
 from .delay_system import Modes
 from .from_system import Linearised, linearise
 from .margins import Margins
+from .step_report import step_report, step_text
 
 __all__ = ["system_figures", "system_stability", "system_text"]
 
@@ -23,13 +24,14 @@ _MOST_SHOWN = 3
 def system_stability(
     prepared: Prepared, opened: Sequence[str] = (), linear: Linearised | None = None
 ) -> dict[str, Any]:
-    """Modes and margins of a system around its start, without communication steps.
+    """Modes and margins of a system around its start, and what the master and its step make of them.
 
     Args:
         prepared: the checked system.
         opened: connections to open, by their target, as "drive.voltage"; all within loops if none is named.
         linear: what `linearise` gave; made here if it is not.
-    Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `point`, `notes`.
+    Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `sampled` (see
+        `step_report`), `point`, `notes`; all but `sampled` without communication steps.
     Raises: ConfigError with all problems; OrchestratorError if the roots cannot be certified.
     """
     linear = linear or linearise(prepared)
@@ -53,8 +55,9 @@ def system_stability(
         ],
         "line": modes.line,
         "margins": {name: _margins(one) for name, one in margins.items()},
+        "sampled": step_report(prepared, linear, modes),
         "point": dict(linear.point),
-        "notes": [*linear.notes, "the communication step of the co-simulation is not part of this model"],
+        "notes": list(linear.notes),
     }
 
 
@@ -113,6 +116,7 @@ def system_text(report: dict[str, Any]) -> str:
         lines.append("margins of connections in feedback loops, the weakest first:")
     for name, one in report["margins"].items():
         lines.append(f"  {name}: {_in_words(one)}")
+    lines.append(step_text(report["sampled"], not report["verdict"].startswith("unstable")))
     lines += [f"note: {one}" for one in report["notes"]]
     return "\n".join(lines)
 

@@ -7,7 +7,7 @@ the config's communication step and at half of it: what then remains between the
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,17 @@ from ..base.errors import ConfigError, OrchestratorError, Problem, listed
 from ..simulation.run import Prepared, prepare, run
 from .delay_system import Mode
 from .from_system import Linearised
+from .sampled_system import sampled_system
+from .step_report import at_step, pairs, resting_roots
 
 __all__ = ["verified", "verify_text"]
 
 # Samples of a period, or of the time constant of a real root, and how many are taken.
 _DENSITY = 24
 _SAMPLES = 192
+# Of a growing mode: how far it may grow, and the fewest samples.
+_GROWN = 1e5
+_FEWEST = 32
 _CHANGE = 1e-4
 _CHANNELS = 6
 # Singular values below this share of the largest are noise.
@@ -33,53 +38,113 @@ _NOISE = 1e-6
 def verified(
     config: str | Path | Mapping[str, Any], linear: Linearised, overrides: Iterable[str] = ()
 ) -> dict[str, Any]:
-    """Compare the dominant root with the decay and frequency of a co-simulation.
+    """Compare dominant roots with the decay and frequency of co-simulations.
 
     Args:
         config, overrides: as for `prepare`.
         linear: the system around its start.
-    Returns: a dict with `changed` (the start value that was changed), `root`, and for each step `step` [s],
-        `found` (the pole) and `difference` (its distance from the root, relative to the root); the last one
-        is step 0, extrapolated from the two others, since the error of masters without iteration falls with
-        the step.
+    Returns: a dict with `changed` (the start value that was changed), `root` (the machine's), and for each
+        step `step` [s], `found` (the pole) and `difference` (its distance from the root, relative to the
+        root); the last one is step 0, extrapolated from the two others, since the error of masters without
+        iteration falls with the step; it is left out where a mode of the step's own grows. `sampled` holds
+        `step`, `predicted`, `found` and `difference` of the roots that the master and the step give: the one
+        that stands for the machine's, and the dominant one if that is another, or this alone where it grows;
+        it is empty where the sampled system is not known.
     Raises: OrchestratorError if no mode can be excited or none is found; StepError if a run fails.
     """
     overrides = tuple(overrides)
-    mode = linear.modes().dominant
+    modes = linear.modes()
+    mode = modes.dominant
     if mode is None:
         raise OrchestratorError("--verify: the system has no root but 0, whose decay could be looked at")
     prepared = prepare(config, overrides)
     step = float(prepared.grid.step_size)
-    spacing = (2 * np.pi / abs(mode.root.imag) if mode.root.imag else 1 / abs(mode.root)) / _DENSITY
-    name, changes = _changed(config, overrides, prepared, linear, mode)
-    poles = []
+    name, _ = _changed(config, overrides, prepared, linear, mode)
+    poles: list[tuple[float, complex]] = []
+    overgrown = False
+    sampled: list[dict[str, Any]] = []
     for size in (step, step / 2):
-        stride = max(1, round(spacing / size))
-        stop = float(prepared.grid.start) + size * stride * _SAMPLES
-        common = (*overrides, f"run.step_size={size!r} s", f"run.stop_time={stop!r} s")
-        one, other = (_signals(config, (*common, *extra), stride) for extra in ((), changes))
-        poles.append((size, _nearest(one - other, size * stride, mode.root)))
-    poles.append((0.0, 2 * poles[1][1] - poles[0][1]))
+        size, changes = at_step(prepared, size)
+        try:
+            made = sampled_system(prepare(config, (*overrides, *changes)), linear, resting_roots(modes))
+        except ConfigError:
+            poles.append((size, _pole(config, overrides, prepared, linear, mode, size)))
+            continue
+        found = made.modes()
+        place = pairs(found, [mode])[0]
+        near = mode if place is None else found[place]
+        other = found[0] if found and place != 0 else None
+        if other is not None and other.root.real > 0.0:  # it outgrows all others
+            near, other, overgrown = other, None, True
+        predicted = [
+            (one, _pole(config, overrides, prepared, linear, one, size, made.period))
+            for one in (near, other)
+            if one is not None
+        ]
+        poles.append((size, predicted[0][1]))
+        sampled += [
+            {
+                "step": size,
+                "predicted": [one.root.real, one.root.imag],
+                "found": [pole.real, pole.imag],
+                "difference": abs(pole - one.root) / abs(one.root),
+            }
+            for one, pole in predicted
+            if one is not mode
+        ]
+    if not overgrown:
+        poles.append((0.0, 2 * poles[1][1] - poles[0][1]))
     steps = [
         {
             "step": size,
-            "found": [found.real, found.imag],
-            "difference": abs(found - mode.root) / abs(mode.root),
+            "found": [pole.real, pole.imag],
+            "difference": abs(pole - mode.root) / abs(mode.root),
         }
-        for size, found in poles
+        for size, pole in poles
     ]
-    return {"changed": name, "root": [mode.root.real, mode.root.imag], "steps": steps}
+    return {"changed": name, "root": [mode.root.real, mode.root.imag], "steps": steps, "sampled": sampled}
+
+
+def _pole(
+    config: str | Path | Mapping[str, Any],
+    overrides: tuple[str, ...],
+    prepared: Prepared,
+    linear: Linearised,
+    mode: Mode,
+    size: float,
+    period: float | None = None,
+) -> complex:
+    """The pole of a co-simulation with a step that is nearest to a mode's root; samples lie whole periods
+    apart.
+    """
+    root, own = mode.root, round((period or size) / size)
+    spacing = (2 * np.pi / abs(root.imag) if root.imag else 1 / abs(root)) / _DENSITY
+    stride = own * max(1, round(spacing / (own * size)))
+    samples = _SAMPLES
+    if root.real > 0.0:
+        samples = int(np.clip(np.log(_GROWN) / (root.real * size * stride), _FEWEST, _SAMPLES))
+    _, changes = _changed(config, overrides, prepared, linear, mode)
+    common = (*overrides, *at_step(prepared, size, stride * samples)[1])
+    one, other = (_signals(config, (*common, *extra), stride) for extra in ((), changes))
+    return _nearest(one - other, size * stride, root)
 
 
 def verify_text(report: dict[str, Any]) -> str:
     """The comparison in lines for terminals."""
     lines = [f"co-simulated after a small change of {report['changed']}:"]
     for one in report["steps"]:
-        real, imaginary = one["found"]
-        root = f"{real:.6g}" + (f" +-{abs(imaginary):.6g}j" if imaginary else "")
         where = f"step {1e3 * one['step']:g} ms" if one["step"] else "extrapolated to step 0"
-        lines.append(f"  {where}: {root} 1/s, {100 * one['difference']:.2g} % from the root")
+        lines.append(f"  {where}: {_root(one['found'])} 1/s, {100 * one['difference']:.2g} % from the root")
+    for one in report["sampled"]:
+        lines.append(
+            f"  step {1e3 * one['step']:g} ms: {_root(one['found'])} 1/s, predicted with master and step "
+            f"{_root(one['predicted'])}: {100 * one['difference']:.2g} % apart"
+        )
     return "\n".join(lines)
+
+
+def _root(root: Sequence[float]) -> str:
+    return f"{root[0]:.6g}" + (f" +-{abs(root[1]):.6g}j" if root[1] else "")
 
 
 def _changed(

@@ -1,0 +1,432 @@
+"""The linear system that a master steps: from one communication point to the next by one matrix.
+
+Every FMU is taken to solve its linear equations exactly over a step, for the course of its inputs that the
+master gives it: held, extrapolated or interpolated. Delays of connections lie on the line between two
+instants, as in a run; delays within FMUs are exact. Eigenvalues z of the matrix give the roots log(z)/period.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from ..base.errors import ConfigError, Problem
+from ..effects.sample_and_hold import SampleAndHold
+from ..master.extrapolation import weights
+from ..master.gauss_seidel import GaussSeidel
+from ..master.iterative import Iterative
+from ..master.jacobi import Jacobi
+from ..simulation.run import Prepared
+from ..system.signal_vector import Layout
+from .connections import Feed
+from .delay_system import Mode
+from .from_system import LateInput, Linearised
+from .statespace import StateSpace
+
+__all__ = ["SampledSystem", "sampled_system"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_MOST_ROWS = 4000
+_MOST_STEPS = 1000
+_SHOWN = 6
+# Eigenvalues below this size have decayed after a few steps.
+_GONE = 1e-6
+
+
+@dataclass(frozen=True)
+class SampledSystem:
+    """What a master makes of a linear system.
+
+    Attributes:
+        step_size: the communication step [s].
+        period: after which holds and instances with longer steps repeat: the step or a multiple of it [s].
+        matrix: of the whole state over a period, shape (n, n).
+        states: name of the continuous state in each of the first rows; the rest are held and delayed signals.
+        resting: eigenvalues 1 that the continuous system has as roots 0, such as of integrators.
+    """
+
+    step_size: float
+    period: float
+    matrix: Array
+    states: tuple[str, ...]
+    resting: int
+
+    @property
+    def unstable(self) -> int:
+        """How many eigenvalues lie outside the unit circle, those `resting` left out."""
+        return int(np.sum(np.abs(self._moving(np.linalg.eigvals(self.matrix))) > 1.0 + 1e-10))
+
+    def _moving(self, z: Complex) -> Complex:
+        """The eigenvalues without those that rest, the largest first."""
+        near = np.argsort(abs(z - 1.0))[: self.resting]
+        near = near[abs(z[near] - 1.0) < 1e-5]
+        left = np.delete(z, near)
+        return left[np.argsort(-abs(left), kind="stable")]
+
+    def modes(self, count: int = _SHOWN) -> tuple[Mode, ...]:
+        """The `count` modes with the largest |z|, and those of `resting` left out.
+
+        Returns: roots log(z)/period [1/s]; the residual is that of the eigenvector, relative to the matrix.
+        """
+        z, left, right = scipy.linalg.eig(self.matrix, left=True, right=True)
+        wanted = self._moving(z[z.imag >= 0.0])
+        wanted = wanted[abs(wanted) > _GONE][:count]
+        norm = float(np.linalg.norm(self.matrix))
+        made = []
+        for one in wanted:
+            place = int(np.argmin(abs(z - one)))
+            vector = right[:, place]
+            residual = float(np.linalg.norm(self.matrix @ vector - one * vector)) / norm
+            share = abs(left[: len(self.states), place].conj() * vector[: len(self.states)])
+            share = share / share.sum() if share.sum() else share
+            order = [index for index in np.argsort(-share) if share[index] > 1e-3]
+            named = tuple((self.states[index], float(share[index])) for index in order)
+            made.append(Mode(complex(np.log(complex(one)) / self.period), residual, named))
+        return tuple(made)
+
+
+def sampled_system(prepared: Prepared, linear: Linearised, resting: int = 0) -> SampledSystem:
+    """What the master and the communication step of a config make of its linear system.
+
+    Args:
+        prepared: the checked system, with the step and the master.
+        linear: what `linearise` gave for it, with whatever step.
+        resting: roots 0 of the continuous system.
+    Raises: ConfigError for a master whose steps vary, for holds whose instants do not repeat within some
+        steps, for a step that has no solution, and for delays of too many steps.
+    """
+    return _Steps(prepared, linear).assembled(resting)
+
+
+class _Part:
+    """x' = A x + B u, y = C x + D u over one step; u a polynomial, some of its effect later by a delay."""
+
+    def __init__(self, space: StateSpace, late: Mapping[str, LateInput], step: float, order: int) -> None:
+        self.space, self.step, self.order = space, step, order
+        n = len(space.states)
+        self.transition = scipy.linalg.expm(space.a * step) if n else np.zeros((0, 0))
+        self.fed = _integrals(space.a, space.b, step)
+        self.late = []
+        self.size = n
+        for index, name in enumerate(space.inputs):
+            if name not in late:
+                continue
+            one = late[name]
+            whole = math.floor(one.delay / step + 1e-9)
+            rest = max(one.delay - whole * step, 0.0)
+            rest = rest if rest > 1e-9 * step else 0.0
+            column = one.gains[:, None]
+            after = scipy.linalg.expm(space.a * (step - rest))
+            first = [after @ one for one in _integrals(space.a, column, rest)]
+            second = _integrals(space.a, column, step - rest)
+            kept = whole + (1 if rest else 0)
+            rows = slice(self.size, self.size + kept * (order + 1))
+            self.size = rows.stop
+            self.late.append((index, whole, rest, first, second, rows))
+
+    def advance(self, z: Array, course: Sequence[Array]) -> tuple[Array, Array]:
+        """State and outputs at the step's end; `course`: inputs and their derivatives at its begin."""
+        n, columns = len(self.space.states), z.shape[1]
+        x = self.transition @ z[:n]
+        for gain, value in zip(self.fed, course, strict=False):
+            x = x + gain @ value
+        kept = z.copy()
+        for index, whole, rest, first, second, rows in self.late:
+            now = np.zeros((1, self.order + 1, columns))
+            for place, value in enumerate(course):
+                now[0, place] = value[index]
+            line = np.concatenate([now, z[rows].reshape(-1, self.order + 1, columns)])
+            for gain, value in zip(second, line[whole], strict=False):
+                x = x + gain @ value[None]
+            if rest:
+                for gain, value in zip(first, _ahead(line[whole + 1], self.step - rest), strict=False):
+                    x = x + gain @ value[None]
+            kept[rows] = line[: len(line) - 1].reshape(-1, columns)
+        kept[:n] = x
+        return kept, self.space.c @ x + self.space.d @ _ahead(course, self.step)[0]
+
+
+def _ahead(course: Sequence[Array] | Array, time: float) -> list[Array]:
+    """A polynomial's value and derivatives after a time."""
+    return [
+        np.sum([later * time**k / math.factorial(k) for k, later in enumerate(course[place:])], axis=0)
+        for place in range(len(course))
+    ]
+
+
+def _integrals(a: Array, b: Array, time: float) -> list[Array]:
+    """Integrals of exp(A (time - t)) B t^k/k! from 0 to `time`, for k = 0, 1, 2; each of B's shape."""
+    n, m = b.shape
+    whole = np.zeros((n + 3 * m, n + 3 * m))
+    whole[:n, :n], whole[:n, n : n + m] = a, b
+    for k in range(2):
+        whole[n + k * m : n + (k + 1) * m, n + (k + 1) * m : n + (k + 2) * m] = np.eye(m)
+    made = scipy.linalg.expm(whole * time) if whole.size else whole
+    return [made[:n, n + k * m : n + (k + 1) * m] for k in range(3)]
+
+
+@dataclass(frozen=True)
+class _Course:
+    """How the signals run over a step: values there, each of shape (signals, columns)."""
+
+    begin: Array
+    middle: Array
+    end: Array
+
+
+class _Steps:
+    """All parts of a system under its master."""
+
+    def __init__(self, prepared: Prepared, linear: Linearised) -> None:
+        system, master = prepared.system, prepared.master
+        self.system, self.master, self.layout = system, master, Layout.of(system)
+        self.step_size = float(prepared.grid.step_size)
+        if not isinstance(master, Jacobi | GaussSeidel | Iterative):
+            what = f"the steps of the master {type(master).__name__.lower()} vary"
+            raise ConfigError([Problem("run.master", what, "jacobi, gauss-seidel and iterative are covered")])
+        self.order = master.interpolation if isinstance(master, Iterative) else master.extrapolation
+        self.every = [one.ratio.numerator for one in system.instances]
+        self.count = self._count()
+        layout, size = self.layout, 0
+        self.parts: list[_Part] = []
+        self.rows: list[slice] = []
+        states: list[str] = []
+        for one, every in zip(system.instances, self.every, strict=True):
+            space = linear.parts[one.name]
+            own = {
+                name: linear.late[f"{one.name}.{name}"]
+                for name in space.inputs
+                if f"{one.name}.{name}" in linear.late
+            }
+            part = _Part(space, own, every * self.step_size, self.order)
+            self.parts.append(part)
+            self.rows.append(slice(size, size + part.size))
+            states += [f"{one.name}.{name}" for name in space.states]
+            states += [""] * (part.size - len(space.states))
+            size += part.size
+        self.states = tuple(states)
+        self.values = slice(size, size + layout.size)
+        size += layout.size
+        self.feeds = [
+            [
+                Feed(
+                    str(one.connection),
+                    [(type(effect).__name__, effect) for effect, _ in one.links],
+                    self.step_size,
+                    number + 1,
+                )
+                for one in layout.wired
+            ]
+            for number in range(self.count)
+        ]
+        self.memories = []
+        for feed in self.feeds[0]:
+            self.memories.append(slice(size, size + feed.size))
+            size += feed.size
+        self.number = {one.place: number for number, one in enumerate(layout.wired)}
+        kept = self.order if not isinstance(master, Iterative) else 0
+        self.history = slice(size, size + kept * layout.size)
+        self.size = size + kept * layout.size
+        if self.size > _MOST_ROWS:
+            what = f"its delays are so many steps that {self.size} signals are remembered"
+            remedy = "Take a longer communication step."
+            raise ConfigError([Problem("run.step_size", what, f"at most {_MOST_ROWS}", remedy)])
+        self.inputs = [self._input(index) for index in range(len(system.instances))]
+
+    def _count(self) -> int:
+        """Communication steps after which everything repeats."""
+        count = math.lcm(*self.every)
+        for one in self.layout.wired:
+            for effect, _ in one.links:
+                if not isinstance(effect, SampleAndHold) or not effect.period:
+                    continue
+                exact = effect.period / self.step_size
+                ratio = Fraction(exact).limit_denominator(64)
+                if abs(float(ratio) - exact) > 1e-9 * exact or math.lcm(count, ratio.numerator) > _MOST_STEPS:
+                    what = f"a sample and hold of {effect.period:g} s is {exact:.6g} communication steps"
+                    allowed = f"what repeats within {_MOST_STEPS} steps"
+                    raise ConfigError([Problem(str(one.connection), what, allowed)])
+                count = math.lcm(count, ratio.numerator)
+        return count
+
+    def _input(self, index: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Of the real inputs of an instance: columns among those of its part, places of their sources,
+        gains, whether it follows their course, whether an output depends on them at once.
+        """
+        one, fed = self.system.instances[index], self.layout.inputs[index]
+        known = self.parts[index].space.inputs
+        direct = {name for names in one.feedthrough.values() for name in names}
+        chosen = [place for place, name in enumerate(fed.names) if name in known]
+        names = [fed.names[place] for place in chosen]
+        source = fed.source[chosen]
+        gain = np.ones(len(chosen)) if fed.gain is None else fed.gain[chosen]
+        follows = np.array([name in one.fmu.description.followed for name in names], bool)
+        follows = follows & self.layout.smooth[source] if len(chosen) else follows
+        return (
+            np.array([known.index(name) for name in names], np.intp),
+            source,
+            gain,
+            follows,
+            np.array([name in direct for name in names], bool),
+        )
+
+    def course(self, index: int, signals: Array, run: _Course | None) -> list[Array]:
+        """What an instance is given over a step: see `Instances.transfer`."""
+        columns, source, gain, follows, direct = self.inputs[index]
+
+        def placed(value: Array) -> Array:
+            whole = np.zeros((len(self.parts[index].space.inputs), signals.shape[1]))
+            whole[columns] = gain[:, None] * value
+            return whole
+
+        if run is None:
+            return [placed(signals[source])]
+        begin, middle, end = (one[source] for one in (run.begin, run.middle, run.end))
+        follow = follows[:, None]
+        value = np.where(follow, begin, np.where(direct[:, None], end, middle))
+        bend = 2.0 * (begin + end - 2.0 * middle)
+        slopes = [(end - begin - bend) / self.step_size, 2.0 * bend / self.step_size**2][: self.order]
+        return [placed(value), *(placed(np.where(follow, one, 0.0)) for one in slopes)]
+
+    def advance(self, index: int, z: Array, course: list[Array], signals: Array) -> None:
+        """Step an instance: its state into z, its outputs into the signals."""
+        part, span = self.parts[index], self.layout.spans[index]
+        z[self.rows[index]], outputs = part.advance(z[self.rows[index]], course)
+        signals[span] = 0.0
+        for name, value in zip(part.space.outputs, outputs, strict=True):
+            if name in self.layout.outputs[index]:
+                signals[span.start + self.layout.outputs[index].index(name)] = value
+
+    def made(self, number: int, phase: int, before: Array, signals: Array) -> tuple[Array, Array]:
+        """Memory and signal of a connection with effects at a step's end."""
+        one = self.layout.wired[number]
+        total = one.gain @ signals[one.source]
+        return self.feeds[phase][number].advance(before[self.memories[number]], total)
+
+    def follow(self, index: int, phase: int, before: Array, signals: Array) -> None:
+        """Evaluate the connections with effects that an instance feeds, on trial."""
+        for one in self.layout.wired_after[index]:
+            signals[one.place] = self.made(self.number[one.place], phase, before, signals)[1]
+
+    def step(self, before: Array, phase: int, given: dict[int, list[Array]]) -> Array:
+        """The whole state after a step, column by column.
+
+        Args:
+            before: shape (size, columns).
+            phase: number of the step within the period.
+            given: what instances with longer steps were given where these began.
+        """
+        if isinstance(self.master, Iterative):
+            return self.solved(before, phase)
+        z, signals = before.copy(), before[self.values].copy()
+        run = self.extrapolated(before) if self.order else None
+        indices = range(len(self.parts))
+        if isinstance(self.master, Jacobi):
+            for index in indices:
+                if phase % self.every[index] == 0:
+                    given[index] = self.course(index, signals, run)
+            for index in indices:
+                if (phase + 1) % self.every[index] == 0:
+                    self.advance(index, z, given[index], signals)
+        else:
+            for index in self.system.order:
+                if (phase + 1) % self.every[index] == 0:
+                    self.advance(index, z, self.course(index, signals, run), signals)
+                self.follow(index, phase, before, signals)
+                if run is not None:
+                    self.settle(index, phase, before, signals, run)
+        return self.committed(before, z, phase, signals)
+
+    def committed(self, before: Array, z: Array, phase: int, signals: Array) -> Array:
+        """The state with the signals of the step's end in it, and what effects remember of them."""
+        for number, one in enumerate(self.layout.wired):
+            z[self.memories[number]], signals[one.place] = self.made(number, phase, before, signals)
+        z[self.values] = signals
+        if self.history.stop > self.history.start:
+            older = np.concatenate([before[self.values], before[self.history]])
+            z[self.history] = older[: self.history.stop - self.history.start]
+        return z
+
+    def points(self, before: Array) -> list[Array]:
+        """Signals at the step's begin and before it, newest first."""
+        size = self.layout.size
+        kept = before[self.history].reshape(-1, size, before.shape[1])
+        return [before[self.values], *kept]
+
+    def extrapolated(self, before: Array) -> _Course:
+        """See `orchestrator.master.extrapolation`."""
+        points = self.points(before)
+        nodes = tuple(-float(one) for one in range(self.order + 1))
+        smooth = self.layout.smooth[:, None]
+        middle, end = (
+            np.where(
+                smooth, sum(w * one for w, one in zip(weights(at, nodes), points, strict=True)), points[0]
+            )
+            for at in (0.5, 1.0)
+        )
+        return _Course(points[0], middle, end)
+
+    def settle(self, index: int, phase: int, before: Array, signals: Array, run: _Course) -> None:
+        """An instance has stepped: the course of its signals ends where they are now."""
+        points = self.points(before)
+        within = weights(0.5, (1.0, *(-float(one) for one in range(self.order))))
+
+        def known(place: slice, value: Array) -> None:
+            bent = within[0] * value
+            for weight, one in zip(within[1:], points, strict=False):
+                bent = bent + weight * one[place]
+            run.end[place] = value
+            run.middle[place] = np.where(self.layout.smooth[place][:, None], bent, value)
+
+        span = self.layout.spans[index]
+        known(span, signals[span])
+        for one in self.layout.wired_after[index]:
+            _, value = self.made(self.number[one.place], phase, before, run.end)
+            known(slice(one.place, one.place + 1), value[None])
+
+    def solved(self, before: Array, phase: int) -> Array:
+        """The state after a step at whose end every input agrees with what feeds it."""
+        ports = [int(place) for _, source, *_ in self.inputs for place in source]
+        ports += [int(place) for one in self.layout.wired for place in one.source]
+        ports = sorted({one for one in ports if one not in self.number})
+        unit = np.zeros((self.layout.size, len(ports)))
+        unit[ports, np.arange(len(ports))] = 1.0
+        answer = self.supposed(np.zeros((self.size, len(ports))), unit, phase)
+        base = self.supposed(before, np.zeros((self.layout.size, before.shape[1])), phase)
+        places = [self.values.start + one for one in ports]
+        loop = np.eye(len(ports)) - answer[places]
+        if ports and np.linalg.cond(loop) > 1e12:
+            what = "a step of the master iterative has no solution, or no single one"
+            raise ConfigError([Problem("run.master", what, "", "Take another communication step.")])
+        return base + answer @ np.linalg.solve(loop, base[places])
+
+    def supposed(self, before: Array, ends: Array, phase: int) -> Array:
+        """The state after a step whose inputs follow supposed signals of its end."""
+        z, signals = before.copy(), ends.copy()
+        for number, one in enumerate(self.layout.wired):
+            signals[one.place] = self.made(number, phase, before, signals)[1]
+        run = None
+        if self.order:
+            begin = before[self.values]
+            smooth = self.layout.smooth[:, None]
+            run = _Course(begin, np.where(smooth, 0.5 * (begin + signals), signals), signals)
+        made = signals.copy()
+        for index in range(len(self.parts)):
+            self.advance(index, z, self.course(index, signals, run), made)
+        return self.committed(before, z, phase, made)
+
+    def assembled(self, resting: int) -> SampledSystem:
+        """The matrix of a period."""
+        z, given = np.eye(self.size), {}
+        for phase in range(self.count):
+            z = self.step(z, phase, given)
+        period = self.count * self.step_size
+        return SampledSystem(self.step_size, period, z, self.states, resting)
