@@ -29,7 +29,7 @@ def pictures(cell: Any) -> int:
 
 
 def tolerance(number: str) -> float:
-    """Of a printed number: 1.5 units of its last digit, but at least 1e-6 of it and 1e-7; none of an integer."""
+    """Of a printed number: 1.5 units of its last digit, at least 1e-6 of it and 1e-7; none of an integer."""
     if number.lstrip("+-").isdigit():
         return 0.0
     mantissa, _, exponent = number.lower().partition("e")
