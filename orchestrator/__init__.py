@@ -175,18 +175,32 @@ def linearise(
     *,
     set: Mapping[str, Any] | None = None,
     at_time: float | None = None,
+    at: str = "start",
+    fix: Sequence[str] = (),
 ) -> Linearised:
     """The linear system with delays that a system is, without communication steps.
 
     Args:
         system, set: see `run`.
-        at_time: the point of a run that it is linear around [s]; None: its start.
+        at_time: the point of a run that it is linear around [s]; None: see `at`.
+        at: "start", or "trim": around the steady state, as `orchestrator stability --trim` finds it.
+        fix: states that keep their start values there and may go on changing, as "path.turned".
     Returns: `.modes()`, `.margins()` of each connection in a feedback loop, `.system` with its matrices.
     Raises: ConfigError with what cannot be linearised.
     """
     from .frequency.from_system import linearise as linearise_config
 
-    return linearise_config(_changed(system, set), at_time=at_time)
+    config = _changed(system, set)
+    if at not in ("start", "trim"):
+        from .base.errors import ConfigError, Problem
+
+        raise ConfigError([Problem("at", f"no operating point {at!r}", "start or trim; at_time for times")])
+    if at == "start":
+        return linearise_config(config, at_time=at_time)
+    from .frequency.trim import trim
+    from .simulation.run import prepare
+
+    return linearise_config(trim(prepare(config), fix).prepared, at_time=at_time)
 
 
 def build(

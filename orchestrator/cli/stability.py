@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Mapping
 
+    from ..frequency.trim import Trimmed
     from ..simulation.preparation import Prepared
 
 __all__ = ["add_arguments", "main"]
@@ -31,6 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--at-time",
         metavar="TIME",
         help="linearise around this time of a run, as '2 s', in place of its start",
+    )
+    parser.add_argument(
+        "--trim",
+        action="store_true",
+        help="linearise around the steady state, in place of the start values; inputs keep theirs",
+    )
+    parser.add_argument(
+        "--fix",
+        action="append",
+        default=[],
+        metavar="STATE",
+        help="of --trim: a state that keeps its start value and may go on changing; may be given again",
     )
     parser.add_argument(
         "--over",
@@ -54,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
 
     prepared = prepare(args.config, args.overrides)
     # Docking loops have a report of their own, with growth per contact and charts.
-    special = args.open or args.over or args.at_time or args.verify
+    special = args.open or args.over or args.at_time or args.verify or args.trim or args.fix
     analyse = _docking_loop if Loop.fits(prepared.system) and not special else _any_system
     report, words, draw = analyse(prepared, args)
     if not args.json:
@@ -94,20 +107,30 @@ def _any_system(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
     from ..frequency.from_system import linearise
     from ..frequency.over_parameter import over_figure, over_text, parameter_range, stability_over
     from ..frequency.system_report import system_figures, system_stability, system_text
+    from ..frequency.trim import trim_text
 
     at_time = None if args.at_time is None else _time(args.at_time)
+    trimmed, overrides = None, tuple(args.overrides)
+    if args.trim or args.fix:
+        trimmed = _trimmed(prepared, args)
+        prepared, overrides = trimmed.prepared, (*overrides, *trimmed.overrides)
     over = None if args.over is None else parameter_range(args.over, args.points)
     linear = linearise(prepared, at_time=at_time)
     report = system_stability(prepared, args.open, linear)
     words = system_text(report)
+    if trimmed is not None:
+        report["trim"] = {name: vars(one) for name, one in trimmed.states.items()}
+        words = f"{words}\n{trim_text(trimmed)}"
     if over is not None:
-        report["over"] = stability_over(args.config, over, args.overrides, at_time)
+        report["over"] = stability_over(
+            args.config, over, args.overrides, at_time, args.fix if args.trim else None
+        )
         words = f"{words}\n{over_text(report['over'])}"
 
     if args.verify:
         from ..frequency.verify import verified, verify_text
 
-        report["verify"] = verified(args.config, linear, args.overrides)
+        report["verify"] = verified(args.config, linear, overrides)
         words = f"{words}\n{verify_text(report['verify'])}"
 
     def draw() -> dict[str, Any]:
@@ -115,6 +138,18 @@ def _any_system(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
         return figures | ({"over": over_figure(report["over"])} if over is not None else {})
 
     return report, words, draw
+
+
+def _trimmed(prepared: Prepared, args: argparse.Namespace) -> Trimmed:
+    from ..base.errors import ConfigError, Problem
+    from ..frequency.trim import trim
+
+    if args.at_time is not None:
+        what = "a steady state and a time of a run are two operating points"
+        raise ConfigError([Problem("--trim", what, "one of --trim and --at-time")])
+    if not args.trim:
+        raise ConfigError([Problem("--fix", "states are fixed for --trim alone", "", "Add --trim.")])
+    return trim(prepared, args.fix)
 
 
 def _time(text: str) -> float:

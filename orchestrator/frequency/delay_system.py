@@ -313,7 +313,7 @@ class DelaySystem:
             if wanted < len(roots):
                 line = 0.5 * (roots[wanted - 1].real + roots[wanted].real)
                 close = roots[wanted - 1].real - roots[wanted].real
-            elif len(self._delays) == 1 and self._delays[0] == 0.0:
+            elif float(self._delays[-1]) == 0.0 or totals[-1] < count:  # there may be no others
                 line, close = roots[-1].real - 0.1 * abs(roots[-1]) - 1e-6, np.inf
             else:
                 continue
@@ -322,11 +322,26 @@ class DelaySystem:
             if totals[wanted - 1] < min(count, int(totals[-1])) and wanted < len(roots) - 1:
                 return None
             try:
-                if self.count_right_of(line) == totals[wanted - 1]:
-                    return Modes(tuple(self._mode(one) for one in roots[:wanted]), float(line))
+                counted = self.count_right_of(line)
+                times = [1] * wanted
+                if counted > totals[wanted - 1]:
+                    times = self._multiplicities(roots[:wanted])
+                if counted == sum(k * (2 if s.imag > 0.0 else 1) for k, s in zip(times, roots, strict=False)):
+                    listed = [self._mode(s, k) for k, s in zip(times, roots, strict=False) for _ in range(k)]
+                    return Modes(tuple(listed), float(line))
             except OrchestratorError:
                 continue
         return None
+
+    def _multiplicities(self, roots: Sequence[complex]) -> list[int]:
+        """How many roots lie on top of one another at each, by the argument principle around it."""
+        found = []
+        for s in roots:
+            others = [other for one in roots for other in (one, one.conjugate()) if other != s]
+            radius = min([1e-3 * max(abs(s), 1e-6), *(0.3 * abs(other - s) for other in others)])
+            sign = self._signs(s + radius * np.exp(2j * np.pi * np.linspace(0.0, 1.0, 129)))
+            found.append(max(1, round(float(np.sum(np.angle(sign[1:] / sign[:-1]))) / (2.0 * np.pi))))
+        return found
 
     def _newton(self, s: complex) -> complex | None:
         """The root of P(s) v = 0 near a guess; None if the iteration does not settle there."""
@@ -360,10 +375,12 @@ class DelaySystem:
         values = np.linalg.svd(matrix, compute_uv=False)
         return float(values[-1] / values[0])
 
-    def _mode(self, root: complex) -> Mode:
+    def _mode(self, root: complex, times: int = 1) -> Mode:
         n = len(self.states)
-        left, _, right = np.linalg.svd(self._matrix(np.array([root]))[0])
-        share = abs(left[:n, -1].conj() * right[-1, :n].conj())
+        left, values, right = np.linalg.svd(self._matrix(np.array([root]))[0])
+        # Of parts that are there twice, each has a vector of its own.
+        null = max(1, int(np.sum(values[-times:] <= 1e-9 * values[0])))
+        share = np.sum(abs(left[:n, -null:] * right[-null:, :n].T), axis=1)
         share = share / share.sum() if share.sum() else np.full(n, 1.0 / n)
         order = np.argsort(-share)
         named = tuple((self.states[index], float(share[index])) for index in order if share[index] > 1e-3)

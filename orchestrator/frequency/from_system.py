@@ -30,7 +30,7 @@ from .delay_system import FILTER, DelaySystem, Link, Modes
 from .margins import Margins
 from .statespace import StateSpace, linearised, real_ports
 
-__all__ = ["LateInput", "Linearised", "linearise"]
+__all__ = ["Chain", "LateInput", "Linearised", "chains_of", "linearise", "refusal"]
 
 Array = NDArray[np.float64]
 
@@ -122,16 +122,8 @@ def linearise(
                 f"linear around t = {_advanced(instances, prepared, signals, at_time):.9g} s of the run"
             )
         for one, running in zip(system.instances, instances.running, strict=True):
-            if not one.fmu.description.capabilities.directional_derivatives or one.fmu.path is None:
-                problems.append(
-                    Problem(
-                        one.name,
-                        "it offers no directional derivatives",
-                        "they give its linear equations",
-                        "Export it with providesDirectionalDerivative, or measure the loop with "
-                        "orchestrator.frequency.sweep_system.",
-                    )
-                )
+            if (refused := refusal(one)) is not None:
+                problems.append(refused)
                 continue
             inputs = tuple(name for name, _ in real_ports(one.fmu) if f"{one.name}.{name}" in fed)
             outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
@@ -161,11 +153,24 @@ def linearise(
                     f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)"
                 )
             parts[one.name] = part
-    chains, wrong = _chains(system.connections, notes)
+    chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
     closed = _closed([part.named(name) for name, part in parts.items()], chains, hidden)
     return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden)
+
+
+def refusal(one: Instance) -> Problem | None:
+    """Why an instance cannot be linearised by its directional derivatives."""
+    if one.fmu.description.capabilities.directional_derivatives and one.fmu.path is not None:
+        return None
+    return Problem(
+        one.name,
+        "it offers no directional derivatives",
+        "they give its linear equations",
+        "Export it with providesDirectionalDerivative, or measure the loop with "
+        "orchestrator.frequency.sweep_system.",
+    )
 
 
 def _advanced(instances: Instances, prepared: Prepared, signals: Signals, at_time: float) -> float:
@@ -186,7 +191,7 @@ def _advanced(instances: Instances, prepared: Prepared, signals: Signals, at_tim
 
 
 @dataclass(frozen=True)
-class _Chain:
+class Chain:
     """One source of a connection, with what happens on the way."""
 
     connection: str
@@ -197,7 +202,8 @@ class _Chain:
     lags: tuple[float, ...]
 
 
-def _chains(connections: Iterable[Connection], notes: list[str]) -> tuple[list[_Chain], list[Problem]]:
+def chains_of(connections: Iterable[Connection], notes: list[str]) -> tuple[list[Chain], list[Problem]]:
+    """Gain, delay and lags from each source to each input; adds to `notes` what is left out."""
     chains, problems = [], []
     for connection in connections:
         name = str(connection)
@@ -224,11 +230,11 @@ def _chains(connections: Iterable[Connection], notes: list[str]) -> tuple[list[_
                     lags += [float(np.ravel(factor)[1]) for factor in term.factors]
                 if not path.terms:
                     total = 0.0
-            chains.append(_Chain(name, str(port), str(connection.target), total, delay, tuple(lags)))
+            chains.append(Chain(name, str(port), str(connection.target), total, delay, tuple(lags)))
     return chains, problems
 
 
-def _closed(parts: list[StateSpace], chains: list[_Chain], hidden: Mapping[str, LateInput]) -> DelaySystem:
+def _closed(parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, LateInput]) -> DelaySystem:
     lags = [(index, place, lag) for index, one in enumerate(chains) for place, lag in enumerate(one.lags)]
     blocks = [(one.a, one.b, one.c, one.d) for one in parts]
     states = [name for one in parts for name in one.states]

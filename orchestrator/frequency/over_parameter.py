@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,6 +19,7 @@ from .delay_system import Modes
 from .from_system import linearise
 from .sampled_system import SampledSystem, sampled_system
 from .step_report import at_step, resting_roots
+from .trim import trim
 
 __all__ = ["ParameterRange", "over_figure", "over_text", "parameter_range", "stability_over"]
 
@@ -78,6 +79,7 @@ def stability_over(
     over: ParameterRange,
     overrides: Iterable[str] = (),
     at_time: float | None = None,
+    trimmed: Sequence[str] | None = None,
 ) -> dict[str, Any]:
     """Dominant roots over a parameter, and the values at which the system becomes stable or unstable.
 
@@ -88,13 +90,14 @@ def stability_over(
         config, overrides: as for `prepare`.
         over: the parameter; also run.step_size, which the machine does not depend on.
         at_time: see `linearise` [s].
+        trimmed: linear around the steady state that each value has, these states fixed; None: it is not.
     Returns: a dict with `parameter`, `unit`, `values`, and of the machine `real`, `frequency` (of the
         dominant root, [1/s] and [Hz]), `unstable` and `borders`; the same of the sampled system in `sampled`,
         or `refused` there.
     Raises: ConfigError for a value that the config does not take.
     """
     overrides = tuple(overrides)
-    common = prepare(config, overrides) if over.path == _STEP else None
+    common = _at_point(prepare(config, overrides), trimmed) if over.path == _STEP else None
     same = linearise(common, at_time=at_time) if common is not None else None
 
     @cache
@@ -102,7 +105,7 @@ def stability_over(
         if common is not None and same is not None:
             prepared, linear = _with_step(common, over, value), same
         else:
-            prepared = prepare(config, (*overrides, over.override(value)))
+            prepared = _at_point(prepare(config, (*overrides, over.override(value))), trimmed)
             linear = linearise(prepared, at_time=at_time)
         modes = linear.modes()
         try:
@@ -133,6 +136,10 @@ def stability_over(
     except ConfigError as error:
         report["sampled"] = {"refused": "; ".join(one.what for one in error.problems)}
     return report
+
+
+def _at_point(prepared: Prepared, fixed: Sequence[str] | None) -> Prepared:
+    return prepared if fixed is None else trim(prepared, fixed).prepared
 
 
 def _with_step(common: Prepared, over: ParameterRange, value: float) -> Prepared:

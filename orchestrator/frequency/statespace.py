@@ -19,7 +19,7 @@ from .connections import static_gain
 from .linearise import load
 from .transfer import Array
 
-__all__ = ["StateSpace", "linearised", "real_ports", "state_space", "system_state_space"]
+__all__ = ["StateSpace", "linearised", "real_ports", "state_names", "state_space", "system_state_space"]
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def _cannot(name: str, fmu: Fmu) -> list[Problem]:
     return [Problem(name, what, "", "Measure the response with sweep or sweep_system.")]
 
 
-def _states(fmu: Fmu) -> list[tuple[str, str]]:
+def state_names(fmu: Fmu) -> list[tuple[str, str]]:
     """Derivatives of the continuous states, and the states."""
     from fmpy import read_model_description
 
@@ -224,7 +224,7 @@ def linearised(
     fmu: Fmu, instance: FmuInstance, inputs: tuple[str, ...], outputs: tuple[str, ...]
 ) -> StateSpace:
     """The state space of a running FMU by its directional derivatives, where it stands."""
-    pairs = _states(fmu)
+    pairs = state_names(fmu)
     rates, states = [rate for rate, _ in pairs], tuple(state for _, state in pairs)
     n = len(states)
     # A state that is an output, too, is asked for as the state it is.

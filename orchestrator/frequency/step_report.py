@@ -170,7 +170,9 @@ def step_text(report: dict[str, Any], machine_stable: bool) -> str:
         size = abs(complex(*one["multiplier"]))
         if one["machine"] is None and size < 0.5:
             continue
-        origin = "by the step alone" if one["machine"] is None else f"machine {_root(one['machine'])}"
+        origin = (
+            "no listed root of the machine" if one["machine"] is None else f"machine {_root(one['machine'])}"
+        )
         oscillates = f", {one['frequency']:.4g} Hz, damping {one['damping']:.4g}" if one["root"][1] else ""
         lines.append(f"  {_root(one['root'])} 1/s: |z| {size:.6g}{oscillates}; {origin}")
     border = report["largest_step"]

@@ -138,6 +138,18 @@ def test_counting_agrees_with_the_list():
         chain(0.0, 1.0, 1.0, 0.0, loop(-np.pi / 2, 1.0)).count_right_of(0.0)
 
 
+def test_parts_that_are_there_twice_have_roots_twice():
+    eye, delay, gain = np.eye(2), 0.5, -2.0
+    links = (Link("p", 0, 0, gain, delay), Link("q", 1, 1, gain, delay))
+    twice = DelaySystem(-eye, eye, eye, 0 * eye, ("p.x", "q.x"), ("p.u", "q.u"), ("p.y", "q.y"), links)
+    once = chain(-1.0, 1.0, 1.0, 0.0, loop(gain, delay)).modes(3)
+    modes = twice.modes()
+    assert twice.count_right_of(modes.line) == 2 * len(modes.modes)
+    for place, mode in enumerate(modes.modes):
+        assert mode.root == pytest.approx(once.modes[place // 2].root, rel=1e-9)
+        assert dict(mode.participation) == pytest.approx({"p.x": 0.5, "q.x": 0.5})
+
+
 def test_loops_without_a_state_are_refused():
     with pytest.raises(ConfigError, match="holds a delay and direct feedthrough"):
         chain(-1.0, 1.0, 1.0, 2.0, loop(1.0, 0.1)).modes()
