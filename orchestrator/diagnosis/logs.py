@@ -6,7 +6,6 @@ message is named by its topic and its path, as in `/joint_states.position[0]`.
 
 from __future__ import annotations
 
-import gzip
 import json
 import math
 import re
@@ -19,15 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import needs
+from .log_sizes import LogError, check_columns, check_mat, check_size, gunzipped
 
 __all__ = ["LogError", "Signal", "name_and_unit", "read_log"]
 
 Array = NDArray[np.float64]
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
-
-
-class LogError(ValueError):
-    """A log that cannot be read; says why, and what would help."""
 
 
 @dataclass(frozen=True)
@@ -119,10 +115,11 @@ def _number(value: Any) -> float:
 def _csv(path: Path) -> dict[str, Signal]:
     import pyarrow.csv
 
-    raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+    raw = gunzipped(path) if path.suffix == ".gz" else path.read_bytes()
     first = raw.partition(b"\n")[0]
     # Units hold commas as little as names do: what stands in the header most often parts the columns.
     delimiter = max(",;\t", key=lambda one: first.count(one.encode()))
+    check_columns(1 + first.count(delimiter.encode()))
     names = [
         name_and_unit(one.strip('"'))[0] for one in first.decode(errors="replace").strip().split(delimiter)
     ]
@@ -149,12 +146,16 @@ def _csv(path: Path) -> dict[str, Signal]:
 def _parquet(path: Path) -> dict[str, Signal]:
     import pyarrow.parquet
 
-    return _table(pyarrow.parquet.read_table(path))
+    with pyarrow.parquet.ParquetFile(path) as file:
+        check_columns(file.metadata.num_columns)
+        check_size(8 * file.metadata.num_rows * file.metadata.num_columns, path.stat().st_size)
+        return _table(file.read())
 
 
 def _mat(path: Path) -> dict[str, Signal]:
     from scipy.io import loadmat
 
+    check_mat(path)
     try:
         content = loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError:
@@ -178,10 +179,14 @@ def _hdf5(path: Path) -> dict[str, Signal]:
     import h5py
 
     found: dict[str, Signal] = {}
+    size, packed = 0, path.stat().st_size
 
     def visit(name: str, node: Any) -> None:
+        nonlocal size
         if isinstance(node, h5py.Dataset) and node.dtype.kind in "iufb":
             unit = next((node.attrs[key] for key in ("unit", "units", "Unit") if key in node.attrs), "")
+            size += 8 * node.size
+            check_size(size, packed)
             text = unit.decode() if isinstance(unit, bytes) else str(unit)
             _add(found, name.replace("/", "."), np.squeeze(node[()]), text)
 
@@ -206,6 +211,9 @@ def _mcap(path: Path) -> dict[str, Signal]:
     from mcap.reader import make_reader
 
     with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        chunks = summary.chunk_indexes if summary is not None else ()
+        check_size(sum(one.uncompressed_size for one in chunks), path.stat().st_size)
         return _recorded(_decoded(make_reader(stream)))
 
 

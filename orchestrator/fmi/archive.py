@@ -12,7 +12,14 @@ from pathlib import Path, PurePosixPath
 from ..base.errors import FmuError, listed
 from ..base.temporary_folders import scratch_folder
 
-__all__ = ["Unpacked", "binary_folder", "check_members", "checked_members"]
+__all__ = [
+    "LARGEST_EXPANSION",
+    "Unpacked",
+    "binary_folder",
+    "check_document",
+    "check_members",
+    "checked_members",
+]
 
 # Far above any FMU met in practice, and below what fills a disk unnoticed. The sizes that an archive declares
 # bind: zipfile reads no entry beyond its own.
@@ -21,6 +28,11 @@ MOST_ENTRIES = 100_000
 # Tables of numbers shrink to a tenth, seldom to a hundredth; a bomb's zeros to a thousandth.
 LARGEST_EXPANSION = 200
 SMALLEST_BOMB = 256 * 2**20
+# Of an XML file, which costs far more to read than to unpack: descriptions shrink to a tenth.
+LARGEST_DOCUMENT = 512 * 2**20
+DOCUMENT_EXPANSION, SMALLEST_DOCUMENT = 100, 4 * 2**20
+# Other methods unpack without bounds: zipfile limits what it reads at once for this one only.
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 def binary_folder(fmi_version: str) -> str:
@@ -50,8 +62,8 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
     Args:
         label: of the archive, for messages.
         packed: its size [B].
-    Raises: FmuError if it has entries that would be written elsewhere, over each other or as links, or more
-        of them than a disk should take.
+    Raises: FmuError if it has entries that would be written elsewhere, over each other or as links, that are
+        encrypted or packed otherwise than the standards say, or more of them than a disk should take.
     """
     taken: dict[str, zipfile.ZipInfo] = {}
     for member in members:
@@ -60,6 +72,13 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
             raise FmuError(f"{label}: refused, its entry {member.filename!r} would be written elsewhere")
         if stat.S_ISLNK(member.external_attr >> 16):
             raise FmuError(f"{label}: refused, its entry {member.filename!r} is a symbolic link")
+        if member.flag_bits & 1:
+            raise FmuError(f"{label}: refused, its entry {member.filename!r} is encrypted")
+        if member.compress_type not in _METHODS:
+            raise FmuError(
+                f"{label}: refused, its entry {member.filename!r} is packed by method "
+                f"{member.compress_type}\n  allowed: stored (0) and deflated (8)"
+            )
         if member.is_dir():
             continue
         # Readers differ in which of two they take, so that one could be checked and the other be run; where
@@ -93,6 +112,17 @@ def check_members(label: Path | str, packed: int, members: list[zipfile.ZipInfo]
     if size > LARGEST_UNPACKED:
         raise FmuError(
             f"{label}: refused, unpacked it is {size} bytes; at most {LARGEST_UNPACKED} are accepted"
+        )
+
+
+def check_document(label: Path | str, member: zipfile.ZipInfo) -> None:
+    """Judge an XML file in an archive before it is read. Raises: FmuError if it expands too far."""
+    most = max(SMALLEST_DOCUMENT, DOCUMENT_EXPANSION * member.compress_size)
+    if member.file_size > min(most, LARGEST_DOCUMENT):
+        raise FmuError(
+            f"{label}: refused, the {member.compress_size} bytes of {member.filename} unpack to "
+            f"{member.file_size}; at most {DOCUMENT_EXPANSION} times as many, or {SMALLEST_DOCUMENT} bytes, "
+            f"and {LARGEST_DOCUMENT} bytes, are accepted"
         )
 
 

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
 from ..base.errors import FmuError
+from .archive import check_document, check_members
 
 __all__ = ["parse_markup", "read_markup"]
 
 _REFUSED = "{path}: {name} declares a document type, which {standard} has no use for; refused"
-LARGEST_XML = 512 * 2**20
 # Read by fmpy besides the model description.
 _FURTHER = ("sources/buildDescription.xml",)
 
@@ -25,12 +26,15 @@ _FURTHER = ("sources/buildDescription.xml",)
 def read_markup(path: Path) -> Any:
     """Root element (lxml) of modelDescription.xml, after a look at all XML that will be read.
 
-    Raises: FmuError if it is missing, too large, malformed, or has a document type.
+    Raises: FmuError if it is missing, too large, malformed, or has a document type, or if the archive has
+        entries that would harm.
     """
     name = "modelDescription.xml"
     try:
         with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
+            members = archive.infolist()
+            check_members(path, path.stat().st_size, members)
+            names = [member.filename for member in members]
             if name not in names:
                 content = ", ".join(names[:10]) or "nothing"
                 raise FmuError(f"{path}: not an FMU, it has no {name} at the top\n  it holds {content}")
@@ -42,7 +46,7 @@ def read_markup(path: Path) -> Any:
         raise FmuError(
             f"{path}: not an FMU, since it is no zip archive ({error})\n  Export or download it again."
         ) from error
-    except (OSError, RuntimeError, NotImplementedError, EOFError, zipfile.error, ValueError) as error:
+    except (OSError, RuntimeError, NotImplementedError, EOFError, zlib.error, ValueError) as error:
         raise FmuError(f"{path}: cannot be read ({error})") from error
     return parse_markup(path, name, xml)
 
@@ -60,9 +64,7 @@ def parse_markup(path: Path | str, name: str, xml: bytes, standard: str = "FMI")
 
 
 def _read(path: Path, archive: zipfile.ZipFile, name: str) -> bytes:
-    # The size that the archive declares binds: zipfile reads no further.
-    if archive.getinfo(name).file_size > LARGEST_XML:
-        raise FmuError(f"{path}: {name} is larger than {LARGEST_XML} bytes")
+    check_document(path, archive.getinfo(name))
     return archive.read(name)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import zlib
+from time import process_time
 
 import h5py
 import numpy as np
@@ -257,6 +260,53 @@ def test_files_that_no_reader_knows(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"not one")
     with pytest.raises(LogError, match="cannot be read"):
         read_log(tmp_path / "log.mcap")
+
+
+def test_packed_logs_that_expand_too_far_are_refused_in_under_a_second(tmp_path):
+    """A text of gigabytes in megabytes; numbers in binary of which a file holds one, and how often."""
+    packer = zlib.compressobj(9, zlib.DEFLATED, 31)
+    rows = b"".join(packer.compress(b"0,0,0\n" * 2**17) for _ in range(2000))
+    (tmp_path / "a.csv.gz").write_bytes(packer.compress(b"t [s],x [m],y\n") + rows + packer.flush())
+    (tmp_path / "columns.csv.gz").write_bytes(gzip.compress(b"a" + b",a" * 2**20))
+    savemat(tmp_path / "a.mat", {"x": np.zeros(40_000_000)}, do_compression=True)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("x", shape=(10**13,), chunks=(10**6,), dtype="f8")
+    table = pa.table({"x": np.zeros(2 * 10**7)})
+    with pyarrow.parquet.ParquetWriter(tmp_path / "a.parquet", table.schema, compression="zstd") as writer:
+        writer.write_table(table)
+        writer.write_table(table)
+    for path in sorted(tmp_path.iterdir()):
+        begin = process_time()
+        with pytest.raises(LogError, match=r"^refused, it(s \d+ bytes expand to| has \d+ columns)"):
+            read_log(path)
+        assert process_time() - begin < 1.0, path.name
+
+
+def test_packed_logs_that_are_damaged_are_refused(tmp_path):
+    whole = gzip.compress(b"t [s],x [m]\n" + b"0,1\n" * 1000)
+    path = tmp_path / "a.csv.gz"
+    for data in (
+        whole[:-10],
+        whole[:12] + b"\xff" * 8 + whole[20:],
+        whole[:-8] + bytes(8),
+        b"t,x\n0,1\n",
+        b"",
+    ):
+        path.write_bytes(data)
+        with pytest.raises(LogError, match=r"^cannot be read: "):
+            read_log(path)
+    path.write_bytes(whole)
+    assert len(read_log(path)["x"].values) == 1000
+
+
+def test_a_log_of_mostly_constant_columns_is_read_however_it_is_packed(tmp_path):
+    """A recording at rest: what changes is the time."""
+    count = 200_000
+    rows = "".join(f"{number / 1000:.3f}{',0.000000' * 20}\n" for number in range(count))
+    text = "t [s]," + ",".join(f"x{number} [m]" for number in range(20)) + "\n" + rows
+    path = tmp_path / "a.csv.gz"
+    path.write_bytes(gzip.compress(text.encode(), 9))
+    assert len(text) > 16 * 2**20 and len(read_log(path)["x19"].values) == count
 
 
 def test_dates_with_times_are_seconds_since_the_first(tmp_path):

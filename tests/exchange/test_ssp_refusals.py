@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import re
 import stat
 import zipfile
+from time import process_time
 
 import pytest
 from archives import repack
@@ -123,9 +125,49 @@ def test_bombs_and_doubles_and_locks(tmp_path):
     with zipfile.ZipFile(tmp_path / "lzma.ssp", "w", zipfile.ZIP_LZMA) as archive:
         archive.writestr("SystemStructure.ssd", ssd(ONE))
     assert refused(tmp_path / "lzma.ssp", tmp_path) == (
-        "lzma.ssp: its entry 'SystemStructure.ssd' is packed by method 14\n"
-        "  SSP allows stored (0) and deflated (8)"
+        "lzma.ssp: refused, its entry 'SystemStructure.ssd' is packed by method 14\n"
+        "  allowed: stored (0) and deflated (8)"
     )
+
+
+def test_descriptions_that_expand_too_far(tmp_path):
+    with zipfile.ZipFile(tmp_path / "X.ssp", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("SystemStructure.ssd", ssd(ONE) + " " * (100 * 2**20))
+        archive.writestr("resources/robot.fmu", FMUS["robot.fmu"])
+    begin = process_time()
+    assert re.match(r"X.ssp: refused, the \d+ bytes of SystemStructure.ssd unpack to", refused_of(tmp_path))
+    assert process_time() - begin < 1.0
+
+
+def test_references_that_make_much_of_a_small_package(tmp_path):
+    """Each use of a file counts: packages within it, and sets of parameters."""
+    inner = io.BytesIO()
+    with zipfile.ZipFile(inner, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("SystemStructure.ssd", ssd(ONE) + " " * (3 * 2**20))
+        archive.writestr("resources/robot.fmu", FMUS["robot.fmu"])
+    nested = "".join(component(f"n{number}", "inner.ssp") for number in range(500))
+    given = ssv({f"p{number}": real("1") for number in range(20_000)})
+    bound = bindings('<ssd:ParameterBinding source="resources/p.ssv"/>' * 500)
+    for root, files in (
+        (system("rig", nested), {"inner.ssp": inner.getvalue()}),
+        (system("rig", component("robot", "robot.fmu", ROBOT + bound)), {**FMUS, "p.ssv": given}),
+    ):
+        with zipfile.ZipFile(tmp_path / "X.ssp", "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("SystemStructure.ssd", ssd(root))
+            for name, content in files.items():
+                archive.writestr(f"resources/{name}", content)
+        begin = process_time()
+        said = refused_of(tmp_path)
+        assert "what the package refers to comes to more than" in said and said.count("\n") == 1
+        assert "at most 20 times its size, or 8388608 bytes, are read" in said
+        assert process_time() - begin < 2.0
+
+
+def refused_of(tmp_path):
+    """Refusal of X.ssp, which is removed."""
+    said = refused(tmp_path / "X.ssp", tmp_path)
+    (tmp_path / "X.ssp").unlink()
+    return said
 
 
 @pytest.mark.parametrize("document", [LAUGHS, OUTSIDE])

@@ -5,12 +5,14 @@ from __future__ import annotations
 import struct
 import tempfile
 import zipfile
+from time import process_time
 
 import foreign
 import pytest
 from archives import repack
 
 from orchestrator.base.errors import FmuError
+from orchestrator.cli.main import main
 from orchestrator.fmi import archive, load_fmu
 
 LAUGHS = """<!DOCTYPE fmi [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">
@@ -70,6 +72,50 @@ def test_an_archive_that_expands_too_far_is_refused(tmp_path):
         f"X.fmu: refused, its {packed} bytes unpack to {size}; at most 200 times the archive, or "
         f"268435456 bytes, are accepted"
     )
+
+
+@pytest.mark.parametrize("filler", [b" ", b"<Category/>"])
+def test_a_description_that_expands_too_far_is_refused_before_it_is_read(filler, tmp_path):
+    """Long before an archive of so little would count as a bomb: markup costs hundreds of times its text."""
+    path, made = foreign.arrays(tmp_path / "X.fmu"), tmp_path / "made.fmu"
+    with zipfile.ZipFile(path) as file, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as new:
+        for name in file.namelist():
+            more = filler * (32 * 2**20 // len(filler)) if name == "modelDescription.xml" else b""
+            new.writestr(name, file.read(name) + more)
+    entry = zipfile.ZipFile(made).getinfo("modelDescription.xml")
+    begin = process_time()
+    assert refusal(made) == (
+        f"X.fmu: refused, the {entry.compress_size} bytes of modelDescription.xml unpack to "
+        f"{entry.file_size}; at most 100 times as many, or 4194304 bytes, and 536870912 bytes, are accepted"
+    )
+    assert process_time() - begin < 1.0
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_methods_that_unpack_without_bounds_are_refused(method, tmp_path):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a", method) as file:
+        file.writestr("resources/zeros", bytes(2**20))
+    assert refusal(path) == (
+        f"X.fmu: refused, its entry 'resources/zeros' is packed by method {method}\n"
+        "  allowed: stored (0) and deflated (8)"
+    )
+
+
+@pytest.mark.parametrize("entry", ["modelDescription.xml", "binaries/"])
+def test_content_that_is_no_deflate_is_refused(entry, tmp_path):
+    path, made = foreign.arrays(tmp_path / "X.fmu"), tmp_path / "made.fmu"
+    with zipfile.ZipFile(path) as file, zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as new:
+        for name in file.namelist():
+            new.writestr(name, file.read(name))
+        broken = next(one for one in new.infolist() if one.filename.startswith(entry))
+    data = bytearray(made.read_bytes())
+    begin = broken.header_offset + 30 + len(broken.filename)
+    data[begin : begin + 20] = b"\x07" + b"\xff" * 19
+    made.write_bytes(data)
+    assert "Error -3 while decompressing data" in refusal(made)
+    assert main(["check", str(made)]) == (2 if entry == "modelDescription.xml" else 0)
+    assert main(["run", str(made)]) in (1, 2)
 
 
 def test_a_size_that_is_understated_does_not_help(tmp_path):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import re
 import struct
@@ -15,7 +16,7 @@ from typing import Any
 
 import yaml
 
-__all__ = ["archive_changed", "text_changed", "xml_changed", "yaml_changed"]
+__all__ = ["archive_changed", "packed_changed", "text_changed", "xml_changed", "yaml_changed"]
 
 NUMBERS = (
     "0", "-0.0", "1", "-1", "2", "1e-300", "1e300", "-1e300", "1e308", "1e400", "1e-400", "nan", ".inf", "-inf",
@@ -290,7 +291,35 @@ def archive_changed(
     with zipfile.ZipFile(made, "w") as archive:
         for info, content in entries:
             archive.writestr(info, content)
-    return made.getvalue()
+    return _damaged(random, made.getvalue()) if random.random() < 0.1 else made.getvalue()
+
+
+def _damaged(random: Random, data: bytes) -> bytes:
+    """An archive of deflated entries, one of them damaged within."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as archive, zipfile.ZipFile(made, "w") as packed:
+        for info in archive.infolist():
+            packed.writestr(info, archive.read(info), zipfile.ZIP_DEFLATED)
+        one = random.choice(packed.infolist() or [zipfile.ZipInfo()])
+    found = bytearray(made.getvalue())
+    begin = one.header_offset + 30 + len(one.filename.encode())
+    for _ in range(random.choice((1, 4, 20)) if one.compress_size else 0):
+        found[begin + random.randrange(one.compress_size)] = random.randrange(256)
+    return bytes(found)
+
+
+def packed_changed(random: Random, data: bytes) -> bytes:
+    """A text packed by gzip: its bytes or the text in it changed, several in one, or far larger than packed."""
+    match random.randrange(8):
+        case 0 | 1:
+            return random.choice((_flipped, _cut, _without, _repeated, _inserted))(random, data)
+        case 2:
+            return data + random.choice((data, b"\0" * 100, b"x", gzip.compress(b"1,2,3\n")))
+        case 3:
+            piece = random.choice((b"\0", b"\n", b",", b"0,0,0\n", b'"', b"a,b,c\n"))
+            return gzip.compress(gzip.decompress(data) + piece * (2**26 // len(piece)), 1)
+        case _:
+            return gzip.compress(text_changed(random, gzip.decompress(data)), 1)
 
 
 def _entries_changed(
@@ -304,7 +333,7 @@ def _entries_changed(
     at = random.randrange(len(entries))
     info, content = entries[at]
     new = zipfile.ZipInfo(random.choice((*NAMES, outside)))
-    match random.randrange(9):
+    match random.randrange(11):
         case 0 | 1 | 2:
             written = [
                 one for one in range(len(entries)) if entries[one][0].filename.endswith((".xml", ".ssd"))
@@ -323,7 +352,10 @@ def _entries_changed(
             new.external_attr = random.choice((0o120777, 0o040755, 0o010644, 0o060644, 0)) << 16
             entries.append((new, random.choice((b"", b"/etc/passwd", b"../../escaped.txt", content[:1000]))))
         case 7:
-            info.compress_type = random.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA))
+            info.compress_type = random.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA))
+        case 8:  # far larger than it is packed
+            info.compress_type = zipfile.ZIP_DEFLATED
+            entries[at] = info, content + random.choice((b" ", b"\n", b"\0")) * (2**25)
         case _:
             new.compress_type = zipfile.ZIP_DEFLATED
             entries.append((new, bytes(random.choice((10, 2**20, 2**23)))))

@@ -15,12 +15,44 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import unquote, urlsplit
 
 from ...base.errors import ConfigError, FmuError, Problem, listed, nearest
-from ...fmi.archive import check_members
+from ...fmi.archive import check_document, check_members
 
-__all__ = ["Package", "open_package", "referenced"]
+__all__ = ["Package", "TooMuch", "open_package", "referenced"]
 
 # Read into memory: descriptions, parameters, and packages within packages.
 LARGEST_READ = 512 * 2**20
+# Of all that is read, each use of a file counted: references to one file may make much of little.
+MOST_TIMES_READ, SMALLEST_READ = 20, 8 * 2**20
+
+
+class TooMuch(ConfigError):
+    """A package that expands too far: nothing more of it is read."""
+
+
+class _Reading:
+    """What is read of a package and of those within it: each use of a file is one.
+
+    Args:
+        packed: size of the package [B]; of a folder, that of the files that were read.
+    """
+
+    def __init__(self, packed: int) -> None:
+        self._packed, self._read = packed, 0
+        self._files: set[Path] = set()
+
+    def found(self, file: Path, size: int) -> None:
+        """A file of a folder, of so many bytes."""
+        if file not in self._files:
+            self._files.add(file)
+            self._packed += size
+
+    def begins(self, size: int, place: str) -> None:
+        """So many bytes are about to be read. Raises: TooMuch."""
+        self._read += size
+        if self._read > max(SMALLEST_READ, MOST_TIMES_READ * self._packed):
+            allowed = f"at most {MOST_TIMES_READ} times its size, or {SMALLEST_READ} bytes, are read"
+            what = f"what the package refers to comes to more than {self._read - size} bytes; its size is "
+            raise TooMuch([Problem(place, f"{what}{self._packed} bytes", allowed)])
 
 
 class Package:
@@ -30,9 +62,9 @@ class Package:
         label: for messages, "X.ssp" or "X.ssp: resources/Y.ssp".
     """
 
-    def __init__(self, label: str, archive: zipfile.ZipFile | None, root: Path) -> None:
+    def __init__(self, label: str, archive: zipfile.ZipFile | None, root: Path, reading: _Reading) -> None:
         """Use `open_package`. `root`: of an archive, where files go; otherwise the folder itself."""
-        self.label, self._archive, self._root = label, archive, root
+        self.label, self._archive, self._root, self._reading = label, archive, root, reading
 
     def names(self) -> list[str]:
         """Paths of the files; of a folder only those at its top."""
@@ -47,17 +79,23 @@ class Package:
         return self._within(path).is_file()
 
     def read(self, path: str, place: str) -> bytes:
-        """Content of a file. Raises: ConfigError if it is missing, too large or broken."""
+        """Content of a file. Raises: ConfigError if it is missing, too large or broken; TooMuch."""
         self._needed(path, place)
         try:
             if self._archive is None:
                 size, content = self._within(path).stat().st_size, None
+                self._reading.found(self._within(path), size)
             else:
                 size, content = self._archive.getinfo(path).file_size, self._archive
+                if not path.lower().endswith(".ssp"):
+                    check_document(self.label, self._archive.getinfo(path))
             if size > LARGEST_READ:
                 allowed = f"at most {LARGEST_READ} are accepted"
                 raise ConfigError([Problem(place, f"{path} has {size} bytes", allowed)])
+            self._reading.begins(size, place)
             return content.read(path) if content is not None else self._within(path).read_bytes()
+        except FmuError as error:
+            raise TooMuch([Problem("", str(error))]) from None
         except (
             OSError,
             EOFError,
@@ -95,7 +133,7 @@ class Package:
         """A package within this one. Raises: ConfigError as `open_package`."""
         content = io.BytesIO(self.read(path, place))
         root = self._root.joinpath(*PurePosixPath(f"{path}.d").parts)
-        return _of_zip(content, len(content.getbuffer()), f"{self.label}: {path}", root)
+        return _of_zip(content, len(content.getbuffer()), f"{self.label}: {path}", root, self._reading)
 
     def _within(self, path: str) -> Path:
         """A path in the folder; leads nowhere if it is a link to the outside."""
@@ -123,7 +161,7 @@ def open_package(path: Path, root: Path) -> Package:
     """
     if path.suffix.lower() == ".ssd":
         # Whoever reads the config takes relative paths in it from the folder of the file.
-        return Package(path.name, None, path.parent.absolute())
+        return Package(path.name, None, path.parent.absolute(), _Reading(0))
     try:
         size = path.stat().st_size
     except OSError as error:
@@ -131,7 +169,9 @@ def open_package(path: Path, root: Path) -> Package:
     return _of_zip(path, size, path.name, root)
 
 
-def _of_zip(content: io.BytesIO | Path, size: int, label: str, root: Path) -> Package:
+def _of_zip(
+    content: io.BytesIO | Path, size: int, label: str, root: Path, reading: _Reading | None = None
+) -> Package:
     try:
         archive = zipfile.ZipFile(content)
     except (zipfile.BadZipFile, OSError, ValueError) as error:
@@ -148,14 +188,7 @@ def _of_zip(content: io.BytesIO | Path, size: int, label: str, root: Path) -> Pa
             what = f"refused, two of its entries are called {member.filename!r}"
             raise ConfigError([Problem(label, what, "each name may stand once", _AGAIN)])
         names.add(member.filename)
-        if member.flag_bits & 1:
-            raise ConfigError(
-                [Problem(label, f"its entry {member.filename!r} is encrypted", "SSP allows none")]
-            )
-        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            what = f"its entry {member.filename!r} is packed by method {member.compress_type}"
-            raise ConfigError([Problem(label, what, "SSP allows stored (0) and deflated (8)")])
-    return Package(label, archive, root)
+    return Package(label, archive, root, reading or _Reading(size))
 
 
 def referenced(source: str, base: str, place: str) -> tuple[str, str]:

@@ -6,14 +6,15 @@ higher systems take precedence over those of lower ones, later bindings over ear
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from ...base.errors import ConfigError, FmuError, Problem, listed, nearest
 from ...base.units import Unit
 from ...fmi import Interface, ModelDescription, Variable, read_description
-from .archive import Package, referenced
+from .archive import Package, TooMuch, referenced
 from .model import (
     Binding,
     Connection,
@@ -102,10 +103,6 @@ class _Scope:
     dictionaries: Mapping[str, tuple[Path_, Dictionary]] = field(default_factory=dict)
 
 
-class _TooMany(ConfigError):
-    """Ends the reading at once."""
-
-
 class Network:
     """What a description comes to.
 
@@ -127,6 +124,8 @@ class Network:
         self._descriptions: dict[tuple[Path, Interface | None], ModelDescription] = {}
         # Nested descriptions that have been read in place of their component.
         self._replaced: dict[Path_, Element] = {}
+        # Files that many bindings refer to are read once.
+        self._parsed: dict[tuple[str, str, str], Any] = {}
         self._systems = 0
 
     def add(self, package: Package, file: str) -> Document:
@@ -145,7 +144,7 @@ class Network:
         self._systems += 1
         if self._systems > MOST_SYSTEMS:
             what = f"references make more than {MOST_SYSTEMS} systems of it"
-            raise _TooMany([Problem(system.place, what, "refused")])
+            raise TooMuch([Problem(system.place, what, "refused")])
         own = {one.name: (path, one) for one in system.dictionaries}
         scope = replace(scope, dictionaries={**scope.dictionaries, **own})
         for connector in system.connectors.values():
@@ -178,7 +177,7 @@ class Network:
                 self._nested(element, found, fragment, path, scope)
             else:
                 self._fmu(element, found, path, scope)
-        except _TooMany:
+        except TooMuch:
             raise
         except ConfigError as error:
             self.problems += error.problems
@@ -354,6 +353,8 @@ class Network:
         for binding in bindings:
             try:
                 given = self._given(binding, scope, component is not None)
+            except TooMuch:
+                raise
             except ConfigError as error:
                 self.problems += error.problems
                 continue
@@ -368,18 +369,21 @@ class Network:
         """What a binding gives, by the names in the element."""
         reader = Reader(scope.package.label, self.problems, self.notes)
 
-        def content(reference: Reference) -> tuple[str, bytes]:
+        def read(reference: Reference, parse: Callable[[str, bytes], Any], kind: str) -> Any:
             if reference.base == "component" and component:
                 what = f"{reference.source!r} lies within the component's FMU"
                 raise ConfigError([Problem(binding.place, what, "only files of the package itself are read")])
             file, _ = referenced(reference.source, scope.file, binding.place)
-            return file, scope.package.read(file, binding.place)
+            content, key = scope.package.read(file, binding.place), (scope.package.label, file, kind)
+            if key not in self._parsed:
+                self._parsed[key] = parse(file, content)
+            return self._parsed[key]
 
         values, mapping = binding.values, binding.mapping
         if isinstance(values, Reference):
-            values = reader.parameters(*content(values))
+            values = read(values, reader.parameters, "parameters")
         if isinstance(mapping, Reference):
-            mapping = reader.mapping(*content(mapping))
+            mapping = read(mapping, reader.mapping, "mapping")
         named = {binding.prefix + one.name: one for one in values}
         if mapping is None:
             return [(name, Given(one)) for name, one in named.items()]
