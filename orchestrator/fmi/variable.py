@@ -115,6 +115,28 @@ class Variable:
         """Whether connections carry its values as they are, beside the numbers: text and binary values."""
         return self.kind in (Kind.STRING, Kind.BINARY)
 
+    @property
+    def unrecorded(self) -> str:
+        """Why results cannot hold its values; empty if they can. They hold numbers, as 64-bit floats."""
+        if self.causality is Causality.INPUT:
+            return "an input: record its source"
+        if self.shape:
+            return f"an array of shape {self.shape}, which is not taken apart"
+        if not self.kind.numeric:
+            return f"of type {self.kind}: results hold numbers, Booleans and items of enumerations only"
+        return ""
+
+    def rounded(self, value: Any) -> str:
+        """Of a whole number that a signal, a 64-bit float, does not hold: what it holds instead; else empty.
+
+        The largest number of a type is held, though the float next to it is one more.
+        """
+        if not isinstance(value, int) or self.kind not in (Kind.INTEGER, Kind.ENUMERATION):
+            return ""
+        whole = int(float(value))
+        held = self.held_range or (-(1 << 63), (1 << 63) - 1)
+        return "" if value in (whole, held[1]) else str(whole)
+
     def as_referenced(self, value: Any) -> Any:
         """What stands for a value under the reference, and the other way round."""
         if not self.negated:

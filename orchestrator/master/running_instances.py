@@ -380,6 +380,7 @@ class Instances:
         for index, one in enumerate(self.running):
             one.read_outputs()
             self._read_texts(index)
+            self._note_rounded(index, start_time)
         self._uncommitted = True
         return self.signals(start_time)
 
@@ -398,11 +399,23 @@ class Instances:
     def terminate(self) -> None:
         """End a run that went well; an FMU that fails at that changes no result, and is told as a warning."""
         self.terminated = True
-        for one in self.running:
+        for index, one in enumerate(self.running):
             try:
+                self._note_rounded(index, None)
                 one.terminate()
             except StepError as error:
                 self._complaints.setdefault(one.name, []).append(f"[{error.status}] {error.what}")
+
+    def _note_rounded(self, index: int, time: float | None) -> None:
+        """Warn of outputs whose whole numbers, at the start or the end, are no signals; None: at the end."""
+        one = self.running[index]
+        variables = one.description.variables
+        names = [name for name in self.layout.outputs[index] if variables[name].type in ("Int64", "UInt64")]
+        for name, value in one.get_values(names).items() if names else ():
+            if held := variables[name].rounded(value):
+                when = "at the end" if time is None else f"at {time:g} s"
+                what = f"[warning] {name} is {value!r} {when}; as a signal, a 64-bit float, it is {held}"
+                self._complaints.setdefault(one.name, []).append(what)
 
     def warnings(self) -> dict[str, list[str]]:
         """What each instance logged beyond mere information; instances that did not are left out."""

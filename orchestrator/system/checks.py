@@ -153,7 +153,20 @@ def start_value(
     converted = _converted(instance, variable, value, place)
     if isinstance(converted, Problem):
         return converted
-    return in_range(instance, variable, converted, value, place) or converted
+    return (
+        in_range(instance, variable, converted, value, place)
+        or _inexact(instance, variable, converted, place)
+        or converted
+    )
+
+
+def _inexact(instance: str, variable: Variable, value: Value, place: str) -> Problem | None:
+    """The problem of a whole number that an input or output, as a signal, does not hold; parameters do."""
+    if variable.causality not in (Causality.INPUT, Causality.OUTPUT) or not variable.rounded(value):
+        return None
+    what = f"{instance}.{variable.name} = {value!r}: a signal would hold {variable.rounded(value)}"
+    allowed = "signals are 64-bit floats, which hold whole numbers up to 2^53 = 9007199254740992 exactly"
+    return Problem(place, what, allowed)
 
 
 def _local(variable: Variable) -> bool:
@@ -254,17 +267,12 @@ def recordable(
         return Problem(place, what, f"instances: {listed(names)}", nearest(instance, names))
     variables = descriptions[instance].variables
     variable = variables.get(name)
-    names = [
-        v.name
-        for v in variables.values()
-        if v.causality is not Causality.INPUT and v.kind.numeric and not v.shape
-    ]
+    names = [v.name for v in variables.values() if not v.unrecorded]
     if variable is None:
         what = f"{instance} has no variable {name!r} to record"
         return Problem(place, what, f"it has {listed(names)}", nearest(name, names, f"{instance}."))
-    if name not in names:
-        why = "an input: record its source" if variable.causality is Causality.INPUT else "no numeric scalar"
-        return Problem(place, f"{instance}.{name} cannot be recorded", f"it is {why}")
+    if variable.unrecorded:
+        return Problem(place, f"{instance}.{name} cannot be recorded", f"it is {variable.unrecorded}")
     return None
 
 

@@ -78,12 +78,10 @@ def _recorded(
     config: Config, parts: Sequence[Part], patterns: Sequence[str], problems: list[Problem]
 ) -> list[str]:
     """The signals that a config records, and those that patterns name."""
-    numeric = {
-        f"{part.name}.{one.name}": one
-        for part in parts
-        for one in part.fmu.description.variables.values()
-        if one.kind.numeric and not one.shape
+    every = {
+        f"{part.name}.{one.name}": one for part in parts for one in part.fmu.description.variables.values()
     }
+    numeric = {name: one for name, one in every.items() if not one.unrecorded}
     record = config.model.run.record
     outputs = [name for name, one in numeric.items() if one.causality is Causality.OUTPUT]
     found = dict.fromkeys(outputs if record == "all" else record)
@@ -93,7 +91,11 @@ def _recorded(
         matches = [
             name for name in numeric if fnmatchcase(name, plain) or fnmatchcase(name.partition(".")[2], plain)
         ]
-        if not matches:
+        refused = [name for name in every if pattern in (name, name.partition(".")[2])]
+        if not matches and refused:
+            what = f"{refused[0]} cannot be recorded"
+            problems.append(Problem("--record", what, f"it is {every[refused[0]].unrecorded}"))
+        elif not matches:
             near = nearest(pattern, [*numeric, *(name.partition(".")[2] for name in numeric)])
             problems.append(Problem("--record", f"no variable {pattern!r} of a number", "", near))
         found.update(dict.fromkeys(matches))

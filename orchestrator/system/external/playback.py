@@ -35,6 +35,7 @@ __all__ = ["SUFFIX", "SignalFmu", "read_header", "targets_of"]
 SUFFIX = ".csv"
 # "force [N]", "force (N)" or "force / N".
 _HEADER = re.compile(r"^(.*?)\s*(?:\[([^]]*)\]|\(([^)]*)\)|\s/\s+(\S+))?$", re.DOTALL)
+_WHOLE = re.compile(r"[-+]?\d{1,300}")
 _TRUE, _FALSE = ("true", "1", "1.0"), ("false", "0", "0.0")
 _MOST_PROBLEMS = 20
 
@@ -320,11 +321,17 @@ def _value(text: str, kind: Kind, target: Variable | None) -> Any:
         if target is not None and text in target.items:
             return target.items[text]
         try:
-            value = float(text)
+            value = int(text) if _WHOLE.fullmatch(text) else float(text)
         except ValueError:
             raise ValueError("no whole number") from None
-        if not value.is_integer():
+        if not float(value).is_integer():
             raise ValueError("no whole number")
+        if target is not None:
+            low, high = target.held_range or (value, value)
+            if not low <= value <= high:
+                raise ValueError(f"beyond {target.type}, which holds {low} to {high}")
+            if held := target.rounded(int(value)):
+                raise ValueError(f"no signal, which is a 64-bit float, exact up to 2^53, and would be {held}")
         return int(value)
     return text
 
