@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -65,6 +67,16 @@ def _leave_with_the_parent(parent: int) -> None:
     os._exit(1)
 
 
+def _print_by_lines() -> None:
+    """Have C and Python write each line at once: what they keep is lost where the process is killed."""
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    if os.name == "posix":
+        library = ctypes.CDLL(None)
+        with suppress(ValueError):  # a C library that calls its stream otherwise
+            name = "__stdoutp" if sys.platform == "darwin" else "stdout"
+            library.setvbuf(ctypes.c_void_p.in_dll(library, name), None, 1, ctypes.c_size_t(0))
+
+
 def guarded_pipes() -> tuple[int, int]:
     """In a child: descriptors of commands and answers, out of reach of what it prints; sees to its end.
 
@@ -74,6 +86,7 @@ def guarded_pipes() -> tuple[int, int]:
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.dup2(2, 1)
+    _print_by_lines()
     # An interrupt goes to all processes of a terminal: the one that holds the work decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.name == "posix":

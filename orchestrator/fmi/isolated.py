@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import tempfile
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +17,7 @@ from .archive import Unpacked
 from .child_process import cause_of_death, end, start_child
 from .description import ModelDescription
 from .instance import Array, Point, StepStatus
-from .log_file import LogFile, log_folder
+from .log_file import LogFile, PrintedFile, log_folder
 from .run_options import RunOptions
 from .variable import Value
 
@@ -58,7 +57,7 @@ class IsolatedInstance:
         self.bind((), np.zeros(0), (), np.zeros(0))
         self._log_file = LogFile.of(name)
         folder = unpacked.acquire()
-        self._output = tempfile.TemporaryFile(prefix="fmu-output-")
+        self._output = PrintedFile(name)
         try:
             self._start()
             logs = log_folder()
@@ -70,7 +69,7 @@ class IsolatedInstance:
     # The process.
 
     def _start(self) -> None:
-        self._process = start_child("orchestrator.fmi.worker", self._output)
+        self._process = start_child("orchestrator.fmi.worker", self._output.stream)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._commands, self._answers = self._process.stdin.fileno(), self._process.stdout.fileno()
         if self.run_options.time_limit is not None:
@@ -144,9 +143,7 @@ class IsolatedInstance:
 
     def _printed(self, most: int | None = _LINES_OF_OUTPUT) -> list[str]:
         """The last lines that the process printed; all without `most`."""
-        self._output.seek(0)
-        text = self._output.read().decode("utf-8", errors="replace")
-        lines = [line.rstrip() for line in text.splitlines() if line.strip()]
+        lines = [line.rstrip() for line in self._output.text().splitlines() if line.strip()]
         return [f"[printed] {line}" for line in (lines if most is None else lines[-most:])]
 
     # Ports.
@@ -235,7 +232,7 @@ class IsolatedInstance:
             if self._log_file is not None and (printed := self._printed(None)):
                 self._log_file.write(printed, lambda: self._time)
                 self._log_file.close()
-            self._output.close()
+            self._output.remove()
             self._unpacked.release()
 
     def log_lines(self) -> tuple[str, ...]:

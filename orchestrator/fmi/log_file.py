@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO, BinaryIO
 
-__all__ = ["LOG_FOLDER", "LogFile", "clear_logs", "log_folder", "logs_in"]
+__all__ = ["LOG_FOLDER", "LogFile", "PrintedFile", "clear_logs", "log_folder", "logs_in"]
 
 # Within the folder of a run.
 LOG_FOLDER = "log"
@@ -82,6 +83,38 @@ class LogFile:
             with suppress(OSError):
                 self._file.close()
             self._file = None
+
+
+class PrintedFile:
+    """Takes what the process of an instance prints: in the folder of logs, so that it outlives a killed run.
+
+    Attributes:
+        stream: open for writing and reading.
+    """
+
+    def __init__(self, name: str) -> None:
+        folder = log_folder()
+        self._path = None if folder is None else folder / f"{name}.printed.log"
+        if self._path is not None:
+            try:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self.stream: IO[bytes] = open(self._path, "w+b")
+                return
+            except OSError:
+                self._path = None
+        self.stream = tempfile.TemporaryFile(prefix="fmu-output-")
+
+    def text(self) -> str:
+        """All that was printed so far."""
+        self.stream.seek(0)
+        return self.stream.read().decode("utf-8", errors="replace")
+
+    def remove(self) -> None:
+        """Close and remove the file."""
+        self.stream.close()
+        if self._path is not None:
+            with suppress(OSError):
+                self._path.unlink()
 
 
 def clear_logs(folder: Path) -> None:

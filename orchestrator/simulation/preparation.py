@@ -20,6 +20,9 @@ from .grid import Grid, time_problems
 
 __all__ = ["Judgement", "Prepared", "judge", "prepare"]
 
+# Beyond which a run is announced as long: of slow FMUs so many steps take hours.
+_MANY_STEPS = 10_000_000
+
 
 @dataclass(frozen=True)
 class Prepared:
@@ -34,7 +37,14 @@ class Prepared:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was accepted, and a user should know."""
-        return (*self.config.notes, *self.system.notes)
+        return (*self.config.notes, *self.system.notes, *self._long())
+
+    def _long(self) -> tuple[str, ...]:
+        """What to say of a run that may take long, as a default experiment of tiny steps does."""
+        steps, size = self.grid.steps, float(self.grid.step_size)
+        if steps <= _MANY_STEPS:
+            return ()
+        return (f"the run takes {steps:,} steps of {size:g} s; run.step_size and run.stop_time set others",)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ import pytest
 from archives import repack
 
 from orchestrator.base.errors import ConfigError, FmuError, StepError
+from orchestrator.cli.main import main
 from orchestrator.config import load_config
 from orchestrator.fmi import Point, RunOptions, StepStatus, load_fmu
 from orchestrator.results.recorders import read_results
@@ -253,6 +254,35 @@ def test_a_process_that_hangs_ends_with_its_parent(wild, tmp_path):
             return
         time.sleep(0.1)
     raise AssertionError("the process of the FMU outlives the program")
+
+
+@posix
+@pytest.mark.parametrize("flushed", [True, False])
+def test_what_was_printed_outlives_a_run_that_is_killed(flushed, wild, tmp_path):
+    if not flushed:  # of the FMU that keeps what it prints until its buffer is full
+
+        def change(name, data):
+            return name, data.replace(b"fflush\0", b"fileno\0") if name.endswith(".so") else data
+
+        repack(wild, tmp_path / "Other.fmu", change)
+        wild = tmp_path / "Other.fmu"
+    path, out = tmp_path / "system.yaml", tmp_path / "out"
+    path.write_text(json.dumps(config(wild, HANG)))
+    command = [sys.executable, "-m", "orchestrator", "run", str(path), "--out", str(out), "--no-halving"]
+    process = subprocess.Popen(command, cwd=Path(__file__).parents[2], stderr=subprocess.DEVNULL)
+    printed = out / "log" / "bad.printed.log"
+    for _ in range(600):
+        if printed.is_file() and printed.read_text().count("a line on the standard output\n") == 5:
+            break
+        time.sleep(0.1)
+    process.kill()
+    process.wait()
+    assert printed.read_text() == "a line on the standard output\n" * 5
+    assert (
+        main(["run", str(path), "--out", str(out), "--set", "bad.way=0", "--no-halving", "--no-figures"]) == 0
+    )
+    assert not printed.exists()
+    assert (out / "log" / "bad.log").read_text().count("[printed] a line on the standard output") == 10
 
 
 def test_a_time_limit_needs_a_process(wild):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-__all__ = ["Image", "is_system_library", "read_images", "wanted_images"]
+__all__ = ["Image", "is_system_library", "platform_names", "read_images", "wanted_images"]
 
 # Folder under binaries/ -> kind and architectures of which it must hold at least one.
 _PLATFORMS = {
@@ -16,6 +17,8 @@ _PLATFORMS = {
     "darwin64": ("Mach-O", ("x86_64", "aarch64")),
 }
 _KINDS = {"windows": "PE", "linux": "ELF", "darwin": "Mach-O"}
+
+_SYSTEMS = {"win": "windows", "linux": "linux", "darwin": "darwin"}
 
 # What every installation of the platform has: the C library, the loader, and Windows' own interfaces.
 _SYSTEM_STEMS = {
@@ -132,6 +135,26 @@ def wanted_images(folder: str) -> tuple[str, tuple[str, ...]] | None:
     architecture, _, system = folder.partition("-")
     kind = _KINDS.get(system.partition("-")[0])
     return None if kind is None else (kind, (architecture,))
+
+
+def platform_names(folder: str, architectures: Iterable[str] = ()) -> tuple[str, tuple[str, ...]]:
+    """What binaries/<folder> is called in FMI 2.0 and, by architecture, in FMI 3.0; empty without a name.
+
+    Args:
+        architectures: of the libraries in it; FMI 2.0 has one folder for several of them.
+    """
+    if folder in _PLATFORMS:
+        system = _SYSTEMS[folder.rstrip("0123456789")]
+        known = [one for one in _PLATFORMS[folder][1] if one in set(architectures)] or _PLATFORMS[folder][1][
+            :1
+        ]
+        return folder, tuple(f"{one}-{system}" for one in known)
+    if wanted_images(folder) is None:
+        return "", ()
+    architecture, _, system = folder.partition("-")
+    kind = _KINDS[system.partition("-")[0]]
+    older = (name for name, (own, able) in _PLATFORMS.items() if own == kind and architecture in able)
+    return next(older, ""), (folder,)
 
 
 def is_system_library(kind: str, name: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from collections import Counter
+from collections.abc import Collection, Iterable
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 from ...base.errors import FmuError
 from ...fmi import Causality, Kind, ModelDescription, Variable, load_fmu
 from ...fmi.archive import binary_folder, checked_members
-from .binaries import Image, is_system_library, read_images
+from .binaries import Image, is_system_library, platform_names, read_images
 from .functions import core_functions, exported_name, fmi_functions
 
 __all__ = ["Binary", "binaries", "inspect_fmu"]
@@ -72,8 +73,11 @@ class Binary:
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
+        older, names = platform_names(self.platform, [image.architecture for image in self.images])
         return {
             "file": self.file,
+            "fmi2_platform": older,
+            "fmi3_platforms": list(names),
             "size": self.size,
             "problem": self.problem,
             "images": [image.as_dict() for image in self.images],
@@ -103,6 +107,19 @@ def binaries(path: Path, description: ModelDescription) -> list[Binary]:
     return sorted(found, key=lambda binary: binary.platform)
 
 
+def _without_library(names: Iterable[str], known: Collection[str]) -> dict[str, list[str]]:
+    """Files of folders under binaries/ that hold no library of the model, by folder.
+
+    Args:
+        names: of the archive's files; known: folders that do.
+    """
+    found: dict[str, list[str]] = {}
+    for path in map(PurePosixPath, names):
+        if len(path.parts) > 2 and path.parts[0] == "binaries" and path.parts[1] not in known:
+            found.setdefault(path.parts[1], []).append("/".join(path.parts[2:]))
+    return found
+
+
 def inspect_fmu(path: Path) -> dict[str, Any]:
     """All that an FMU tells without being run, for JSON.
 
@@ -116,6 +133,7 @@ def inspect_fmu(path: Path) -> dict[str, Any]:
         parts = PurePosixPath(member.filename).parts
         sizes[parts[0] if len(parts) > 1 else "."] += member.file_size
     names = [member.filename for member in members if not member.is_dir()]
+    libraries = binaries(path, found)
     return {
         "file": str(path),
         "size": path.stat().st_size,
@@ -128,7 +146,8 @@ def inspect_fmu(path: Path) -> dict[str, Any]:
         "token": found.token,
         "model_identifier": found.model_identifier,
         "this_platform": binary_folder(found.fmi_version),
-        "binaries": {binary.platform: binary.as_dict() for binary in binaries(path, found)},
+        "binaries": {binary.platform: binary.as_dict() for binary in libraries},
+        "platforms_without_library": _without_library(names, {one.platform for one in libraries}),
         "capabilities": asdict(found.capabilities),
         "experiment": {
             "step_size": found.default_step,

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...base.errors import listed
 from .finding import Finding, Level, Verdict
 
 __all__ = ["finding_line", "inspection_text", "rows_text", "verdicts_line"]
@@ -69,6 +70,8 @@ def inspection_text(found: Mapping[str, Any]) -> str:
     lines += [f"  deviation     {one}" for one in found["deviations"]]
     lines.append(f"binaries (this platform is {found['this_platform']}):")
     lines += rows_text([_binary_row(name, one) for name, one in found["binaries"].items()]) or ["  none"]
+    for platform, files in found["platforms_without_library"].items():
+        lines.append(f"  {platform}: no library {found['model_identifier']}; it holds {listed(files)}")
     for title, causalities in (
         ("inputs", ("input",)),
         ("outputs", ("output",)),
@@ -84,6 +87,8 @@ def _binary_row(platform: str, one: Mapping[str, Any]) -> dict[str, Any]:
     kinds = [f"{image['kind']} {image['architecture']}" for image in one["images"]]
     return {
         "platform": platform,
+        "in FMI 2.0": one["fmi2_platform"] or "-",
+        "in FMI 3.0": ", ".join(one["fmi3_platforms"]) or "-",
         "image": one["problem"] or " + ".join(kinds),
         "bytes": one["size"],
         "functions": one["functions_exported"],
