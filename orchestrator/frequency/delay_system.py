@@ -37,6 +37,11 @@ _RESIDUAL = 1e-9
 # Neighbouring values on the contour turn by less than this [rad], or more are taken between them.
 _TURN = 0.7
 _MOST_POINTS = 400_000
+# Of systems with more states the instances are reduced to what links see; in blocks of so many rows.
+_SMALL = 40
+_BLOCK = 32
+# |L| below this limits no gain.
+_NO_GAIN = 1e-9
 
 
 class Link(NamedTuple):
@@ -251,8 +256,51 @@ class DelaySystem:
 
     def _signs(self, s: Complex) -> Complex:
         """det P(s) / |det P(s)|."""
-        parts = [np.linalg.slogdet(self._matrix(one))[0] for one in np.array_split(s, max(len(s) // 2000, 1))]
-        return np.concatenate(parts)
+        if len(self.states) <= _SMALL:
+            parts = np.array_split(s, max(len(s) // 2000, 1))
+            return np.concatenate([np.linalg.slogdet(self._matrix(one))[0] for one in parts])
+        made = np.empty(len(s), np.complex128)
+        near = self._near_poles(s)
+        for index in np.flatnonzero(near):
+            made[index] = np.linalg.slogdet(self._matrix(s[index : index + 1]))[0][0]
+        # det P = det(s - A) det(1 - K G), with G of the instances alone.
+        far = s[~near]
+        t, _, _, _, targets, sources = self._reduced
+        k = np.einsum("sk,kmp->smp", np.exp(-far[:, None] * self._delays), self._k[:, targets][:, :, sources])
+        loop = np.eye(len(targets)) - k @ self._instances(far)
+        apart = far[:, None] - np.diag(t)
+        made[~near] = np.prod(apart / abs(apart), axis=1) * np.linalg.slogdet(loop)[0]
+        return made
+
+    @cached_property
+    def _reduced(self) -> tuple[Complex, Complex, Complex, Array, list[int], list[int]]:
+        """A as an upper triangular matrix; B, C and D of it, for the inputs and outputs that links use."""
+        targets = sorted({one.target for one in self.links})
+        sources = sorted({one.source for one in self.links})
+        t, turn = scipy.linalg.schur(self.a, output="complex")
+        b, c = turn.conj().T @ self.b[:, targets], self.c[sources] @ turn
+        return t, b, c, self.d[np.ix_(sources, targets)], targets, sources
+
+    def _near_poles(self, s: Complex) -> NDArray[np.bool_]:
+        """Where digits are lost in the response of the instances alone."""
+        poles = np.diag(self._reduced[0])
+        size = np.maximum(np.median(abs(poles)), abs(s))
+        return np.min(abs(s[:, None] - poles), axis=1) < 1e-5 * size
+
+    def _instances(self, s: Complex) -> Complex:
+        """C (s - A)^-1 B + D of `_reduced`, shape (len(s), sources, targets)."""
+        t, b, c, d = self._reduced[:4]
+        n, m = b.shape
+        if len(s) == 1:
+            return (c @ scipy.linalg.solve_triangular(s[0] * np.eye(n) - t, b) + d)[None]
+        x = np.zeros((n, len(s), m), np.complex128)
+        for high in range(n, 0, -_BLOCK):
+            low = max(high - _BLOCK, 0)
+            right = b[low:high, None] + np.tensordot(t[low:high, high:], x[high:], 1)
+            for row in range(high - 1, low - 1, -1):
+                inner = np.tensordot(t[row, row + 1 : high], x[row + 1 : high], 1)
+                x[row] = (right[row - low] + inner) / (s - t[row, row])[:, None]
+        return np.moveaxis(np.tensordot(c, x, 1), 0, 1) + d
 
     def modes(self, count: int = 6) -> Modes:
         """The rightmost modes, at least `count` roots where there are so many.
@@ -419,6 +467,8 @@ class DelaySystem:
         own = [one for one in self.links if one.connection == connection]
         rest = self._gains([one for one in self.links if one.connection != connection])
         n = len(self.states)
+        if n > _SMALL and not self._near_poles(s).any():
+            return self._open_reduced(own, rest, s)
         targets = sorted({one.target for one in own})
         drive = np.zeros(n + len(self.inputs))
         # Further places that a connection feeds, as the delayed path into an FMU, carry the same signal.
@@ -429,6 +479,24 @@ class DelaySystem:
         y = solved[:, :n] @ self.c.T + solved[:, n:] @ self.d.T
         first = [one for one in own if one.target == targets[0]]
         back = sum(one.gain * np.exp(-s * one.delay) * y[:, one.source] for one in first)
+        return -np.asarray(back)
+
+    def _open_reduced(self, own: Sequence[Link], rest: Array, s: Complex) -> Complex:
+        """`_open` of systems with many states."""
+        targets, sources = self._reduced[4:]
+        first = min(one.target for one in own)
+        drive = np.array([[float(one in {link.target for link in own})] for one in targets])
+        response = self._instances(s)
+        k = np.einsum("sk,kmp->smp", np.exp(-s[:, None] * self._delays), rest[:, targets][:, :, sources])
+        u = np.linalg.solve(
+            np.eye(len(targets)) - k @ response, np.broadcast_to(drive, (len(s), *drive.shape))
+        )
+        y = (response @ u)[..., 0]
+        back = sum(
+            one.gain * np.exp(-s * one.delay) * y[:, sources.index(one.source)]
+            for one in own
+            if one.target == first
+        )
         return -np.asarray(back)
 
     def to_control(self, connection: str, order: int = 6) -> control.StateSpace:
@@ -567,7 +635,9 @@ def _real_crossings(response: Any, omega: Array, value: Complex) -> list[tuple[f
     from scipy.optimize import brentq
 
     found: list[tuple[float, float]] = []
-    sign = np.where(abs(value.imag) > 1e-9 * abs(value), np.sign(value.imag), 0.0)
+    # What is as small as rounding has no sign, and no gain that anyone would reach makes it 1.
+    clear = (abs(value.imag) > 1e-9 * abs(value)) & (abs(value) > _NO_GAIN)
+    sign = np.where(clear, np.sign(value.imag), 0.0)
     for index in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
         if value.real[index] < 0.0 and value.real[index + 1] < 0.0:
             w = brentq(

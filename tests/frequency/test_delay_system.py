@@ -150,6 +150,30 @@ def test_parts_that_are_there_twice_have_roots_twice():
         assert dict(mode.participation) == pytest.approx({"p.x": 0.5, "q.x": 0.5})
 
 
+def test_large_systems_are_reduced_to_what_their_links_see():
+    """Determinants and open loops are those of the whole equation."""
+    draw = np.random.default_rng(3)
+    n, m = 60, 3
+    a = draw.normal(size=(n, n)) / np.sqrt(n) - 1.2 * np.eye(n)
+    a[:2, :2] = [[0.0, 1.0], [0.0, 0.0]]
+    a[:2, 2:] = 0.0
+    b, c = draw.normal(size=(n, m)) / np.sqrt(n), draw.normal(size=(m, n))
+    links = tuple(Link(str(k), k, k, (-1.0) ** k, 0.2 * k) for k in range(m))
+    names = [tuple(f"p.{kind}{k}" for k in range(size)) for kind, size in (("x", n), ("u", m), ("y", m))]
+    system = DelaySystem(a, b, c, np.full((m, m), 0.1), *names, links)
+    s = np.concatenate([draw.normal(size=40) + 1j * draw.normal(size=40), [0.0, 1e-9, 1j]])
+    whole = system._matrix(s)
+    assert system._signs(s) == pytest.approx(np.linalg.slogdet(whole)[0], abs=1e-9)
+    for place in (0, 40):
+        cut = DelaySystem(a, b, c, system.d, *names, (links[0], links[2]))
+        drive = np.zeros(n + m)
+        drive[n + 1] = 1.0
+        x = np.linalg.solve(cut._matrix(s[place : place + 1])[0], drive)
+        y = c[1] @ x[:n] + system.d[1] @ x[n:]
+        expected = np.exp(-0.2 * s[place]) * y
+        assert system._open("1", s[place : place + 1])[0] == pytest.approx(expected, rel=1e-8)
+
+
 def test_loops_without_a_state_are_refused():
     with pytest.raises(ConfigError, match="holds a delay and direct feedthrough"):
         chain(-1.0, 1.0, 1.0, 2.0, loop(1.0, 0.1)).modes()

@@ -57,8 +57,8 @@ def test_delay_margin_of_the_usual_example_of_the_delay_literature():
     assert border == pytest.approx(np.arccos(-0.9) / omega, rel=1e-9)
 
 
-# Examples of TDS-CONTROL: Verheyden, Luzyanina, Roose, J. Comput. Appl. Math. 214 (2008); Wu, Michiels, there,
-# 236 (2012).
+# Examples of TDS-CONTROL: Verheyden, Luzyanina, Roose, J. Comput. Appl. Math. 214 (2008); Wu,
+# Michiels, J. Comput. Appl. Math. 236 (2012).
 EXAMPLES = {
     "Verheyden": (
         [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -10, -4], [0, 0, 4, -10]],
