@@ -65,7 +65,7 @@ COMMANDS: dict[str, tuple[str, str | None, str]] = {
         "diagnosis:main",
     ),
     "reproduce": (
-        "make the source's figures and numbers again, on one page",
+        "reproduce the figures and numbers of the paper, on one page",
         "reproduce:add_arguments",
         "reproduce:main",
     ),

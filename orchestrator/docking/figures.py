@@ -1,4 +1,4 @@
-"""Figures of docking runs, drawn as in the source: free flight between the frames is cut out."""
+"""Figures of docking runs, drawn as in the paper: free flight between the frames is cut out."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Motion mapping between satellites and simulator, Eqs. (1), (2) and (10) to (16), for recorded motions.
 
-Names as in the source's Table 1: A service satellite, B target, Ai and Bi their assembly frames, u = 6 the
+Names as in the paper's Table 1: A service satellite, B target, Ai and Bi their assembly frames, u = 6 the
 robot's end, t the target's assembly frame in the laboratory. A transformation a_T_b takes coordinates of b to
 a; T_b alone takes them to the global frame. Quaternions are scalar first. What FMUs need of this lies in
 fmus/shared/free_bodies.py; fmus/SatellitePair/README.md lists the misprints, which are corrected alike here:

@@ -33,7 +33,7 @@ UNITS = {
     "largest_turn": "rad",
     "largest_rate": "rad/s",
 }
-# Ratios of speeds this near to the ideal count as kept: the source's own rebounds stay within it.
+# Ratios of speeds this near to the ideal count as kept: the paper's own rebounds stay within it.
 KEPT = 0.02
 
 
@@ -53,10 +53,10 @@ def _kept_speed(contacts: Sequence[Mapping[str, Any]], ideal: float) -> str:
             f"{count}; the satellite was at rest at the start, so that there is no first speed to compare to."
         )
     ratio = abs(ratio)
-    told = f"After {count} the rod has {ratio:.4f} times its first speed (without delay {ideal:.4g})"
+    sentence = f"After {count} the rod has {ratio:.4f} times its first speed (without delay {ideal:.4g})"
     if abs(ratio - ideal) <= KEPT * ideal:
-        return f"{told}: the loop keeps the energy of the contact."
-    return f"{told}: the loop {'adds' if ratio > ideal else 'takes'} energy at each contact."
+        return f"{sentence}: the loop keeps the energy of the contact."
+    return f"{sentence}: the loop {'adds' if ratio > ideal else 'takes'} energy at each contact."
 
 
 class DockingMeasure:

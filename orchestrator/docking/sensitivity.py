@@ -1,8 +1,8 @@
-"""How results of `docking-6d` depend on what the source leaves open: a table and a figure.
+"""How results of `docking-6d` depend on what the paper leaves open: a table and a figure.
 
     python -m orchestrator.docking.sensitivity --out out
 
-The source names neither the forgetting factor of the Sage-Husa filter, nor initial covariances, nor how
+The paper names neither the forgetting factor of the Sage-Husa filter, nor initial covariances, nor how
 control switches at contact, nor what it assumes before the first contact. Each is varied by itself.
 """
 

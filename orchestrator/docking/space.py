@@ -123,12 +123,12 @@ class SpaceMeasure:
                 "No contact was completed." if not contacts else "The satellites were at rest at the start."
             )
         count = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}"
-        told = f"After {count} the satellites have {ratio:.4f} times their first kinetic energy"
+        sentence = f"After {count} the satellites have {ratio:.4f} times their first kinetic energy"
         if any(one["ideal_cor"] < 1.0 for one in contacts):
-            return f"{told}; the contact is damped."
+            return f"{sentence}; the contact is damped."
         if abs(ratio - 1.0) <= 2 * KEPT:
-            return f"{told}: the loop keeps the energy of the contact."
-        return f"{told}: the loop {'adds' if ratio > 1.0 else 'takes'} energy at each contact."
+            return f"{sentence}: the loop keeps the energy of the contact."
+        return f"{sentence}: the loop {'adds' if ratio > 1.0 else 'takes'} energy at each contact."
 
     def scene(self, results: Results, options: SpaceOptions) -> dict[str, Any]:
         """The rod's tip between the surfaces, and both satellites."""

@@ -14,12 +14,12 @@ _MODULES = ("divergence", "cosimulation", "virtual_walls", "identification", "me
 
 
 def experiments() -> dict[str, Experiment]:
-    """Experiments by name, in the source's order."""
+    """Experiments by name, in the paper's order."""
     return {name: import_module(f"{__package__}.{name}") for name in _MODULES}
 
 
 def chosen_figures(only: Iterable[str] = ()) -> tuple[str, ...]:
-    """Figures to make, in the source's order.
+    """Figures to make, in the paper's order.
 
     Args:
         only: figures ("fig6"), groups of them ("fig3" for fig3a to fig3d) or experiments; all if empty.

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 TITLE = "Section 4.1: co-simulation"
 ABOUT = (
-    "The bundled system docking-1d: 176 N/mm, no damping, 20 mm/s, m_e = 279.07 kg. The source takes the "
+    "The bundled system docking-1d: 176 N/mm, no damping, 20 mm/s, m_e = 279.07 kg. The paper takes the "
     "robot from NX Motion and does not describe it; here it is that of Fig. 3, 75 Hz and xi_n = 0.8. Its "
     "time delay of 2 ms is taken as the robot's tau_m; a second run has it in the force sensor instead "
     "and leaves it to the phase lead.",
-    "The damping is zero, so that the source's error of about 5 % cannot be one of its value. Ours is "
+    "The damping is zero, so that the paper's error of about 5 % cannot be one of its value. Ours is "
     "given in N.s/mm and held against 5 % of the critical damping.",
 )
 FIGURES = {
@@ -64,7 +64,7 @@ def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
                 "fig6",
                 f"average stiffness estimate from contact 2 on{where}",
                 "N/mm",
-                stated.told("{:g}, nearly reached"),
+                stated.quoted("{:g}, nearly reached"),
                 stiffness,
                 near(stated.value, 0.01),
             ),

@@ -1,4 +1,4 @@
-"""Growth per contact that the characteristic roots tell, and the delay that explains a growth."""
+"""Growth per contact from the characteristic roots, and the delay that explains a growth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["delay_for_growth", "growth_of_roots"]
 
 _LONGEST = 0.05
 _MICROSECOND = 1e-6
-# Six roots tell the ratio to 1e-12, at a twentieth of the time that twelve take.
+# Six roots give the ratio to 1e-12, in a twentieth of the time of twelve.
 _ROOTS = 6
 
 

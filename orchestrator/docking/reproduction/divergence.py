@@ -70,13 +70,13 @@ def quantities(runs: Mapping[str, Recorded]) -> list[Quantity]:
             )
         )
     steps = [growth[low, 2] - growth[high, 2] for low, high in pairwise(FREQUENCIES)]
-    told = "a lower response frequency diverges more (2.4)"
+    claim = "a lower response frequency diverges more (2.4)"
     text = "smallest fall of the growth to the next higher frequency"
-    found.append(Quantity("growth_falls_with_frequency", "fig3a", text, "1", told, min(steps), above(0.0)))
+    found.append(Quantity("growth_falls_with_frequency", "fig3a", text, "1", claim, min(steps), above(0.0)))
     rises = [growth[75, high] - growth[75, low] for low, high in pairwise(DELAYS)]
     text = "smallest rise of the growth to the next longer delay"
-    told = "divergence becomes larger with the delay (2.4)"
-    found.append(Quantity("growth_rises_with_delay", "fig3c", text, "1", told, min(rises), above(0.0)))
+    claim = "divergence becomes larger with the delay (2.4)"
+    found.append(Quantity("growth_rises_with_delay", "fig3c", text, "1", claim, min(rises), above(0.0)))
     return found + _at_six_milliseconds(runs["75 Hz, 6 ms"])
 
 
@@ -99,7 +99,7 @@ def _at_six_milliseconds(run: Recorded) -> list[Quantity]:
             "fig3c",
             "velocity at 6 ms after contact 8 (four cycles, two contacts each) over the initial one",
             "1",
-            stated.told(),
+            stated.quoted(),
             after,
             near(stated.value, 0.1),
             f"{stated.value:g} lies between the velocities before and after contact 8, and the text does "
@@ -120,7 +120,7 @@ def _at_six_milliseconds(run: Recorded) -> list[Quantity]:
             "fig3d",
             "peak force of contact 7 at 6 ms over the ideal first one",
             "1",
-            force.told(),
+            force.quoted(),
             float(np.max(peaks)),
             near(force.value, 0.1),
             "Contact 7 begins the fourth cycle.",

@@ -102,7 +102,7 @@ class Recorded:
         return float(self.measures["ideal"]["first_peak_force"])
 
     def estimate(self, name: str, first: int = 2) -> Array:
-        """The controller's estimate, at every instant in contact, from contact `first` on.
+        """The controller's estimate, at every instant in contact, beginning with contact `first`.
 
         Args:
             name: "stiffness" [N/m] or "damping" [N.s/m].
@@ -117,14 +117,14 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Criterion:
-    """When a number counts as agreeing with the source, in words and as a test."""
+    """When a number counts as agreeing with the paper, in words and as a test."""
 
     text: str
     holds: Callable[[float], bool]
 
 
 def near(value: float, relative: float, what: str = "") -> Criterion:
-    """Within a part of a value; `what` names the value where it is not the source's own."""
+    """Within a part of a value; `what` names the value where it is not the paper's own."""
     text = f"within {relative * 100:.3g} % of {what or f'{value:.5g}'}"
     return Criterion(text, lambda ours: abs(ours - value) <= relative * abs(value))
 
@@ -146,18 +146,18 @@ def between(low: float, high: float) -> Criterion:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number beside the source's.
+    """A number beside the paper's.
 
     Attributes:
         key: its name in reproduction.json.
         figure: where it belongs, one of the experiment's figures.
         text: what it is.
         unit: of `ours`.
-        paper: what the source says, with the section; empty where it gives no such number.
+        paper: what the paper says, with the section; empty where it gives no such number.
         ours: the number found.
         criterion: when it agrees; None where there is nothing to hold it against.
         note: why it differs, or how it was found.
-        source: whether the criterion asks for what the source says; if not, for what theory or the rig
+        source: whether the criterion asks for what the paper says; if not, for what theory or the rig
             model says, which tests us alone.
     """
 
@@ -187,7 +187,7 @@ class Quantity:
 
 
 class Experiment(Protocol):
-    """One of the source's experiments; modules of this package are such.
+    """One of the paper's experiments; modules of this package are such.
 
     Attributes:
         TITLE: a heading, with the section.

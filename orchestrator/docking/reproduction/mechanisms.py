@@ -18,9 +18,9 @@ ABOUT = (
     *rig.ABOUT,
     "The rig model is the same for Figs. 12 to 16.",
     "The text does not say at which mass the rig diverged to 2.5 and 4.5; taken is 279.07 kg, the highest "
-    "contact frequency, which diverges most. As in the source, only three contacts are looked at there.",
+    "contact frequency, which diverges most. As in the paper, only three contacts are looked at there.",
     "With compensation two controllers are run: the shipped one, which restores work missed at onset, and "
-    "the source's law (nothing known before the first contact, nothing restored), which shows the "
+    "the paper's law (nothing known before the first contact, nothing restored), which shows the "
     "overshoot of the first contact.",
 )
 FIGURES = {
@@ -33,7 +33,7 @@ _STOP = "run.stop_time=8 s"
 
 
 def cases() -> tuple[Case, ...]:
-    """At each mass: compensated, with the source's law, and without compensation."""
+    """At each mass: compensated, with the paper's law, and without compensation."""
     wanted = {rig.case_name(_ROD, mass) for mass in rig.MASSES}
     made = [one for one in identification.cases() if one.name in wanted]
     for mass, seed in zip(rig.MASSES, identification.SEEDS, strict=True):
@@ -91,7 +91,7 @@ def _divergence(runs: Mapping[str, Recorded]) -> list[Quantity]:
                 f"velocity after contact {number} over the initial one, no compensation, {rig.MASSES[0]:g} "
                 "kg",
                 "1",
-                stated.told(),
+                stated.quoted(),
                 float(run.ratios[number - 1]),
                 near(stated.value, 0.1),
                 "One delay gives one factor per contact; 2.5 and 4.5 are 1.58 and 1.65 per contact."
@@ -191,8 +191,8 @@ def _convergence(runs: Mapping[str, Recorded]) -> list[Quantity]:
                 float(source.restitutions[1:].mean()),
                 below(1.0) if mass != rig.MASSES[2] else near(1.0, 0.02),
                 "The work missed until the force exceeds the threshold grows with the square of the "
-                "delay; at this delay it outweighs the assumed damping, so the source's law as printed "
-                "does not converge here. The source's rig has more damping, or a shorter delay in this "
+                "delay; at this delay it outweighs the assumed damping, so the paper's law as printed "
+                "does not converge here. The paper's rig has more damping, or a shorter delay in this "
                 "loop; the text gives neither."
                 if source.restitutions[1:].mean() > 1.0
                 else "",
@@ -245,7 +245,7 @@ def _energies(runs: Mapping[str, Recorded]) -> list[Quantity]:
             "fig16",
             f"kinetic energy after contact 3 over the initial one, no compensation, {rig.MASSES[0]:g} kg",
             "1",
-            f"{stated.value**2:g} (derived from {stated.told()})",
+            f"{stated.value**2:g} (derived from {stated.quoted()})",
             _energy(without, CONTACTS),
             near(stated.value**2, 0.2),
             "The square of the velocity, so twice its deviation.",

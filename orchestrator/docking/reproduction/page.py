@@ -1,4 +1,4 @@
-"""The page: every number beside the source's, every figure, in one file without links to others."""
+"""The page: every number beside the paper's, every figure, in one file without links to others."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _COLUMNS = ("figure", "quantity", "source", "ours", "unit", "agreement", "change
 
 
 def page(made: Reproduction) -> str:
-    """The whole page as HTML."""
+    """The complete page as HTML."""
     return _page(made.summary, {name: encoded(figure) for name, figure in made.figures.items()})
 
 
@@ -45,14 +45,14 @@ def _page(summary: Mapping[str, Any], images: Mapping[str, str]) -> str:
     differ = summary["source"]["differ"] + summary["theory"]["differ"]
     failed = sum(bool(entry["errors"]) for entry in summary["experiments"])
     judged = sum(summary["source"].values()) + sum(summary["theory"].values())
-    told = f"{judged - differ} of {judged} numbers that can be judged agree"
+    sentence = f"{judged - differ} of {judged} numbers that can be judged agree"
     if failed:
-        told += f"; {failed} experiments failed"
+        sentence += f"; {failed} experiments failed"
     parts = [
-        f"<p class=headline>{told}.</p>",
+        f"<p class=headline>{sentence}.</p>",
         f"<p>{escape(summary['reference'])}.</p>",
         f"<p>{headline(summary)} Every run was made twice: the last column is what changed with half the "
-        "communication step. The column of the source quotes its text, with the section; its figures' "
+        "communication step. The column of the paper quotes its text, with the section; its figures' "
         "curves are not read off, and where the text is silent the column is empty.</p>",
         f"<nav>{links}</nav>",
     ]
@@ -61,7 +61,7 @@ def _page(summary: Mapping[str, Any], images: Mapping[str, str]) -> str:
         parts += _section(entry, images, said)
     made = f"{summary['runs']} runs in {summary['wall_time']:.0f} s."
     parts.append(pieces.provenance(summary, pieces.note(made)))
-    return pieces.document("The source's figures and numbers, made again by co-simulation", parts)
+    return pieces.document("The paper's figures and numbers, made again by co-simulation", parts)
 
 
 def number(value: float | None) -> str:
@@ -83,8 +83,8 @@ def headline(summary: Mapping[str, Any]) -> str:
     source, theory = summary["source"], summary["theory"]
     rest = summary["numbers"] - sum(source.values()) - sum(theory.values())
     return (
-        f"{summary['numbers']} numbers. Held against a statement of the source: {source['agree']} agree, "
-        f"{source['differ']} differ. Held against theory or the rig model, where the source gives no number: "
+        f"{summary['numbers']} numbers. Held against a statement of the paper: {source['agree']} agree, "
+        f"{source['differ']} differ. Held against theory or the rig model, where the paper gives no number: "
         f"{theory['agree']} agree, {theory['differ']} differ. The other {rest} are told without a verdict."
     )
 

@@ -1,4 +1,4 @@
-"""Numbers of the source and where they stand, as (value, place): all that is not computed here.
+"""Numbers of the paper and where they stand, as (value, place): all that is not computed here.
 
 He, Shen, Gao, Zhang, "Active Compliance Control of a Position-Controlled Industrial Robot for Simulating
 Space Operations".
@@ -12,12 +12,12 @@ __all__ = ["Stated"]
 
 
 class Stated(NamedTuple):
-    """A number of the source."""
+    """A number of the paper."""
 
     value: float
     place: str
 
-    def told(self, text: str = "{:g}") -> str:
+    def quoted(self, text: str = "{:g}") -> str:
         """Number and place for the page."""
         return f"{text.format(self.value)} ({self.place})"
 

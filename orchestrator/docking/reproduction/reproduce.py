@@ -1,4 +1,4 @@
-"""Runs the chosen experiments, and puts what they gave beside the source."""
+"""Runs the chosen experiments, and puts what they gave beside the paper."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Reproduction:
 
     Attributes:
         summary: as in reproduction.json.
-        figures: by name, in the source's order.
+        figures: by name, in the paper's order.
     """
 
     summary: dict[str, Any]
@@ -43,7 +43,7 @@ class Reproduction:
 
 
 def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bool = False) -> Reproduction:
-    """Make the source's figures and numbers again, by co-simulation.
+    """Make the paper's figures and numbers again, by co-simulation.
 
     Runs are made in processes of their own.
 
@@ -51,7 +51,7 @@ def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bo
         only: figures, groups of them or experiments, for example ("fig6", "fig3"); everything if empty.
         jobs: number of processes; as many as there are cores by default.
         progress: whether to show a bar on a terminal.
-    Returns: numbers beside the source's, and figures. Runs that failed are reported in the summary.
+    Returns: numbers beside the paper's, and figures. Runs that failed are reported in the summary.
     Raises: ConfigError for an unknown name.
     """
     begin = perf_counter()
@@ -61,13 +61,13 @@ def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bo
     }
     cases = {name: one.cases() for name, one in parts.items()}
     recorded = record([case for some in cases.values() for case in some], jobs, progress)
-    told, drawn = [], {}
+    entries, drawn = [], {}
     for name, one in parts.items():
         chosen = tuple(figure for figure in one.FIGURES if figure in figures)
         entry, more = _evaluate(name, one, chosen, cases[name], recorded)
-        told.append(entry)
+        entries.append(entry)
         drawn |= more
-    quantities = [quantity for entry in told for quantity in entry["quantities"]]
+    quantities = [quantity for entry in entries for quantity in entry["quantities"]]
     summary = {
         "reference": SOURCE,
         **origin(),
@@ -78,7 +78,7 @@ def reproduce(only: Iterable[str] = (), *, jobs: int | None = None, progress: bo
         "source": _verdicts(quantities, "source"),
         "theory": _verdicts(quantities, "theory"),
         "figures": list(drawn),
-        "experiments": told,
+        "experiments": entries,
     }
     return Reproduction(strict(summary), drawn)
 

@@ -1,4 +1,4 @@
-"""A model of the source's rig of Section 4.3, derived from what the text says about it.
+"""A model of the paper's rig of Section 4.3, derived from what the text says about it.
 
 The mechanisms themselves are not at hand: stiffness follows from contact frequency and mass, the robot's
 delay from the divergence without compensation, and what the text leaves open is assumed and named.
@@ -22,7 +22,7 @@ DAMPING = 0.1  # N.s/mm, that of the virtual walls
 NOISE = "0.5 N"
 
 ABOUT = (
-    "The source's mechanisms are real; ours are a model. Stiffness of the 10 mm rod: k = m_e (2 pi f)^2, "
+    "The paper's mechanisms are real; ours are a model. Stiffness of the 10 mm rod: k = m_e (2 pi f)^2, "
     "Eq. (31), from the first of the three pairs of mass and contact frequency in the text. The rods of "
     "15 and 20 mm: k grows with the cross-section, d^2, as of a rod pressed along its axis; an "
     "assumption, since the text gives no number (bending would give d^4 and 1210 N/mm at 20 mm).",

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 NOISE = "0.2 N"
 SEEDS = (1, 2, 3)
-CONTACTS = 11  # the first, which the source distinguishes, and ten more
+CONTACTS = 11  # the first, which the paper distinguishes, and ten more
 
 TITLE = "Section 4.2: virtual walls"
 ABOUT = (
-    "docking-1d with 70 N/mm and 0.1 N.s/mm. The source's robot is real and not described: here it is "
+    "docking-1d with 70 N/mm and 0.1 N.s/mm. The paper's robot is real and not described: here it is "
     f"that of Fig. 3 with 2 ms. Its readings scatter; ours get white noise of {NOISE} (standard deviation, "
     f"drawn anew every 0.5 ms, seeds {', '.join(map(str, SEEDS))}), a choice of ours which decides the "
     "scatter of the estimates.",
-    "Two controllers are run. The source's law knows nothing before the first contact (initial_stiffness "
+    "Two controllers are run. The paper's law knows nothing before the first contact (initial_stiffness "
     "1 N/mm) and does not restore the work that is missed until the force is felt (switching_compensation "
     "off). Thresholds are 1 N and 0.5 N: what remains above the ideal restitution is work missed before "
     "contact is detected. The second is the controller as it is shipped, at the same thresholds, with "
@@ -33,8 +33,8 @@ ABOUT = (
     "lag does.",
 )
 FIGURES = {
-    "fig8": "Estimated contact parameters in virtual wall experiments, the source's law",
-    "fig9": "Contact velocity and force in virtual wall experiments, the source's law",
+    "fig8": "Estimated contact parameters in virtual wall experiments, the paper's law",
+    "fig9": "Contact velocity and force in virtual wall experiments, the paper's law",
     "fig10": "Coefficient of restitution for each collision",
 }
 _WALL = (
@@ -49,7 +49,7 @@ _SOURCE = ("controller.switching_compensation=false", "controller.initial_stiffn
 
 
 def cases() -> tuple[Case, ...]:
-    """The source's law with several seeds, and the shipped controller with the first of them."""
+    """The paper's law with several seeds, and the shipped controller with the first of them."""
     made = [
         Case(f"source's law, seed {seed}", "docking-1d", native(*_WALL, *_SOURCE, _noise(seed)))
         for seed in SEEDS
@@ -86,7 +86,7 @@ def _estimates(runs: Mapping[str, Recorded]) -> list[Quantity]:
             "fig8",
             "contact frequency, Eq. (31)",
             "Hz",
-            paper.WALL_FREQUENCY.told(),
+            paper.WALL_FREQUENCY.quoted(),
             float(laws[0].measures["ideal"]["contact_frequency"]),
             near(paper.WALL_FREQUENCY.value, 0.002),
         ),
@@ -95,9 +95,9 @@ def _estimates(runs: Mapping[str, Recorded]) -> list[Quantity]:
             "fig8",
             f"average stiffness estimate, {seeds}",
             "N/mm",
-            average.told() + f", true {wall:g}",
+            average.quoted() + f", true {wall:g}",
             float(stiffness.mean()),
-            near(wall, paper.WALL_STIFFNESS_ERROR.value, f"the wall's {wall:g}, as in the source"),
+            near(wall, paper.WALL_STIFFNESS_ERROR.value, f"the wall's {wall:g}, as in the paper"),
         ),
         Quantity(
             "stiffness_spread",
@@ -112,7 +112,7 @@ def _estimates(runs: Mapping[str, Recorded]) -> list[Quantity]:
             "fig8",
             f"average damping estimate, {seeds}",
             "N.s/mm",
-            paper.WALL_DAMPING.told("true value {:g}"),
+            paper.WALL_DAMPING.quoted("true value {:g}"),
             float(damping.mean()),
             near(true_damping, 0.1),
         ),
@@ -198,7 +198,7 @@ def _restitution(runs: Mapping[str, Recorded]) -> list[Quantity]:
         text = f"CoR of the first contact, {name}"
         note = (
             f"The ideal contact has {ideal:.2f} %. How much more the first one has depends on the robot's "
-            "lag, which the source does not give here; the rows below have the longer one of Section 4.3."
+            "lag, which the paper does not give here; the rows below have the longer one of Section 4.3."
             if key == "source"
             else ""
         )
@@ -207,7 +207,7 @@ def _restitution(runs: Mapping[str, Recorded]) -> list[Quantity]:
         note = ""
         if key == "source_long":
             note = (
-                "With this lag the source's law as we read it gives the rod more than the wall takes, at "
+                "With this lag the paper's law as we read it gives the rod more than the wall takes, at "
                 "every contact; Fig. 10 then needs a shorter lag in the virtual experiment than Section "
                 "4.3's."
             )
