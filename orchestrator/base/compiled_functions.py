@@ -63,7 +63,7 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 def digest() -> str:
     """Digest of the package's sources and of the tools that compile them; empty where nothing may be kept.
 
-    Any file counts: which ones reach a function cannot be told, since constants are compiled into it. Nothing
+    Any file counts: which ones reach a function is unknown, since constants are compiled into it. Nothing
     is kept where a file has changed since the package was loaded: what runs may be of before the change.
     """
     found = sorted(_sources(str(_PACKAGE)))
@@ -257,7 +257,7 @@ def _cells(function: FunctionType) -> Iterator[Any]:
 
 
 def _content(file: str) -> bytes:
-    """Content of a file; none of a notebook's cell, of which numba's stamp tells."""
+    """Content of a file; empty for a notebook's cell, which numba's stamp identifies."""
     return Path(file).read_bytes() if os.path.exists(file) else b""
 
 

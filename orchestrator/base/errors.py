@@ -35,7 +35,7 @@ class OrchestratorError(Exception):
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong, told so that it can be put right.
+    """One problem, with what is needed to correct it.
 
     Attributes:
         place: where, as `file:line: path` (parts that are unknown are left out).

@@ -100,7 +100,7 @@ def solve(
         if iteration == max_iterations:
             break
         if discrete is not None and jumped.any():
-            # Another problem from here on: residuals before and after a jump do not compare.
+            # A different problem from here onwards: residuals before and after a jump cannot be compared.
             solver.begin()
             x = np.where(discrete, f, x)
             continue

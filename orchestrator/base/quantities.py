@@ -32,7 +32,7 @@ def quantity(
     """A number in the unit of `measure`, or what is wrong with it.
 
     Args:
-        label: what takes it, for the message; empty where the place tells.
+        label: what takes it, for the message; empty if the place is enough.
         value: a number, or text with number and unit.
         place: where it was written.
         difference: see `units.Quantity.exactly`.

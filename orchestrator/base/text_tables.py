@@ -39,7 +39,7 @@ def summary_text(summary: Mapping[str, Any]) -> str:
 
 
 def remarks(summary: Mapping[str, Any]) -> list[str]:
-    """What a reader has to be told: energy from the coupling, missed deadlines, lost datagrams, warnings."""
+    """Warnings for the reader: energy from the coupling, missed deadlines, lost datagrams."""
     numerics, run = summary.get("numerics") or {}, summary.get("run") or {}
     lines = _created(summary.get("coupling") or {}, numerics.get("coupling") or {})
     if ended := run.get("ended"):

@@ -122,7 +122,7 @@ class Axis:
         numbers = [one.shown for one in ends]
         if self.unit or not all(type(one) is int for one in numbers):
             return False
-        # Of an option nothing tells but its refusal of what is beside a number that it takes.
+        # An option has no description; whether it takes a number shows when it rejects another value.
         least = min(numbers)
         return self._takes(least) and not self._takes(least + 0.5) and not self._takes(least - 0.5)
 

@@ -131,7 +131,7 @@ class Store:
         """Points of a study with what their runs gave, without what differs from one machine to another.
 
         The points are read from the study's own file: in the view, columns have the type that fits those of
-        all studies, and SQL does not tell m.mass from M.mass.
+        all studies, and SQL does not distinguish m.mass from M.mass.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq

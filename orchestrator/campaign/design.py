@@ -107,7 +107,7 @@ class _Distribution:
         if normal is not None:
             written = [one for one in (normal.mean, normal.low, normal.high) if one is not None]
         levels = _levels(axis, written, place, problems)
-        # After the mean: of an option, the first value with a unit tells the axis's.
+        # After the mean: for an option, the first value with a unit gives the unit of the axis.
         deviation = None if normal is None else axis.spread(normal.std, place)
         if isinstance(deviation, Problem):
             problems.append(deviation)

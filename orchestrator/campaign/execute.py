@@ -189,7 +189,7 @@ class Context:
         return self._filled(Row(task.key), made)
 
     def _renew(self) -> None:
-        """Unpack anew what an instance has left unusable for others."""
+        """Unpack again what an instance has made unusable for others."""
         for archive in self._held.values():
             if archive.corrupt:
                 archive.release()

@@ -66,7 +66,7 @@ class Journal:
 
 
 def read_journal(path: Path) -> Iterator[tuple[bytes, bytes]]:
-    """The whole records of a journal, one that is being written included: text and bytes of each."""
+    """The complete records of a journal, also of one that is being written: text and bytes of each."""
     with path.open("rb") as file:
         while True:
             head = file.read(_HEAD.size)

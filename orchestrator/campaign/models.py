@@ -1,4 +1,4 @@
-"""The shape of a study file, checked by pydantic; what only the system can tell is checked in `study`."""
+"""The form of a study file, checked by pydantic; `study` checks what depends on the system."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _form(value: Any) -> str:
     return "[range]" if isinstance(value, RangeModel | Mapping) else "[list]"
 
 
-# What is wrong is told of the form that was meant, not of both.
+# Problems are reported for the intended form only, not for both.
 Values = Annotated[
     Annotated[list[Scalar], Field(min_length=1), Tag("[list]")] | Annotated[RangeModel, Tag("[range]")],
     Discriminator(_form),

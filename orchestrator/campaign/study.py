@@ -162,7 +162,7 @@ class CheckedStudy:
                     given = written(axis, level)
                     description = replaced[name].fmu.description
                     there = start_value(name, description, variable, given, path)
-                    if isinstance(there, Problem):  # the run fails and tells it
+                    if isinstance(there, Problem):  # the run fails and reports it
                         others.append((path, as_text(given)))
                     else:
                         value = there

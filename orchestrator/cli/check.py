@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Tell what a config connects, without running it."""
+    """Print what a config connects, without running it."""
     from ..simulation.run import prepare
 
     (config,), overrides = requested_configs(args, [args.config])

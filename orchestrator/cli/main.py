@@ -122,7 +122,7 @@ def entry_point() -> None:
 
 
 def _tell_crashes() -> None:
-    """Have Python's stack printed where an FMU crashes: it tells the call.
+    """Have Python's stack printed where an FMU crashes: it shows the call.
 
     On Windows faults that an FMU handles by itself would be printed, too.
     """
@@ -136,7 +136,7 @@ def _tell_crashes() -> None:
 
 
 def _interrupted() -> int:
-    """Tell of an interrupt. Returns: the exit code."""
+    """Report an interrupt. Returns: the exit code."""
     print("interrupted", file=sys.stderr)
     return 130
 

@@ -1,4 +1,4 @@
-"""Config files -> validated models, with `extends` and overrides; every problem is told with its place."""
+"""Config files -> validated models, with `extends` and overrides; every problem has its place."""
 
 from __future__ import annotations
 

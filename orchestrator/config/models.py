@@ -1,4 +1,4 @@
-"""The config's shape, checked by pydantic; what only FMUs can tell is checked in `orchestrator.system`."""
+"""The form of configs, checked by pydantic; `orchestrator.system` checks what depends on FMUs."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ class RunModel(Model):
         examples=["gauss-seidel", {"name": "iterative", "tolerance": 1e-8}],
     )
     step_size: Time = Field(description="Communication step size with its unit.")
-    stop_time: Time = Field(description="Stop time with its unit; a whole number of steps after the start.")
+    stop_time: Time = Field(
+        description="Stop time with its unit; an integer number of steps after the start."
+    )
     start_time: Time = Field("0 s", description="Start time with its unit.")
     record: Literal["all"] | list[str] = Field(
         "all", description="Signals to record, as instance.variable; all outputs by default."
@@ -98,8 +100,8 @@ class InstanceModel(Model):
     )
     step_size: Time | None = Field(
         None,
-        description="The instance's own step size with its unit: a whole multiple of the communication step "
-        "size, or a whole part of it; the communication step size if not given.",
+        description="The instance's own step size with its unit: a multiple of the communication step "
+        "size, or an integer fraction of it; the communication step size if not given.",
     )
     feedthrough: dict[str, list[str]] = Field(
         default_factory=dict,

@@ -154,7 +154,7 @@ def _is_member(part: str | int) -> bool:
 
 
 def is_of_another_form(item: Any) -> bool:
-    """Whether an error says no more than that a list or a mapping, whose own errors are told, is no text."""
+    """Whether an error only says that a list or a mapping, whose own errors are reported, is no text."""
     kind, got, location = item["type"], item["input"], item["loc"]
     if kind == "literal_error":
         return isinstance(got, list) and (location[:2] == ("run", "record") or location[:-1] == ("bonds",))

@@ -15,7 +15,7 @@ FURTHER = "*"
 
 @dataclass(frozen=True)
 class Gaps:
-    """Paths of a config at which nothing can be relied on; what is judged there would tell a problem twice.
+    """Paths of a config whose values are unreliable; a check there would report a problem twice.
 
     Attributes:
         paths: of values that are not known, with all beneath them; (..., FURTHER) where a mapping or a list
@@ -48,7 +48,7 @@ class Gaps:
 
 @dataclass(frozen=True)
 class Absent:
-    """Names of instances of which nothing is known, so that nothing that concerns them is judged.
+    """Names of unknown instances; nothing that concerns them is checked.
 
     Attributes:
         names: of those that are there, and have a problem of their own.

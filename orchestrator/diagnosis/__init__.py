@@ -1,4 +1,4 @@
-"""Where a simulation departs from the real machine, which unmodelled effect causes it, how far that goes.
+"""Place, cause and size of the gap between a simulation and the real machine.
 
 Imports `campaign` and the packages below it.
 """

@@ -1,4 +1,4 @@
-"""The analyses that a diagnosis is made of, so that any can be replaced."""
+"""The analyses of a diagnosis; each can be replaced."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any
 from .finding import Finding
 from .study import Study
 
-__all__ = ["Parts"]
+__all__ = ["Analyses"]
 
 # Imported when a diagnosis is made: they bring machine code along.
 _HOME = {
     "weigh": "weigh:weigh",
     "where": "shapley:where",
-    "ledger": "ledgers:ledger",
+    "ledger": "residual_ledger:ledger",
     "energy": "energy:energy",
     "how_far": "closure:how_far",
     "next_experiment": "experiments:next_experiment",
@@ -25,8 +25,8 @@ _HOME = {
 
 
 @dataclass(frozen=True)
-class Parts:
-    """Analyses of a study. All but `weigh` are given the finding, too; None leaves one out.
+class Analyses:
+    """Analyses of a study. All except `weigh` also receive the finding; None omits one.
 
     Attributes:
         weigh: which effects cause the gap; is given all runs, and fits to train runs alone.
@@ -46,9 +46,9 @@ class Parts:
     numerics: Callable[[Study, Finding], Mapping[str, Any]] | None = None
 
     @staticmethod
-    def standard() -> Parts:
+    def standard() -> Analyses:
         """Those of this package."""
-        return Parts(**{name: _load(home) for name, home in _HOME.items()})
+        return Analyses(**{name: _load(home) for name, home in _HOME.items()})
 
 
 def _load(home: str) -> Callable[..., Any]:

@@ -1,4 +1,4 @@
-"""Answers of a group of logs to which effects act there, and those of the rig's software."""
+"""Answers for a group of logs: which effects act there. Includes those of the rig's software."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REPLAYS = dict(zip(SOFTWARE, (DynamicsReplay, ControllerReplay), strict=True))
 _TIED, _APART = 5.0, 8.0
 # Software is exact: residuals beyond this mean square, in last digits, are a gap.
 _EXACT = 3.0
-# Log evidence that an answer may lack to the best one to be told with effects too small to be seen [nats].
+# Distance to the best log evidence up to which an answer is reported with unseen effects [nats].
 _NEAR = 12.0
 
 
@@ -35,13 +35,14 @@ class Answer:
         gain: log evidence over none [nats]; of none, that of wider tolerances. random: what of it says about
             effects that draw; their form is not that of an equation, which others could correct.
         left: unexplained by it [nats]; parts: what that is made of, of the runs that were searched in, then
-            of all, see `unseen.Leaves`, if any.
+            of all, see `held_out.UnexplainedEvidence`, if any.
         odd: log likelihood that what it holds to be random is not [nats].
         fit: the model; None for outside, and for what was not fitted itself.
         noises: stochastic effects among the effects.
-        unseen: effects among them for which the logs do not speak; they are too small to be seen.
-        numerics: what of that which is left the replay's own error may make, see `remainder.numerics` [nats].
-        size: of the strongest effect that the logs speak for, see `Effect.size`; 0 where none has one.
+        unseen: effects among them without evidence in the logs; they are too small to be seen.
+        numerics: part of what is left that the replay's own error may cause [nats]; see
+            `residual_evidence.own_error`.
+        size: of the strongest effect with evidence, see `Effect.size`; 0 where none has one.
         doubtful: whether it holds tolerances to be wider than stated, by whose log evidence it gains.
     """
 
@@ -61,7 +62,7 @@ class Answer:
 
     @property
     def seen(self) -> tuple[str, ...]:
-        """The effects that the logs speak for."""
+        """Effects with evidence in the logs."""
         return tuple(one for one in self.effects if one not in self.unseen)
 
 
@@ -96,7 +97,7 @@ def weigh_software(study: Study, place: str) -> Group:
     square = none.chi2 / size
     nothing = Answer((), 0.0, 0.0, none)
     # No effect makes a satellite move at another speed than its own.
-    astray = replay.strayed() if isinstance(replay, DynamicsReplay) else 0.0
+    astray = replay.position_drift() if isinstance(replay, DynamicsReplay) else 0.0
     if max(square, astray) < _EXACT:
         return Group((nothing,), 0.0, place, none, {place: square})
     found = search(fitter, own, longest=3, thorough=True)
@@ -108,19 +109,19 @@ def weigh_software(study: Study, place: str) -> Group:
     answers = tied(fitter, answers)
     best = answers[0] if answers else nothing
     square = max((best.fit or none).chi2 / size, astray)
-    # A few last digits of rounding are no effect; what is left beyond them is not in the catalogue.
+    # A few last digits of rounding are no effect; a larger residual is not in the catalogue.
     over = 0.5 * size * max(0.0, square / _EXACT - 1.0)
     return Group((nothing, *answers), over, place, none, {place: square})
 
 
 def strongest(fit: Fit, noises: Sequence[Noise] = ()) -> float:
-    """Size of the strongest effect of a fit, or of noises beside it: see `Answer.size`."""
+    """Size of the strongest effect of a fit, or of its noises; see `Answer.size`."""
     sizes = [effect.size(theta) for effect, theta in by_effect(fit.effects, fit.theta)]
     return max([*sizes, *(catalogue()[one.id].size(one.theta) for one in noises)], default=0.0)
 
 
 def simplest(answers: Sequence[Answer]) -> list[Answer]:
-    """Answers less those that only add effects to a better one."""
+    """Answers without those that only add effects to a better one."""
     kept: list[Answer] = []
     for answer in sorted(answers, key=lambda one: -one.gain):
         if not any(set(other.effects) < set(answer.effects) for other in kept):
@@ -129,7 +130,7 @@ def simplest(answers: Sequence[Answer]) -> list[Answer]:
 
 
 def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
-    """Answers with those that hold further effects, which are too small to be seen.
+    """Add answers with further effects that are too small to be seen.
 
     An effect may be as small as it likes: no answer has less evidence than it has without some of its
     effects, and one that was not worth a fit has the same. To no effect one or two are added, to near

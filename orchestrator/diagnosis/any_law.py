@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import logsumexp
 
-from .colour import WHITE, Colour
+from .coloured_noise import WHITE, Colour
 from .fit import Fit, Fitter
 from .marginal import inflation
 from .model import RigModel

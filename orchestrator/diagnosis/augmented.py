@@ -1,4 +1,4 @@
-"""The rig with the effects that were found, as a config that runs.
+"""Config of the rig with the effects found.
 
 It extends the bundled system docking-lab: calibrated numbers and effects that change parameters become start
 values; effects that act on a signal stand on its connection; robot, contact and sensor are the FMUs LabRobot,
@@ -18,12 +18,12 @@ import yaml
 
 from ..fmi.bundled import find_system
 from .catalogue import catalogue
+from .config_changes import LOAD, READING, ConfigChanges, merged, through, with_unit
 from .effect import Effect, by_effect
 from .finding import Finding
 from .model import apply_changes, begin_state, nominal_parameters
 from .rig import Calibrated, State
 from .study import UNITS, Array, Role, Run, Study
-from .written import LOAD, READING, Written, merged, through, with_unit
 
 __all__ = ["STEP", "SYSTEM", "AugmentedConfig", "augmented_config", "is_docking_lab"]
 
@@ -59,13 +59,13 @@ class AugmentedConfig:
 
 
 def is_docking_lab(study: Study) -> bool:
-    """Whether a study is of the rig that docking-lab is of."""
+    """Whether a study describes the rig of the bundled system docking-lab."""
     needed = {one.name.lower() for one in list(Calibrated)[: Calibrated.LEAD]}
     return needed <= set(study.nominal) and find_system(SYSTEM) is not None
 
 
 def augmented_config(study: Study, finding: Finding, steps: int = STEP) -> AugmentedConfig:
-    """Write the model of the answer given as a config.
+    """Write the model of the chosen answer as a config.
 
     Args:
         study: of the docking lab's rig; the first held-out run, or else the first of all, gives mass,
@@ -114,9 +114,9 @@ def augmented_config(study: Study, finding: Finding, steps: int = STEP) -> Augme
 
 def _written(
     finding: Finding, added: Mapping[str, Mapping[str, float]], rig: Mapping[str, float]
-) -> tuple[list[Written], dict[str, str]]:
+) -> tuple[list[ConfigChanges], dict[str, str]]:
     """What each effect of the answer changes of the config; and those that are not in it, with the reason."""
-    parts: list[Written] = []
+    parts: list[ConfigChanges] = []
     left_out: dict[str, str] = {}
     for name, theta in added.items():
         effect = catalogue()[name]
@@ -132,25 +132,25 @@ def _written(
     return parts, left_out
 
 
-def _changes(nominal: Array, p: Array, written: Written) -> tuple[str, ...]:
+def _changes(nominal: Array, p: Array, written: ConfigChanges) -> tuple[str, ...]:
     """What differs from the rig as its lab believes it to be, in words."""
-    told = []
+    changes = []
     for one in Calibrated:
         if p[one] != nominal[one] and one is not Calibrated.FORCE_BIAS:
             name = one.name.lower()
             unit = (UNITS | _SOFTWARE).get(name, "1").removeprefix("1")
             text = f"{name.replace('_', ' ')}: {p[one]:.6g} instead of {nominal[one]:.6g} {unit}"
-            told.append(text.rstrip())
+            changes.append(text.rstrip())
     for instance, values in written.start.items():
         listed = ", ".join(f"{name} {_short(value)}" for name, value in values.items())
-        told.append(f"{instance}: {listed or f'{_MORE[instance][0]}, which gives what the effects read'}")
-    told += [f"{connection}: connected" for connection in written.adds]
+        changes.append(f"{instance}: {listed or f'{_MORE[instance][0]}, which gives what the effects read'}")
+    changes += [f"{connection}: connected" for connection in written.adds]
     for connection, effects in written.through.items():
         listed = ", then ".join(
             ", ".join(f"{name} {_short(value)}" for name, value in one.items()) for one in effects
         )
-        told.append(f"{connection}: through {listed}")
-    return tuple(told)
+        changes.append(f"{connection}: through {listed}")
+    return tuple(changes)
 
 
 def _short(value: Any) -> str:
@@ -170,7 +170,7 @@ def _parameters(effects: Sequence[Effect], theta: Array) -> dict[str, dict[str, 
 
 
 def _known_otherwise(finding: Finding) -> dict[str, dict[str, float]]:
-    """Effects of the answer whose parameters are known without a fit: statistics tell them."""
+    """Effects of the answer whose parameters are known from statistics, without a fit."""
     found = {}
     for one in finding.candidates:
         if set(one.effects) != set(finding.effects):
@@ -182,7 +182,7 @@ def _known_otherwise(finding: Finding) -> dict[str, dict[str, float]]:
     return found
 
 
-def _instances(study: Study, run: Run, p: Array, written: Written, steps: int) -> dict[str, Any]:
+def _instances(study: Study, run: Run, p: Array, written: ConfigChanges, steps: int) -> dict[str, Any]:
     """Start values of all instances, and other FMUs where effects ask for more."""
     begin = begin_state(study, run)
     value = {one.name: float(p[one]) for one in Calibrated}
@@ -208,7 +208,7 @@ def _instances(study: Study, run: Run, p: Array, written: Written, steps: int) -
             "front": with_unit(value["FRONT_WALL"], "m"),
             "rear": with_unit(value["REAR_WALL"], "m"),
         },
-        # The sensor holds the force of a step's end from its begin on, half a step too early.
+        # The sensor holds the force of a step's end from the step's start, half a step too early.
         "sensor": {
             "tau_s": with_unit(value["SENSOR_DELAY"] + 0.5 * study.tick / steps, "s"),
             "cutoff": with_unit(value["SENSOR_CUTOFF"] / (2.0 * math.pi), "Hz"),
@@ -242,7 +242,7 @@ def _instances(study: Study, run: Run, p: Array, written: Written, steps: int) -
     return found
 
 
-def _connections(written: Written) -> list[Any]:
+def _connections(written: ConfigChanges) -> list[Any]:
     """All connections of the system, since a list replaces the one that it extends."""
     path = find_system(SYSTEM)
     assert path is not None

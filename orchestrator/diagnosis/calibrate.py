@@ -1,4 +1,4 @@
-"""Learn what evidence is worth from simulated cases: `python -m orchestrator.diagnosis.calibrate`.
+"""Learn the map from evidence to probability: `python -m orchestrator.diagnosis.calibrate`.
 
 Cases are drawn by the challenge's rig, which is a program of its own; magnitudes go from strong to nearly
 none, some hide two effects or none, of some the logs are deformed in ways that no catalogue holds, and some
@@ -31,11 +31,11 @@ from .challenge.draw import Plan
 from .challenge.hidden import HARDWARE, HIDDEN, SOFTWARE
 from .challenge.outside import OUTSIDE
 from .hardware import weigh_rig
-from .learning import Practice, learn, learn_leaves, loss
-from .practice import simulated_study
-from .rough import learn_roughness, strayed_by_number
+from .learning import WeighedCase, learn, learn_leaves, loss
+from .roughness_learning import learn_roughness, roughness_problem_of_rig
+from .simulated_cases import simulated_study
 
-__all__ = ["main", "practise"]
+__all__ = ["main", "weigh_simulated"]
 
 # Where the learning of `Calibration.form` begins.
 _FORM = 1.0
@@ -45,10 +45,10 @@ _FORMS = (1.0, 0.5)
 _TIMES, _FROM, _TO = 3, 0.03, 1.2
 
 
-def practise(
+def weigh_simulated(
     seed: int, roughness: Mapping[str, Sequence[float]], number: int, plan: Plan | None = None
-) -> Practice:
-    """Weigh one simulated case; plan as that of `practice.simulated_case`."""
+) -> WeighedCase:
+    """Weigh one simulated case; plan as that of `simulated_cases.simulated_case`."""
     study, plan = simulated_study(seed, number, plan=plan)
     with threadpool_limits(limits=1, user_api="blas"):
         group = weigh_rig(study, rough=roughness)
@@ -67,11 +67,11 @@ def practise(
         for one in group.answers
     )
     truth = ("outside",) if plan.kind == "outside" else tuple(sorted(one.id for one in plan.effects))
-    return Practice(truth, plan.magnitude, answers, float(group.outside))
+    return WeighedCase(truth, plan.magnitude, answers, float(group.outside))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw cases, weigh them, learn, and write the calibration that comes with the product."""
+    """Draw cases, weigh them, learn, and write the shipped calibration."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=300)
     parser.add_argument("--bare", type=int, default=40, help="rigs that hide nothing, for the roughness")
@@ -93,19 +93,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.seen and options.seen.is_file():
         seen = json.loads(options.seen.read_text("utf-8"))
         if seen.get("made_of") != made_of:
-            told = f"{options.seen} is of {seen.get('made_of')}, not of {made_of}"
-            parser.error(f"--seen: {told}: name another file")
+            mismatch = f"{options.seen} is of {seen.get('made_of')}, not of {made_of}"
+            parser.error(f"--seen: {mismatch}: name another file")
     try:
         kinds = _chosen_kinds(options.kinds)
     except OrchestratorError as error:
         parser.error(str(error))
     pool = pool_of(options.scheduler, options.jobs)
     if "roughness" not in seen:
-        bare = _outcomes(pool, Work(strayed_by_number, payload=options.seed + 1), range(1, options.bare + 1))
+        bare = _outcomes(
+            pool, Work(roughness_problem_of_rig, payload=options.seed + 1), range(1, options.bare + 1)
+        )
         seen["roughness"] = dict(learn_roughness([one for _, one in sorted(bare, key=lambda one: one[0])]))
         print(seen["roughness"], flush=True)
 
-    def weighed(kind: str, work: Work, tasks: Mapping[int, Any]) -> list[Practice]:
+    def weighed(kind: str, work: Work, tasks: Mapping[int, Any]) -> list[WeighedCase]:
         """Cases of a kind by their numbers, with those kept before; each is kept as soon as it is weighed."""
         done = {int(number): _read(data) for number, data in seen.get(kind, {}).items()}
         numbers = {task: number for number, task in tasks.items() if number not in done}
@@ -140,14 +142,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(learned)
 
 
-def _practised(context: tuple[int, Mapping[str, Sequence[float]]], number: int) -> Practice:
-    return practise(*context, number)
+def _practised(context: tuple[int, Mapping[str, Sequence[float]]], number: int) -> WeighedCase:
+    return weigh_simulated(*context, number)
 
 
-def _hiding(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int, str, float]) -> Practice:
+def _hiding(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int, str, float]) -> WeighedCase:
     number, name, magnitude = task
     kind = "outside" if name in OUTSIDE else "single"
-    return practise(*context, number, Plan(kind, ((HIDDEN | OUTSIDE)[name],), magnitude))
+    return weigh_simulated(*context, number, Plan(kind, ((HIDDEN | OUTSIDE)[name],), magnitude))
 
 
 def _chosen_kinds(asked: str | None) -> list[str]:
@@ -197,7 +199,7 @@ def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[
         yield outcome.task, outcome.value
 
 
-def _written(one: Practice) -> list[Any]:
+def _written(one: WeighedCase) -> list[Any]:
     """Without answers of two unseen effects, which `_read` adds again."""
     answers = [
         [a.effects, a.gain, a.left, a.ties, a.unseen, a.odd, a.random, a.numerics, a.size, a.parts]
@@ -207,7 +209,7 @@ def _written(one: Practice) -> list[Any]:
     return [one.truth, one.magnitude, answers, one.beside]
 
 
-def _read(data: list[Any]) -> Practice:
+def _read(data: list[Any]) -> WeighedCase:
     truth, magnitude, answers, beside = data
     made = [
         Answer(
@@ -225,7 +227,7 @@ def _read(data: list[Any]) -> Practice:
         for effects, gain, left, ties, unseen, odd, random, numerics, size, parts in answers
     ]
     ids = [one.effects[0] for one in made if len(one.effects) == 1]
-    return Practice(tuple(truth), magnitude, tuple(complete(made, ids)), beside)
+    return WeighedCase(tuple(truth), magnitude, tuple(complete(made, ids)), beside)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""From evidence to probabilities: what was learned of how far evidence can be trusted."""
+"""Map from evidence to probabilities, learned from simulated cases."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.special import logsumexp
 
-from .remainder import Remains
+from .residual_evidence import ResidualEvidence
 from .study import Array
 
 __all__ = [
@@ -35,8 +35,8 @@ _RUNAWAY = 1e6
 LEAVES = 0.003
 # Probability that a set of answers holds.
 SET = 0.95
-# A replay that halving its sub-steps changes deviates from the rig by more: on rigs at a servo's limit by one
-# to three times as much.
+# If halving the sub-steps changes a replay, its error is larger than the change: up to three times more on
+# rigs at a servo's limit.
 _ASTRAY = 4.0
 # Size at which many an effect shows and many do not, see `strength`.
 _ORDINARY = 0.2
@@ -49,7 +49,7 @@ FILE = Path(__file__).parent / "calibration.json"
 
 
 class Weighable(Protocol):
-    """What a probability is made of: see `answers.Answer`."""
+    """What a probability is computed from; see `answers.Answer`."""
 
     effects: tuple[str, ...]
     gain: float
@@ -69,12 +69,12 @@ class Weighable(Protocol):
 
 @dataclass(frozen=True)
 class Table:
-    """Answers of a group in arrays: see `Calibration.table`.
+    """Answers of a group as arrays; see `Calibration.table`.
 
     Attributes:
         gain, left, odd: see `answers.Answer`; formed: the gain but for what is random.
         whole: what is left that has no parts [nats].
-        seen, unseen: how many effects the logs speak for, and how many not.
+        seen, unseen: number of effects with evidence in the logs, and without.
         astray: what of that which is left the replay's own error may make [nats].
         usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
         strength: see `strength`.
@@ -124,7 +124,7 @@ class Calibration:
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
-        slopes: of the parts of what answers leave, see `unseen.Leaves`.
+        slopes: of the parts of what answers leave, see `held_out.UnexplainedEvidence`.
         leaves: share of its log evidence that an effect usually leaves unexplained, by id, since its form on
             rigs is not quite the catalogue's.
         roughness: of rigs that hide nothing, standard deviations as shares of an effect's prior, by id, one
@@ -149,7 +149,7 @@ class Calibration:
     sure: float = 0.95
     surely: float = 0.95
     floor: float = 0.002
-    slopes: tuple[float, ...] = (_SLOPE,) * (2 * len(Remains._fields))
+    slopes: tuple[float, ...] = (_SLOPE,) * (2 * len(ResidualEvidence._fields))
     unseen: Mapping[str, float] = field(default_factory=dict)
     leaves: Mapping[str, float] = field(default_factory=dict)
     roughness: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -164,7 +164,7 @@ class Calibration:
         """What effects cost, in all groups of logs together: beyond two, each `further`, seen or not.
 
         Args:
-            seen, unseen: how many effects the logs speak for, and how many are too small for that.
+            seen, unseen: number of effects with evidence, and of those that are too small to have any.
             rarity: of the latter, see `rarity`; strong: of the former, see `strength`; all of one shape.
         """
         cost = self.first * np.minimum(seen, 1) + self.second * np.clip(np.subtract(seen, 1), 0, 1)
@@ -271,7 +271,7 @@ class Calibration:
         return (1.0 - self.floor) * p + self.floor * even / even.sum(-1, keepdims=True)
 
     def enough(self, seen: bool) -> float:
-        """Probability that a set of answers holds, where the logs speak for an effect, or for none."""
+        """Probability that a set of answers holds, with evidence for an effect, or for none."""
         return max(self.surely if seen else self.sure, SET)
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
@@ -281,7 +281,7 @@ class Calibration:
 
 
 def strength(size: float) -> float:
-    """How far an effect is above sizes at which logs hardly speak for one, a logarithm; below, next to 0.
+    """Logarithmic size of an effect above sizes with little evidence; near 0 below them.
 
     Args:
         size: see `Effect.size`; 0, an unknown one, is ordinary.
@@ -306,6 +306,6 @@ def own_gains(answers: Sequence[Weighable]) -> list[dict[str, float]]:
 
 @lru_cache(maxsize=1)
 def calibration() -> Calibration:
-    """What comes with the product; `python -m orchestrator.diagnosis.calibrate` learns it anew."""
+    """The shipped calibration; `python -m orchestrator.diagnosis.calibrate` learns it again."""
     data = json.loads(FILE.read_text(encoding="utf-8"))
     return Calibration(**{name: data[name] for name in Calibration.__dataclass_fields__})

@@ -1,4 +1,4 @@
-"""All effects that a diagnosis knows: those that come with it, and those of installed packages."""
+"""All effects that a diagnosis knows: its own, and those of installed packages."""
 
 from __future__ import annotations
 
@@ -45,20 +45,20 @@ def catalogue() -> dict[str, Effect]:
 
 
 def of_hardware() -> list[Effect]:
-    """Effects of the docking rig's hardware that fits find, and not statistics alone."""
+    """Hardware effects of the docking rig that are found by fits, not by statistics alone."""
     return [one for one in catalogue().values() if one.place not in SOFTWARE and not one.statistic]
 
 
 def in_words(effect: Effect) -> str:
-    """What an effect is, without a full stop: one of ours as its file begins, others by their equation."""
+    """Description of an effect without a full stop: first line of its file, or else its equation."""
     name = effect.id.replace(".", "_").replace("-", "_")
     module = sys.modules.get(f"{__package__}.effects.{name}")
-    told = module.__doc__ if module is not None and module.EFFECT is effect else None
-    return (told or effect.equation).splitlines()[0].removesuffix(".")
+    described = module.__doc__ if module is not None and module.EFFECT is effect else None
+    return (described or effect.equation).splitlines()[0].removesuffix(".")
 
 
 def installed(group: str, kind: type[_Kind], problems: list[Problem]) -> Iterator[tuple[str, _Kind]]:
-    """What installed packages add by entry points of a group, each with its place for messages.
+    """Objects that installed packages register in an entry point group, each with its place for messages.
 
     Args:
         kind: that each must be; problems: what is wrong with others is added to it.

@@ -1,37 +1,37 @@
-"""What a verdict in a sentence does not tell: how much it leaves, and where the gap shows instead."""
+"""Caveats of a verdict: the unexplained residual, and where else the gap appears."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .headline import MUCH, SPEAKS, at_ports, given, leaves_much, listed_or, percent
+from .headline import MUCH, SPEAKS, at_ports, chosen_answer, leaves_much, listed_or, percent
 from .verdict import Diagnosis
 
 __all__ = ["caveats"]
 
 # The gap clearly shows at a place that has this share of it, and so many times that of any place named.
 _MOST, _TIMES = 0.5, 2.0
-# Closures that differ by less are the same; and tolerances that a number must stray by to be named.
+# Closures that differ by less count as equal; tolerances by which a number must deviate to be named.
 _AS_WELL, _FAR = 0.02, 3.0
 
 
 def caveats(diagnosis: Diagnosis) -> list[str]:
-    """Sentences to stand beside the headline; none where nothing is to be added."""
-    told = (
+    """Sentences to print beside the headline; empty if there is nothing to add."""
+    sentences = (
         _leaves(diagnosis),
         _elsewhere(diagnosis),
         _as_one(diagnosis),
         _late(diagnosis),
         _unneeded(diagnosis) or _strayed(diagnosis),
     )
-    return [one for one in told if one]
+    return [one for one in sentences if one]
 
 
 def _leaves(diagnosis: Diagnosis) -> str:
     """That an answer leaves much more than the noise at some port; "" if it does not.
 
-    Of a docking rig's places nothing is told: there `misfit` is that of the best fit, which may be another
-    answer than the one given, and has in it what random effects draw, which no replay takes off.
+    Nothing is reported for the places of a docking rig: there `misfit` is that of the best fit, which may be
+    another answer than the one given, and has in it what random effects draw, which no replay takes off.
     """
     much = {port: value for port, value in at_ports(diagnosis).items() if value > MUCH}
     if not much:
@@ -53,7 +53,7 @@ def _elsewhere(diagnosis: Diagnosis) -> str:
     """That the gap shows at another place than where the effects named act; "" if it does not.
 
     Nor of something outside a docking rig's catalogue: its place is shown by how residuals look. That of a
-    study of ports is where components driven by what was measured stray most.
+    study of ports is where components driven by measured signals deviate most.
     """
     effects, places = diagnosis.verdict.effects, diagnosis.verdict.places
     noise = diagnosis.how_far is not None and diagnosis.how_far.within_floor
@@ -92,7 +92,7 @@ def _as_one(diagnosis: Diagnosis) -> str:
 
 def _late(diagnosis: Diagnosis) -> str:
     """That a column whose clock is late looks like a delay of what it logs; "" where none is named."""
-    first, logged = given(diagnosis), at_ports(diagnosis)
+    first, logged = chosen_answer(diagnosis), at_ports(diagnosis)
     late = []
     for effect in diagnosis.verdict.effects:
         port, _, name = effect.rpartition(".")
@@ -101,8 +101,8 @@ def _late(diagnosis: Diagnosis) -> str:
             late.append((port, value))
     if not late:
         return ""
-    told = _listed([f"of {port} late by {value:.4g} s" for port, value in late])
-    return f"A clock {told} would look the same: check how the column was logged first."
+    shifted = _listed([f"of {port} late by {value:.4g} s" for port, value in late])
+    return f"A clock {shifted} would look the same: check how the column was logged first."
 
 
 def _unneeded(diagnosis: Diagnosis) -> str:
@@ -134,12 +134,12 @@ def _strayed(diagnosis: Diagnosis) -> str:
     if not diagnosis.doubtful_tolerances or not effects:
         return ""
     moved = _moved(diagnosis, "recalibrated" if "outside" in effects else "fitted")
-    # Together several tell, of which none need be far off.
+    # Several numbers together are evidence, even if none deviates much.
     far = [name for name in moved if abs(moved[name]) > _FAR]
     shown = far or sorted(moved, key=lambda name: -abs(moved[name]))[:2]
     named = ", ".join(f"{name} {moved[name]:+.1f}" for name in shown)
-    told = f" ({named} tolerances)" if named else ""
-    return f"Calibrated numbers moved farther than their tolerances allow{told}: doubt the tolerances."
+    parenthesis = f" ({named} tolerances)" if named else ""
+    return f"Calibrated numbers moved farther than their tolerances allow{parenthesis}: doubt the tolerances."
 
 
 def _moved(diagnosis: Diagnosis, key: str) -> dict[str, float]:
@@ -150,7 +150,7 @@ def _moved(diagnosis: Diagnosis, key: str) -> dict[str, float]:
 
 
 def _alike(diagnosis: Diagnosis) -> set[str]:
-    """Places that the logs cannot tell from those named: of tied effects, and of the same component."""
+    """Places that the logs cannot separate from those named: of tied effects, and of the same component."""
     named = set(diagnosis.verdict.places)
     effects = set(diagnosis.verdict.effects)
     ties = [tie for one in diagnosis.which if set(one.effects) == effects for tie in one.ties]

@@ -1,4 +1,4 @@
-"""Channels of a log that are clipped, or stand still for a while; logs that are there twice."""
+"""Clipped and frozen channels of logs; duplicate logs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from .study import Array
 
 __all__ = ["Stuck", "clipped", "frozen", "logged_twice"]
 
-# A value that stands still for so many rows, while the channel moves elsewhere, is frozen; places told of.
+# A value that stands still for so many rows, while the channel moves elsewhere, is frozen; number of places
+# reported.
 _FROZEN, _STRETCHES = 60, 3
 # So many rows in succession at the highest or lowest value, and so many times as many as just below it.
 _PILED, _PILE = 8, 4
@@ -23,7 +24,7 @@ _STOPPED = "The channel stopped; leave the run out, or log it again."
 
 
 class Stuck(NamedTuple):
-    """What is wrong with a channel, and its longest stretch: first row and the one after the last."""
+    """A problem of a channel, and its longest interval: first row, and the row after the last."""
 
     what: str
     remedy: str
@@ -32,7 +33,7 @@ class Stuck(NamedTuple):
 
 
 def clipped(values: Array) -> list[Stuck]:
-    """Values that pile up at an end of the channel's range: the sensor's range, or the logger's."""
+    """Values that accumulate at an end of the range of the sensor or the logger."""
     found = []
     firsts, lengths = _runs(values)
     levels, counts = np.unique(values, return_counts=True)
@@ -49,11 +50,11 @@ def clipped(values: Array) -> list[Stuck]:
 
 
 def frozen(values: Array) -> list[Stuck]:
-    """Stretches in which the channel stands still, and nowhere else for nearly as long, but in one or two."""
+    """Intervals in which the channel is constant much longer than elsewhere."""
     firsts, lengths = _runs(values)
     order = np.argsort(lengths)[::-1]
     ends, left = (values.min(), values.max()), _left_by_jump(values, firsts, lengths)
-    told = {values[one.first] for one in clipped(values)}
+    clipped_values = {values[one.first] for one in clipped(values)}
     found = []
     for number, place in enumerate(order[:_STRETCHES].tolist()):
         row, length, others = (
@@ -61,7 +62,7 @@ def frozen(values: Array) -> list[Stuck]:
             int(lengths[place]),
             lengths[order[number + 1 : number + 11]],
         )
-        at_end = values[row] in told or (values[row] in ends and not left[place])
+        at_end = values[row] in clipped_values or (values[row] in ends and not left[place])
         if length >= _FROZEN and length > 5 * np.median(others) and not at_end:
             what = f"row {row} ({values[row]:.9g}): frozen for {length} rows"
             found.append(Stuck(what, _STOPPED, row, row + length))
@@ -82,7 +83,7 @@ def _left_by_jump(values: Array, firsts: Array, lengths: Array) -> Array:
 
 
 def logged_twice(runs: Sequence[tuple[str, Mapping[Any, Array]]], place: str) -> Iterator[Problem]:
-    """Runs that hold the same log: what a fit saw would count as what none saw.
+    """Runs with the same log; a held-out run would not be independent of the fit.
 
     Args:
         runs: by name, their channels, each of shape (n,).

@@ -1,4 +1,4 @@
-"""Bad data distinguished from a bad model: what is wrong with logs, before anything is fitted to them."""
+"""Check logs before anything is fitted: distinguish bad data from a bad model."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from ..base.errors import Problem
 from .channels import clipped, frozen, logged_twice
 from .consistency import check_columns
-from .log_checks import clock_slack, clock_told
-from .mistakes import Mistake, told_once
+from .log_checks import clock_of_stamps, clock_slack
+from .mistakes import Mistake, merged_problems
 from .motion import STOP, contacts
 from .study import Array, Role, Run, Study
 
@@ -18,7 +18,7 @@ __all__ = ["check_logs"]
 _LATE = 0.5
 _FEWEST_ROWS = 100
 # See `_masses`: runs to compare with at least, by how much these may differ, by how much one has to, and
-# squared correlation of force and acceleration from which they tell a mass.
+# least squared correlation of force and acceleration for an estimate of the mass.
 _FEWEST_OTHERS, _AGREE, _OFF, _FOLLOWS = 4, 2e-3, 0.02, 0.98
 _FEWEST_CONTACTS = 3
 _MOVING = ("desired_position", "desired_velocity", "encoder_position", "sensor_force", "compensated_force")
@@ -39,8 +39,8 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
         refused += wrong
         if not wrong:
             warned += _stuck(run)
-    warned = told_once(warned, "{} more of this kind in this column")
-    refused = told_once(refused, "the same in {} more run{s}", Mistake)
+    warned = merged_problems(warned, "{} more of this kind in this column")
+    refused = merged_problems(refused, "the same in {} more run{s}", Mistake)
     if not refused:
         refused += _twice(study) + _masses(study)
     if not refused:
@@ -72,10 +72,13 @@ def _masses(study: Study) -> list[Problem]:
         if mass is None or len(others) < _FEWEST_OTHERS:
             continue
         basis = np.stack([stated, np.ones(len(stated))], axis=1)
-        told = np.array([moved[at] for at in others], float)
-        law = np.linalg.lstsq(basis[others], told, rcond=None)[0]
+        masses = np.array([moved[at] for at in others], float)
+        law = np.linalg.lstsq(basis[others], masses, rcond=None)[0]
         expected = basis @ law
-        if np.abs(told / expected[others] - 1.0).max() > _AGREE or abs(mass / expected[number] - 1.0) < _OFF:
+        if (
+            np.abs(masses / expected[others] - 1.0).max() > _AGREE
+            or abs(mass / expected[number] - 1.0) < _OFF
+        ):
             continue
         found.append(
             Problem(
@@ -89,7 +92,7 @@ def _masses(study: Study) -> list[Problem]:
 
 
 def _mass(study: Study, run: Run) -> float | None:
-    """Mass that the satellite's software moved by [kg]: force over acceleration; None where neither tells."""
+    """Mass in the satellite's software [kg]: force over acceleration; None if it cannot be estimated."""
     force = run["compensated_force"][:-1]
     speed = np.diff(run["desired_velocity"]) / study.tick
     power = float(speed @ speed)
@@ -145,7 +148,7 @@ def _time(study: Study, run: Run) -> list[Problem]:
     # Each step may be right to half of it, and their sum be far off.
     if not found and abs(time[-1] - time[0] - tick * (len(time) - 1)) > clock_slack(len(time), tick):
         remedy = "Correct `tick`, or the clock that the stamps are of."
-        found.append(Problem(place, clock_told(time, tick), remedy=remedy))
+        found.append(Problem(place, clock_of_stamps(time, tick), remedy=remedy))
     return found
 
 
@@ -196,10 +199,10 @@ def _left_early(study: Study) -> list[Problem]:
 def _contacts(study: Study) -> tuple[list[Problem], list[Problem]]:
     counts = {run.name: len(contacts(study, run)) for run in study.of(Role.TRAIN)}
     total = sum(counts.values())
-    told = ", ".join(f"{name} {count}" for name, count in counts.items())
+    counted = ", ".join(f"{name} {count}" for name, count in counts.items())
     problem = Problem(
         "runs of the role train",
-        f"{total} contacts in all ({told})",
+        f"{total} contacts in all ({counted})",
         remedy="Run longer, or faster: effects of contact and sensor show in contacts only.",
     )
     if total == 0:

@@ -1,4 +1,4 @@
-"""How far the gap shrinks once effects are added: on held-out runs that no fit saw, against the noise."""
+"""Closure of the gap by the effects found, on held-out runs, relative to the noise."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from .finding import NOMINAL, Augmented, Finding
 from .model import RigModel
 from .motion import STOP, Contact, contacts, stopped_at
-from .restart import Restart, strayed
+from .restart import Restart, contact_error
 from .rig import SUBSTEPS
 from .study import Array, Role, Run, Study
 from .verdict import WITHIN
@@ -22,7 +22,7 @@ __all__ = ["MEASURES", "Ahead", "closure_of", "how_far", "one_contact_ahead"]
 # Errors per contact, model minus log; the first is of signals, the others of what a contact does.
 MEASURES = ("nrmse", "cor", "peak_force", "energy")
 _RESAMPLES, _BLOCK, _SEED = 1000, 2, 20190611
-# A whole run is resampled in blocks of this length [ticks].
+# A complete run is resampled in blocks of this length [ticks].
 _RUN_BLOCK = 250
 
 
@@ -50,7 +50,7 @@ def one_contact_ahead(
     errors, traces = [], []
     for one in among:
         out = restart.ahead(one.begin, one.end - one.begin)
-        trace = strayed(run, one, out)
+        trace = contact_error(run, one, out)
         span = slice(one.begin, one.end)
         peak, velocity = np.abs(run["sensor_force"][span]).max(), run["desired_velocity"][span]
         after, measured = out[1, -1] / velocity[0], velocity[-1] / velocity[0]
@@ -67,13 +67,13 @@ def one_contact_ahead(
 
 
 def how_far(study: Study, finding: Finding) -> dict[str, Any]:
-    """How far the gap shrinks, one contact ahead, and over whole runs under `full_run`.
+    """Closure of the gap one contact ahead, and over complete runs under `full_run`.
 
     Keys: before (the model as handed over), after (the answer), recalibrated, and noise_floor, as root mean
     squares over contacts; closure = (before - after)/(before - noise_floor) with its 95 % interval;
     recalibration_only, the closure by other calibrated numbers alone; within_floor. The main ones are of
     the signals (NRMSE); `measures` holds the same for each of `MEASURES`. A run without
-    contacts is taken as a whole. Numbers are None where nothing was held out.
+    contacts is one window. Numbers are None without held-out runs.
     """
     models = {"before": NOMINAL, "after": finding.answer, "recalibrated": finding.recalibrated}
     heldout = study.of(Role.HELDOUT)
@@ -84,7 +84,7 @@ def how_far(study: Study, finding: Finding) -> dict[str, Any]:
 
 
 def _windows(study: Study, run: Run) -> list[Contact]:
-    """Contacts of a run; the whole of it where it has none."""
+    """Contacts of a run; one window for the complete run if it has none."""
     peak = int(np.argmax(np.abs(run["sensor_force"])))
     return contacts(study, run) or [Contact(0, peak, peak, peak, len(run))]
 
@@ -118,7 +118,7 @@ def _ahead(
     measures = {}
     for place, name in enumerate(MEASURES):
         # The errors of a model in a run and in its repeat differ by what does not repeat; the model's own
-        # error drops out as far as both begin alike, so the least difference is the floor.
+        # error cancels if both start equally, so the smallest difference is the floor.
         options = [
             float(np.sqrt(np.mean(np.concatenate(parts)[:, place] ** 2) / 2.0))
             for parts in floors.values()
@@ -128,8 +128,8 @@ def _ahead(
         squares = {key: value[:, place] ** 2 for key, value in gaps.items()}
         measures[name] = closure_of(squares, floor, _BLOCK)
     repeated = any(len(part) for parts in floors.values() for part in parts)
-    told = {"contacts": len(gaps["before"]), "measures": measures}
-    return {**measures["nrmse"], "noise_floor_from": "repeats" if repeated else "specified", **told}
+    details = {"contacts": len(gaps["before"]), "measures": measures}
+    return {**measures["nrmse"], "noise_floor_from": "repeats" if repeated else "specified", **details}
 
 
 def _differences(one: Ahead, other: Ahead) -> Array:
@@ -163,12 +163,12 @@ def closure_of(squares: dict[str, Array], floor: float, block: int) -> dict[str,
         block: how many neighbours are drawn together.
     """
     gaps = {name: float(np.sqrt(np.mean(one))) for name, one in squares.items()}
-    told = {name: gap if math.isfinite(gap) else None for name, gap in gaps.items()}
+    finite = {name: gap if math.isfinite(gap) else None for name, gap in gaps.items()}
     before = gaps["before"]
     if before < WITHIN * floor or before == 0.0:
-        return _gap(told, floor, within_floor=True)
-    if told["before"] is None or told["after"] is None:
-        return _gap(told, floor)
+        return _gap(finite, floor, within_floor=True)
+    if finite["before"] is None or finite["after"] is None:
+        return _gap(finite, floor)
     n = len(squares["before"])
     block = min(block, n)
     starts = np.random.default_rng(_SEED).integers(0, n, (_RESAMPLES, -(-n // block)))
@@ -176,11 +176,11 @@ def closure_of(squares: dict[str, Array], floor: float, block: int) -> dict[str,
     some = {name: np.sqrt(np.mean(one[drawn], axis=1)) for name, one in squares.items()}
     above = some["before"] > floor
     closures = (some["before"] - some["after"])[above] / (some["before"] - floor)[above]
-    return _gap(told, floor, np.quantile(closures, [0.025, 0.975]).tolist())
+    return _gap(finite, floor, np.quantile(closures, [0.025, 0.975]).tolist())
 
 
 def _gap(
-    told: Mapping[str, float | None],
+    gaps: Mapping[str, float | None],
     floor: float | None,
     interval: list[float] | None = None,
     within_floor: bool = False,
@@ -188,20 +188,20 @@ def _gap(
     """As `verdict.Gap`, and the gap after recalibration.
 
     Args:
-        told: gap of each model; None where it runs away, or where nothing was held out.
+        gaps: gap of each model; None where it runs away, or where nothing was held out.
     """
-    before = told.get("before")
+    before = gaps.get("before")
 
     def closed(name: str) -> float | None:
-        left = told.get(name)
+        left = gaps.get(name)
         if within_floor or before is None or left is None or floor is None:
             return None
         return (before - left) / (before - floor)
 
     return {
         "before": before,
-        "after": told.get("after"),
-        "recalibrated": told.get("recalibrated"),
+        "after": gaps.get("after"),
+        "recalibrated": gaps.get("recalibrated"),
         "noise_floor": floor,
         "closure": closed("after"),
         "interval": interval,
@@ -213,7 +213,7 @@ def _gap(
 def _whole(
     study: Study, pairs: Sequence[tuple[Run, Run | None]], models: dict[str, Augmented]
 ) -> dict[str, Any]:
-    """The same over whole runs from their starts, against the repeats.
+    """The same over complete runs from their starts, against the repeats.
 
     The NRMSE is that of position and velocity over their root mean squares; the others are of a run: mean
     restitution per contact, largest force, and kinetic energy at the end over that at the start.
@@ -259,7 +259,7 @@ _MOVING = ("desired_position", "desired_velocity")
 
 
 def _stopped(out: Array) -> Array:
-    """A run as far as the rig's stop, at rest there from then on: a model that runs away is held."""
+    """A run up to the rig's stop, at rest afterwards, so that a diverging model is bounded."""
     end = stopped_at(out[0])
     if end == out.shape[1]:
         return out

@@ -1,4 +1,4 @@
-"""Noise of the force that is not white: a first-order process beside the white noise."""
+"""Coloured force noise: a first-order process in addition to white noise."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def coloured(parts: Sequence[Array], noise: float) -> tuple[float, float, float]
     white = sum(_ar_likelihood(part, 0.0, 0.0, max(spread, 0.5 * noise), none) for part in parts)
 
     def shape(x: Array) -> tuple[float, float, float]:
-        # A search may stray as far as it likes, where a process without memory is as likely as white noise.
+        # A search is not bounded where a process without memory is as likely as white noise.
         deviation, forgets, rest = (math.exp(min(one, _LARGEST)) for one in (x[0], -x[1], x[2]))
         return deviation, 1.0 / (1.0 + forgets), rest
 
@@ -107,7 +107,7 @@ def small_colour(parts: Sequence[Array]) -> Colour:
 
 
 def whitened(left: Sequence[Array], colour: Colour) -> list[Array]:
-    """Residuals without what small coloured noise of theirs predicts of them, over their noise.
+    """Residuals whitened by the model of their coloured noise, normalised.
 
     Args:
         left: residuals over their noise, by run.

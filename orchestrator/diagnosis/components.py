@@ -30,7 +30,7 @@ _AVERAGED = 9
 
 @dataclass(frozen=True)
 class Residuals:
-    """What a model leaves of a run's signals, component by component.
+    """Residuals of a run by component.
 
     Attributes:
         values: measured minus replayed, by `Inject`: position [m], force [N], compensated force [N], change
@@ -91,7 +91,7 @@ def residuals_of(study: Study, run: Run, model: Augmented) -> Residuals:
 
 
 def correct(rig: RigModel, model: Augmented) -> Array:
-    """Have replays of a rig's only run follow the measured position, but for its noise.
+    """Make replays of a rig's only run follow the measured position except for its noise.
 
     Returns: measured minus replayed position, shape (n,) [m].
     """
@@ -104,7 +104,7 @@ def correct(rig: RigModel, model: Augmented) -> Array:
 
 
 def significant(residual: Array, noise: float) -> Array:
-    """What of a residual is more than white noise: Wiener's filter with the power at hand, shape (n,).
+    """Part of a residual beyond white noise, by a Wiener filter, shape (n,).
 
     Args:
         noise: standard deviation.

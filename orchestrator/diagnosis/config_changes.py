@@ -1,6 +1,7 @@
-"""How an effect stands in the config of the docking lab: the docking rig with what was found, to be run.
+"""Changes of the config docking-lab that represent an effect.
 
-An effect's file tells it beside the law, by a function of the effect's parameters and of the rig's numbers.
+An effect's file defines them beside the law, as a function of the effect's parameters and of the rig's
+numbers.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ __all__ = [
     "READING",
     "SEED",
     "TOOL",
+    "ConfigChanges",
     "Writes",
-    "Written",
     "held",
     "merged",
     "scaled",
@@ -44,8 +45,8 @@ SEED = 1
 
 
 @dataclass(frozen=True)
-class Written:
-    """What an effect changes of the config.
+class ConfigChanges:
+    """Changes of the config by an effect.
 
     Attributes:
         start: start values by instance.
@@ -61,7 +62,7 @@ class Written:
 
 
 # Parameters of the effect by name, and of the rig: mass [kg], tick and communication step [s].
-Writes = Callable[[Mapping[str, float], Mapping[str, float]], Written]
+Writes = Callable[[Mapping[str, float], Mapping[str, float]], ConfigChanges]
 
 
 def with_unit(value: float, unit: str) -> str | float:
@@ -69,32 +70,32 @@ def with_unit(value: float, unit: str) -> str | float:
     return f"{float(value)!r} {unit}" if unit != "1" else float(value)
 
 
-def start(instance: str, **values: tuple[float, str]) -> Written:
+def start(instance: str, **values: tuple[float, str]) -> ConfigChanges:
     """Start values of an instance: value and unit by name."""
-    return Written(start={instance: {name: with_unit(*one) for name, one in values.items()}})
+    return ConfigChanges(start={instance: {name: with_unit(*one) for name, one in values.items()}})
 
 
-def through(connection: str, **effect: Any) -> Written:
+def through(connection: str, **effect: Any) -> ConfigChanges:
     """An effect on a connection, by the keys of its entry; underscores stand for hyphens in the first."""
     (first, main), *others = effect.items()
-    return Written(through={connection: ({first.replace("_", "-"): main, **dict(others)},)})
+    return ConfigChanges(through={connection: ({first.replace("_", "-"): main, **dict(others)},)})
 
 
-def held(effect: str, size: float | str, rig: Mapping[str, float]) -> Written:
+def held(effect: str, size: float | str, rig: Mapping[str, float]) -> ConfigChanges:
     """An effect on commands that counts ticks and draws.
 
     A command is there from the end of its tick's first step on.
     """
     timing = {"period": with_unit(rig["tick"], "s"), "phase": with_unit(rig["step"], "s")}
-    return Written(through={COMMAND: ({effect: size, **timing, "seed": SEED},)})
+    return ConfigChanges(through={COMMAND: ({effect: size, **timing, "seed": SEED},)})
 
 
-def scaled(**factors: float) -> Written:
+def scaled(**factors: float) -> ConfigChanges:
     """Factors of the rig's numbers."""
-    return Written(scaled=factors)
+    return ConfigChanges(scaled=factors)
 
 
-def merged(parts: Sequence[Written]) -> Written:
+def merged(parts: Sequence[ConfigChanges]) -> ConfigChanges:
     """What several effects change together; of start values that two give the later one holds."""
     start: dict[str, dict[str, Any]] = {}
     through: dict[str, tuple[Mapping[str, Any], ...]] = {}
@@ -107,4 +108,4 @@ def merged(parts: Sequence[Written]) -> Written:
         for name, factor in one.scaled.items():
             factors[name] = factors.get(name, 1.0) * factor
     adds = tuple(dict.fromkeys(name for one in parts for name in one.adds))
-    return Written(start, through, adds, factors)
+    return ConfigChanges(start, through, adds, factors)

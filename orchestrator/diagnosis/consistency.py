@@ -1,8 +1,8 @@
-"""Whether the columns of a log fit each other, and which single mistake explains it if not.
+"""Whether the columns of a log are consistent, and which single mistake explains it if not.
 
 What the rig's software computes from its own inputs holds whatever effect is hidden in the rig. Where it does
 not hold, every column in turn is tried with another sign or unit, exchanged for another, or shifted in time;
-the mistake that mends everything is named.
+the mistake that explains everything is named.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MASS = (0.4, 2.5)
 # A controller that does something of its own out of contact still gives about the force, contacts included:
 # with such a gain, and such a correlation.
 _GAIN, _ALIKE = (0.3, 3.0), 0.8
-# Of the contact's stiffness, as force over way tells it; sensors and frames may be far from nominal.
+# Range of the contact's stiffness from force over penetration; sensors and frames may be far from nominal.
 _STIFFNESS = (0.05, 20.0)
 _ESTIMATE = (0.3, 2.5)
 
@@ -51,19 +51,19 @@ class _Broken:
 
 
 def check_columns(study: Study, run: Run) -> list[Problem]:
-    """What is wrong with the columns of a run as they stand together, with column, row and remedy."""
+    """Contradictions between the columns of a run, with column, row and remedy."""
     broken = _broken(study, run)
     if not broken:
         return _clock_of_encoder(study, run)
     suspects = sorted({name for one in broken for name in one.columns})
-    for told, believed, mended in chain(_misstated(study, run), _mistakes(study, run, suspects)):
+    for remedy, believed, mended in chain(_misstated(study, run), _mistakes(study, run, suspects)):
         if not _broken(believed, mended):
             first = min(one.row for one in broken)
             return [
                 Mistake(
-                    f"{run.name}: {told[0]}",
+                    f"{run.name}: {remedy[0]}",
                     f"from row {first} on the columns contradict each other: {broken[0].what}",
-                    remedy=told[1],
+                    remedy=remedy[1],
                 )
             ]
     return [
@@ -92,21 +92,21 @@ def _misstated(study: Study, run: Run) -> Iterator[tuple[tuple[str, str], Study,
     for factor in (1e3, 1e-3, 1e6, 1e-6):
         less = replace(stated, value=stated.value / factor)
         believed = replace(study, nominal={**study.nominal, "contact_stiffness": less})
-        told = f"All fits if it is {less.value:g} N/m. Correct its unit or value in the study."
-        yield ("nominal.contact_stiffness", told), believed, run
+        remedy = f"All fits if it is {less.value:g} N/m. Correct its unit or value in the study."
+        yield ("nominal.contact_stiffness", remedy), believed, run
     speed = float(run["desired_velocity"][0])
     if speed:
-        told = f"All fits if it is {speed:g} m/s, as desired_velocity begins. Correct it in the study."
-        yield ("approach_speed", told), study, replace(run, approach_speed=speed)
+        remedy = f"All fits if it is {speed:g} m/s, as desired_velocity begins. Correct it in the study."
+        yield ("approach_speed", remedy), study, replace(run, approach_speed=speed)
 
 
 def _mistakes(study: Study, run: Run, suspects: list[str]) -> Iterator[tuple[tuple[str, str], Study, Run]]:
     """Single mistakes in the log as column and remedy, and the study and the run without them."""
     for name in suspects:
         column = study.mapping.get(name)
-        for factor, told in wrong_factors(column.sign, column.unit) if column else wrong_factors():
+        for factor, remedy in wrong_factors(column.sign, column.unit) if column else wrong_factors():
             mended = {**run.columns, name: run[name] / factor}
-            yield (f"column {name}", told), study, replace(run, columns=mended)
+            yield (f"column {name}", remedy), study, replace(run, columns=mended)
     names = [name for name in run.columns if name != "time"]
     for one, other in combinations(names, 2):
         if one in suspects or other in suspects:
@@ -169,7 +169,7 @@ def _force_of_velocity(study: Study, run: Run) -> _Broken | None:
     columns = ("desired_velocity", "compensated_force")
     slope, correlation = _line(force, body)
     row = int(np.argmax(np.abs(force)))
-    # The noise of the sensor passes through from tick to tick, and tells the clocks apart to a tick.
+    # The noise of the sensor passes through, so that the clocks can be compared to one tick.
     changes, pushes = np.diff(body), np.diff(force)
     # A body that swings on the satellite follows later: the second differences show the rigid part alone.
     passed, at_once = max(
@@ -332,7 +332,7 @@ def _clock_of_encoder(study: Study, run: Run) -> list[Problem]:
 
 
 def _lag(x: Array, y: Array) -> int:
-    """By how many samples y follows x, within `_SHIFTS`, as their correlation tells."""
+    """Delay of y behind x [samples], within `_SHIFTS`, by correlation."""
     size = 2 * len(x)
     product = np.fft.irfft(np.fft.rfft(y - y.mean(), size) * np.conj(np.fft.rfft(x - x.mean(), size)), size)
     lags = np.arange(-_SHIFTS, _SHIFTS + 1)

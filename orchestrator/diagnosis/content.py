@@ -1,4 +1,4 @@
-"""The content of diagnosis.json, from a finding and what analyses told of it, whatever system it is of."""
+"""Content of diagnosis.json, from a finding and the results of the analyses, for any system."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .finding import Finding
 from .study import Nominal
 from .verdict import Diagnosis, Family, Runnable, Share, Verdict, Warned, Which, problems_of
 
-__all__ = ["Told", "content", "named_files", "provenance"]
+__all__ = ["AnalysisResults", "content", "named_files", "provenance"]
 
 _PACKAGES = ("orchestrator", "numpy", "numba", "scipy", "pydantic")
-# Answers less probable than this are not told.
+# Answers less probable than this are not reported.
 _SHOWN = 1e-6
 
 
 @dataclass(frozen=True)
-class Told:
-    """What analyses told, see `verdict.Diagnosis`; why one told nothing is in `left_out`.
+class AnalysisResults:
+    """Results of the analyses, see `verdict.Diagnosis`; `left_out` says why one has none.
 
     Attributes:
         where: shares of the gap by place.
@@ -46,7 +46,7 @@ def content(
     case: str,
     finding: Finding,
     nominal: Mapping[str, Nominal],
-    told: Told,
+    results: AnalysisResults,
     warned: list[Warned],
     augmented: Runnable | None,
     origins: Mapping[str, Any],
@@ -59,15 +59,15 @@ def content(
     Raises: OrchestratorError if parts of it contradict each other.
     """
     which = _which(finding)
-    shares = sorted(told.where.items(), key=lambda item: -item[1])
+    shares = sorted(results.where.items(), key=lambda item: -item[1])
     plain = strict(
         {
-            "ledger": told.ledger,
-            "energy": told.energy,
-            "how_far": told.how_far,
-            "next_experiment": told.next_experiment,
-            "numerics": told.numerics,
-            "left_out": told.left_out,
+            "ledger": results.ledger,
+            "energy": results.energy,
+            "how_far": results.how_far,
+            "next_experiment": results.next_experiment,
+            "numerics": results.numerics,
+            "left_out": results.left_out,
             "answer_set": finding.answer_set,
             "misfit": finding.misfit,
             "calibration": _calibration(finding, nominal),
@@ -93,14 +93,14 @@ def content(
 
 
 def named_files(folder: Path, paths: Iterable[Path]) -> dict[str, Path]:
-    """Files by where they stand, from a folder on if in it; of ROS bags, which are folders, all they hold."""
+    """Paths of files, relative to a folder if they are in it; of ROS bags, which are folders, all files."""
     inner = [file for path in paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
     files = [file for file in inner if file.is_file()]
     return {(one.relative_to(folder) if one.is_relative_to(folder) else one).as_posix(): one for one in files}
 
 
 def provenance(files: Mapping[str, Path], **more: object) -> dict[str, Any]:
-    """What a diagnosis was made from and by.
+    """Inputs and software of a diagnosis.
 
     Args:
         files: that were read, by the names that they are recognised by.
@@ -137,14 +137,14 @@ def _families(which: list[Which], finding: Finding) -> list[Family]:
 
 def _calibration(finding: Finding, nominal: Mapping[str, Nominal]) -> dict[str, dict[str, float]]:
     """Calibrated numbers: as believed, tolerance, with the answer and without effects."""
-    told = {}
+    values = {}
     for name, one in nominal.items():
         if one.tolerance > 0:
             alone = finding.recalibrated.calibrated.get(name, one.value)
-            told[name] = {
+            values[name] = {
                 "nominal": one.value,
                 "tolerance": one.tolerance,
                 "fitted": float(finding.answer.calibrated.get(name, alone)),
                 "recalibrated": float(alone),
             }
-    return told
+    return values

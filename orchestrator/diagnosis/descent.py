@@ -14,7 +14,7 @@ from .study import Array
 __all__ = ["Descent", "Place", "cost_of"]
 
 _MAX_ITERATIONS = 30
-# Steps after which derivatives that only followed the steps are taken anew.
+# Steps after which updated derivatives are computed again.
 _STALE = 5
 # A descent has converged when the cost falls by less.
 _CONVERGED = 0.3

@@ -1,4 +1,4 @@
-"""A study in, a diagnosis out: which effects, where, how far, what next; and what is written of it."""
+"""Diagnose a study and write the results: effects, places, closure, next experiment."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..base.atomic_files import write_text
 from ..base.errors import ConfigError, Problem
 from ..results.progress import Share
 from ..simulation.run_folder import folder_at
+from .analyses import Analyses
 from .augmented import AugmentedConfig, augmented_config, is_docking_lab
 from .checks import check_logs
-from .content import Told, content, named_files, provenance
+from .content import AnalysisResults, content, named_files, provenance
 from .diagnosed import Diagnosed
 from .finding import Finding
-from .parts import Parts
 from .ports.study import is_port_study
 from .study import Role, Study, case_file, load_study
 from .verdict import AUGMENTED, EXPORTABLE, NAME, PAGE, Diagnosis, Runnable, Warned
@@ -41,7 +41,7 @@ def diagnose(
     study: Study | Path | str,
     out: Path | str | None = None,
     *,
-    parts: Parts | None = None,
+    parts: Analyses | None = None,
     report: bool = True,
     progress: Report = lambda stage: None,
     practice: int = 0,
@@ -55,8 +55,8 @@ def diagnose(
         out: folder to write to; nothing is written without it.
         parts: the analyses of a docking rig; all of this package by default.
         report: whether to write the page, too.
-        progress: is told each of `STAGES` as it begins, how far practice is, as in "practice 3/60", and, of
-            studies of ports, how far weighing is: see `tally.Tally`.
+        progress: receives each of `STAGES` as it begins, the progress of practice, as in "practice 3/60",
+            and, for studies of ports, the progress of weighing: see `search_progress.SearchProgress`.
         practice: simulated cases to calibrate probabilities on first, for studies of ports; seed: of them;
             jobs: processes that weigh them. Those weighed are kept in the folder as long as they are not all.
     Raises: ConfigError with all problems of the study and its logs; OrchestratorError if an analysis fails.
@@ -70,7 +70,7 @@ def diagnose(
         remedy = "The docking rig's calibration comes with the product."
         raise ConfigError([Problem("practice", "is for studies of ports (port-study/1)", remedy=remedy)])
     progress("read")
-    parts = parts or Parts.standard()
+    parts = parts or Analyses.standard()
     source = None if isinstance(study, Study) else Path(study)
     study = study if isinstance(study, Study) else load_study(Path(study))
     progress("check")
@@ -79,7 +79,7 @@ def diagnose(
         raise ConfigError(refused)
     progress("weigh")
     finding = parts.weigh(study)
-    told = _told(parts, study, finding, progress)
+    results = _told(parts, study, finding, progress)
     config = augmented_config(study, finding) if is_docking_lab(study) else None
     augmented = None
     if config is not None:
@@ -87,7 +87,7 @@ def diagnose(
         augmented = Runnable(file=AUGMENTED, run=config.run, changed=changed, left_out=missing)
     known = [Warned(place=one.place, what=one.what, remedy=one.remedy or one.allowed) for one in warned]
     origins = provenance({} if source is None else _files(study, source))
-    diagnosis = content(study.name, finding, study.nominal, told, known, augmented, origins)
+    diagnosis = content(study.name, finding, study.nominal, results, known, augmented, origins)
     progress("write")
     if out is None:
         return Diagnosed(study, finding, diagnosis)
@@ -122,7 +122,7 @@ def _any_system(
     return replace(diagnosed, folder=whole, files=(NAME, *made.files))
 
 
-def _told(parts: Parts, study: Study, finding: Finding, progress: Report) -> Told:
+def _told(parts: Analyses, study: Study, finding: Finding, progress: Report) -> AnalysisResults:
     """What all analyses say about a finding."""
     found: dict[str, Any] = {}
     left_out = {_JUDGED: finding.unjudged} if finding.unjudged else {}
@@ -139,7 +139,7 @@ def _told(parts: Parts, study: Study, finding: Finding, progress: Report) -> Tol
                 left_out[name] = reason
             else:
                 found[name] = getattr(parts, name)(study, finding)
-    return Told(**found, left_out=left_out)
+    return AnalysisResults(**found, left_out=left_out)
 
 
 def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:

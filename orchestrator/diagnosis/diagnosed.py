@@ -1,4 +1,4 @@
-"""A diagnosis and what it was made of."""
+"""A diagnosis with its study and finding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples of the force that stay put: lost ones, and such as do in contact or at an end of the range."""
+"""Repeated force samples: lost ones, and those repeated in contact or at an end of the range."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ENDS = 3
 # Samples do not repeat by chance more seldom than that: the force is not quite as smooth as a line.
 _SELDOM = 2e-3
 # Samples so near an end of a run's range, in deviations of their noise, may be at the end by chance; and log
-# evidence from which on they are not [nats].
+# least evidence that they are not [nats].
 _NEAR, _PILED = 3.0, 10.0
 # Variance of the distances of lost samples, or of those between, over what chance makes of it, below which
 # they are regular; and how many samples before one may say whether it is lost.
@@ -64,15 +64,15 @@ def piled(forces: Sequence[Array], step: float, noise: float) -> float:
             n = int(np.sum(values > last - _NEAR * noise)) - 1
             share = min((int(np.sum(values > last - 0.5 * step)) - 1) / max(n, 1), 1.0 - 0.5 / max(n, 1))
             if share > chance:
-                told = share * math.log(share / chance) + (1.0 - share) * math.log(
+                divergence = share * math.log(share / chance) + (1.0 - share) * math.log(
                     (1.0 - share) / (1.0 - chance)
                 )
-                total += max(n * told - 0.5 * math.log(n), 0.0)
+                total += max(n * divergence - 0.5 * math.log(n), 0.0)
     return total if total > _PILED else 0.0
 
 
 def in_turn(parts: Sequence[Array]) -> float:
-    """Log likelihood that samples are lost in turn, as where a sensor has a cycle of its own [nats].
+    """Log likelihood that samples are lost periodically, as by a sensor with its own cycle [nats].
 
     Chance loses each whatever became of those before it; bursts of losses are none of it, and no turn.
 
@@ -90,8 +90,8 @@ def in_turn(parts: Sequence[Array]) -> float:
                 np.add.at(counts, (before, part[order:].astype(int)), 1.0)
         total, own = counts.sum(axis=0), counts.sum(axis=1, keepdims=True)
         share = np.divide(counts, own, out=np.ones_like(counts), where=counts > 0.0)
-        told = float((counts * np.log(share)).sum() - (total * np.log(total / total.sum())).sum())
-        most = max(most, told - 0.5 * len(counts) * math.log(total.sum()))
+        gain = float((counts * np.log(share)).sum() - (total * np.log(total / total.sum())).sum())
+        most = max(most, gain - 0.5 * len(counts) * math.log(total.sum()))
     return most
 
 

@@ -1,4 +1,4 @@
-"""What an unmodelled effect is: where it acts, by which law, with which parameters."""
+"""Definition of an unmodelled effect: its place, law and parameters."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from ..base.compiled_functions import cfunc
 from ..base.units import UnitError, parse_unit
-from .written import Writes
+from .config_changes import Writes
 
 __all__ = ["Context", "Effect", "Parameter", "Seen", "Site", "by_effect", "law"]
 
 
 class Site(IntEnum):
-    """Places in the chain of signals at which an effect can act; the value it is given and returns.
+    """Places in the chain of signals at which an effect can act, with the value that it changes.
 
     Attributes:
         COMMAND: command received at a tick [m].
@@ -56,7 +56,7 @@ class Site(IntEnum):
 
 
 class Context(IntEnum):
-    """What a law can read beside the value that it changes; SI units.
+    """Further values that a law can read; SI units.
 
     Attributes:
         POSITION, VELOCITY, ACCELERATION: of the robot's servo; of the satellite at BODY.
@@ -147,7 +147,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Seen:
-    """What runs show beside a replay, for effects that read from it where fits of them may begin.
+    """Data of runs from which effects propose start values of their fits.
 
     Attributes:
         tick: of the rig's software [s].
@@ -160,7 +160,7 @@ class Seen:
     tick: float
     commands: tuple[NDArray[np.float64], ...]
     position: tuple[NDArray[np.float64], ...]
-    strayed: tuple[NDArray[np.float64], ...]
+    position_error: tuple[NDArray[np.float64], ...]
     lag: tuple[float, float, float]
 
 
@@ -179,7 +179,7 @@ class Effect:
         site, apply, memory: of the law; how many numbers it keeps.
         changes: calibrated parameters that it changes, by the parameter that is added to them; relative ones
             are marked by a leading "*".
-        statistic: name of the statistic that tells a stochastic effect, "" for others.
+        statistic: name of the statistic that detects a stochastic effect, "" for others.
         written: how it stands in the config of the augmented system, where `changes` do not tell it.
         propose: further starts, one value per parameter, read from the runs.
     """

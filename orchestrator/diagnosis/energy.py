@@ -94,7 +94,7 @@ def energy(study: Study, finding: Finding) -> dict[str, Any]:
         return {}
     measured = np.mean([one.measured for one in nominal], axis=0)
     believed = np.mean([one.modelled for one in nominal], axis=0)
-    told = {
+    balance = {
         "measured": measured,
         "nominal": believed,
         "excess": measured - believed,
@@ -102,8 +102,8 @@ def energy(study: Study, finding: Finding) -> dict[str, Any]:
     }
     return {
         "interfaces": list(INTERFACES),
-        **{name: dict(zip(INTERFACES, value.tolist(), strict=True)) for name, value in told.items()},
-        "change": {name: float(value.sum()) for name, value in told.items()},
+        **{name: dict(zip(INTERFACES, value.tolist(), strict=True)) for name, value in balance.items()},
+        "change": {name: float(value.sum()) for name, value in balance.items()},
         "contacts": [
             {
                 "run": one.run,

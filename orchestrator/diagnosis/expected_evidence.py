@@ -1,4 +1,4 @@
-"""What an experiment that was not made yet is expected to tell between fitted candidates."""
+"""Evidence between fitted candidates that a future experiment is expected to give."""
 
 from __future__ import annotations
 
@@ -94,21 +94,21 @@ def evidence_over(fitter: Fitter, rival: Posterior, places: Sequence[int]) -> fl
     parameters from what the runs at hand say about them.
 
     Args:
-        fitter: of the predicted logs, without noise: what is left of it is the same for both on average.
+        fitter: of the predicted logs, without noise: the noise is the same for both on average.
         places: parameters of the rival that may move.
     """
     cost = least(fitter, rival, rival.z, places)[1]
-    # Where a rival's replay has no end, nothing was simulated that could tell.
+    # Where a rival's replay diverges, nothing can be compared.
     return 0.5 * cost if np.isfinite(cost) else 0.0
 
 
 def chosen(
     menu: Mapping[str, str], between: Sequence[str], evidence: Callable[[str, int, int], float]
 ) -> dict[str, Any]:
-    """The experiment that tells a candidate from its rivals best; of those as good, the first.
+    """The experiment that separates a candidate from its rivals best; the first one of equals.
 
-    Where several tell the first candidate from all its rivals, that counts which tells the rivals from each
-    other best: one of them may be right. Pairs that none of these distinguishes do not count.
+    If several separate the first candidate from all its rivals, the best one also separates the rivals from
+    each other best: one of them may be right. Pairs that none of these distinguishes do not count.
 
     Args:
         menu: descriptions by name, in order of effort.
@@ -122,22 +122,22 @@ def chosen(
     """
     rivals = range(1, len(between))
     others = list(combinations(rivals, 2))
-    told = {name: {(0, rival): evidence(name, 0, rival) for rival in rivals} for name in menu}
-    first = {name: min(pairs.values()) for name, pairs in told.items()}
+    expected = {name: {(0, rival): evidence(name, 0, rival) for rival in rivals} for name in menu}
+    first = {name: min(pairs.values()) for name, pairs in expected.items()}
     able = [name for name in menu if first[name] >= _TOLD_APART]
     for name in able:
-        told[name] |= {pair: evidence(name, *pair) for pair in others}
-    counted = [pair for pair in others if any(told[name][pair] >= _TOLD_APART for name in able)]
+        expected[name] |= {pair: evidence(name, *pair) for pair in others}
+    counted = [pair for pair in others if any(expected[name][pair] >= _TOLD_APART for name in able)]
     least_told = first
     if able:
-        least_told = {name: min([first[name], *(told[name][pair] for pair in counted)]) for name in able}
+        least_told = {name: min([first[name], *(expected[name][pair] for pair in counted)]) for name in able}
     best = _cheapest(least_told)
-    left = [pair for pair, value in told[best].items() if value < _TOLD_APART]
+    left = [pair for pair, value in expected[best].items() if value < _TOLD_APART]
     then = ""
     if left:
         again = {
             name: min(pairs[pair] if pair in pairs else evidence(name, *pair) for pair in left)
-            for name, pairs in told.items()
+            for name, pairs in expected.items()
         }
         further = _cheapest(again)
         then = further if again[further] >= _TOLD_APART else ""
@@ -146,7 +146,7 @@ def chosen(
         "description": menu[best],
         "expected_evidence": least_told[best],
         "between": list(between),
-        "evidence": {between[rival]: told[best][0, rival] for rival in rivals},
+        "evidence": {between[rival]: expected[best][0, rival] for rival in rivals},
         "menu": first,
         "leaves": [[between[one], between[other]] for one, other in left],
         "then": then,

@@ -1,4 +1,4 @@
-"""What to run next: the experiment that is expected to distinguish tied candidates best."""
+"""The next experiment: the one that is expected to distinguish tied candidates best."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 
 from .catalogue import SOFTWARE, catalogue
 from .components import COMPONENTS, component_of
-from .doubt import without_rival
 from .effect import Effect
+from .expected_evidence import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace
 from .finding import Augmented, Candidate, Finding, name_of
 from .fit import Fitter
 from .menu import Experiment, menu_of
 from .model import RigModel
-from .outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace
+from .predicted_runs import Chain, Trial
 from .study import Role, Study
-from .trial import Chain, Trial
+from .unsimulated_experiments import without_rival
 
 __all__ = ["Posterior", "expected_evidence", "next_experiment", "posterior"]
 
-# The shortest run that tells anything [ticks].
+# Length of the shortest useful run [ticks].
 _SHORTEST = 20
 
 
 def posterior(study: Study, model: Augmented, inflation: float = 1.0) -> Posterior:
-    """What the training runs say about a fitted model's parameters; see `outlook.laplace`."""
+    """What the training runs say about a fitted model's parameters; see `expected_evidence.laplace`."""
     return laplace(Fitter(Chain.of(study, study.of(Role.TRAIN), model.effects), inflation), model)
 
 
@@ -38,7 +38,7 @@ def expected_evidence(
 
     The rival is fitted to the logs that the candidate predicts, its calibration and parameters held by what
     the runs at hand say about them: half of the least sum of squared residuals over the noise and of squared
-    departures from there. What is left of the noise is the same for both on average. Both calibrations being
+    departures from there. The noise is the same for both on average. Both calibrations being
     uncertain, the candidate's is taken as it stands, and the rival's may move.
 
     Args:
@@ -70,13 +70,13 @@ def next_experiment(
     """The experiment with the largest expected evidence between the first candidate and its rivals.
 
     Rivals are its ties, and other candidates of at least 1 % probability; at most four. See
-    `outlook.chosen` for how the evidence between them counts.
+    `expected_evidence.chosen` for how the evidence between them counts.
 
     Args:
         among: to choose from, in order of effort; by default the menu, with those of installed packages and
             of the study.
-    Returns: as `outlook.chosen`; where the first candidate has no rival that the rig's model holds, see
-        `doubt.without_rival`.
+    Returns: as `expected_evidence.chosen`; as `unsimulated_experiments.without_rival` where the model of the
+        rig holds no rival of the first candidate.
     Raises: ValueError if there is nothing to choose from.
     """
     among = menu_of(study) if among is None else among

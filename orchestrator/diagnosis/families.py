@@ -1,4 +1,4 @@
-"""Effects at one place that are forms of one cause, told together where logs do not say which it is."""
+"""Families: forms of one cause at one place, reported together if logs cannot separate them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["Kin", "families_of", "kin_of", "together"]
 
 
 class Kin(NamedTuple):
-    """What effects of one family are forms of, and where they act."""
+    """The common cause of a family, and its place."""
 
     name: str
     place: str
@@ -44,7 +44,7 @@ class _Family(Protocol):
 def families_of(
     answers: Iterable[_Likely], kin: Mapping[str, Kin]
 ) -> dict[Kin, tuple[float, dict[str, float]]]:
-    """Families of which more than one effect stands in an answer.
+    """Families with more than one effect among the answers.
 
     Args:
         kin: of the effects that have any, by id.
@@ -68,7 +68,7 @@ def families_of(
 
 
 def kin_of(families: Iterable[_Family]) -> dict[str, Kin]:
-    """Families as told, by the ids of their effects."""
+    """Reported families by the ids of their effects."""
     return {name: Kin(one.name, one.place) for one in families for name in one.members}
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis finds, as its parts hand it on."""
+"""Results that the parts of a diagnosis exchange."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Finding:
         """The answer's calibration without its effects: what remains of the gap is what the effects cause.
 
         The nominal one where the answer's lies far beyond its tolerances: it was bent to fit what it cannot
-        explain, and residuals of such a model tell little.
+        explain, and residuals of such a model contain little information.
         """
         calibrated = self.answer.calibrated
         for name, value in calibrated.items():

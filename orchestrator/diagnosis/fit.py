@@ -19,7 +19,7 @@ __all__ = ["Base", "Fit", "Fitter", "Replay", "Seeing"]
 
 # Derivatives of normalised residuals beyond this are those of a model that diverges; NaN is beyond, too.
 _RUNAWAY = 1e60
-# Differences that move the residuals by more standard deviations tell of another place, not of a derivative.
+# Differences that move the residuals by more standard deviations are no approximation of a derivative.
 _FAR = 20.0
 # Bases whose costs differ by less are much the same place: effects are screened from the better one alone.
 _ALIKE = 60.0
@@ -105,7 +105,7 @@ class Replay(Protocol):
 
 @runtime_checkable
 class Seeing(Protocol):
-    """A replay that tells effects what they propose starts from."""
+    """A replay with the data from which effects propose start values."""
 
     def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
         """What effects that propose starts read."""
@@ -297,7 +297,7 @@ class Fitter:
         return cost_of(self.stacked(effects, z), z)
 
     def _smooth(self, effects: tuple[Effect, ...]) -> Array:
-        """Of which parameters derivatives tell."""
+        """Parameters with useful derivatives."""
         own = [one.smooth for effect in effects for one in effect.parameters]
         return np.array([True] * len(self._names) + own)
 
@@ -335,7 +335,7 @@ class Fitter:
         for place in places:
             with np.errstate(over="ignore", invalid="ignore"):
                 column = self._column(effects, z, r, place)
-            # Where a model runs away no derivative tells anything; a fit leaves that direction alone.
+            # Where a model diverges, derivatives have no meaning; a fit does not move in that direction.
             if np.abs(column).max(initial=0.0) < _RUNAWAY:
                 found[:, place] = column
         return found
@@ -395,9 +395,9 @@ class Fitter:
         if name not in self._names:
             return None
         place = self._names.index(name)
-        size, strayed = effect.parameters[0], self._tolerance[place] * base.z[place]
+        size, offset = effect.parameters[0], self._tolerance[place] * base.z[place]
         with np.errstate(divide="ignore", invalid="ignore"):
-            start = np.array([_normalised(size, strayed / self._centre[place] if relative else strayed)])
+            start = np.array([_normalised(size, offset / self._centre[place] if relative else offset)])
         if not np.isfinite(start).all() or not math.isclose(
             _normalised(size, _value(size, start[0])), start[0], abs_tol=_SAME
         ):

@@ -10,24 +10,24 @@ from typing import NamedTuple
 import numpy as np
 
 from .answers import Answer, Group, complete, simplest, strongest, tied
-from .arrival import JITTER, PACKETS
-from .benign import Weighing, Weighted, Widened, force_weights, positions, touching, waves
 from .calibration import calibration
 from .catalogue import SOFTWARE, catalogue, of_hardware
-from .colour import WHITE
+from .coloured_noise import WHITE
 from .effect import Effect, Site
 from .fit import Fit, Fitter
-from .links import Arrivals, arrivals, other_link, random_links, search_behind
+from .held_out import Judge, fitter_with_nuisance
+from .link_effects import Arrivals, arrivals, other_link, random_links, search_behind
 from .marginal import inflation
 from .misfit import unexplained
 from .model import RigModel
+from .nuisance import Weighing, Weighted, Widened, force_weights, positions, touching, waves
 from .outside_place import place_outside
-from .remainder import KINDS, Remains
-from .rhythm import rhythm
+from .periodic_delays import rhythm
+from .random_arrivals import JITTER, PACKETS
+from .residual_evidence import KINDS, ResidualEvidence
 from .search import Search, each, search
 from .stochastic import Force, Noise, sensor_noise
 from .study import Array, Role, Study
-from .unseen import Judge, reckoned
 
 __all__ = ["weigh_rig"]
 
@@ -43,7 +43,7 @@ _HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
 _STRAYED, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
 # A further effect that gains less is hardly named [nats].
 _TOLD = 2.0
-# Log evidence of effects, and log likelihood of what they leave, from which on roughness is looked at beside
+# Log evidence of effects, and log likelihood of what they leave, from which roughness is linearised beside
 # them [nats], and the share of the evidence that has to stay.
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
 # Share of a coloured noise's scale below which it is another one.
@@ -72,16 +72,16 @@ class _Sensor(NamedTuple):
     """What the force says about its noise.
 
     Attributes:
-        force: of the fit that tells it; noises: effects known by statistics; coloured: by which coloured
+        force: of the best fit; noises: effects known by statistics; coloured: by which coloured
             noise makes the force's noise appear larger.
-        louder, lost: by how much it is larger than specified, see `benign.force_weights`.
+        louder, lost: by how much it is larger than specified, see `nuisance.force_weights`.
         fitter: with that noise, and with a small wave of the encoder's scale, if there is one.
     """
 
     force: Force
     noises: list[Noise]
     coloured: float
-    louder: float
+    noise_factor: float
     lost: bool
     fitter: Fitter
 
@@ -121,13 +121,13 @@ def _weigh(
     if not model.pull and _astray(fitter, found):
         return _weigh(model.followed(), without, rough, lost)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
-    fitter = reckoned(weighing, found.best)
+    fitter = fitter_with_nuisance(weighing, found.best)
     left = fitter.marginal.left(found.best.residuals)
     chance = arrivals(model, found.best, left[0::2], lost is None and PACKETS not in without)
     if chance.apart and chance.losses is not None:
         losses = chance.losses
-        told = Noise(PACKETS, (losses.chance,), losses.log_evidence, uneven=chance.regular)
-        return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, told)
+        packets = Noise(PACKETS, (losses.chance,), losses.log_evidence, uneven=chance.regular)
+        return _weigh(model.given(losses.shorter), {*without, PACKETS, JITTER}, rough, packets)
     turns = rhythm(left[0::2], positions(model, found.best))
     # What an effect leaves where it is not fitted may look like a line, or hide a noise.
     last = _force(model, fitter, found.best)
@@ -228,7 +228,7 @@ def _sensed(weighing: Weighing, without: Collection[str]) -> _Sensor:
 
 
 def _quieter(weighing: Weighing, sensor: _Sensor, found: Search, without: Collection[str]) -> _Sensor | None:
-    """The force's noise as the best fit tells it, where that is clearly less than what was reckoned with.
+    """Force noise of the best fit, where that is clearly less than the noise assumed before.
 
     Beside a model that lacks much, contacts are not where they were, and what they do is taken for noise.
     """
@@ -245,18 +245,18 @@ def _quieter(weighing: Weighing, sensor: _Sensor, found: Search, without: Collec
 
 
 def _heard(weighing: Weighing, force: Force, without: Collection[str], waved: Array | None) -> _Sensor:
-    """What the force tells; the weighing's weights are changed, so that its samples count by it.
+    """Noise and stochastic effects of the force; updates the weights of its samples.
 
     Args:
-        waved: a small wave of the encoder's scale, see `benign.waves`.
+        waved: a small wave of the encoder's scale, see `nuisance.waves`.
     """
     model, weights = weighing.model, weighing.weights
     noises = [one for one in force.noises if one.id not in without]
     step = next((one.theta[0] for one in noises if one.id == "sensor.quantisation"), 0.0)
     coarse = math.hypot(1.0, step / math.sqrt(12.0) / model.noise[1])
-    louder, lost = _coloured(force) * coarse, any(one.id == "sensor.dropout" for one in noises)
-    weights[:] = force_weights(model.runs, louder, lost)
-    return _Sensor(force, noises, _coloured(force), louder, lost, weighing.fitter(waved))
+    noise_factor, lost = _coloured(force) * coarse, any(one.id == "sensor.dropout" for one in noises)
+    weights[:] = force_weights(model.runs, noise_factor, lost)
+    return _Sensor(force, noises, _coloured(force), noise_factor, lost, weighing.fitter(waved))
 
 
 def _judging(
@@ -272,7 +272,7 @@ def _judging(
         return judge, ""
     if not complete or chance.log_evidence != 0.0:
         return judge, _RANDOM
-    judge = judge.over(runs, found.best, sensor.louder, sensor.lost)
+    judge = judge.over(runs, found.best, sensor.noise_factor, sensor.lost)
     return judge, _LIMITED if judge.limited else ""
 
 
@@ -335,9 +335,9 @@ def _linked(
 
 
 def _behind(answer: Answer, unforeseen: float) -> Answer:
-    """An answer that leaves of the encoder what randomness of the link does not foresee [nats], too."""
+    """An answer that includes the encoder residual beyond random arrivals [nats]."""
     parts = list(answer.parts)
-    for place in range(Remains._fields.index("encoder"), len(parts), len(Remains._fields)):
+    for place in range(ResidualEvidence._fields.index("encoder"), len(parts), len(ResidualEvidence._fields)):
         parts[place] += unforeseen
     return replace(answer, left=answer.left + unforeseen, parts=tuple(parts))
 
@@ -427,9 +427,9 @@ def _answers(
             every = tuple(sorted((*names, *(one.id for one in some))))
             if every:
                 odd, size = sum(one.uneven for one in some), strongest(fit, some)
-                told = {"odd": odd, "random": random, "numerics": rest.own_error, "size": size}
+                details = {"odd": odd, "random": random, "numerics": rest.own_error, "size": size}
                 answers.append(
-                    Answer(every, over + random, rest.total, fit, (), some, parts=rest.parts, **told)
+                    Answer(every, over + random, rest.total, fit, (), some, parts=rest.parts, **details)
                 )
     return simplest(answers)
 

@@ -15,8 +15,8 @@ __all__ = [
     "SPEAKS",
     "TELLS",
     "at_ports",
+    "chosen_answer",
     "families_in_words",
-    "given",
     "headline",
     "leaves_in_words",
     "leaves_much",
@@ -31,13 +31,13 @@ _SURE = 0.8
 TELLS = 1.0
 # Beyond this an experiment decides; how far beyond only says how many digits exact software has [nats].
 _DECIDES = 1000.0
-# Mean square of what is left, over that of the noise, from which it is reported: twice the noise.
+# Least mean square of the residual, over that of the noise, that is reported: twice the noise.
 MUCH = 4.0
-# Share of the gap that an answer closes which is the whole cause.
+# Least share of the gap closed by an answer that is the complete cause.
 _CLOSED = 0.7
 # Error over the noise, on runs that no fit saw, from which the model does not explain the logs.
 _STRAYS = 2.0
-# Log likelihood of runs that no fit saw, from which they speak for an answer, or against it [nats].
+# Log likelihood of held-out runs that supports an answer, or contradicts it if negative [nats].
 SPEAKS = 3.0
 # A share that is no more is rounding.
 _NOTHING = 1e-7
@@ -54,7 +54,7 @@ def headline(diagnosis: Diagnosis) -> str:
 
 
 def _answer(diagnosis: Diagnosis) -> str:
-    effects, first = diagnosis.verdict.effects, given(diagnosis)
+    effects, first = diagnosis.verdict.effects, chosen_answer(diagnosis)
     chance = f"probability {percent(first.probability)}"
     gap = diagnosis.how_far
     if not effects:
@@ -140,20 +140,20 @@ class _Forms(NamedTuple):
 
 def _forms(diagnosis: Diagnosis) -> _Forms | None:
     """The answer by families, where these make clear what its own probability does not; None elsewhere."""
-    first, kin = given(diagnosis), kin_of(diagnosis.families)
+    first, kin = chosen_answer(diagnosis), kin_of(diagnosis.families)
     whole, members = together(first.effects, diagnosis.which, kin)
     if first.probability >= _SURE or whole < _SURE:
         return None
     own = dict.fromkeys(kin[name] for name in first.effects if name in kin)
-    told = [_listed_forms(one, {name: members[name] for name in members if kin[name] == one}) for one in own]
-    chance = f"probability {percent(whole)}; these logs do not show which form: {'; '.join(told)}"
+    forms = [_listed_forms(one, {name: members[name] for name in members if kin[name] == one}) for one in own]
+    chance = f"probability {percent(whole)}; these logs do not show which form: {'; '.join(forms)}"
     named = dict.fromkeys(str(kin.get(name, name)) for name in first.effects)
     return _Forms(list(named), chance)
 
 
 def _likelier(diagnosis: Diagnosis) -> str:
     """That some form of one cause is clear, though another answer than any of its forms is given."""
-    first = given(diagnosis)
+    first = chosen_answer(diagnosis)
     for one in diagnosis.families:
         if one.probability >= _SURE and not {*first.effects, *first.ties} & set(one.members):
             forms = _listed_forms(Kin(one.name, one.place), one.members)
@@ -166,13 +166,13 @@ def _likelier(diagnosis: Diagnosis) -> str:
 
 def families_in_words(diagnosis: Diagnosis) -> list[str]:
     """How probable some form of one cause is where several may be it, whatever acts beside it."""
-    told = []
+    sentences = []
     for one in diagnosis.families:
         members = {name: value for name, value in one.members.items() if value >= _WORTH}
         if len(members) > 1:
             kin = Kin(one.name, one.place)
-            told.append(f"{kin}, {percent(one.probability)}; which: {_listed_forms(kin, members)}")
-    return told
+            sentences.append(f"{kin}, {percent(one.probability)}; which: {_listed_forms(kin, members)}")
+    return sentences
 
 
 def _listed_forms(kin: Kin, members: Mapping[str, float]) -> str:
@@ -191,12 +191,12 @@ def leaves_much(diagnosis: Diagnosis) -> bool:
 
 
 def at_ports(diagnosis: Diagnosis) -> dict[str, float]:
-    """What is left by port; nothing of a docking rig: see `caveats`."""
+    """Residual by port; empty for a docking rig, see `caveats`."""
     return {name: value for name, value in diagnosis.misfit.items() if "." in name}
 
 
 def _contradicted(gap: Gap) -> bool:
-    """Whether held-out runs speak against the answer: the gap is larger with it, or the model runs away."""
+    """Whether held-out runs contradict the answer: the gap is larger with it, or the model diverges."""
     if gap.within_floor and gap.before is not None and gap.after is not None:
         return gap.after > WITHIN * max(gap.before, gap.noise_floor or 0.0)
     if gap.closure is None:
@@ -211,8 +211,8 @@ def _strayed(gap: Gap) -> float:
     return math.inf if gap.after is None else gap.after / gap.noise_floor
 
 
-def given(diagnosis: Diagnosis) -> Which:
-    """The answer that the verdict gives."""
+def chosen_answer(diagnosis: Diagnosis) -> Which:
+    """The answer that the verdict names."""
     effects = set(diagnosis.verdict.effects)
     return next((one for one in diagnosis.which if set(one.effects) == effects), diagnosis.which[0])
 
@@ -229,7 +229,7 @@ def listed_or(names: Sequence[str]) -> str:
 
 
 def percent(value: float) -> str:
-    """A share or probability, without digits that mean nothing."""
+    """A share or probability with its significant digits."""
     if 0.999 < value < 1.0:
         return "over 99.9 %"
     if _NOTHING < value < 0.0005:
@@ -240,5 +240,5 @@ def percent(value: float) -> str:
 
 
 def nats(evidence: float) -> str:
-    """Log evidence that is expected, without sizes that mean nothing."""
+    """Expected log evidence with its significant digits."""
     return f"over {_DECIDES:.0f} nats" if evidence > _DECIDES else f"{float(f'{evidence:.3g}'):g} nats"

@@ -1,4 +1,4 @@
-"""Whether answers foresee runs that no fit saw: by what it is judged what they leave unexplained."""
+"""Judge the residual of answers on all runs, held-out ones included."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .benign import WAVY, Weighing, Weighted, force_weights, scatter, waves
-from .colour import Colour
+from .coloured_noise import Colour
 from .descent import cost_of
 from .effect import Site
 from .fit import Base, Fit, Fitter
-from .remainder import Remains, own_error, remains
+from .nuisance import WAVY, Weighing, Weighted, force_weights, scatter, waves
+from .residual_evidence import ResidualEvidence, own_error, residual_evidence
 from .study import Array, Run
 
-__all__ = ["Judge", "Leaves", "reckoned"]
+__all__ = ["Judge", "UnexplainedEvidence", "fitter_with_nuisance"]
 
 # Squares of residuals that are much, and share of those beyond their number that is most.
 _MUCH, _MOST = 200.0, 0.5
@@ -28,15 +28,15 @@ _WAVIER = 1.25 * WAVY
 _LIMITS, _DEEPER = (Site.RATE, Site.LIMIT), 1e3
 
 
-class Leaves(NamedTuple):
-    """What a fit leaves unexplained of the runs that it saw, and of all, which may be the same.
+class UnexplainedEvidence(NamedTuple):
+    """Residual evidence of a fit on its own runs, and on all runs, which may be the same.
 
     Attributes:
-        own_error: see `remainder.own_error`, of all runs.
+        own_error: see `residual_evidence.own_error`, of all runs.
     """
 
-    seen: Remains
-    every: Remains
+    seen: ResidualEvidence
+    every: ResidualEvidence
     own_error: float
 
     @property
@@ -49,19 +49,19 @@ class Leaves(NamedTuple):
         """Of all runs [nats]."""
         return self.every.total
 
-    def changed(self, **parts: float) -> Leaves:
+    def changed(self, **parts: float) -> UnexplainedEvidence:
         """The same, with other parts."""
         return self._replace(seen=self.seen._replace(**parts), every=self.every._replace(**parts))
 
 
-class By(NamedTuple):
+class FittedWeighing(NamedTuple):
     """A weighing, and its fitter."""
 
     weighing: Weighing
     fitter: Fitter
 
 
-class Carried(NamedTuple):
+class TransferredFit(NamedTuple):
     """A fit on the runs that judge it.
 
     Attributes:
@@ -69,14 +69,14 @@ class Carried(NamedTuple):
         fit: on these runs; chosen: see `any_law`, None where it saw all of them.
     """
 
-    by: By
+    by: FittedWeighing
     fit: Fit
     chosen: Array | None
 
 
 @dataclass(frozen=True)
 class Judge:
-    """By what it is judged what fits leave.
+    """Judge of the residual evidence of fits.
 
     Attributes:
         weighing, fitter: by which fits were made; every: the same of all runs, if there are others.
@@ -87,21 +87,23 @@ class Judge:
     weighing: Weighing
     fitter: Fitter
     colour: Colour
-    every: By | None = None
+    every: FittedWeighing | None = None
     limited: bool = False
-    _carried: dict[int, tuple[Fit, Carried]] = field(default_factory=dict, compare=False, repr=False)
-    _leaves: dict[int, tuple[Fit, Leaves]] = field(default_factory=dict, compare=False, repr=False)
+    _carried: dict[int, tuple[Fit, TransferredFit]] = field(default_factory=dict, compare=False, repr=False)
+    _leaves: dict[int, tuple[Fit, UnexplainedEvidence]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
-    def over(self, runs: Sequence[Run], best: Fit, louder: float, lost: bool) -> Judge:
-        """A judge of further runs, too.
+    def over(self, runs: Sequence[Run], best: Fit, noise_factor: float, lost: bool) -> Judge:
+        """A judge that includes further runs.
 
-        No number is fitted to these: they show whether a model that was fitted to others foresees them. It
+        No number is fitted to these: they show whether a model that was fitted to others predicts them. It
         cannot where they reach a limit that the others do not, or hardly do.
 
         Args:
-            runs: all of them; best: the best fit; louder, lost: see `benign.force_weights`.
+            runs: all of them; best: the best fit; louder, lost: see `nuisance.force_weights`.
         """
-        model, weights = self.weighing.model.over(runs), force_weights(runs, louder, lost)
+        model, weights = self.weighing.model.over(runs), force_weights(runs, noise_factor, lost)
         weighing = replace(self.weighing, model=model, weights=weights, known={})
         fitter = weighing.fitter()
         here, derivatives = fitter.carried(best, self.fitter)
@@ -109,27 +111,35 @@ class Judge:
             weighing, fitter, here, self.weighing.model.runs
         ):
             return replace(self, limited=True)
-        return Judge(self.weighing, self.fitter, self.colour, By(weighing, reckoned(weighing, here, _WAVIER)))
+        return Judge(
+            self.weighing,
+            self.fitter,
+            self.colour,
+            FittedWeighing(weighing, fitter_with_nuisance(weighing, here, _WAVIER)),
+        )
 
-    def leaves(self, fit: Fit) -> Leaves:
-        """What a fit leaves unexplained."""
+    def leaves(self, fit: Fit) -> UnexplainedEvidence:
+        """Residual evidence of a fit."""
         if id(fit) not in self._leaves:
             self._leaves[id(fit)] = fit, self._left(fit)
         return self._leaves[id(fit)][1]
 
-    def carried(self, fit: Fit) -> Carried:
+    def carried(self, fit: Fit) -> TransferredFit:
         """A fit on all runs, or on those that it saw, if there are no others: see `Fitter.carried`."""
         if self.every is None:
-            return Carried(By(self.weighing, self.fitter), fit, None)
+            return TransferredFit(FittedWeighing(self.weighing, self.fitter), fit, None)
         if id(fit) not in self._carried:
-            self._carried[id(fit)] = fit, Carried(self.every, *self.every.fitter.carried(fit, self.fitter))
+            self._carried[id(fit)] = (
+                fit,
+                TransferredFit(self.every, *self.every.fitter.carried(fit, self.fitter)),
+            )
         return self._carried[id(fit)][1]
 
-    def _left(self, fit: Fit) -> Leaves:
-        seen = remains(self.weighing, self.fitter, fit, self.colour)
+    def _left(self, fit: Fit) -> UnexplainedEvidence:
+        seen = residual_evidence(self.weighing, self.fitter, fit, self.colour)
         by, here, chosen = self.carried(fit)
-        every = seen if self.every is None else remains(*by, here, self.colour, chosen)
-        return Leaves(seen, every, own_error(*by, here, every.total))
+        every = seen if self.every is None else residual_evidence(*by, here, self.colour, chosen)
+        return UnexplainedEvidence(seen, every, own_error(*by, here, every.total))
 
 
 def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) -> bool:
@@ -159,20 +169,20 @@ def _deeper(weighing: Weighing, fitter: Fitter, here: Fit, seen: Sequence[Run]) 
             continue
         others = here.effects[:place] + here.effects[place + 1 :]
         without = fitter.residuals(others, here.without(place))
-        told = [0.0, 0.0]
+        gains = [0.0, 0.0]
         for index, (r, free) in enumerate(zip(here.residuals, without, strict=True)):
             with np.errstate(over="ignore", invalid="ignore"):
-                told[id(weighing.model.runs[index // 2]) in known] += float(free @ free - r @ r)
-        if told[False] > _DEEPER * max(told[True], 1.0):
+                gains[id(weighing.model.runs[index // 2]) in known] += float(free @ free - r @ r)
+        if gains[False] > _DEEPER * max(gains[True], 1.0):
             return True
     return False
 
 
-def reckoned(weighing: Weighing, best: Fit, largest: float = WAVY) -> Fitter:
-    """A fitter that reckons with contacts that scatter and a wave of the encoder's scale, if there is one.
+def fitter_with_nuisance(weighing: Weighing, best: Fit, largest: float = WAVY) -> Fitter:
+    """A fitter that includes scatter of contacts, and a wave of the encoder's scale if there is one.
 
     Args:
-        best: the best fit, on the weighing's runs; largest: see `benign.waves`.
+        best: the best fit, on the weighing's runs; largest: see `nuisance.waves`.
     """
     scattered = scatter(weighing.model, Weighted(weighing.model, weighing.weights), best)
     fitter = weighing.fitter(None, scattered)

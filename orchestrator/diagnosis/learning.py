@@ -1,4 +1,4 @@
-"""What evidence is worth, learned from cases whose truth is known."""
+"""Learn the map from evidence to probability, from cases whose truth is known."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .challenge.hidden import HARDWARE, HIDDEN
 from .challenge.verdict import names
 from .study import Array
 
-__all__ = ["Practice", "learn", "learn_leaves", "learn_sure", "learn_unseen", "loss"]
+__all__ = ["WeighedCase", "learn", "learn_leaves", "learn_sure", "learn_unseen", "loss"]
 
-# How far the logarithm of each learned number may stray from where it begins: cases are few, and simulated.
+# Prior standard deviation of the logarithm of each learned number: cases are few, and simulated.
 # Slopes begin without a reason, and may be next to nothing.
 _STRAY, _STEEPER, _FLATTEST = 0.7, 1.0, -4.0
 _NUMBERS = tuple(
@@ -38,8 +38,8 @@ _TELLING, _FEW, _LARGEST = 1e4, 300.0, 0.1
 
 
 @dataclass(frozen=True)
-class Practice:
-    """What weighing gave for a simulated case.
+class WeighedCase:
+    """Result of weighing a simulated case.
 
     Attributes:
         truth: ids, ("outside",), or none; magnitude: of the effects.
@@ -70,8 +70,8 @@ class _Lesson:
 
     Attributes:
         of: rarity is that of all answers that are one; outside is not among them.
-        beside: see `Practice`, shape (cases,).
-        alike: how many answers are one, outside the last.
+        beside: see `WeighedCase`, shape (cases,).
+        alike: how many equal answers each stands for; outside is the last.
         right: the right ones' share of the rarity's exponential; rights: how many they are, outside the last.
     """
 
@@ -83,7 +83,7 @@ class _Lesson:
     weight: Array
 
     @staticmethod
-    def of_cases(cases: Sequence[Practice], learned: Calibration) -> _Lesson:
+    def of_cases(cases: Sequence[WeighedCase], learned: Calibration) -> _Lesson:
         alike: list[dict[tuple[float, ...], list[float]]] = []
         for case in cases:
             outside, own = case.truth == ("outside",), {}
@@ -139,19 +139,19 @@ class _Lesson:
         return -float(self.weight @ np.log(np.maximum(found.sum(-1), 1e-6)))
 
 
-def _weights(cases: Sequence[Practice]) -> Array:
+def _weights(cases: Sequence[WeighedCase]) -> Array:
     """As if of each kind as many had been drawn as are planned; one on average."""
     kinds = [one.kind for one in cases]
     weight = np.array([SHARES[kind] / kinds.count(kind) for kind in kinds])
     return weight / weight.mean()
 
 
-def loss(learned: Calibration, cases: Sequence[Practice]) -> float:
+def loss(learned: Calibration, cases: Sequence[WeighedCase]) -> float:
     """Mean negative log probability of the truth; ties of an answer count as it."""
     return _Lesson.of_cases(cases, learned).loss(learned) / len(cases)
 
 
-def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, float]:
+def learn_unseen(cases: Sequence[WeighedCase], start: Calibration) -> dict[str, float]:
     """Of the effects that stay unseen, how many are which: one whose likes calibration explains are many.
 
     Each effect's share of unseen ones is drawn to that of all by `_USUAL` cases: of each, there are few.
@@ -175,7 +175,7 @@ def learn_unseen(cases: Sequence[Practice], start: Calibration) -> dict[str, flo
     return {name: round(value / whole, 5) for name, value in chance.items()}
 
 
-def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
+def learn_leaves(cases: Sequence[WeighedCase]) -> dict[str, float]:
     """What effects leave unexplained where they are named rightly: see `Calibration.leaves`.
 
     Beyond what rigs leave that hide nothing, and what the replay's own error may make; the shares of all
@@ -204,13 +204,13 @@ def learn_leaves(cases: Sequence[Practice]) -> dict[str, float]:
     }
 
 
-def learn(cases: Sequence[Practice], start: Calibration | None = None) -> Calibration:
+def learn(cases: Sequence[WeighedCase], start: Calibration | None = None) -> Calibration:
     """The numbers under which the truth of simulated cases is most probable."""
     start = start or Calibration()
     return replace(_likeliest(cases, start), **learn_sure(cases, start))
 
 
-def _likeliest(cases: Sequence[Practice], start: Calibration) -> Calibration:
+def _likeliest(cases: Sequence[WeighedCase], start: Calibration) -> Calibration:
     start = replace(start, unseen=learn_unseen(cases, start))
     lesson = _Lesson.of_cases(cases, start)
 
@@ -240,7 +240,7 @@ def _of_all(learned: Calibration) -> Calibration:
     return replace(learned, hidden=learned.hidden + fewer, beside=learned.beside + fewer)
 
 
-def learn_sure(cases: Sequence[Practice], start: Calibration) -> dict[str, float]:
+def learn_sure(cases: Sequence[WeighedCase], start: Calibration) -> dict[str, float]:
     """`Calibration.sure` and `surely`, by name; of each fifth of the cases by what the others teach."""
     needed: dict[str, list[tuple[float, float]]] = {"sure": [], "surely": []}
     weights = _weights(cases)

@@ -1,4 +1,4 @@
-"""Commands that the link loses or delays at random, as the encoder shows them."""
+"""Effects of the link: commands lost or delayed at random, detected in the encoder."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from .answers import Answer
-from .arrival import PACKETS, arrival_innovations, link_noise, random_arrival
-from .benign import Weighing, Weighted
 from .effect import Effect
 from .fit import Fit, Fitter
-from .losses import Losses, lost_commands
+from .lost_commands import Losses, lost_commands
 from .marginal import inflation
 from .model import RigModel, ramp_lag
+from .nuisance import Weighing, Weighted
+from .random_arrivals import PACKETS, arrival_innovations, link_noise, random_arrival
 from .search import Search, search
 from .stochastic import Noise
 from .study import Array
@@ -26,7 +26,7 @@ __all__ = ["Arrivals", "arrivals", "other_link", "random_links", "search_behind"
 
 # Log evidence of commands lost or delayed at random from which they are weighed [nats].
 _CLEAR = 5.0
-# The same of commands lost one by one, of which a few may be chance.
+# The same for single lost commands; a few may occur by chance.
 _LOSSES_CLEAR = 15.0
 # Log evidence of lost commands that stand apart, over that of random arrivals, at which they are what these
 # are; and of it the share that may be left when they are taken away.
@@ -79,8 +79,8 @@ class Arrivals(NamedTuple):
         """
         if self.losses is None or self.regular == 0.0 or self.seen > _CLEAR:
             return 0.0
-        told = self.losses.log_evidence + self.regular
-        return told if told > _LOSSES_CLEAR else 0.0
+        evidence = self.losses.log_evidence + self.regular
+        return evidence if evidence > _LOSSES_CLEAR else 0.0
 
 
 def arrivals(model: RigModel, fit: Fit, left: Sequence[Array], seek_losses: bool) -> Arrivals:
@@ -157,11 +157,11 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...], best: Fit) -> 
         begun = np.concatenate([start, best.z[count:]])
         beside = fitter.fit((*always, *best.effects), best.z[:count], begun)
         fit = beside if _strays(beside) < _MOST * _strays(fit) else fit
-    strayed = []
+    smoothed = []
     for index, run in enumerate(model.runs):
         out = model.replay(index, fit.calibrated, fit.effects, fit.theta)
         smooth = gaussian_filter1d(run["encoder_position"] - out[2], 3.0)
-        strayed.append(np.append(smooth, smooth[-1]))
+        smoothed.append(np.append(smooth, smooth[-1]))
     for index in range(len(model.runs)):
         r = fit.residuals[2 * index]
         n = len(r) // 16
@@ -169,7 +169,7 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...], best: Fit) -> 
         noise = max(1.0, math.sqrt(float(np.mean(sums**2)) / 16.0), float(r.std()))
         weights[2 * index] = weights[2 * index] / noise
         weights[2 * index + 1] = 0.5 * weights[2 * index + 1]
-    behind = replace(weighing, model=model.corrected(strayed), weights=weights, known={})
+    behind = replace(weighing, model=model.corrected(smoothed), weights=weights, known={})
     return behind, search(behind.fitter(), weighing.effects, always)
 
 

@@ -1,4 +1,4 @@
-"""What residuals hold for a few ticks only, or at each contact again."""
+"""Structure of residuals within a few ticks, or repeated at each contact."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .misfit import louder, noises_beside, stretches
+from .misfit import noises_beside, stretches, variance_gain
 from .study import Array
 
 __all__ = ["loudest", "repeated"]
@@ -19,7 +19,7 @@ _BEGINS, _ENDS, _SHORTEST, _FEWEST = (8, 24), (20, 12), 4, 4
 
 
 def loudest(channels: Sequence[Array]) -> float:
-    """Log likelihood that residuals are louder in one window than in the whole of their run [nats].
+    """Log likelihood that residuals are larger in one window than in their complete run [nats].
 
     The mean square of all samples hides what happens once. The number of windows is accounted for, those of a
     length by how many lie apart at half steps.
@@ -36,7 +36,7 @@ def loudest(channels: Sequence[Array]) -> float:
             noise = max(float(np.mean(r**2)), 1.0)
             sums = np.concatenate([[0.0], np.cumsum(r**2)])
             most = float(np.max(sums[length:] - sums[:-length])) / (length * noise)
-            found = max(found, louder(length, most) - math.log(apart * len(_WINDOWS)))
+            found = max(found, variance_gain(length, most) - math.log(apart * len(_WINDOWS)))
     return found
 
 
@@ -66,5 +66,5 @@ def repeated(channels: Sequence[Array], touching: Sequence[Array]) -> float:
         first = float(np.linalg.norm(together, 2)) ** 2
         # The largest singular value of noise is about the sum of the roots of the sides.
         usual = (math.sqrt(count) + math.sqrt(ticks)) ** 2
-        found = max(found, louder(ticks, float(np.mean(mean**2))), 0.5 * (first - usual))
+        found = max(found, variance_gain(ticks, float(np.mean(mean**2))), 0.5 * (first - usual))
     return found

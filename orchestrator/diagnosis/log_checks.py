@@ -1,4 +1,4 @@
-"""What is wrong with the rows of a log: no numbers in them, or a clock that is another than is believed."""
+"""Check the rows of a log: rows without numbers, and a clock that differs from the stated one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..base.errors import Problem
 from ..base.units import UnitError, convert, parse_unit
 from .logs import Signal
 
-__all__ = ["clock_slack", "clock_told", "unmapped_clock", "unread_rows"]
+__all__ = ["clock_of_stamps", "clock_slack", "unmapped_clock", "unread_rows"]
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def clock_slack(rows: int, step: float) -> float:
     return step * (1.0 + _QUARTZ * rows)
 
 
-def clock_told(time: Array, step: float) -> str:
+def clock_of_stamps(time: Array, step: float) -> str:
     """What rows take by their stamps, and by how much that is not what their steps add up to.
 
     Args:
@@ -57,7 +57,7 @@ def clock_told(time: Array, step: float) -> str:
 def unmapped_clock(
     path: Path, log: Mapping[str, Signal], mapped: Collection[str], tick: float, key: str
 ) -> Iterator[Problem]:
-    """A column that tells time, by its unit or its name, and another one than the tick would.
+    """A column that is a clock by its unit or name, and disagrees with the tick.
 
     Args:
         path, log: what is read.
@@ -76,11 +76,11 @@ def unmapped_clock(
         others.append((name, signal.unit, step))
     if others:
         name, unit, step = others[0]
-        told = f"{step:.6g} {unit}" if unit else f"{step:.6g}, without a unit,"
+        per_row = f"{step:.6g} {unit}" if unit else f"{step:.6g}, without a unit,"
         entry = f"time: {name}" if unit else f"time: {{column: {name}, unit: s}}"
         yield Problem(
             str(path),
-            f"time is not mapped, and column {name} rises by {told} from row to row",
+            f"time is not mapped, and column {name} rises by {per_row} from row to row",
             f"{tick:.6g} s, of {key}",
             f"Map `{entry}` under columns, or set {key}; rename the column if it holds no time.",
         )
@@ -129,9 +129,9 @@ def unread_rows(
         row = int(wrong[0])
         held = signal.values[row] if signal.written is None else signal.written[row]
         # Text that says so itself, and cells in which nothing stands, are all that columns of numbers leave.
-        told = "nothing" if held in (None, "") else repr(held) if isinstance(held, str) else str(held)
+        content = "nothing" if held in (None, "") else repr(held) if isinstance(held, str) else str(held)
         if signal.written is None and np.isnan(held):
-            told = "nothing, or nan"
+            content = "nothing, or nan"
         remedy = "Mend the log there" + (
             ", or take a part without it, by `from` and `to`." if parted else "."
         )
@@ -142,5 +142,5 @@ def unread_rows(
             allowed = "a number, or a date as ISO 8601 has it, 2026-03-04T09:15:00.250"
             remedy = "Write dates so, with a decimal point and the year first, or times as seconds."
         place = f"{path}:{signal.line + row}" if signal.line is not None else str(path)
-        what = f"row {row} of column {mapping[name].column} holds {told}"
+        what = f"row {row} of column {mapping[name].column} holds {content}"
         yield Problem(f"{place}: {name}", what, f"{allowed}; {len(wrong)} such in all", remedy)

@@ -1,4 +1,4 @@
-"""Commands that are lost one by one, or out of order: each shows in the encoder, however few they are."""
+"""Detect single commands that are lost or out of order; each one shows in the encoder."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from scipy.special import logsumexp, ndtr
 
 from ..base.compiled_functions import njit
-from .arrival import SLOW, STRAYS
 from .fit import Fit
 from .model import RigModel
+from .random_arrivals import SLOW, STRAYS
 from .rig import HISTORY, Calibrated
 from .servo import pulse_response
 from .study import Array
@@ -90,15 +90,15 @@ def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
     beside = [(slow, math.exp(-SLOW * tick)) for slow in STRAYS]
     alone = [_plainly(left, slow) for slow in beside]
     found = [_found(left, asked, slow) for slow in beside]
-    told = [one.log_evidence + plain for (one, *_), plain in zip(found, alone, strict=True)]
-    top = int(np.argmax(told))
+    evidences = [one.log_evidence + plain for (one, *_), plain in zip(found, alone, strict=True)]
+    top = int(np.argmax(evidences))
     best, at, shows = found[top]
     disorder = 0.0
-    if max(told) - max(alone) > 0.0:
+    if max(evidences) - max(alone) > 0.0:
         runs = list(zip(sent, answers, strict=True))
         disorder = _disorder(left, runs, beside[top]) + alone[top] - max(alone)
     return best._replace(
-        log_evidence=max(told) - max(alone),
+        log_evidence=max(evidences) - max(alone),
         moved=tuple(noise * moved for moved in best.moved),
         regular=_regular(at, shows),
         disorder=disorder,
@@ -111,13 +111,13 @@ def _disorder(left: Sequence[Array], runs: Sequence[tuple[Array, Array]], slow: 
     Args:
         runs: commands sent, and what the robot answers to one, see `_Asked`, by run.
     """
-    told = [
+    evidences = [
         _found(left, [_late(*run, late, again) for run in runs], slow)[0].log_evidence
         for late in _LATE
         for again in (False, True)
     ]
-    told.append(_falsified(left, [answer for _, answer in runs], slow))
-    return max(told) - math.log(len(told))
+    evidences.append(_falsified(left, [answer for _, answer in runs], slow))
+    return max(evidences) - math.log(len(evidences))
 
 
 def _falsified(left: Sequence[Array], answers: Sequence[Array], slow: tuple[float, float]) -> float:
@@ -127,14 +127,14 @@ def _falsified(left: Sequence[Array], answers: Sequence[Array], slow: tuple[floa
         answers: what the robot answers to a command, see `_Asked`, by run.
     """
     heard = [_heard(r, answer, slow) for r, answer in zip(left, answers, strict=True)]
-    told = []
+    evidences = []
     for wrong in _WRONG:
         gains = [
             0.5 * (along**2 / (square + wrong**-2) - math.log1p(wrong**2 * square))
             for along, (square, *_) in heard
         ]
-        told.append(_by_chance(gains, len(answers[0])))
-    return float(logsumexp(told)) - math.log(np.size(told))
+        evidences.append(_by_chance(gains, len(answers[0])))
+    return float(logsumexp(evidences)) - math.log(np.size(evidences))
 
 
 def _short(sent: Array, late: int) -> Array:
@@ -203,12 +203,12 @@ def _gain(r: Array, asked: _Asked, slow: tuple[float, float]) -> tuple[Array, Ar
     Returns: it, and what is to be expected of it if there is one.
     """
     along, shared = _heard(r, asked.answer, slow)
-    told, square = np.zeros(len(r)), np.zeros(len(r))
+    product, square = np.zeros(len(r)), np.zeros(len(r))
     for pulse, lag in asked.pulses:
-        told[: len(r) - lag] += pulse[: len(r) - lag] * along[lag:]
+        product[: len(r) - lag] += pulse[: len(r) - lag] * along[lag:]
         for other, before in asked.pulses:
             square += pulse * other * shared[abs(lag - before)]
-    return told - 0.5 * square, 0.5 * square
+    return product - 0.5 * square, 0.5 * square
 
 
 def _heard(r: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:
@@ -226,7 +226,7 @@ def _by_chance(gains: Sequence[Array], apart: int) -> Array:
 
 
 def _plainly(left: Sequence[Array], slow: tuple[float, float]) -> float:
-    """Log likelihood of residuals that stray slowly beside their noise (Whittle's)."""
+    """Whittle likelihood of residuals with slow deviations beside their noise."""
     total = 0.0
     for r in left:
         power = _power(_size(len(r)), slow)
@@ -247,7 +247,7 @@ def _size(n: int) -> int:
 
 
 def _regular(at: Sequence[Array], shows: Sequence[Array]) -> float:
-    """What a period that losses keep tells over chance, their phase each run's own [nats].
+    """Log evidence that losses are periodic, with a phase for each run [nats].
 
     Phases have von Mises' distribution about it, over where losses show: where the robot is slow they do
     not. Losses that were not found leave gaps, which phases do not mind.
@@ -263,12 +263,12 @@ def _regular(at: Sequence[Array], shows: Sequence[Array]) -> float:
     together = sum(np.abs(np.exp(1j * np.outer(turns, one)).sum(axis=1)) for one, _ in runs)
     best = 0.0
     for turn in turns[np.argsort(-together, kind="stable")[:_LIKELIEST]]:
-        told = np.zeros(len(_SHARP))
+        gains = np.zeros(len(_SHARP))
         for one, seen in runs:
             total = np.exp(1j * turn * one).sum()
             usual = np.exp(np.outer(_SHARP, np.cos(turn * np.arange(len(seen)) - np.angle(total)))) @ seen
-            told += _SHARP * abs(total) - len(one) * np.log(usual)
-        best = max(best, float(told.max()))
+            gains += _SHARP * abs(total) - len(one) * np.log(usual)
+        best = max(best, float(gains.max()))
     free = sum(math.log(len(one)) for one, _ in runs)
     return max(best - math.log(len(turns) * len(_SHARP)) - 0.5 * free, 0.0)
 

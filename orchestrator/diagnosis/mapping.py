@@ -1,4 +1,4 @@
-"""How a log calls the signals that a study needs: names, units, signs, clocks."""
+"""Mapping from columns of a log to signals of a study: names, units, signs, clocks."""
 
 from __future__ import annotations
 
@@ -78,11 +78,11 @@ def read_mapping(
             problems.append(Problem(places.text(here), "unknown", listed(names), nearest(str(name), names)))
             continue
         before = len(problems)
-        told = {"column": entry} if isinstance(entry, str) else entry
-        if isinstance(told, dict):
-            told = _read(told, signals[name], places, here, problems)
+        keys = {"column": entry} if isinstance(entry, str) else entry
+        if isinstance(keys, dict):
+            keys = _read(keys, signals[name], places, here, problems)
         try:
-            one = kind.model_validate(told)
+            one = kind.model_validate(keys)
         except ValidationError as error:
             problems += validation_problems(error, places, here, kind)
         if len(problems) == before:
@@ -149,7 +149,7 @@ def columns_of(
         problems: what is wrong is added.
         part: the rows that are taken, by the times of all [s] from the first on; None refuses them. What
             stands in other rows does not matter.
-        clock: the key that sets the tick; None if time is mapped, but wrongly, so that nothing tells it.
+        clock: the key that sets the tick; None if time is mapped wrongly, so that it is unknown.
     Returns: None if something is wrong, or nothing is mapped.
     """
     before = len(problems)
@@ -170,9 +170,11 @@ def columns_of(
         problems += unmapped_clock(path, log, [one.column for one in mapping.values()], tick, clock)
     lengths = {name: len(values) for name, values in scaled.items()}
     if not messages and len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        lengths_text = ", ".join(f"{name} {length}" for name, length in lengths.items())
         problems.append(
-            Problem(str(path), f"columns have unequal lengths: {told}", "one value in each row for all")
+            Problem(
+                str(path), f"columns have unequal lengths: {lengths_text}", "one value in each row for all"
+            )
         )
     if len(problems) > before or tick is None:
         return None

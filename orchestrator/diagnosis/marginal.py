@@ -1,4 +1,4 @@
-"""What residuals count once every rig's roughness is marginalised and autocorrelation reckoned with."""
+"""Weights of residuals after roughness is marginalised and autocorrelation is corrected for."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from .misfit import louder
+from .misfit import variance_gain
 from .study import Array
 
 __all__ = ["Marginal", "inflation"]
 
 # Autocorrelation is summed up to so many of the times that the sum gives.
 _WINDOW = 6.0
-# Directions of roughness that stray by less, in standard deviations of a sample, are left out.
+# Directions of roughness with smaller deviations, in standard deviations of a sample, are left out.
 _SPREAD = 0.1
 
 
 def inflation(residuals: Iterable[Array], longest: int = 200) -> float:
-    """By which squared residuals overstate what they tell, since neighbours resemble each other.
+    """Factor by which squared residuals overstate their information, because neighbours are correlated.
 
     The integrated autocorrelation time, 1 + 2 sum rho(k), summed up to a lag of six times the sum (Sokal's
     window), each channel by itself, times the mean square where that is larger than
@@ -53,9 +53,9 @@ class Marginal:
     Args:
         inflation: by which squared residuals are divided: autocorrelated residuals, and what no model holds,
             carry less information than their number.
-        roughness: directions of stacked residuals in which every rig strays a little, scaled to one standard
-            deviation, shape (residuals, k).
-        apart: how many of them, at the end, are looked at by themselves, too: see `strayed`.
+        roughness: directions of stacked residuals in which every rig deviates a little, scaled to one
+            standard deviation, shape (residuals, k).
+        apart: how many of them, at the end, are looked at by themselves, too: see `roughness_evidence`.
     """
 
     def __init__(self, inflation: float = 1.0, roughness: Array | None = None, apart: int = 0) -> None:
@@ -124,7 +124,7 @@ class Marginal:
         slope = chosen.T @ self._over(r) + z
         return square - shared.T @ taken, product - taken.T @ slope
 
-    def strayed(self, residuals: Iterable[Array]) -> float:
+    def roughness_evidence(self, residuals: Iterable[Array]) -> float:
         """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].
 
         Along each of its directions residuals have the variance that noise and roughness make together; see
@@ -136,8 +136,8 @@ class Marginal:
         directions, shrink = self._shrink
         r = self._row(residuals)
         sizes = (1.0 + shrink) * (directions.T @ r)
-        found = louder(len(sizes), float(np.mean(sizes**2)))
+        found = variance_gain(len(sizes), float(np.mean(sizes**2)))
         if self._apart is None:
             return found
         own = self._apart.T @ self._over(r)
-        return max(found, louder(len(own), float(np.mean(own**2))))
+        return max(found, variance_gain(len(own), float(np.mean(own**2))))

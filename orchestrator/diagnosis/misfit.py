@@ -1,4 +1,4 @@
-"""What an answer leaves unexplained."""
+"""Measures of the residual that an answer leaves."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .study import Array
 
 __all__ = [
     "LOUDER",
-    "answering",
-    "hum",
     "in_contact",
-    "louder",
+    "narrow_band_line",
+    "near_contact",
     "noises_beside",
     "stretches",
     "uneven",
     "unexplained",
+    "variance_gain",
     "wave",
 ]
 
@@ -39,18 +39,18 @@ _PITCHES = 3e-4 * 1.01 ** np.arange(300)
 
 
 def stretches(where: Array) -> list[slice]:
-    """Where a condition holds without a break, from whether it does at each tick, shape (n,)."""
+    """Intervals in which a condition holds, from its value at each tick, shape (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(where, int), [0]])))
     return [slice(a, b) for a, b in edges.reshape(-1, 2).tolist()]
 
 
-def answering(touching: Array) -> Array:
-    """Whether the sensor answers to a contact, for some ticks after it, too; shapes (n,)."""
+def near_contact(touching: Array) -> Array:
+    """Whether the sensor responds to a contact, including some ticks after it; shapes (n,)."""
     return np.convolve(touching, np.ones(_AFTER + 1))[: len(touching)] > 0.5
 
 
-def louder(n: int, q: float) -> float:
-    """What a model gains that knows that the mean square of n normal numbers is q, and not 1 [nats]."""
+def variance_gain(n: int, q: float) -> float:
+    """Log likelihood gain of a free variance; the mean square of n normal numbers is q, not 1 [nats]."""
     return 0.5 * n * (q - 1.0 - math.log(q)) if q > 1.0 else 0.0
 
 
@@ -81,7 +81,7 @@ def unexplained(channels: Sequence[Array]) -> float:
             q = float(np.mean(sums**2)) / length
             if not math.isfinite(q):
                 return math.inf
-            gains.append(louder(len(sums), q / noise))
+            gains.append(variance_gain(len(sums), q / noise))
             if length == 1:
                 noise = min(max(q, 1.0), LOUDER)
         total += max(max(gains) - _CHANCE, 0.0)
@@ -95,7 +95,8 @@ def noises_beside(channels: Sequence[Array], touching: Sequence[Array]) -> list[
         channels: residuals over their noise, by run; touching: whether the rod touches at each tick.
     """
     return [
-        _noise_beside(r, answering(touched)[: len(r)]) for r, touched in zip(channels, touching, strict=True)
+        _noise_beside(r, near_contact(touched)[: len(r)])
+        for r, touched in zip(channels, touching, strict=True)
     ]
 
 
@@ -114,7 +115,7 @@ def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
     """
     parts = []
     for r, touched in zip(channels, touching, strict=True):
-        within = answering(touched)[: len(r)]
+        within = near_contact(touched)[: len(r)]
         if not np.isfinite(r).all():
             return math.inf
         noise = _noise_beside(r, within)
@@ -125,19 +126,19 @@ def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
         n = sum(map(len, sums))
         if n < 4:
             break
-        gains.append(louder(n, float(sum(one @ one for one in sums)) / (n * length)))
+        gains.append(variance_gain(n, float(sum(one @ one for one in sums)) / (n * length)))
     return max(gains)
 
 
 def uneven(channels: Sequence[Array], lengths: Sequence[int]) -> float:
-    """Log likelihood that a noise comes and goes, as no normal noise does [nats].
+    """Log likelihood that a noise is intermittent, unlike normal noise [nats].
 
     Its sums over blocks are normal whatever its colour. Where they have tails, Student's distribution makes
     them likelier (Lange, Little, Taylor, J. Am. Stat. Assoc. 84, 1989), its two parameters accounted for.
 
     Args:
         channels: the noise, by stretch.
-        lengths: of blocks; the one that tells most is taken.
+        lengths: of blocks; the one with the largest gain is taken.
     """
     return max(_tails(channels, length) for length in lengths)
 
@@ -157,7 +158,7 @@ def _tails(channels: Sequence[Array], length: int) -> float:
     return max(best - normal - math.log(n), 0.0)
 
 
-def hum(channels: Sequence[Array], windows: Sequence[Sequence[slice]]) -> tuple[float, float]:
+def narrow_band_line(channels: Sequence[Array], windows: Sequence[Sequence[slice]]) -> tuple[float, float]:
     """Find a narrow-band line that residuals have in common, in windows of them.
 
     Its phase is free in each window, or in each channel, the weaker line of the two then: over that of a
@@ -187,7 +188,7 @@ def hum(channels: Sequence[Array], windows: Sequence[Sequence[slice]]) -> tuple[
 
 
 def _line(parts: Sequence[Array], slowest: float) -> tuple[float, float]:
-    """The likeliest line, of any amplitude and phase in each part; see `hum`."""
+    """The likeliest line, of any amplitude and phase in each part; see `narrow_band_line`."""
     sizes = [int(np.count_nonzero(part)) for part in parts]
     size = sum(sizes)
     if size < 64 or min(sizes) == 0:

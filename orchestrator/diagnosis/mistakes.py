@@ -1,4 +1,4 @@
-"""Single mistakes that explain what is wrong with a log: signs and units, told once for all runs."""
+"""Single mistakes that explain a wrong log: signs and units. Each is reported once for all runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from itertools import permutations
 from ..base.errors import Problem
 from ..base.units import UnitError, convert, parse_unit
 
-__all__ = ["Mistake", "plural", "told_once", "wrong_factors", "wrong_scales"]
+__all__ = ["Mistake", "merged_problems", "plural", "wrong_factors", "wrong_scales"]
 
 # What the unit of a column is taken for, by mistake, and the factor that this makes.
 _FACTORS = {
@@ -79,8 +79,8 @@ def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, flo
     for said, meant in permutations(_SCALES, 2):
         if unit in (None, said):
             gain = scales[meant][0] / scales[said][0]
-            told = f"All fits if its values are in {meant}, not in {said}. {_corrected(unit)}"
-            yield gain, scales[meant][1] - gain * scales[said][1], told
+            remedy = f"All fits if its values are in {meant}, not in {said}. {_corrected(unit)}"
+            yield gain, scales[meant][1] - gain * scales[said][1], remedy
 
 
 def _corrected(unit: str | None) -> str:
@@ -95,8 +95,8 @@ def plural(things: Sized) -> str:
     return "" if len(things) == 1 else "s"
 
 
-def told_once(problems: Iterable[Problem], more: str, kind: type[Problem] = Problem) -> list[Problem]:
-    """Problems, those of several runs that have the same column and remedy as one.
+def merged_problems(problems: Iterable[Problem], more: str, kind: type[Problem] = Problem) -> list[Problem]:
+    """Problems, with those of several runs merged if column and remedy are equal.
 
     Args:
         more: what is said of further ones, with `{}` for how many and `{s}` for the plural.

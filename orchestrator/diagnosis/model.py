@@ -37,7 +37,7 @@ _PULL = 2.0 * math.pi * 3.0
 
 
 def nominal_parameters(study: Study, run: Run) -> Array:
-    """Parameters of the rig by `Calibrated`, as its lab believes them, shape (16,)."""
+    """Calibrated parameters of the rig by `Calibrated`, shape (16,)."""
     p = np.zeros(len(Calibrated))
     for name in CALIBRATED:
         p[Calibrated[name.upper()]] = study.nominal[name].value
@@ -111,7 +111,7 @@ def apply_changes(p: Array, effects: Sequence[Effect], theta: Array) -> None:
 
 
 def ramp_lag(calibrated: Mapping[str, float]) -> float:
-    """By how much the robot is behind a steadily moving command [s]."""
+    """Lag of the robot behind a command of constant velocity [s]."""
     servo = 2.0 * calibrated["damping_ratio"] / calibrated["natural_frequency"]
     return servo + calibrated["response_delay"]
 
@@ -176,7 +176,7 @@ class RigModel:
         """The same whose servo is drawn to the encoder in replays, by an observer, slowly.
 
         A servo at its limits forgets nothing: where it begins a little otherwise it goes far astray, and no
-        fit comes near the rig. Drawn to the encoder it shows limits at each swing anew.
+        fit comes near the rig. Drawn to the encoder it shows limits again at each swing.
         """
         model = copy(self)
         model.pull = _PULL
@@ -216,13 +216,13 @@ class RigModel:
     def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
         """What the runs show beside a replay."""
         position = tuple(run["encoder_position"] for run in self.runs)
-        strayed = tuple(
+        position_error = tuple(
             one - self.replay(index, calibrated, effects, theta)[2] for index, one in enumerate(position)
         )
         p = self.parameters(0, calibrated, effects, theta)
         lag = p[Calibrated.NATURAL_FREQUENCY], p[Calibrated.DAMPING_RATIO], p[Calibrated.RESPONSE_DELAY]
         sent = tuple(commands[HISTORY - 1 : -1] for commands in self.commands)
-        return Seen(self.study.tick, sent, position, strayed, tuple(map(float, lag)))
+        return Seen(self.study.tick, sent, position, position_error, tuple(map(float, lag)))
 
     def _sent(self, run: Run) -> Array:
         """Commands by tick; before the first the rod moved at the approach speed already."""
@@ -268,7 +268,7 @@ class RigModel:
         theta: Array | None = None,
         inject: Array | None = None,
     ) -> Array:
-        """Run the whole rig from its start; arguments as in `replay`.
+        """Run the complete rig from its start; arguments as in `replay`.
 
         Args:
             inject: what is added to the components' outputs, by `Inject`, shape (4, n + 1).

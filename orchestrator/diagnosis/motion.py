@@ -1,4 +1,4 @@
-"""Contacts and phases of motion in a run's log, as its measured force tells them."""
+"""Contacts and phases of motion in a run's log, detected in the measured force."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STOP = 0.08
 _PUSH, _FLANK = 10.0, 5.0
 # Flight that parts two contacts, and what a window holds of it before and after at most [ticks].
 _APART, _BEFORE, _AFTER = 20, 60, 40
-# The robot reaches the wall before the delayed sensor tells [ticks].
+# The robot reaches the wall before the delayed sensor reading [ticks].
 _ONSET = 5
 
 

@@ -1,4 +1,4 @@
-"""What every rig has and no effect is: how runs begin, more noise than specified, roughness of all kinds."""
+"""Nuisance deviations that every rig has: starts of runs, excess noise, roughness."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = [
     "waves",
 ]
 
-# Standard deviation of where a contact begins, from one to the next, on every rig [m].
+# Standard deviation of the position at which contacts begin, on every rig [m].
 _SCATTER = 1e-6
 # First ticks of a run that say nothing: how the robot is moving when a log begins is not known as well as
 # the encoder sees it. A servo as that of the docking rig has forgotten it to a thousandth by then.
@@ -47,7 +47,7 @@ WIDER = 2.5
 
 
 class Weighted:
-    """A replay whose residuals count less where the noise is larger than specified.
+    """A replay whose residuals have lower weights where the noise exceeds its specification.
 
     Args:
         weights: by channel, one per sample.
@@ -75,7 +75,7 @@ class Weighted:
 
 
 class Widened(Weighted):
-    """A replay whose calibration is trusted less."""
+    """A replay with wider tolerances of the calibration."""
 
     @property
     def tolerances(self) -> Mapping[str, tuple[float, float]]:
@@ -90,15 +90,15 @@ def settled(ticks: int) -> Array:
     return weight
 
 
-def force_weights(runs: Sequence[Run], louder: float, lost: bool) -> list[Array]:
-    """Weights of samples, by run and channel, where the force's noise is larger than specified.
+def force_weights(runs: Sequence[Run], noise_factor: float, lost: bool) -> list[Array]:
+    """Weights of samples, by run and channel, for force noise above its specification.
 
     Args:
         louder: by which its deviation is; lost: whether samples that repeat the one before say nothing.
     """
     weights = []
     for run in runs:
-        force = settled(len(run)) / louder
+        force = settled(len(run)) / noise_factor
         if lost:
             force[repeating(run["sensor_force"])] = 0.0
         weights += [settled(len(run)), force]
@@ -106,7 +106,7 @@ def force_weights(runs: Sequence[Run], louder: float, lost: bool) -> list[Array]
 
 
 def repeating(samples: Array) -> Array:
-    """Which samples repeat the one before, shape (n,)."""
+    """Whether each sample equals the one before, shape (n,)."""
     return np.concatenate([[False], np.diff(samples) == 0.0])
 
 
@@ -128,7 +128,7 @@ def touching(model: RigModel, fit: Fit) -> list[Array]:
 
 @dataclass(frozen=True)
 class Weighing:
-    """What effects of a rig are weighed by.
+    """Data and options for weighing the effects of a rig.
 
     Attributes:
         effects: to weigh; roughness along them is marginalised.
@@ -147,7 +147,7 @@ class Weighing:
 
     @staticmethod
     def of(model: RigModel, effects: Sequence[Effect], rough: Mapping[str, Sequence[float]]) -> Weighing:
-        """All samples count alike, but those before a run is settled."""
+        """Equal weights for all samples, zero before a run is settled."""
         weights = [settled(len(run)) for run in model.runs for _ in range(2)]
         return Weighing(model, tuple(effects), rough, weights)
 
@@ -169,7 +169,7 @@ class Weighing:
 
         Args:
             further: columns as those of `search.roughness`; scattered: such as are looked at by themselves,
-                too, see `Marginal.strayed`.
+                too, see `Marginal.roughness_evidence`.
         """
         columns = [self.roughness(), *(one for one in (further, scattered) if one is not None)]
         apart = 0 if scattered is None else scattered.shape[1]
@@ -177,7 +177,7 @@ class Weighing:
 
 
 def scatter(model: RigModel, replay: Replay, fit: Fit) -> Array:
-    """Directions in which the residuals stray where each contact begins a little early or late.
+    """Derivatives of the residuals by the start time of each contact.
 
     Returns: one column per contact, scaled to one standard deviation, shape (residuals, contacts).
     """
@@ -201,7 +201,7 @@ def scatter(model: RigModel, replay: Replay, fit: Fit) -> Array:
 
 
 def along_way(model: RigModel, left: Sequence[Array]) -> float:
-    """Share of what residuals of the encoder hold that a wave along the robot's way explains.
+    """Share of the encoder residual that a wave along the robot's position explains.
 
     Args:
         left: normalised residuals, by run and channel.

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .benign import along_way, positions, touching
 from .fit import Fit
-from .misfit import answering, unexplained
-from .remainder import Remains
+from .held_out import Judge
+from .misfit import near_contact, unexplained
+from .nuisance import along_way, positions, touching
+from .residual_evidence import ResidualEvidence
 from .study import Array
-from .unseen import Judge
 
 __all__ = ["part_of_chain", "place_outside", "wrong_times"]
 
@@ -22,7 +22,7 @@ _CLEAR = 20.0
 # Log likelihood of a period in the link from which it is where something outside the catalogue acts: other
 # things shake commands as well [nats].
 _PERIOD = 3.0
-# Share of what the encoder deviates that a wave along the way explains, from which on the robot is where it
+# Share of what the encoder deviates that a wave along the way explains, from which the robot is where it
 # comes from.
 _WAY = 0.5
 # Variances that residuals may have where a run is fastest, over that of the noise.
@@ -35,7 +35,7 @@ _FEWEST = 100
 
 
 def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
-    """The link, the robot, the contact or the sensor: by what none of the effects leaves.
+    """Place of an unknown effect, link, robot, contact or sensor, from the residual of all effects.
 
     An effect that imitates what is there leaves what it happens to, anywhere.
 
@@ -47,7 +47,7 @@ def place_outside(judge: Judge, none: Fit, odd: float, regular: float) -> str:
     by, fit, _ = judge.carried(none)
     model, left = by.weighing.model, by.fitter.marginal.left(fit.residuals)
     late = wrong_times(left[0::2], positions(model, fit))
-    # A line in the force shakes the commands, too: where more speaks for that, it comes from there. What
+    # A line in the force shakes the commands, too: with more evidence for that, it comes from there. What
     # comes back at the same places of the way, as cogging, comes back in time where the robot's speed is one.
     if late > (-_CHANCE if regular > _PERIOD else _WRONG) and not odd > max(_CLEAR, regular):
         if not along_way(model, left) > _WAY:
@@ -64,7 +64,7 @@ def wrong_times(channels: Sequence[Array], positions: Sequence[Array]) -> float:
     Args:
         channels: residuals over their noise, by run; positions: of the robot, of the same samples.
     """
-    told = 0.0
+    evidence = 0.0
     for r, x in zip(channels, positions, strict=True):
         square, speed = r**2, np.abs(np.gradient(x))
         if not np.isfinite(square).all():
@@ -72,11 +72,13 @@ def wrong_times(channels: Sequence[Array], positions: Sequence[Array]) -> float:
         even = max(float(np.mean(square)), 1.0)
         growing = 1.0 + np.outer(_VARIANCES, (speed / max(float(speed.max()), 1e-12)) ** 2)
         costs = 0.5 * np.sum(np.log(growing) + square / growing, axis=1)
-        told += 0.5 * (len(r) * math.log(even) + float(np.sum(square)) / even) - float(costs.min())
-    return told
+        evidence += 0.5 * (len(r) * math.log(even) + float(np.sum(square)) / even) - float(costs.min())
+    return evidence
 
 
-def part_of_chain(rest: Remains, forces: Sequence[Array], touching: Sequence[Array], odd: float) -> str:
+def part_of_chain(
+    rest: ResidualEvidence, forces: Sequence[Array], touching: Sequence[Array], odd: float
+) -> str:
     """The robot, the contact, or the sensor, which shows beside contacts, too.
 
     What acts in the structure shows as the contact's.
@@ -86,7 +88,7 @@ def part_of_chain(rest: Remains, forces: Sequence[Array], touching: Sequence[Arr
         touching: whether the rod touches at each tick, by run.
         odd: see `place_outside`.
     """
-    within = [answering(one)[: len(r)] for one, r in zip(touching, forces, strict=True)]
+    within = [near_contact(one)[: len(r)] for one, r in zip(touching, forces, strict=True)]
     flights, contacts = (
         unexplained([r[some] for some, r in zip(where, forces, strict=True) if some.sum() > _FEWEST])
         for where in ([~one for one in within], within)

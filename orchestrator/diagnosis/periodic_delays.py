@@ -1,4 +1,4 @@
-"""Commands that come at wrong times by turns: what the encoder deviates then keeps a period."""
+"""Detect commands that are late periodically: the encoder residual then has a period."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def rhythm(channels: Sequence[Array], positions: Sequence[Array]) -> float:
     """
     size = 1 << max(len(r) for r in channels).bit_length()
     bins = slice(math.ceil(size / _LONGEST), math.floor(size / _SHORTEST))
-    told = np.zeros((bins.stop - bins.start, len(_POWERS)))
+    gains = np.zeros((bins.stop - bins.start, len(_POWERS)))
     for r, x in zip(channels, positions, strict=True):
         speed = np.abs(np.gradient(x))
         if not np.isfinite(r).all() or not speed.max() > 0.0:
@@ -44,6 +44,6 @@ def rhythm(channels: Sequence[Array], positions: Sequence[Array]) -> float:
         power = np.abs(np.fft.rfft(speed * r, size)) ** 2
         # The median of an exponential distribution is ln 2 of its mean.
         about = median_filter(power, _ABOUT, mode="nearest") / math.log(2.0)
-        told += (power / about)[bins, None] * _POWERS / (1.0 + _POWERS) - np.log1p(_POWERS)
-    evidence = float(logsumexp(told)) - math.log(told.size)
+        gains += (power / about)[bins, None] * _POWERS / (1.0 + _POWERS) - np.log1p(_POWERS)
+    evidence = float(logsumexp(gains)) - math.log(gains.size)
     return evidence if evidence > _CHANCE else 0.0

@@ -1,4 +1,4 @@
-"""Runs of an experiment that was not made yet, as a candidate predicts them, for others to replay."""
+"""Predicted runs of a future experiment by one candidate, for other candidates to replay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that are lost or arrive late at random, as filters on the encoder tell them."""
+"""Detect commands that are lost or arrive late at random, by Kalman filters on the encoder."""
 
 from __future__ import annotations
 
@@ -106,8 +106,8 @@ def _filter(kind, amount, p, commands, encoder, noise, particles, seed):
 
 
 @njit(error_model="numpy", nogil=True)
-def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise, innovations):
-    """Log likelihood of what the robot strayed if commands arrive early or late at random (Kalman filter).
+def _kicked(position_error, commands, deviation, slow, omega, xi, delay, tick, noise, innovations):
+    """Log likelihood of the position error if commands arrive early or late at random (Kalman filter).
 
     A change of the command that is late by s kicks the servo by omega^2 s times the change.
 
@@ -127,9 +127,9 @@ def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise, i
     fresh = slow * slow * (1.0 - a[2, 2] * a[2, 2])
     total = 0.0
     k = np.zeros(3)
-    for n in range(strayed.shape[0]):
+    for n in range(position_error.shape[0]):
         s = p[0, 0] + 2.0 * p[0, 2] + p[2, 2] + noise * noise
-        error = strayed[n] - x[0] - x[2]
+        error = position_error[n] - x[0] - x[2]
         innovations[n] = error / math.sqrt(s)
         total -= 0.5 * (error * error / s + math.log(s / (noise * noise)))
         for i in range(3):
@@ -159,11 +159,12 @@ def _kicked(strayed, commands, deviation, slow, omega, xi, delay, tick, noise, i
 
 
 def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[float, float]:
-    """Whether what a fit leaves of the encoder is what commands arriving at random times leave.
+    """Whether the encoder residual of a fit is that of commands which arrive at random times.
 
-    Lost commands and random delays alike: to second moments each makes changes of the command arrive early
+    Both lost commands and random delays: to second moments each makes changes of the command arrive early
     or late, with a deviation of `jitter`/sqrt(12), or of sqrt(p)/(1 - p) ticks. Slow errors of the encoder,
-    which every rig has, are weighed against it. It tells sizes far below those that show in the mean square.
+    which every rig has, are weighed against it. It detects sizes far below those that show in the mean
+    square.
 
     Args:
         fit: the best one without such an effect; left: its residuals of the encoder, normalised, by run.
@@ -185,7 +186,7 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
 
 
 def arrival_innovations(model: RigModel, fit: Fit, left: Sequence[Array], deviation: float) -> list[Array]:
-    """What remains unforeseen of the encoder where commands arrive with a deviation, normalised, by run.
+    """Normalised innovations of the encoder, by run, if arrival times have a standard deviation.
 
     Arguments as those of `random_arrival`. It is white where that is what the encoder deviates by.
     """

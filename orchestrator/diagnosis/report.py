@@ -1,4 +1,4 @@
-"""A diagnosis as one page that needs no network: what a lab engineer reads in two minutes."""
+"""Page of a diagnosis, without network access."""
 
 from __future__ import annotations
 
@@ -13,7 +13,16 @@ from .caveats import caveats
 from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
-from .headline import TELLS, families_in_words, given, headline, leaves_in_words, listed_or, nats, percent
+from .headline import (
+    TELLS,
+    chosen_answer,
+    families_in_words,
+    headline,
+    leaves_in_words,
+    listed_or,
+    nats,
+    percent,
+)
 from .report_energy import energy, ledger
 from .report_text import UNTOLD
 from .study import Role, Study
@@ -23,7 +32,7 @@ __all__ = ["compose", "page", "remarks"]
 
 # A share of probability below which an answer is not worth a line, and so many lines.
 _WORTH, _LINES = 0.005, 8
-# Ties are told of answers that are likelier than this.
+# Ties are reported for answers that are likelier than this.
 _TIED = 0.05
 # So many answers of the 95 % set are named.
 _NAMED = 6
@@ -86,7 +95,7 @@ def _number(value: float | None, digits: int = 3) -> str:
 
 def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapping[str, float]) -> str:
     rows = []
-    answer = given(diagnosis)
+    answer = chosen_answer(diagnosis)
     shown = [one for one in diagnosis.which if one.probability >= _WORTH][:_LINES]
     for one in shown:
         label = " + ".join(one.effects) or "no effect"
@@ -119,8 +128,8 @@ def _in_words(effect: Effect, parameters: Mapping[str, float], believed: Mapping
             ]
             fitted += [f"{before + value:.6g}{unit}, not {before:.6g}{unit}" for before in changed]
             fitted.append(f"{one.name} {value:.4g}{unit}")
-    told = in_words(effect)
-    return f"{told} ({', '.join(fitted)})" if fitted else told
+    described = in_words(effect)
+    return f"{described} ({', '.join(fitted)})" if fitted else described
 
 
 def _where(diagnosis: Diagnosis) -> str:
@@ -213,8 +222,8 @@ def _augmented(diagnosis: Diagnosis) -> str:
 
 
 def _warnings(diagnosis: Diagnosis) -> str:
-    told = [f"{one.place}: {one.what}. {one.remedy}" for one in diagnosis.data]
-    items = "".join(f"<li>{escape(one)}</li>" for one in told)
+    warnings = [f"{one.place}: {one.what}. {one.remedy}" for one in diagnosis.data]
+    items = "".join(f"<li>{escape(one)}</li>" for one in warnings)
     return f"<aside><b>About the data</b><ul>{items}</ul></aside>" if items else ""
 
 
@@ -237,7 +246,7 @@ def _calibration(diagnosis: Diagnosis) -> str:
 
 def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
     roles = {role: [run.name for run in study.of(role)] for role in Role}
-    told = [
+    sentences = [
         f"Fits saw {', '.join(roles[Role.TRAIN])} only; "
         + (
             f"closure is measured on {', '.join(roles[Role.HELDOUT])}, and what an answer leaves is looked "
@@ -251,14 +260,14 @@ def _assumed(study: Study, diagnosis: Diagnosis) -> list[str]:
         "one outside the catalogue.",
         "Probabilities are calibrated on simulated rigs, not on measured ones.",
     ]
-    return told + remarks(diagnosis)
+    return sentences + remarks(diagnosis)
 
 
 def remarks(diagnosis: Diagnosis) -> list[str]:
-    """What is said of any diagnosis: the numerical error, and what was left out."""
-    told = [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
+    """Remarks on any diagnosis: the numerical error, and what was left out."""
+    omitted = [f"Left out: {name.replace('_', ' ')}: {why}." for name, why in diagnosis.left_out.items()]
     if diagnosis.numerics is None:
-        return told
+        return omitted
     own = []
     if diagnosis.numerics.fraction is not None:
         share = percent(diagnosis.numerics.fraction)
@@ -270,7 +279,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
             "replayed from their commands: the model with these effects goes another way in time, and "
             "what it leaves then was not held against them."
         )
-    return [*own, *told]
+    return [*own, *omitted]
 
 
 def _told(assumed: Sequence[str]) -> str:

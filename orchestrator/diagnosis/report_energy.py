@@ -1,4 +1,4 @@
-"""The tables of a diagnosis' page that tell energies: of residuals, and at interfaces."""
+"""Tables of energies on a diagnosis' page: of residuals, and at interfaces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from .verdict import Diagnosis
 
 __all__ = ["energy", "ledger"]
 
-# Shares are shown with a colour that is full from here on.
+# Shares above this have full colour.
 _FULL = 0.5
 
 
@@ -48,25 +48,26 @@ def _signed(value: float | None) -> str:
 
 def energy(diagnosis: Diagnosis) -> str:
     """Energy at interfaces, as a table."""
-    told = diagnosis.energy
-    if not told.get("interfaces"):
+    balance = diagnosis.energy
+    if not balance.get("interfaces"):
         return ""
-    columns = [name for name in ("measured", "nominal", "excess", "answer") if name in told]
+    columns = [name for name in ("measured", "nominal", "excess", "answer") if name in balance]
     head = "".join(f"<th>{escape(one)}</th>" for one in columns)
     cells = {
-        one: "".join(f"<td>{_signed(told[name][one])}</td>" for name in columns) for one in told["interfaces"]
+        one: "".join(f"<td>{_signed(balance[name][one])}</td>" for name in columns)
+        for one in balance["interfaces"]
     }
     rows = [f"<tr><th>{escape(one)}</th>{shown}</tr>" for one, shown in cells.items()]
-    total = "".join(f"<td><b>{_signed(told['change'][name])}</b></td>" for name in columns)
+    total = "".join(f"<td><b>{_signed(balance['change'][name])}</b></td>" for name in columns)
     title, words, whole = (
         "Energy of a contact",
         "CoR^2 - 1, the share of kinetic energy that a contact adds, by the interface at which it enters; "
         "mean over held-out contacts, or all where no run was held out.",
         "CoR^2 - 1",
     )
-    if "unit" in told:
-        title, whole = "Energy at interfaces", f"all [{told['unit']}]"
-        words = f"Force times velocity over the runs [{told['unit']}], by interface and phase of motion."
+    if "unit" in balance:
+        title, whole = "Energy at interfaces", f"all [{balance['unit']}]"
+        words = f"Force times velocity over the runs [{balance['unit']}], by interface and phase of motion."
     return (
         f"<h2>{title}</h2><p class=note>{words} Excess is measured less nominal.</p>"
         f"<table><tr><th></th>{head}</tr>{''.join(rows)}<tr><th>{whole}</th>{total}</tr></table>"

@@ -10,7 +10,7 @@ __all__ = ["text"]
 
 _LINES = 4
 
-# Where no experiment that was simulated would tell the likely answers apart.
+# Printed where no simulated experiment would separate the likely answers.
 UNTOLD = (
     "no experiment that was considered separates these answers; name what else can be run under "
     "`experiments` of the study"
@@ -27,10 +27,10 @@ def text(made: Diagnosed) -> str:
     lines += [f"  together: {one}" for one in families_in_words(found)]
     # Where nothing is in excess, shares are those of noise.
     if found.where and (found.verdict.effects or found.doubtful_tolerances):
-        told = ", ".join(
+        shares = ", ".join(
             f"{one.place} {percent(one.share)}" for one in found.where if abs(one.share) >= 0.0005
         )
-        lines.append(f"  where: {told}")
+        lines.append(f"  where: {shares}")
     if found.next_experiment is not None:
         evidence = found.next_experiment.expected_evidence
         expected = "" if evidence is None else f" ({nats(evidence)} expected)"

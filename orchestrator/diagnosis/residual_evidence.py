@@ -1,4 +1,4 @@
-"""What a fit of the rig leaves unexplained."""
+"""Evidence in the residual of a fit of the rig."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 
 from .any_law import any_law
-from .benign import Weighing, Weighted, touching
-from .colour import Colour, whitened
+from .coloured_noise import Colour, whitened
 from .fit import Fit, Fitter
-from .local import loudest, repeated
-from .misfit import LOUDER, in_contact, louder, noises_beside, unexplained
+from .local_structure import loudest, repeated
+from .misfit import LOUDER, in_contact, noises_beside, unexplained, variance_gain
+from .nuisance import Weighing, Weighted, touching
 from .study import Array
 
-__all__ = ["KINDS", "Remains", "bent", "own_error", "remains"]
+__all__ = ["KINDS", "ResidualEvidence", "excess_deviation", "own_error", "residual_evidence"]
 
-# Calibrated numbers of one kind stray together.
+# Calibrated numbers of one kind deviate together.
 KINDS = (
     ("natural_frequency", "damping_ratio", "response_delay"),
     ("contact_damping", "sensor_delay", "sensor_cutoff"),
@@ -29,16 +29,16 @@ KINDS = (
 _ROUGHER = 20.0
 
 
-class Remains(NamedTuple):
-    """What a fit leaves unexplained, part by part [nats].
+class ResidualEvidence(NamedTuple):
+    """Evidence in the residual of a fit, by kind [nats].
 
     Attributes:
         encoder, force: slow or local structure, see `misfit.unexplained`; contact: see `misfit.in_contact`.
         moved, pushed: laws of the encoder and of the force, see `any_law`.
-        bent: how far calibrated numbers deviate; without any effect that is for tolerances to tell.
+        bent: excess deviation of calibrated numbers; 0 without effects, where it concerns the tolerances.
         rough: what roughness takes up beyond what it does of rigs; it is not left.
-        shaken, struck: what is loudest of the encoder and of the force, see `local.loudest`.
-        repeated: what contacts leave again and again, see `local.repeated`.
+        shaken, struck: what is loudest of the encoder and of the force, see `local_structure.loudest`.
+        repeated: what contacts leave again and again, see `local_structure.repeated`.
     """
 
     encoder: float
@@ -54,14 +54,14 @@ class Remains(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Of parts that may say about the same the largest counts; the last three only tell more of it."""
+        """Sum in which the largest of overlapping parts counts; the last three parts only describe it."""
         moved, pushed = max(self.encoder, self.moved), max(self.force, self.contact, self.pushed)
         return moved + pushed + self.bent + self.rough
 
 
-def remains(
+def residual_evidence(
     weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, chosen: Array | None = None
-) -> Remains:
+) -> ResidualEvidence:
     """What a fit leaves unexplained.
 
     Args:
@@ -73,14 +73,14 @@ def remains(
     moves, forces, touched = left[0::2], whitened(left[1::2], colour), touching(weighing.model, fit)
     noise = math.sqrt(min(float(np.mean(np.square(noises_beside(forces, touched)))), LOUDER))
     moved, pushed = any_law(weighing.model, fitter, fit, weighing.weights, colour, chosen, noise)
-    return Remains(
+    return ResidualEvidence(
         encoder=unexplained(moves),
         moved=moved,
         force=unexplained(forces),
         contact=in_contact(forces, touched),
         pushed=pushed,
-        bent=bent(fit) if fit.effects else 0.0,
-        rough=max(fitter.marginal.strayed(fit.residuals) - _ROUGHER, 0.0),
+        bent=excess_deviation(fit) if fit.effects else 0.0,
+        rough=max(fitter.marginal.roughness_evidence(fit.residuals) - _ROUGHER, 0.0),
         shaken=loudest(moves),
         struck=loudest(forces),
         repeated=repeated(forces, touched),
@@ -88,13 +88,13 @@ def remains(
 
 
 def own_error(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> float:
-    """What of that which a fit leaves the replay's own error may make, by halving its sub-steps [nats].
+    """Residual evidence that the replay's numerical error may cause, by halving its sub-steps [nats].
 
     A servo at its limit goes another way where it begins a little otherwise: no numbers of the effect, nor of
     any other, make such a replay follow the rig to the end.
 
     Args:
-        fitter: of the weighing; left: see `Remains.total`. No more is reported.
+        fitter: of the weighing; left: see `ResidualEvidence.total`. No more is reported.
     """
     if left < _ROUGHER:
         return 0.0
@@ -106,9 +106,9 @@ def own_error(weighing: Weighing, fitter: Fitter, fit: Fit, left: float) -> floa
     return min(unexplained(fitter.marginal.left(changed)), left)
 
 
-def bent(fit: Fit) -> float:
-    """Log likelihood that calibrated numbers stray by more than their tolerances, of all or of one kind."""
+def excess_deviation(fit: Fit) -> float:
+    """Log likelihood that calibrated numbers deviate by more than their tolerances, of all or of one kind."""
     kinds = [[fit.deviation.get(name, 0.0) for name in kind] for kind in KINDS]
     every = [one for kind in kinds for one in kind]
-    told = [louder(len(one), float(np.mean(np.square(one)))) for one in (every, *kinds)]
-    return max(max(told) - math.log(len(told)), 0.0)
+    gains = [variance_gain(len(one), float(np.mean(np.square(one)))) for one in (every, *kinds)]
+    return max(max(gains) - math.log(len(gains)), 0.0)

@@ -1,4 +1,4 @@
-"""Where residual energy beyond the noise lies: component by phase of motion by frequency band."""
+"""Residual energy beyond the noise, by component, phase of motion and frequency band."""
 
 from __future__ import annotations
 

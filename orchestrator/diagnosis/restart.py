@@ -1,4 +1,4 @@
-"""The rig's model, closed loop, taken up from a run's measured state."""
+"""The rig's model in closed loop, started from a measured state of a run."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .rig import CHANNELS, HISTORY, SUBSTEPS, Inject, State, run_rig
 from .software import ControllerReplay, DynamicsReplay
 from .study import Array, Run, Study
 
-__all__ = ["Restart", "strayed"]
+__all__ = ["Restart", "contact_error"]
 
 _OF_ROBOT = [State.POSITION, State.VELOCITY, State.FILTERED_FORCE]
 
 
 class Restart:
-    """Closed-loop runs of a model, each from the state that a run's log tells at a tick out of contact.
+    """Closed-loop runs of a model, each started from the logged state at a tick out of contact.
 
     The satellite's motion there is what was logged; servo, controller and the effects' memories are those
     of their replays from the logged inputs until then.
@@ -54,7 +54,7 @@ class Restart:
         return known, memory
 
     def ahead(self, begin: int, ticks: int, inject: Array | None = None) -> Array:
-        """Run from a tick on.
+        """Run from a tick onwards.
 
         Args:
             inject: residuals by `Inject` that are added to the components' outputs, shape (4, ticks + 1).
@@ -74,8 +74,8 @@ class Restart:
         return out
 
 
-def strayed(run: Run, one: Contact, out: Array) -> Array:
-    """How far a model is from the log over a contact: force over its peak, velocity over that before it.
+def contact_error(run: Run, one: Contact, out: Array) -> Array:
+    """Error of a model over a contact: force relative to its peak, velocity relative to that before.
 
     Args:
         out: channels from `Restart.ahead` over the contact's window.

@@ -224,9 +224,9 @@ def run_rig(
         sample = pass_site(_AT_DELAYED, laws, time, 0.0, y, known, memory, theta) + p[_BIAS]
         sample = pass_site(_AT_SAMPLE, laws, time, h, sample, known, memory, theta) + inject[1, n]
         if pull > 0.0:
-            strayed = out[2, n] - encoder
-            servo[0] += 2.0 * pull * h * strayed
-            servo[1] += pull * pull * h * strayed
+            deviation = out[2, n] - encoder
+            servo[0] += 2.0 * pull * h * deviation
+            servo[1] += pull * pull * h * deviation
         out[2, n], out[3, n], out[6, n], out[7, n] = encoder, sample, force, contact
         if closed:
             control(p, state, sample, encoder)

@@ -1,4 +1,4 @@
-"""Learn how rough rigs are that hide nothing: how far they stray along each effect of the catalogue."""
+"""Learn the roughness of rigs without hidden effects, along each effect of the catalogue."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .benign import Weighted, scatter, settled, waves
 from .catalogue import of_hardware
 from .fit import Fitter
 from .model import RigModel
-from .practice import bare_study
+from .nuisance import Weighted, scatter, settled, waves
 from .search import directions
+from .simulated_cases import bare_study
 from .study import Array, Role, Study
 
-__all__ = ["Strayed", "learn_roughness", "strayed"]
+__all__ = ["RoughnessProblem", "learn_roughness", "roughness_problem"]
 
 # Shares of the priors between which what is learned is kept: rigs may be rough in other ways than those
 # practised on, if hardly by more than shows; and directions that hardly move any residual say nothing of
@@ -25,8 +25,8 @@ _ROUNDS = 3000
 
 
 @dataclass(frozen=True)
-class Strayed:
-    """How the residuals of a rig that hides nothing lie to the effects: a linear problem.
+class RoughnessProblem:
+    """Linear problem: residuals of a rig without hidden effects, projected on the effects.
 
     Attributes:
         ids: of the effects, one per direction, those of an effect in the order of its shape's starts.
@@ -41,7 +41,7 @@ class Strayed:
     calibrated: Array
 
 
-def strayed(study: Study) -> Strayed:
+def roughness_problem(study: Study) -> RoughnessProblem:
     """The linear problem of a study's train runs."""
     model = RigModel(study, study.of(Role.TRAIN))
     weights = [settled(len(run)) for run in model.runs for _ in range(2)]
@@ -57,15 +57,15 @@ def strayed(study: Study) -> Strayed:
     found = directions(fitter, of_hardware(), base.z)
     jacobian = np.column_stack([base.jacobian, *(one.column for one in found)])
     ids = tuple(one.effect.id for one in found)
-    return Strayed(ids, jacobian.T @ jacobian, jacobian.T @ base.r, base.z)
+    return RoughnessProblem(ids, jacobian.T @ jacobian, jacobian.T @ base.r, base.z)
 
 
-def strayed_by_number(seed: int, number: int) -> Strayed:
+def roughness_problem_of_rig(seed: int, number: int) -> RoughnessProblem:
     """The same of a simulated rig that hides nothing."""
-    return strayed(bare_study(seed, number, (Role.TRAIN,)))
+    return roughness_problem(bare_study(seed, number, (Role.TRAIN,)))
 
 
-def learn_roughness(problems: Sequence[Strayed]) -> Mapping[str, tuple[float, ...]]:
+def learn_roughness(problems: Sequence[RoughnessProblem]) -> Mapping[str, tuple[float, ...]]:
     """Standard deviations of the roughness that make what rigs show most probable, all effects jointly.
 
     Sizes are normal about zero, with a variance of each direction's own; expectation maximisation (MacKay:
@@ -93,12 +93,12 @@ def learn_roughness(problems: Sequence[Strayed]) -> Mapping[str, tuple[float, ..
     return {name: tuple(values) for name, values in sorted(found.items())}
 
 
-def _showing(problems: Sequence[Strayed]) -> Array:
+def _showing(problems: Sequence[RoughnessProblem]) -> Array:
     """Sizes that move residuals by one standard deviation beyond what calibration explains, by direction."""
-    told = np.zeros(len(problems[0].ids))
+    information = np.zeros(len(problems[0].ids))
     for one in problems:
         count = len(one.calibrated)
         across = one.hessian[:count, count:]
         explained = np.linalg.solve(one.hessian[:count, :count] + np.eye(count), across)
-        told += np.diag(one.hessian)[count:] - np.sum(across * explained, axis=0)
-    return 1.0 / np.sqrt(np.maximum(told / len(problems), 1e-12))
+        information += np.diag(one.hessian)[count:] - np.sum(across * explained, axis=0)
+    return 1.0 / np.sqrt(np.maximum(information / len(problems), 1e-12))

@@ -13,8 +13,8 @@ import numpy as np
 from .descent import cost_of
 from .effect import Effect
 from .fit import Base, Fit, Fitter
+from .search_progress import counted_calls, stage
 from .study import Array
-from .tally import stage, tallied
 
 __all__ = [
     "HOPELESS",
@@ -87,7 +87,7 @@ def each(function: Callable[[_In], _Out], items: Sequence[_In], workers: int) ->
 
 
 class Direction(NamedTuple):
-    """How the stacked residuals move with the size of an effect.
+    """Derivative of the stacked residuals by the size of an effect.
 
     Attributes:
         place: of the start of its shape, among all of them that there are; many: how many.
@@ -260,7 +260,7 @@ def _grow(
     screened = [
         (cost, effect, base, start)
         for (effect, _), (cost, base, start) in zip(
-            tasks, each(tallied(promise, False, workers), tasks, workers), strict=True
+            tasks, each(counted_calls(promise, False, workers), tasks, workers), strict=True
         )
         if cost < highest
     ]
@@ -288,7 +288,7 @@ def _grow(
 
     found: list[Fit] = []
     for first in range(0, len(chosen), 2):  # two at a time: what is given up does not depend on the machine
-        fits = each(tallied(fitted, True, workers), chosen[first : first + 2], workers)
+        fits = each(counted_calls(fitted, True, workers), chosen[first : first + 2], workers)
         found += [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
         aim = min([fit.cost for fit in found], default=math.inf) + HOPELESS
     return found

@@ -1,4 +1,4 @@
-"""How far a search for effects is: candidates looked at and fits made, of how many, and the time left."""
+"""Progress of a search for effects: candidates, fits, and the remaining time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 from ..results.progress import Share
 
-__all__ = ["PLAN", "Tally", "stage", "tallied", "telling", "twice"]
+__all__ = ["PLAN", "SearchProgress", "counted_calls", "progress_reported", "stage", "twice"]
 
 _In, _Out = TypeVar("_In"), TypeVar("_Out")
 
@@ -57,18 +57,18 @@ _FIT, _BELIEVED = 4.0, 3.0
 _OUTLYING = 4.0
 # Looks before which no time is reported: the first ones compile.
 _FEWEST = 20
-# Seconds until told, and until told again; what is reported follows what is expected within this share of the
-# time passed, and so many seconds at least.
+# Seconds until the first report, and between reports; the reported time follows the expected one within this
+# share of the time passed, and at least so many seconds.
 _FIRST, _EVERY, _SLOW, _SLOWEST = 2.0, 0.5, 0.2, 3.0
 
 
-class Tally:
-    """Counts what a search does, and says how far it is.
+class SearchProgress:
+    """Counts the steps of a search and reports its progress.
 
-    The time left is what stages that are to come usually do, at the pace of this search so far. What is told
-    of it runs down with the clock and follows what is expected slowly, so that no stage that is left out, or
-    made anew, makes it jump. A search that begins anew is that of `steps`, and is told as such; the time that
-    it takes counts from when `twice` is reported.
+    The remaining time is that of the usual stages to come, at the pace of this search so far. The reported
+    time runs down with the clock and follows the expected one slowly, so that a stage that is left out or
+    repeated causes no jump. A repeated search is that of `steps`, and is reported as such; its time counts
+    from the call of `twice`.
 
     Args:
         candidates: how many there are.
@@ -92,7 +92,7 @@ class Tally:
         self._next = self._begun + _FIRST
 
     def stage(self, name: str) -> None:
-        """A stage of the plan begins, perhaps anew; those before it are over."""
+        """A stage of the plan begins, possibly again; earlier stages are finished."""
         with self._lock:
             if PLAN[self._at].name == name and name != "candidates":
                 return  # the same with one effect more
@@ -103,17 +103,17 @@ class Tally:
             self._own = [0, 0]
 
     def twice(self) -> None:
-        """All is likely to be sought a second time."""
+        """The search will probably be repeated."""
         with self._lock:
             self._twice = True
 
     def left(self) -> tuple[int, int]:
-        """Looks and fits that the plan still holds."""
+        """Looks and fits that remain in the plan."""
         left = self._left()
         return round(sum(one.looks for one in left)), round(sum(one.fits for one in left))
 
     def _left(self) -> list[_Planned]:
-        """What is left of each stage; looks counted, not by candidate."""
+        """Remaining work of each stage; looks in total, not by candidate."""
         plan = [*PLAN[self._at :], *(PLAN[:-1] if self._twice and not self._again else ())]
         now, *later = (one._replace(looks=one.looks * self._candidates) for one in plan)
         looks, fits = self._own
@@ -121,7 +121,7 @@ class Tally:
         return [own, *later]
 
     def _expected(self, now: float) -> float:
-        """Seconds that what is left takes, at the pace so far, with what goes on between looks and fits."""
+        """Expected seconds of the remaining work at the pace so far, overhead included."""
         look = _typical(self._paces[0])
         fits = self._paces[1]
         fit = (sum(fits) + _BELIEVED * _FIT * look) / (len(fits) + _BELIEVED)
@@ -129,13 +129,13 @@ class Tally:
         return counted * max((now - self._begun) / max(self._seconds, 1e-9), 1.0)
 
     def _steady(self, now: float) -> float:
-        """Seconds left as they are reported, see `Tally`."""
+        """Remaining seconds as reported; see `SearchProgress`."""
         expected = self._expected(now)
         if self._told is not None:
-            then, told = self._told
+            then, shown = self._told
             passed = now - then
             share = 1.0 - math.exp(-passed / max(_SLOW * (now - self._begun), _SLOWEST))
-            expected = max(told - passed, 0.0) + share * (expected - max(told - passed, 0.0))
+            expected = max(shown - passed, 0.0) + share * (expected - max(shown - passed, 0.0))
         self._told = now, expected
         return expected
 
@@ -175,7 +175,7 @@ class Tally:
 
 
 def _typical(rising: Sequence[float]) -> float:
-    """The mean of what a few times of all, as those that compile a law, do not count beyond some medians."""
+    """Mean time in which outliers, such as compilations, are limited to some medians."""
     most = _OUTLYING * rising[len(rising) // 2] if rising else 0.0
     return sum(min(one, most) for one in rising) / max(len(rising), 1)
 
@@ -184,12 +184,12 @@ def _time(seconds: float) -> str:
     return f"{max(seconds, 1.0):.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
 
 
-_current: ContextVar[Tally | None] = ContextVar("tally", default=None)
+_current: ContextVar[SearchProgress | None] = ContextVar("tally", default=None)
 
 
 @contextmanager
-def telling(tally: Tally | None) -> Iterator[None]:
-    """Searches are counted by a tally."""
+def progress_reported(tally: SearchProgress | None) -> Iterator[None]:
+    """Count searches within this context."""
     token = _current.set(tally)
     try:
         yield
@@ -198,20 +198,20 @@ def telling(tally: Tally | None) -> Iterator[None]:
 
 
 def stage(name: str) -> None:
-    """A stage of `PLAN` begins, if anyone counts."""
+    """Report that a stage of `PLAN` begins."""
     tally = _current.get()
     if tally is not None:
         tally.stage(name)
 
 
 def twice() -> None:
-    """All is likely to be sought a second time: see `Tally.twice`."""
+    """All is likely to be sought a second time: see `SearchProgress.twice`."""
     tally = _current.get()
     if tally is not None:
         tally.twice()
 
 
-def tallied(function: Callable[[_In], _Out], fits: bool, workers: int) -> Callable[[_In], _Out]:
-    """A function whose calls are counted, if anyone counts; see `Tally.counted`."""
+def counted_calls(function: Callable[[_In], _Out], fits: bool, workers: int) -> Callable[[_In], _Out]:
+    """A function whose calls are counted, if anyone counts; see `SearchProgress.counted`."""
     tally = _current.get()
     return function if tally is None else tally.counted(function, fits, workers)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from .misfit import answering, stretches
+from .misfit import near_contact, stretches
 from .rig import Calibrated
 from .study import Array
 
@@ -52,7 +52,7 @@ def force_shapes(p: Array, replay: Array, tick: float) -> dict[str, Array]:
     edges = np.array(
         [one for u, w, gap in zip(depths, rates, gaps, strict=True) for one in _edges(u, w, gap, tick)]
     )
-    within = answering(touches)
+    within = near_contact(touches)
     law = _sensed(law, p, tick)
     law[:, ~within] = 0.0
     drifts = _sensed(np.array([touches * one for one in memories]), p, tick)

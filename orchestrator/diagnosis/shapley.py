@@ -10,7 +10,7 @@ import numpy as np
 from .components import COMPONENTS, component_of, residuals_of
 from .finding import Augmented, Finding
 from .motion import contacts
-from .restart import Restart, strayed
+from .restart import Restart, contact_error
 from .sharing import by_place, coalitions, shapley_values
 from .study import Array, Role, Run, Study
 
@@ -61,7 +61,7 @@ def shapley_shares(study: Study, runs: Sequence[Run], model: Augmented) -> Share
                 for component in coalition:
                     inject[component] = values[component, one.begin : one.end + 1]
                 out = restart.ahead(one.begin, one.end - one.begin, inject)
-                worth[number] += np.mean(strayed(run, one, out) ** 2, axis=1).sum()
+                worth[number] += np.mean(contact_error(run, one, out) ** 2, axis=1).sum()
             windows += 1
     worth /= max(windows, 1)
     return Shares(shapley_values(worth.tolist(), _COUNT), float(worth[0]), float(worth[-1]), windows)
@@ -71,7 +71,7 @@ def where(study: Study, finding: Finding) -> Mapping[str, float]:
     """Shares of the held-out closed-loop gap by place, adding up to 1.
 
     Signals distinguish components; within one, its share goes to its places as probable as the candidates
-    make them, or to all alike where no candidate lies in it.
+    make them, or equally to all where no candidate lies in it.
 
     Returns: share by place; negative where a component hides another's part.
     """

@@ -1,4 +1,4 @@
-"""Shares of a whole: Shapley values of coalitions, energies by phase and band."""
+"""Shares of a total: Shapley values of coalitions, energies by phase and band."""
 
 from __future__ import annotations
 
@@ -47,26 +47,26 @@ def by_place(
     """Shares of components, shared out to their places.
 
     Signals distinguish components; within one, its share goes to its places as probable as the candidates
-    make them, or to all alike where no candidate lies in it.
+    make them, or equally to all where no candidate lies in it.
 
     Args:
         shares: in the order of the components.
         components: the places of each.
         place_of: an effect.
     """
-    told = dict.fromkeys((place for places in components.values() for place in places), 0.0)
+    probability = dict.fromkeys((place for places in components.values() for place in places), 0.0)
     for candidate in finding.candidates:
         places = [place_of(one) for one in candidate.effects if one != "outside"]
         if candidate.effects == ("outside",):
             places = finding.outside_place.split("+") if finding.outside_place else []
         for place in places:
-            if place in told:
-                told[place] += candidate.probability / len(places)
+            if place in probability:
+                probability[place] += candidate.probability / len(places)
     shared: dict[str, float] = {}
     for share, places in zip(shares, components.values(), strict=True):
-        mass = sum(told[place] for place in places)
+        mass = sum(probability[place] for place in places)
         for place in places:
-            shared[place] = share * (told[place] / mass if mass > 0.0 else 1.0 / len(places))
+            shared[place] = share * (probability[place] / mass if mass > 0.0 else 1.0 / len(places))
     return shared
 
 

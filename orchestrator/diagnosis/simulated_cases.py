@@ -1,4 +1,4 @@
-"""Cases to practise on: the challenge's rig, with what its hardware hides, or what no catalogue holds.
+"""Simulated cases for learning: the challenge's rig with hardware effects, or effects outside the catalogue.
 
 Kinds outside the catalogue are made here, by deforming what was logged; others are those of the challenge's
 own that are known. Its fresh ones are kept for blind checks.
@@ -144,12 +144,12 @@ _DEFORMED: dict[str, _Deform] = {
 }
 
 
-def _no_knobs(rng: np.random.Generator, size: float) -> dict[str, float]:
+def _no_parameters(rng: np.random.Generator, size: float) -> dict[str, float]:
     """They act on what the rig has logged, not in it."""
     return {}
 
 
-ODDITIES = tuple(hidden.Hidden(name, _no_knobs) for name in _DEFORMED)
+ODDITIES = tuple(hidden.Hidden(name, _no_parameters) for name in _DEFORMED)
 
 
 def simulated_case(seed: int, number: int, tight: float = 1.0, plan: draw.Plan | None = None) -> draw.Case:
@@ -165,7 +165,7 @@ def simulated_case(seed: int, number: int, tight: float = 1.0, plan: draw.Plan |
 
 
 def logged(case: draw.Case, roles: Collection[Role] = tuple(Role)) -> dict[int, Array]:
-    """What runs of a case log before anything is deformed, shape (6, n), SI, by index in `draw.RUNS`."""
+    """Logs of a case before they are deformed, shape (6, n), SI, by index in `draw.RUNS`."""
     return {
         index: draw.make_run(case, index) for index, run in enumerate(draw.RUNS) if Role(run.role) in roles
     }
@@ -178,7 +178,7 @@ def simulated_study(
     plan: draw.Plan | None = None,
     roles: Collection[Role] = tuple(Role),
 ) -> tuple[Study, draw.Plan]:
-    """A case with what it hides in the rig's hardware, or outside the catalogue.
+    """A case with a hidden effect of the rig's hardware, or outside the catalogue.
 
     Args:
         seed, number, tight, plan: see `simulated_case`; roles: of the runs that are made.
@@ -202,7 +202,7 @@ def _deformed(case: draw.Case, index: int, log: Array) -> Array:
 
 
 def observed(case: draw.Case, logs: Mapping[int, Array]) -> Study:
-    """What the lab of a case knows, as if read from its files: the nominal rig, and logs of some runs.
+    """The study of a case as its files describe it: the nominal rig, and logs of some runs.
 
     Args:
         logs: rows by `COLUMNS`, each of shape (6, n), SI, by index in `draw.RUNS`.
@@ -227,5 +227,5 @@ def observed(case: draw.Case, logs: Mapping[int, Array]) -> Study:
 
 
 def bare_study(seed: int, number: int, roles: Collection[Role] = tuple(Role)) -> Study:
-    """A case that hides nothing, with calibration errors and roughness as every rig has them."""
+    """A case without hidden effects, with calibration errors and roughness."""
     return simulated_study(seed, number, plan=draw.Plan("none", (), 0.0), roles=roles)[0]

@@ -110,7 +110,7 @@ class DynamicsReplay:
             found.append((change - self.study.tick / run.mass * body[:-1]) / noise)
         return found
 
-    def strayed(self) -> float:
+    def position_drift(self) -> float:
         """Mean square of the way over each tick less that of the logged velocity, over the log's digits.
 
         Whatever pushes the satellite, it moves as fast as it is.

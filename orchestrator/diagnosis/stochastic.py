@@ -1,4 +1,4 @@
-"""Stochastic effects of the sensor, known by statistics of what the best deterministic model leaves."""
+"""Stochastic effects of the sensor, detected by statistics of the best deterministic model's residual."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .benign import repeating, settled
-from .colour import COLOUR, WHITE, Colour, coloured, small_colour
+from .coloured_noise import COLOUR, WHITE, Colour, coloured, small_colour
 from .dropout import held_longer, in_turn, lost_in_contact, lost_in_flight, piled
-from .misfit import hum, stretches, uneven, wave
+from .misfit import narrow_band_line, stretches, uneven, wave
 from .model import RigModel
+from .nuisance import repeating, settled
 from .study import Array
 
 __all__ = [
@@ -26,7 +26,7 @@ __all__ = [
 _MARGIN = 40
 # Shorter flights say nothing.
 _FLIGHT = 40
-# Of one sample to the next, from which on what is coloured is no noise but wanders.
+# Correlation of neighbouring samples above which coloured noise counts as drift.
 _WANDER = 0.99
 # Samples over which noise is summed at least, to see whether it comes and goes.
 _MEMORY = 8
@@ -60,7 +60,7 @@ def flights(touching: Array) -> list[slice]:
 
 @dataclass(frozen=True)
 class Force:
-    """What the force's samples tell beside what models of the rig explain.
+    """Residual force samples beyond what models of the rig explain.
 
     Attributes:
         noises: stochastic effects found.
@@ -128,7 +128,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
     evidence, deviation, keep = coloured(parts, noise)
     # What is lost says about no line, but keeps its place in time.
     kept = [np.where(again, 0.0, r) if lost > 0.02 else r for r, again in zip(left, repeats, strict=True)]
-    line = max(hum(kept, windows)[0], _along_way(model, kept, windows))
+    line = max(narrow_band_line(kept, windows)[0], _along_way(model, kept, windows))
     if line > max(evidence, 10.0):
         return Force(tuple(found), line, held)
     small = small_colour([part / noise for part in parts])

@@ -1,4 +1,4 @@
-"""What a diagnosis is given: a rig as its lab believes it to be, and logs of its runs."""
+"""Input of a diagnosis: the calibrated rig, and logs of its runs."""
 
 from __future__ import annotations
 
@@ -158,9 +158,9 @@ def load_study(folder: Path) -> Study:
     try:
         data, places = parse(path.read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
-        told = "is no text" if isinstance(error, UnicodeDecodeError) else f"cannot be read: {error.strerror}"
+        what = "is no text" if isinstance(error, UnicodeDecodeError) else f"cannot be read: {error.strerror}"
         allowed = "a folder with case.yaml and its logs, or a study.yaml"
-        raise ConfigError([Problem(str(path), told, allowed)]) from None
+        raise ConfigError([Problem(str(path), what, allowed)]) from None
     problems: list[Problem] = []
     if not isinstance(data, dict):
         raise ConfigError([Problem(str(path), "is no study", "keys and their values, `format` among them")])

@@ -1,4 +1,4 @@
-"""Measured against modelled, signal by signal, before and after effects are added: what a report shows."""
+"""Measured and modelled signals before and after effects are added, for a report."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def traces(study: Study, run: Run, model: Augmented) -> dict[str, Trace]:
 
 
 def _body(study: Study, run: Run, model: Augmented) -> Trace:
-    """Force that the logged velocities tell, against the force that the software was given."""
+    """Force from the logged velocities, and the force that the software received."""
     replay = DynamicsReplay(study, [run])
     change = run.mass / study.tick * np.diff(run["desired_velocity"])
     noise = replay.noise[0] * run.mass / study.tick

@@ -1,4 +1,4 @@
-"""What to run next where no law can be simulated that would tell: draws, unknown effects, doubts."""
+"""The next experiment where no law can be simulated: random effects, unknown effects, doubtful tolerances."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _OF = {
 
 
 def without_rival(study: Study, finding: Finding, among: Sequence[Experiment]) -> dict[str, Any] | None:
-    """What would say more of an answer that no other law rivals.
+    """The experiment that would say more about an answer without a rival.
 
     - Of an effect that draws, evidence grows with the samples: the runs again give as much as they gave.
     - An effect outside the catalogue, or a doubtful calibration, has no law to simulate: an experiment in

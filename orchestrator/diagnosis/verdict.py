@@ -1,4 +1,4 @@
-"""What a diagnosis writes: the content of diagnosis.json, checked as it is made and as it is read."""
+"""Content of diagnosis.json, checked when it is made and when it is read."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ NAME, PAGE, AUGMENTED, EXPORTABLE = "diagnosis.json", "report.html", "augmented.
 SUSPECTED = 0.2
 # A gap smaller than this many times the noise floor is within the noise: it cannot be asked to shrink.
 WITHIN = 1.5
-# Parts of a whole are sums of floating-point numbers.
+# Shares of a total are sums of floating-point numbers.
 _ADDS_UP = 1e-9
 
 
@@ -111,7 +111,7 @@ class Gap(_Open):
     Attributes:
         before, after: of the model as calibrated, and with the effects added.
         noise_floor: of what does not repeat.
-        noise_floor_from: what tells it: repeats, the noise as specified, for some runs the one and for some
+        noise_floor_from: its origin: repeats, the noise as specified, for some runs the one and for some
             the other, or nothing; "" where nothing was held out.
         closure: (before - after)/(before - noise_floor); None where the gap is within the noise.
         interval: 95 % of it.
@@ -129,7 +129,7 @@ class Gap(_Open):
 
 
 class HowFar(Gap):
-    """One contact ahead; and over whole runs.
+    """One contact ahead; and over complete runs.
 
     Attributes:
         over_recalibration: log likelihood of runs that no fit saw, with the answer over other calibrated

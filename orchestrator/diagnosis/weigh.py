@@ -1,4 +1,4 @@
-"""Which effects cause the gap: weigh all of the catalogue against the runs of a study."""
+"""Weigh all effects of the catalogue against the runs of a study."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def weigh(study: Study) -> Finding:
 
 
 def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
-    """Make a finding of the answers of all groups; the last group is the rig's.
+    """Combine the answers of all groups to a finding; the last group is that of the rig.
 
     Log evidences of groups add up; the price of effects is that of all of them together.
     """
@@ -55,7 +55,7 @@ def conclude(groups: Sequence[Group], learned: Calibration) -> Finding:
     outside = next((group.place for group, answer in choice if answer is _OUTSIDE), "")
     places = {one.partition(".")[0] for one in first.effects if one != "outside"} | {outside} - {""}
     known = (joint[place][1] for place in order if all(one[1] is not _OUTSIDE for one in joint[place][1]))
-    # Where nothing but something outside is worth a word, the logs speak for that.
+    # If nothing but an unknown effect is probable enough, it is the answer.
     speaks = any(answer.seen for _, answer in next(known, choice))
     rig = groups[-1]
     assert rig.none is not None
@@ -123,7 +123,7 @@ def _price(answers: Sequence[Answer], named: Collection[str], learned: Calibrati
 
 
 def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:
-    """The answer to give: what the logs speak for with the largest probability, ties included.
+    """The answer with the largest probability among those with evidence, ties included.
 
     An answer with a further effect that is too small to be seen speaks for the answer without it. An effect
     is named only where it is `_NAMED` times as probable as none, beside others `_NAMED_BESIDE` times as the

@@ -21,7 +21,7 @@ class Backlash(Effect):
     jittable: ClassVar[bool] = True
 
     width: Annotated[float, OfSignal(difference=True)] = Field(
-        ge=0, description="The whole play.", allow_inf_nan=False
+        ge=0, description="The total play.", allow_inf_nan=False
     )
 
     @staticmethod

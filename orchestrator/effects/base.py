@@ -117,7 +117,7 @@ class Effect(BaseModel):
 
     @classmethod
     def prepare(cls, options: dict[str, Any], measure: Measure, place: Callable[[str], str]) -> list[Problem]:
-        """Bring options into form that need more than their marks tell; what is wrong with them."""
+        """Convert options that need more than their marks; returns their problems."""
         return []
 
 

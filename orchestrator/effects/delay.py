@@ -20,7 +20,7 @@ def earlier(
     value: float,
     back: float,
     longest: float,
-    told: bool,
+    stated: bool,
     before: float,
     memory: Array,
     commit: bool,
@@ -29,7 +29,7 @@ def earlier(
 
     Args:
         value: of the signal now; back, longest: the delay now, and the longest of any instant [s].
-        told, before: whether the signal before the start is reported, and what it was.
+        stated, before: whether the signal before the start is reported, and what it was.
         memory: a ring of instants. How many there are, place of the oldest, whether it is the start, then
             times [s], then values; an odd entry at the end is not of it.
         commit: see Effect.kernel.
@@ -56,7 +56,7 @@ def earlier(
                 y = right
             elif share > 1e-9:
                 y = left + share * (right - left)
-    elif told and (count == 0 or memory[2] != 0.0):
+    elif stated and (count == 0 or memory[2] != 0.0):
         y = before
         if count > 0 and left_time - wanted <= 1e-9 * (right_time - left_time):
             y = left

@@ -15,7 +15,7 @@ __all__ = ["Jitter"]
 
 
 class Jitter(Seeded):
-    """y(t) = x(t - U), with U drawn anew every period, between 0 and the jitter. Zero size: 0.
+    """y(t) = x(t - U), with U drawn again every period, between 0 and the jitter. Zero size: 0.
 
     Of a signal that changes once per period a change arrives so much later, as packets do. Draws are like
     those of `noise`: functions of seed and number alone.

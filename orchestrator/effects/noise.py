@@ -14,7 +14,7 @@ __all__ = ["Noise"]
 
 
 class Noise(Seeded):
-    """y = x + deviation * n, with n normally distributed, drawn anew every period from the start on.
+    """y = x + deviation * n, with n normally distributed, drawn again every period from the start.
 
     With a correlation time T a draw keeps exp(-period/T) of the one before; the deviation stays the same.
 

@@ -69,7 +69,7 @@ class ModelDescription:
         capabilities: see Capabilities.
         deviations: rules of FMI that the description breaks without harm here.
         states, event_indicators: numbers of them, for model exchange.
-        completed_step: whether a model-exchange FMU wants to hear of every completed integrator step.
+        completed_step: whether a model-exchange FMU needs a call after every completed integrator step.
         tolerance: relative tolerance that the FMU proposes; None where it does not.
         default_step, default_start, default_stop: step size, start and stop time that the FMU proposes [s];
             None where it does not.
@@ -252,7 +252,7 @@ def _parsed(path: Path, version: str) -> tuple[Any, tuple[str, ...]]:
     from fmpy.model_description import ValidationError, read_model_description
 
     try:
-        # The whole FMU is passed on, since FMI 3 spreads the description over several files.
+        # The complete FMU is passed on, since FMI 3 spreads the description over several files.
         try:
             return read_model_description(str(path), validate=True), ()
         except ValidationError as error:

@@ -50,7 +50,7 @@ class StepStatus(IntEnum):
 
 
 class FmuInstance(Protocol):
-    """A running FMU. Compiled and Python FMUs look alike; so do test doubles.
+    """A running FMU, with one interface for compiled and Python FMUs and test doubles.
 
     The order of calls: `bind`, `enter_initialisation`, any of `set_values` and `get_values`,
     `exit_initialisation`, then per step `write_inputs`, `do_step`, `read_outputs`; `terminate` after a run

@@ -97,7 +97,7 @@ class IsolatedInstance:
         try:
             frames.send(self._commands, kind, payload)
         except OSError:
-            pass  # it died before: the answer's absence tells
+            pass  # it ended before: the missing answer shows that
         try:
             return self._answer()
         except (FmuError, StepError):

@@ -204,7 +204,7 @@ def release_python_state(library: Any) -> None:
 
     When the process ends, pythonfmu 0.7 destroys that state twice, which corrupts the heap and may
     abort an otherwise successful process. Once dropped there is nothing left to destroy; a later
-    instance makes it anew. Libraries of other origin are left alone.
+    instance makes it again. Other libraries are not changed.
 
     Args:
         library: ctypes library.

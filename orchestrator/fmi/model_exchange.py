@@ -2,7 +2,7 @@
 
 Inputs are held over a step, so every change of theirs is an event at its beginning; where the master gives a
 curve, continuous ones follow it wherever the integration looks. Events at the end of a
-step belong to it: a communication point that is an event shows the values after it. Integration begins anew
+step belong to it: a communication point that is an event shows the values after it. Integration begins again
 at every communication point, so that a step depends on nothing but the FMU's state and its inputs.
 """
 
@@ -57,7 +57,7 @@ class Exchange(CompiledInstance):
     def _enter_continuous_time(self) -> None: ...
 
     def _completed_step(self) -> tuple[bool, bool]:
-        """Tell the FMU of a completed integrator step; whether it wants an event, and whether an end."""
+        """Report a completed integrator step; returns whether the FMU asks for an event, and for an end."""
         raise NotImplementedError
 
     def _sizes(self) -> tuple[int, int]:
@@ -224,7 +224,7 @@ class Exchange(CompiledInstance):
 
     def _remedy(self, events: int) -> str:
         """What to do about a step that takes too many integration steps or `events`."""
-        # After an event the integration begins anew, with some short steps.
+        # After an event the integration begins again, with some short steps.
         if 10 * events > _MOST_STEPS:
             return (
                 "Its events come without an end: give what switches in the FMU a hysteresis or a least time "

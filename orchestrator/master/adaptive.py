@@ -38,7 +38,7 @@ class Adaptive(Master):
     taken again, smaller. The size carries over to the next communication step.
 
     Estimates, per part; the largest counts:
-        doubling: the part as one step against the same part as two, of which the two are kept. It tells the
+        doubling: the part as one step against the same part as two; the two are kept. It gives the
             error of the base to leading order, at half as many steps again.
         inputs: what the inputs were supposed to be against what their sources are at the end. It costs no
             step; for inputs that are held it is larger than the error that it stands for.

@@ -37,7 +37,7 @@ class Attempt:
         error: over what is allowed; accepted up to 1.
         worst: whose error it is, a signal or a power bond.
         steps: that were taken and count; their inputs are noted only where somebody asks.
-        instance: that is to be told of it; empty: that of the signal.
+        instance: that the error is reported for; empty: that of the signal.
     """
 
     signals: Signals
@@ -49,7 +49,7 @@ class Attempt:
 
 
 class Estimate(Protocol):
-    """Takes a part and tells its error.
+    """Takes a part and estimates its error.
 
     Attributes:
         order: of the error in the part's size.
@@ -104,7 +104,7 @@ class _Forgetful:
 
 
 class _Doubling(_Forgetful):
-    """A part as one step against the same part as two, of which the two are kept."""
+    """A part as one step against the same part as two; the two are kept."""
 
     def __init__(self, instances: Instances, tolerance: Tolerance, order: int) -> None:
         self._instances = instances

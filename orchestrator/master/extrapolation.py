@@ -74,7 +74,7 @@ class Extrapolation:
         self._smooth = None if memory["all smooth"] else instances.layout.smooth
         while kept and kept[-1][0] >= point.time:
             kept.pop()
-        # A step that does not begin where the one before it ended begins anew.
+        # A step that does not begin where the one before it ended starts a new history.
         if kept and abs(kept[-1][0] + kept[-1][1] - point.time) > 1e-6 * kept[-1][1]:
             kept.clear()
         kept.append((point.time, point.step_size, values))

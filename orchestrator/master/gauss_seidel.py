@@ -13,7 +13,7 @@ __all__ = ["GaussSeidel"]
 
 
 class GaussSeidel(Extrapolating):
-    """Inputs hold the source's value from the end of the step if it has stepped already, else from the begin.
+    """Inputs hold the source's value from the end of the step if it has stepped already, else from the start.
 
     Instances step in the order of direct feedthrough (System.order), so that a signal passes through any
     number of instances without delay; where feedthrough leaves it open, the config's order decides, and with

@@ -42,7 +42,7 @@ class NonFiniteSources:
             self._raise_non_finite(port, value, None)
 
     def blame_inputs(self, index: int, point: Point, error: StepError) -> None:
-        """An FMU that fails on a NaN it was given is not the culprit: name the one that gave it.
+        """Name the FMU that produced a NaN, not the one that fails on it.
 
         Raises: StepError in place of `error` if the instance's inputs are not finite.
         """

@@ -397,7 +397,7 @@ class Instances:
         return float(self._values[chain[-1].place])
 
     def terminate(self) -> None:
-        """End a run that went well; an FMU that fails at that changes no result, and is told as a warning."""
+        """End a successful run; a failure of an FMU here changes no result and is reported as a warning."""
         self.terminated = True
         for index, one in enumerate(self.running):
             try:
@@ -476,7 +476,7 @@ def instantiate(
     finally:
         for index, one in reversed(list(enumerate(instances.running))):
             if not finished and one.name != failed and index < instances.started:
-                with suppress(OrchestratorError):  # the first error is the one to tell
+                with suppress(OrchestratorError):  # the first error is reported
                     one.terminate()
             with suppress(OrchestratorError):
                 if pool is None:

@@ -33,7 +33,7 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class RunFolder:
-    """A run as its folder tells it.
+    """A run, read from its folder.
 
     Attributes:
         name: of the folder.

@@ -16,7 +16,7 @@ __all__ = ["NAME", "left_out", "page_name", "report"]
 # Of the page, where it is not named.
 NAME = "report.html"
 
-# What a folder may hold that is no run, by what tells it.
+# Other contents of a folder than a run, by the file that identifies them.
 _FILES = {"store": "store.json", "diagnosis": "diagnosis.json", "reproduction": "reproduction.json"}
 _ALLOWED = "what run --out, sweep --store, reproduce or diagnose wrote, or several run folders"
 
@@ -104,7 +104,7 @@ def _specials(folder: Path) -> list[str]:
 
 
 def _kind(folder: Path) -> str:
-    """Of which of the things that a folder holds its page is; empty if of none.
+    """The content of a folder that its page shows; empty if there is none.
 
     A diagnosis and a reproduction come last: they have pages of their own.
     """

@@ -156,7 +156,7 @@ class StreamedColumns(Mapping[str, Array]):
     asked for one after another are read ahead: twice as many in each pass, up to a fixed size in memory.
 
     Attributes:
-        rows: of the whole blocks that the file holds.
+        rows: of the complete blocks in the file.
         units, types: of the columns.
         metadata: texts that the file carries.
     """

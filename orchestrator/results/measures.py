@@ -37,7 +37,7 @@ class Measure(Protocol):
     Attributes:
         options: pydantic model of the options that the config gives. If it has a method `signals()`, the
             names that it returns are recorded whatever the config says; it is an error if they do not exist.
-        units: where the measure tells them, units of its numbers by their keys.
+        units: optional; units of its numbers by their keys.
     """
 
     options: ClassVar[type[BaseModel]]

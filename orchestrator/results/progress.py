@@ -37,7 +37,7 @@ class Progress:
     def __init__(self, points: int, label: str = "", file: TextIO | None = None) -> None:
         """
         Args:
-            points: number of communication points of the whole run.
+            points: number of communication points of the complete run.
             label: stands before the bar.
             file: where to; the standard error by default.
         """
@@ -80,7 +80,7 @@ class Progress:
 
 @contextmanager
 def counting(total: int, label: str, unit: str, shown: bool = True) -> Iterator[Callable[..., None]]:
-    """A bar with rate and time left on a terminal, from two seconds on; nothing elsewhere.
+    """A bar with rate and remaining time on a terminal, after two seconds; nothing elsewhere.
 
     Args:
         total: how many there are, if that is known.

@@ -27,7 +27,7 @@ _SECONDS_PER_FLUSH = 1.0
 _ROWS, _WIDE = 1024, 128
 _TYPES = {Kind.REAL: np.dtype(np.float64), Kind.BOOLEAN: np.dtype(np.bool_)}
 _WHOLE, _UNSIGNED = np.dtype(np.int64), np.dtype(np.uint64)
-# From this size on numpy asks the kernel for huge pages [B].
+# Least size for which numpy asks the kernel for huge pages [B].
 _HUGE = 1 << 22
 
 
@@ -170,7 +170,7 @@ class Recorder:
         self._flushed = monotonic()
 
     def close(self) -> None:
-        """Write what is left and close the file."""
+        """Write the remaining rows and close the file."""
         if self._writer is not None:
             self.flush()
             self._writer.close()

@@ -110,7 +110,7 @@ def judge(
     unread = model.measures.keys() & set(measure_names()) - {one.name for one in measures}
     unchecked += [f"signals of measures.{name}" for name in sorted(unread)]
     needed = {name: ("measures", one.name) for one in measures for name in one.signals()}
-    # Of an unknown master it cannot be reported whether it solves loops: one mistake is to be told, not two.
+    # Whether an unknown master solves loops is unknown: one mistake is reported once.
     judged = judge_system(draft, needed, loops=master is None or master.solves_loops)
     problems += judged.problems
     unchecked += judged.unchecked

@@ -71,7 +71,7 @@ def algebraic_loops(
                 found.notes += [] if initial else [_note(members, targets, place)]
                 continue
             if declared and not any(hop in declared for hop in pairwise([*cycle, cycle[0]])):
-                # Told is a loop for which it is refused.
+                # A loop is reported because it is rejected.
                 node, output = declared[0]
                 cycle = graph.shortest_cycle(
                     [[output] if index == node else after for index, after in enumerate(successors)],
@@ -146,7 +146,7 @@ def loop_problem(
     reason: str = "",
     step_size: float | None = None,
 ) -> Problem:
-    """An algebraic loop, told hop by hop.
+    """An algebraic loop, described connection by connection.
 
     Args:
         loop: inputs and outputs in turn, beginning with an input.

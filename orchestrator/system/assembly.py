@@ -71,7 +71,7 @@ def judge_system(
     """The system of a config that may have problems, as far as it is known, and its further problems.
 
     Args:
-        draft: a config of which something can be read.
+        draft: a config that can be read in part.
         needed, loops: see `load_system`.
     """
     config, gaps = draft.config, draft.gaps
@@ -193,7 +193,7 @@ def _assemble(
     for one in single:
         apart: list[Problem] = []
         made = connect(one, descriptions, absent, places, folder, step_size, apart, notes)
-        # Of an effect on an array every element tells the same.
+        # Every element reports the same problem of an effect on an array.
         found += [problem for problem in apart if problem not in reported]
         reported.update(apart)
         if made is None:
@@ -285,7 +285,7 @@ def _stated(
     fed: set[str] = set()
     every, unknown = meant(Ends(0, (), ""), descriptions), gaps.further("connections")
     for index, connection in enumerate(connections):
-        # Of one of which nothing is known, too: it may feed any input.
+        # Also an unknown one: it may feed any input.
         known = gaps.whole("connections", index)
         whole = Ends(index, (), "", known=False) if connection is None else Ends.of(index, connection, known)
         ends, targets, wrong = elements(whole, descriptions, places)

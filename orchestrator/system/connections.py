@@ -271,7 +271,7 @@ class _Judge:
         return None
 
     def apart(self, sources: list[Port], target: Port | None) -> None:
-        """Judge each end of a connection of which not all is known."""
+        """Check each end of a connection that is known in part."""
         ends = [(port, Causality.OUTPUT) for port in sources]
         ends += [(target, Causality.INPUT)] if target is not None else []
         for port, causality in ends:

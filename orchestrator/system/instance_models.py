@@ -43,7 +43,7 @@ class Parts:
 
     Attributes:
         parts: in the config's order.
-        absent: those of which there are none.
+        absent: those that do not exist.
         unsettled: names of parts whose own step size is not known.
     """
 

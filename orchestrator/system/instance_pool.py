@@ -13,7 +13,7 @@ __all__ = ["InstancePool"]
 
 
 class InstancePool:
-    """Instances that are reset after a run and taken again by the next, instead of being loaded anew.
+    """Instances that are reset after a run and reused by the next, instead of being loaded again.
 
     To load an FMU takes as long as thousands of steps. For FMUs whose reset can be trusted only; runs may be
     in several threads, each has instances of its own.

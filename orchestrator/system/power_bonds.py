@@ -44,7 +44,7 @@ class Bond:
             one where instances in between (a force sensor, a controller) pass the effort on.
         motion: flow or displacement of the taker; positive effort along it gives the taker energy.
         flow: the connections from the taker back to the giver, by way of a robot, for example; none where the
-            giver is not told of the motion.
+            source does not receive the motion.
         displaced: for `motion` and each connection of `flow`, whether it is a displacement, not a flow.
         sign: -1 where a positive effort along the motion takes energy from the taker.
         rates: connections between the same instances as displacements of `flow`, of their rates, which are

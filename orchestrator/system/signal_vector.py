@@ -177,7 +177,7 @@ class Layout:
         return tuple(found[place] for place in sorted(found))
 
     def chain(self, connection: Connection) -> tuple[Wired, ...]:
-        """What makes a connection's signal, in turn: legs with effects of their own, last the whole."""
+        """Steps that compute a connection's signal: legs with their own effects first, then the sum."""
         (whole,) = (one for one in self.wired if one.connection is connection)
         return (*(one for one in self.wired if one.place in whole.source), whole)
 
@@ -217,7 +217,7 @@ def _wired(system: System, index: Mapping[Port, int]) -> tuple[Wired, ...]:
 
 
 def _wire(connection: Connection) -> Wire:
-    """How a connection's signal is made; effects of a sole leg without a factor are those of the whole."""
+    """How a connection's signal is computed; effects of a single leg without a factor act on the sum."""
     assert connection.wire is not None
     legs, links = connection.wire
     if len(legs) == 1 and (legs[0].gain, legs[0].offset) == (1.0, 0.0):

@@ -27,7 +27,7 @@ from orchestrator.diagnosis.challenge.hidden import HARDWARE, HIDDEN
 from orchestrator.diagnosis.challenge.score import BANDS, Marked, _ece, _ece_exact, band
 from orchestrator.diagnosis.challenge.verdict import Answer, Verdict, answer_set
 from orchestrator.diagnosis.fit import Fit
-from orchestrator.diagnosis.learning import Practice, learn, learn_leaves
+from orchestrator.diagnosis.learning import WeighedCase, learn, learn_leaves
 from orchestrator.diagnosis.weigh import conclude
 
 _FOLDS = 5
@@ -39,7 +39,7 @@ def of_hardware_alone(learned: Calibration) -> Calibration:
     return replace(learned, hidden=learned.hidden + more, beside=learned.beside + more)
 
 
-def marked(case: Practice, learned: Calibration) -> Marked:
+def marked(case: WeighedCase, learned: Calibration) -> Marked:
     """A practised case, weighed by what was learned of others."""
     none = cast(Fit, SimpleNamespace(calibrated={}))
     found = conclude([Group(case.answers, case.beside, "contact", none)], learned)
@@ -68,7 +68,7 @@ def main() -> None:
     practised = _of_kinds(_chosen_kinds("all")).values()
     kept = [(name, str(number)) for number, name, _ in practised if str(number) in seen["odd"]]
     names = sorted({name for name, _ in kept})
-    odd: list[list[Practice]] = [[] for _ in range(_FOLDS)]
+    odd: list[list[WeighedCase]] = [[] for _ in range(_FOLDS)]
     for name, number in kept:
         odd[names.index(name) % _FOLDS].append(_read(seen["odd"][number]))
     every: list[Marked] = []

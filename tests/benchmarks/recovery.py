@@ -17,11 +17,11 @@ from threadpoolctl import threadpool_limits
 from orchestrator.diagnosis.answers import REPLAYS
 from orchestrator.diagnosis.catalogue import catalogue, of_hardware
 from orchestrator.diagnosis.challenge import draw, hidden
-from orchestrator.diagnosis.challenge.knobs import CALIBRATED
+from orchestrator.diagnosis.challenge.rig_parameters import CALIBRATED
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import logged, observed
 from orchestrator.diagnosis.search import roughness
+from orchestrator.diagnosis.simulated_cases import logged, observed
 from orchestrator.diagnosis.study import Role, Study
 
 

@@ -27,9 +27,9 @@ from orchestrator.diagnosis.challenge.hidden import between
 from orchestrator.diagnosis.experiments import _tied, next_experiment
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.menu import menu
-from orchestrator.diagnosis.practice import logged, observed
+from orchestrator.diagnosis.predicted_runs import Chain, Trial
+from orchestrator.diagnosis.simulated_cases import logged, observed
 from orchestrator.diagnosis.study import Role, Study
-from orchestrator.diagnosis.trial import Chain, Trial
 from orchestrator.diagnosis.weigh import weigh
 from tests.diagnosis.labs import Noisy
 

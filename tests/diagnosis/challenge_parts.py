@@ -9,9 +9,9 @@ import numpy as np
 from orchestrator.diagnosis.challenge.contact import contact_force
 from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run
 from orchestrator.diagnosis.challenge.draw import TICKS as RUN_TICKS
-from orchestrator.diagnosis.challenge.knobs import knobs
 from orchestrator.diagnosis.challenge.plant import fresh, integrate
 from orchestrator.diagnosis.challenge.rig import COLUMNS, drive
+from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
 from orchestrator.diagnosis.challenge.series import draw_series
 from orchestrator.diagnosis.challenge.software import (
     compensate,
@@ -47,12 +47,12 @@ def force_at(depth, rate=0.0, t=0.0, memory=(), **values):
     s[0], s[1] = PLANT["front"] + depth, rate
     for place, value in memory:
         remembered[place] = value
-    return contact_force(knobs({**PLANT, **values}), t, s, remembered)[0]
+    return contact_force(rig_parameters({**PLANT, **values}), t, s, remembered)[0]
 
 
 def moved(command, ticks, start=0.0, speed=0.0, **values):
     """Position of the rod, and force on it, at each tick, under commands by time; shape (2, ticks)."""
-    p = knobs({**PLANT, **values})
+    p = rig_parameters({**PLANT, **values})
     s, memory, work, times, sensed = fresh()
     s[0], s[1] = start, speed
     count, out = 0, np.zeros((2, ticks))
@@ -76,13 +76,13 @@ def twice(now):
 def pushed(force, tick=0, **values):
     """Speed after a tick of a satellite of 100 kg at rest [m/s]."""
     state = first_satellite(0.0)
-    move_satellite(knobs(values), 100.0, tick * TICK, TICK, force, 0.0, state)
+    move_satellite(rig_parameters(values), 100.0, tick * TICK, TICK, force, 0.0, state)
     return state[1]
 
 
 def answers(forces, desired=0.0, **values):
     """The controller's output at each of some forces; the rod stays where it is."""
-    p, state, found = knobs(values), first_controller(1e5, 50.0, 0.0, 0.0), []
+    p, state, found = rig_parameters(values), first_controller(1e5, 50.0, 0.0, 0.0), []
     for force in forces:
         compensate(p, 1e5, 1.8e-3, TICK, force, 0.0, desired, 0.0, state)
         found.append(state[11])
@@ -103,10 +103,10 @@ def smooth():
 
 
 @cache
-def driven(**knobs):
-    """What the blocks of that rig give without noise, driven by its log, with some knobs besides; series."""
+def driven(**rig_parameters):
+    """Output of the rig's blocks without noise, driven by its log, with further parameters; the series."""
     case, log = smooth()
-    values = {**case.values, "noise_scale": 0.0, **knobs}
+    values = {**case.values, "noise_scale": 0.0, **rig_parameters}
     series = draw_series(values, NOISE, RUN_TICKS, np.random.SeedSequence(1))
     return drive(case.lab, values, RUN.mass, RUN.speed, log, series), series
 

@@ -17,11 +17,11 @@ from orchestrator.diagnosis.answers import Answer, complete
 from orchestrator.diagnosis.calibrate import _outcomes, _written, main
 from orchestrator.diagnosis.calibration import FILE, Calibration, calibration
 from orchestrator.diagnosis.challenge.draw import SHARES
-from orchestrator.diagnosis.learning import Practice, learn_leaves, learn_unseen
+from orchestrator.diagnosis.learning import WeighedCase, learn_leaves, learn_unseen
 from orchestrator.fmi.workers import Work, pool_of
 
 
-def practised(number: int) -> Practice:
+def practised(number: int) -> WeighedCase:
     """A case of three effects, of which one is always seen, one never, and one in every other case."""
     truth = ((), ("a.seen",), ("a.unseen",), ("b.both",), ("a.seen", "b.both"), ("outside",))[number % 6]
     rng = np.random.default_rng(number)
@@ -30,7 +30,7 @@ def practised(number: int) -> Practice:
     answers = [Answer((), 0.0, 50.0 * (truth == ("outside",)) + 3.0 * rng.random())]
     if shown:
         answers.append(Answer(tuple(shown), sum(gains[one] for one in shown), 2.0 * rng.random()))
-    return Practice(truth, 0.1, tuple(complete(answers, ("a.seen", "a.unseen", "b.both"))), 0.0)
+    return WeighedCase(truth, 0.1, tuple(complete(answers, ("a.seen", "a.unseen", "b.both"))), 0.0)
 
 
 def test_what_stays_unseen_is_learned():
@@ -41,11 +41,11 @@ def test_what_stays_unseen_is_learned():
 
 
 def test_what_effects_leave_unexplained_is_learned():
-    def case(name: str, gain: float, left: float) -> Practice:
+    def case(name: str, gain: float, left: float) -> WeighedCase:
         answers = (Answer((), 0.0, gain), Answer((name,), gain, left))
-        return Practice((name,), 1.0, answers, 0.0)
+        return WeighedCase((name,), 1.0, answers, 0.0)
 
-    bare = [Practice((), 0.0, (Answer((), 0.0, 3.0),), 0.0)] * 20
+    bare = [WeighedCase((), 0.0, (Answer((), 0.0, 3.0),), 0.0)] * 20
     rough = [case("a.rough", gain, 3.0 + 0.05 * gain) for gain in (500.0, 3000.0, 9000.0)]
     clean = [case("b.clean", gain, 2.0) for gain in (500.0, 3000.0, 9000.0)]
     leaves = learn_leaves([*bare, *rough, *clean])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.challenge.knobs import knobs
 from orchestrator.diagnosis.challenge.outside_fresh import FRESH
+from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
 from orchestrator.diagnosis.challenge.software import (
     compensate,
     first_controller,
@@ -214,7 +214,7 @@ def test_the_delay_wanders_slowly_and_is_never_less_than_it_was():
 
 
 def test_what_a_force_is_on_average_is_taken_for_its_zero():
-    p, state, speeds = knobs({"rezero": 0.5}), first_satellite(0.0), [0.0]
+    p, state, speeds = rig_parameters({"rezero": 0.5}), first_satellite(0.0), [0.0]
     for tick in range(1500):
         move_satellite(p, 100.0, tick * TICK, TICK, 10.0 if tick < 1000 else 0.0, 0.0, state)
         speeds.append(state[1])
@@ -225,7 +225,7 @@ def test_what_a_force_is_on_average_is_taken_for_its_zero():
 
 
 def test_a_satellite_is_led_back_to_where_the_rod_is():
-    p = knobs({"corrected": 50.0})
+    p = rig_parameters({"corrected": 50.0})
     for mass, there in ((100.0, 1e-4), (500.0, -2e-4)):
         state = first_satellite(0.0)
         state[11] = there
@@ -237,7 +237,7 @@ def test_a_satellite_is_led_back_to_where_the_rod_is():
 
 def test_a_dull_derivative_follows_the_force_s_slope_more_slowly():
     forces = [0.5 * tick for tick in range(25)] + [12.0] * 15
-    p, dull, plain = knobs({"dull": 0.4}), first_controller(1e5, 50.0, 0.0, 0.0), answers(forces)
+    p, dull, plain = rig_parameters({"dull": 0.4}), first_controller(1e5, 50.0, 0.0, 0.0), answers(forces)
     slope, found, expected = 0.0, [], []
     for before, force in pairwise([0.0, *forces]):
         compensate(p, 1e5, 1.8e-3, TICK, force, 0.0, 0.0, 0.0, dull)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from orchestrator.diagnosis.challenge.draw import RUNS, Plan, draw_case, make_run, run_series
-from orchestrator.diagnosis.challenge.knobs import knobs
 from orchestrator.diagnosis.challenge.rig import COLUMNS, drive
+from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
 from orchestrator.diagnosis.challenge.series import HISTORY, draw_series
 from orchestrator.diagnosis.challenge.software import (
     compensate,
@@ -72,7 +72,7 @@ def test_weak_forces_are_ignored_and_strong_ones_less_felt():
 
 
 def test_a_plume_pushes_off_the_port_and_fades_with_the_distance():
-    p, pushes = knobs({"plume": 6.0, "plume_reach": 2e-3}), []
+    p, pushes = rig_parameters({"plume": 6.0, "plume_reach": 2e-3}), []
     for position in (0.006, 0.005, 0.003, -0.005):
         state = first_satellite(0.0)
         state[0] = position
@@ -291,7 +291,7 @@ def test_commands_come_later_while_the_sensor_has_news():
 
 
 def test_what_is_loose_stays_behind_until_its_gap_is_used_up():
-    p, state = knobs({"loose": 0.2, "loose_gap": 1e-4, "loose_omega": 100.0}), first_satellite(0.0)
+    p, state = rig_parameters({"loose": 0.2, "loose_gap": 1e-4, "loose_omega": 100.0}), first_satellite(0.0)
     assert pushed(1.0, loose=0.2, loose_gap=1e-4, loose_omega=100.0) == pytest.approx(1e-3 / 80.0)
     for tick in range(400):
         move_satellite(p, 100.0, tick * TICK, TICK, 5.0 if tick < 200 else 0.0, 0.0, state)
@@ -474,7 +474,7 @@ def test_a_valve_sticks_from_one_instant_until_its_tank_is_empty():
     stuck = {"stuck": 2.0, "stuck_from": 0.5, "stuck_time": 0.2}
     speeds = [pushed(0.0, tick, **stuck) for tick in (499, 501, 700)]
     assert speeds == pytest.approx(2e-5 * np.array([0.0, np.exp(-0.005), np.exp(-1.0)]), rel=1e-3)
-    p, state = knobs(stuck), first_satellite(0.0)
+    p, state = rig_parameters(stuck), first_satellite(0.0)
     for tick in range(3000):
         move_satellite(p, 100.0, tick * TICK, TICK, 0.0, 0.0, state)
     assert state[1] == pytest.approx(2.0 * 0.2 / 100.0, rel=0.01)
@@ -489,7 +489,7 @@ def test_an_output_is_late_now_and_then_where_stiffness_is_estimated():
 
 
 def test_a_payload_that_is_not_there_is_taken_for_one():
-    p, plain = knobs({"payload": 1.5}), knobs({})
+    p, plain = rig_parameters({"payload": 1.5}), rig_parameters({})
     with_it, without = (first_controller(1e5, 50.0, 0.0, 0.0) for _ in range(2))
     for tick in range(1, 60):
         # Half a metre per second squared; below 4 N, there is nothing but the force.

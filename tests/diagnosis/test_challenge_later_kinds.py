@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.knobs import knobs
+from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
 from orchestrator.diagnosis.challenge.series import HISTORY
 from orchestrator.diagnosis.challenge.software import (
     compensate,
@@ -223,7 +223,7 @@ def test_what_presses_hard_is_taken_for_one_body_with_the_port():
 
 
 def test_a_navigation_filter_sets_the_speed_to_coarse_steps_time_and_again():
-    p, state = knobs({"fix": 1e-3, "fix_period": 0.0505}), first_satellite(0.0)
+    p, state = rig_parameters({"fix": 1e-3, "fix_period": 0.0505}), first_satellite(0.0)
     for tick in range(400):
         before = state[1]
         move_satellite(p, 100.0, tick * TICK, TICK, 2.0, 0.0, state)
@@ -235,7 +235,7 @@ def test_a_navigation_filter_sets_the_speed_to_coarse_steps_time_and_again():
 
 
 def test_a_controller_sums_up_the_force_of_each_contact():
-    p, plain = knobs({"summed": 0.5}), knobs({})
+    p, plain = rig_parameters({"summed": 0.5}), rig_parameters({})
     summing, without = (first_controller(1e5, 50.0, 0.0, 0.0) for _ in range(2))
     more = []
     for force in [20.0] * 100 + [2.0] * 10 + [-30.0] * 50:
@@ -248,7 +248,7 @@ def test_a_controller_sums_up_the_force_of_each_contact():
 
 
 def test_a_controller_believes_in_part_what_it_expects():
-    p, plain = knobs({"blend": 0.4}), knobs({})
+    p, plain = rig_parameters({"blend": 0.4}), rig_parameters({})
     half, without = (first_controller(1e5, 50.0, 0.0, 0.0) for _ in range(2))
     for tick in range(60):
         # A rod that goes 1 mm in; the sensor reads a tenth less than the spring gives.

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.knobs import knobs
+from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
 from orchestrator.diagnosis.challenge.software import (
     compensate,
     first_controller,
@@ -201,7 +201,7 @@ def test_a_command_that_hardly_differs_is_not_sent():
 
 
 def test_what_touches_the_port_thrusts_once_in_each_contact():
-    p, state = knobs({"seek": 3.0, "seek_force": 10.0, "seek_time": 0.05}), first_satellite(0.0)
+    p, state = rig_parameters({"seek": 3.0, "seek_force": 10.0, "seek_time": 0.05}), first_satellite(0.0)
     speeds = []
     forces = [-20.0] * 200 + [0.0] * 10 + [20.0] * 100 + [0.0] * 10 + [-20.0] * 20
     for tick, force in enumerate(forces):
@@ -216,7 +216,7 @@ def test_what_rubs_in_its_hinge_is_taken_along_but_for_hard_pushes():
     hinge = {"rubbed": 0.2, "rubbed_force": 1.0}
     assert pushed(4.0, **hinge) == pytest.approx(pushed(4.0))  # a fifth of it: 0.8 N
     assert pushed(20.0, **hinge) == pytest.approx(19.0 / 80.0 * TICK)
-    p, state = knobs(hinge), first_satellite(0.0)
+    p, state = rig_parameters(hinge), first_satellite(0.0)
     for tick in range(400):
         move_satellite(p, 100.0, tick * TICK, TICK, 20.0 if tick < 100 else 0.0, 0.0, state)
         assert 80.0 * state[1] + 20.0 * state[9] == pytest.approx(0.02 * min(tick + 1, 100))
@@ -224,7 +224,7 @@ def test_what_rubs_in_its_hinge_is_taken_along_but_for_hard_pushes():
 
 
 def test_a_contact_gives_back_less_once_most_of_it_is_back():
-    p, plain = knobs({"passive": 0.3, "passive_from": 0.25}), knobs({})
+    p, plain = rig_parameters({"passive": 0.3, "passive_from": 0.25}), rig_parameters({})
     guarded, free = (first_controller(1e5, 50.0, 0.0, 0.0) for _ in range(2))
     shares, back = [], []
     stored = highest = 0.0
@@ -241,7 +241,7 @@ def test_a_contact_gives_back_less_once_most_of_it_is_back():
 
 
 def test_friction_that_is_not_there_is_compensated_in_contact():
-    p, plain = knobs({"helped": 2.0, "helped_rate": 2e-3}), knobs({})
+    p, plain = rig_parameters({"helped": 2.0, "helped_rate": 2e-3}), rig_parameters({})
     for force, expected in ((30.0, 2.0), (-30.0, 2.0), (2.0, 0.0)):
         helped, without = (first_controller(1e5, 50.0, 0.0, 0.0) for _ in range(2))
         for tick in range(1, 40):

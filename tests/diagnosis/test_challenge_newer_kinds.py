@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.challenge.knobs import knobs
+from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
 from orchestrator.diagnosis.challenge.software import (
     compensate,
     first_controller,
@@ -209,7 +209,7 @@ def test_a_computer_that_stands_by_sends_what_is_behind_now_and_then():
 
 
 def test_a_keeper_of_stations_pushes_back_what_leaves_its_box():
-    p, mass = knobs({"box": 2.0, "box_edge": 3e-3}), 100.0
+    p, mass = rig_parameters({"box": 2.0, "box_edge": 3e-3}), 100.0
     for position, speed, push in (
         (2.9e-3, 0.01, 0.0),
         (3.1e-3, 0.01, -2.0),
@@ -224,7 +224,7 @@ def test_a_keeper_of_stations_pushes_back_what_leaves_its_box():
 
 
 def test_a_satellite_s_force_is_smoothed():
-    p, state, speeds = knobs({"smoothed": 4e-3}), first_satellite(0.0), [0.0]
+    p, state, speeds = rig_parameters({"smoothed": 4e-3}), first_satellite(0.0), [0.0]
     for tick in range(60):
         move_satellite(p, 100.0, tick * TICK, TICK, 10.0 if tick < 30 else 0.0, 0.0, state)
         speeds.append(state[1])
@@ -239,7 +239,7 @@ def test_what_a_controller_leads_by_is_bounded():
     rise = [0.5 * tick for tick in range(8)] + [3.5 - 3.0 * tick for tick in range(8)]
     plain, none = answers(rise), answers(rise, lead=-1.8e-3)
     for bound in (0.3, 1.0, 50.0):
-        p, state = knobs({"lead_bound": bound}), first_controller(1e5, 50.0, 0.0, 0.0)
+        p, state = rig_parameters({"lead_bound": bound}), first_controller(1e5, 50.0, 0.0, 0.0)
         found, led = [], []
         for force in rise:
             compensate(p, 1e5, 1.8e-3, TICK, force, 0.0, 0.0, 0.0, state)

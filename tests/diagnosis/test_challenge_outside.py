@@ -12,10 +12,10 @@ from orchestrator.diagnosis.challenge import make
 from orchestrator.diagnosis.challenge.draw import NOISE, RUNS, Plan, draw_case, make_run, run_series
 from orchestrator.diagnosis.challenge.evidence import visibility
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.challenge.knobs import knobs
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.challenge.outside_fresh import FRESH
 from orchestrator.diagnosis.challenge.rig import TICK, drive
+from orchestrator.diagnosis.challenge.rig_parameters import rig_parameters
 from orchestrator.diagnosis.challenge.series import HISTORY, draw_series
 from orchestrator.diagnosis.challenge.software import first_satellite, move_satellite
 
@@ -114,7 +114,7 @@ def test_a_clock_that_is_set_right_delays_up_to_a_bound():
 
 
 def test_thrusters_brake_to_half_of_the_speed_at_which_they_fire():
-    p, mass = knobs({"thrust": 2.0, "thrust_speed": 0.01}), 100.0
+    p, mass = rig_parameters({"thrust": 2.0, "thrust_speed": 0.01}), 100.0
     state = first_satellite(0.02)
     for tick in range(2000):
         move_satellite(p, mass, 1e-3 * tick, 1e-3, 0.0, 0.0, state)
@@ -122,7 +122,7 @@ def test_thrusters_brake_to_half_of_the_speed_at_which_they_fire():
 
 
 def test_a_satellite_that_burns_fuel_is_moved_ever_more():
-    p = knobs({"fuel": 0.05})
+    p = rig_parameters({"fuel": 0.05})
     speeds = []
     for now in (0.0, 10.0):
         state = first_satellite(0.0)

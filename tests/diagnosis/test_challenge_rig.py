@@ -23,12 +23,12 @@ from orchestrator.diagnosis.challenge.draw import (
 )
 from orchestrator.diagnosis.challenge.evidence import imitated, visibility
 from orchestrator.diagnosis.challenge.hidden import HIDDEN, TIED, Hidden
-from orchestrator.diagnosis.challenge.knobs import CALIBRATED
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.challenge.outside_fresh import FRESH
 from orchestrator.diagnosis.challenge.rig import drive
+from orchestrator.diagnosis.challenge.rig_parameters import CALIBRATED
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import observed
+from orchestrator.diagnosis.simulated_cases import observed
 from orchestrator.diagnosis.software import ControllerReplay, DynamicsReplay
 
 _ALL = {**HIDDEN, **OUTSIDE, **FRESH}

@@ -17,7 +17,7 @@ from orchestrator.diagnosis.answers import weigh_software
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.checks import check_logs
 from orchestrator.diagnosis.consistency import _force_of_velocity, _force_out_of_contact
-from orchestrator.diagnosis.mistakes import told_once
+from orchestrator.diagnosis.mistakes import merged_problems
 from orchestrator.diagnosis.study import Role, load_study
 
 CASES = Path(__file__).parents[3] / "shared" / "gap" / "cases"
@@ -299,5 +299,5 @@ def test_the_labelled_cases_have_good_data():
 @pytest.mark.parametrize(("runs", "said"), [(2, "the same in 1 more run"), (3, "the same in 2 more runs")])
 def test_what_is_the_same_in_several_runs_is_told_once(runs, said):
     of_each = [Problem(f"run-{number}: force", "is mirrored", "", "Turn it.") for number in range(runs)]
-    (told,) = told_once(of_each, "the same in {} more run{s}")
+    (told,) = merged_problems(of_each, "the same in {} more run{s}")
     assert told.what == f"is mirrored; {said}"

@@ -15,11 +15,11 @@ from logged import logged_study, with_column, write_case
 from orchestrator.base.digests import file_digest
 from orchestrator.base.errors import ConfigError, OrchestratorError
 from orchestrator.cli.main import main
+from orchestrator.diagnosis.analyses import Analyses
 from orchestrator.diagnosis.catalogue import catalogue, in_words
 from orchestrator.diagnosis.diagnose import STAGES, diagnose
 from orchestrator.diagnosis.finding import Augmented, Candidate, Finding
 from orchestrator.diagnosis.headline import headline, nats, percent
-from orchestrator.diagnosis.parts import Parts
 from orchestrator.diagnosis.report_text import text as in_lines
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.verdict import read_diagnosis
@@ -68,7 +68,7 @@ def parts(found=None, **other):
             "between": ["contact.hertz", "contact.cubic"]},
         "numerics": lambda study, found: {"fraction": 0.002},
     } | other  # fmt: skip
-    return Parts(weigh, **made), seen
+    return Analyses(weigh, **made), seen
 
 
 @pytest.fixture(scope="module")
@@ -279,7 +279,7 @@ LOGGED = logged_study(ticks=900)
 
 
 def test_command(study, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(Parts, "standard", staticmethod(lambda: parts()[0]))
+    monkeypatch.setattr(Analyses, "standard", staticmethod(lambda: parts()[0]))
     good = write_case(study, tmp_path / "good")
     bad = write_case(with_column(study, "sensor_force", np.negative), tmp_path / "bad")
     assert main(["diagnose", str(good), "--out", str(tmp_path / "one")]) == 0

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from orchestrator.diagnosis import benign
+from orchestrator.diagnosis import nuisance
 from orchestrator.diagnosis.answers import Answer, Group, complete
-from orchestrator.diagnosis.benign import Weighing
 from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.colour import coloured
+from orchestrator.diagnosis.coloured_noise import coloured
 from orchestrator.diagnosis.dropout import in_turn, lost_in_contact, piled
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.links import search_behind
+from orchestrator.diagnosis.link_effects import search_behind
 from orchestrator.diagnosis.misfit import unexplained, wave
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import ODDITIES, bare_study, simulated_case, simulated_study
-from orchestrator.diagnosis.rough import Strayed, learn_roughness
+from orchestrator.diagnosis.nuisance import Weighing
+from orchestrator.diagnosis.roughness_learning import RoughnessProblem, learn_roughness
 from orchestrator.diagnosis.search import directions, roughness
+from orchestrator.diagnosis.simulated_cases import ODDITIES, bare_study, simulated_case, simulated_study
 from orchestrator.diagnosis.stochastic import sensor_noise
 from orchestrator.diagnosis.study import Nominal, Role
 from orchestrator.diagnosis.weigh import conclude
@@ -47,7 +47,7 @@ def test_how_a_run_begins_is_no_effect(monkeypatch):
 
     own = with_columns(study(), late)
     assert named(own).effects == ()
-    monkeypatch.setattr(benign, "SETTLED", 0)
+    monkeypatch.setattr(nuisance, "SETTLED", 0)
     assert named(own).effects != ()
 
 
@@ -68,7 +68,7 @@ def test_a_small_wave_of_the_encoder_is_roughness_and_a_large_one_is_not():
 def test_contacts_that_begin_a_little_early_or_late_are_roughness(monkeypatch):
     own = bare_study(11, 26)  # its frames stand up to 4 micrometres elsewhere from one contact to the next
     found = weigh_rig(own).answers[0]
-    monkeypatch.setattr(benign, "_SCATTER", 1e-12)
+    monkeypatch.setattr(nuisance, "_SCATTER", 1e-12)
     plain = weigh_rig(own).answers[0]
     assert found.left < 3.0 and plain.left > 8.0
 
@@ -234,10 +234,12 @@ def test_roughness_that_takes_up_too_much_is_told():
     ends = np.cumsum([len(one) for one in r])[:-1]
     white = rng.standard_normal(size)
     usual, large = (np.split(white + columns @ (by * rng.standard_normal(6)), ends) for by in (1.0, 30.0))
-    assert fitter.marginal.strayed(usual) < 5.0 and fitter.marginal.strayed(large) > 500.0
+    assert (
+        fitter.marginal.roughness_evidence(usual) < 5.0 and fitter.marginal.roughness_evidence(large) > 500.0
+    )
     # Nothing of it shows in what is left.
     assert unexplained(fitter.marginal.left(large)) < 10.0
-    assert plain.marginal.strayed(large) == 0.0
+    assert plain.marginal.roughness_evidence(large) == 0.0
 
 
 def test_effects_too_small_to_be_seen_are_answers():
@@ -359,7 +361,9 @@ def test_roughness_is_learned_where_rigs_show_it():
         jacobian = 300.0 * rng.standard_normal((40, 3))
         sizes = np.array([0.01, 0.0, 0.0]) * rng.standard_normal(3)
         r = jacobian @ sizes + rng.standard_normal(40)
-        problems.append(Strayed(("a", "b", "c"), jacobian.T @ jacobian, -jacobian.T @ r, np.zeros(0)))
+        problems.append(
+            RoughnessProblem(("a", "b", "c"), jacobian.T @ jacobian, -jacobian.T @ r, np.zeros(0))
+        )
     learned = learn_roughness(problems)
     assert learned["a"] == (pytest.approx(0.01, rel=0.3),)
     # The least that is reckoned with moves residuals by one standard deviation.

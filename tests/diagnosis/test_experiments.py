@@ -11,14 +11,14 @@ from orchestrator.base.errors import ConfigError
 from orchestrator.config import Places
 from orchestrator.diagnosis import menu as menus
 from orchestrator.diagnosis.catalogue import catalogue
-from orchestrator.diagnosis.doubt import _ALONE
+from orchestrator.diagnosis.expected_evidence import chosen
 from orchestrator.diagnosis.experiments import expected_evidence, next_experiment, posterior
 from orchestrator.diagnosis.finding import Augmented
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.menu import MENU, Experiment, menu, menu_of
-from orchestrator.diagnosis.outlook import chosen
+from orchestrator.diagnosis.predicted_runs import Chain, Trial
 from orchestrator.diagnosis.study import Role, _experiments
-from orchestrator.diagnosis.trial import Chain, Trial
+from orchestrator.diagnosis.unsimulated_experiments import _ALONE
 from tests.diagnosis.labs import Noisy, found, lab, model
 from tests.extent import all_or
 

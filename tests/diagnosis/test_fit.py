@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.arrival import random_arrival
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.effect import Effect, Parameter
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose as propose_steps
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.marginal import inflation
 from orchestrator.diagnosis.model import RigModel
+from orchestrator.diagnosis.random_arrivals import random_arrival
 from orchestrator.diagnosis.rig import HISTORY
 from orchestrator.diagnosis.search import roughness, search
 from orchestrator.diagnosis.software import DynamicsReplay

@@ -12,21 +12,21 @@ from scipy.signal import lfilter
 from orchestrator.diagnosis import learning
 from orchestrator.diagnosis.answers import Answer, Group, complete
 from orchestrator.diagnosis.any_law import any_law
-from orchestrator.diagnosis.benign import Weighing, touching
 from orchestrator.diagnosis.calibration import SET, Calibration, own_gains
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
-from orchestrator.diagnosis.colour import WHITE, Colour
+from orchestrator.diagnosis.coloured_noise import WHITE, Colour
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.learning import Practice, learn_sure
-from orchestrator.diagnosis.local import loudest, repeated
+from orchestrator.diagnosis.learning import WeighedCase, learn_sure
+from orchestrator.diagnosis.local_structure import loudest, repeated
 from orchestrator.diagnosis.marginal import Marginal
 from orchestrator.diagnosis.misfit import in_contact, stretches, uneven, unexplained
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import bare_study, simulated_study
-from orchestrator.diagnosis.remainder import bent
+from orchestrator.diagnosis.nuisance import Weighing, touching
+from orchestrator.diagnosis.residual_evidence import excess_deviation
+from orchestrator.diagnosis.simulated_cases import bare_study, simulated_study
 from orchestrator.diagnosis.study import Role
 from orchestrator.diagnosis.weigh import conclude
 from tests.diagnosis.rigs import study
@@ -294,7 +294,7 @@ def test_what_only_imitates_bends_the_calibration():
     fit = Fitter(RigModel(study(), study().of(Role.TRAIN))).fit(())
     usual = replace(fit, deviation=dict.fromkeys(fit.deviation, 1.1))
     walls = replace(fit, deviation={**usual.deviation, "front_wall": 3.5, "rear_wall": -4.7})
-    assert bent(usual) == 0.0 and bent(walls) > 8.0
+    assert excess_deviation(usual) == 0.0 and excess_deviation(walls) > 8.0
 
 
 def test_sets_hold_more_where_nothing_is_seen():
@@ -321,11 +321,11 @@ def test_nothing_but_something_outside_may_be_worth_a_word():
 def test_how_much_sets_hold_is_learned_from_what_stays_unseen(monkeypatch):
     ids = [f"a.{number}" for number in range(12)]
 
-    def case(number: int, pairs: bool) -> Practice:
+    def case(number: int, pairs: bool) -> WeighedCase:
         """Most rigs hide nothing; the others one effect, or two in a quarter of them. Nothing is seen."""
         one, other = ids[number % 12], ids[(number + 5) % 12]
         truth = () if number % 6 else tuple(sorted((one, other))) if pairs and number % 24 == 0 else (one,)
-        return Practice(truth, 0.02, tuple(complete([Answer((), 0.0, 0.0)], ids)), 0.0)
+        return WeighedCase(truth, 0.02, tuple(complete([Answer((), 0.0, 0.0)], ids)), 0.0)
 
     found = []
     for pairs in (False, True):

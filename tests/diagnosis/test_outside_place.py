@@ -8,13 +8,13 @@ import pytest
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.hardware import weigh_rig
 from orchestrator.diagnosis.outside_place import part_of_chain, wrong_times
-from orchestrator.diagnosis.practice import ODDITIES, simulated_study
-from orchestrator.diagnosis.remainder import Remains
+from orchestrator.diagnosis.residual_evidence import ResidualEvidence
+from orchestrator.diagnosis.simulated_cases import ODDITIES, simulated_study
 
 N = 3000
 T = 1e-3 * np.arange(N)
 WAY = 5e-3 * np.sin(2.0 * np.pi * T)
-NOTHING = Remains(*(0.0,) * len(Remains._fields))
+NOTHING = ResidualEvidence(*(0.0,) * len(ResidualEvidence._fields))
 
 
 def noise(seed: int) -> np.ndarray:

@@ -8,7 +8,13 @@ from types import SimpleNamespace
 
 from orchestrator.cli.diagnosis import _Bar
 from orchestrator.diagnosis.search import each
-from orchestrator.diagnosis.tally import Tally, stage, tallied, telling, twice
+from orchestrator.diagnosis.search_progress import (
+    SearchProgress,
+    counted_calls,
+    progress_reported,
+    stage,
+    twice,
+)
 from orchestrator.results.progress import Share
 
 
@@ -37,35 +43,35 @@ def searched(clock, candidates, stages):
         stages: name, looks and fits of each stage, and seconds that one of these takes.
     """
     told = []
-    with telling(Tally(candidates, lambda line: told.append((clock.now, line)), clock)):
+    with progress_reported(SearchProgress(candidates, lambda line: told.append((clock.now, line)), clock)):
         for name, looks, look, fits, fit in stages:
             stage(name)
-            each(tallied(lambda _, look=look: clock.work(look), False, 1), range(looks), 1)
-            each(tallied(lambda _, fit=fit: clock.work(fit), True, 1), range(fits), 1)
+            each(counted_calls(lambda _, look=look: clock.work(look), False, 1), range(looks), 1)
+            each(counted_calls(lambda _, fit=fit: clock.work(fit), True, 1), range(fits), 1)
     return told
 
 
 def test_looks_and_fits_are_counted():
     clock, told = Clock(), []
-    with telling(Tally(10, told.append, clock)):
-        each(tallied(lambda _: clock.work(1.0), False, 1), range(20), 1)
+    with progress_reported(SearchProgress(10, told.append, clock)):
+        each(counted_calls(lambda _: clock.work(1.0), False, 1), range(20), 1)
         # Planned are 2 x 10 looks of the first stage, 6.5 x 10 of later ones, and 76 fits.
         assert told[0] == "weigh 2/161 candidates and fits" and seconds(told[-1]) > 0
         assert told[-1].startswith("weigh 20/161 candidates and fits, about ")
         stage("ties")
-        each(tallied(lambda _: clock.work(2.0), True, 1), range(3), 1)
+        each(counted_calls(lambda _: clock.work(2.0), True, 1), range(3), 1)
         # 2 x 10 looks and 21 fits, 3 of which are done.
         assert told[-1].startswith("weigh 23/61 candidates and fits")
         stage("step")
-        each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
+        each(counted_calls(lambda _: clock.work(1.0), False, 1), range(10), 1)
         assert told[-1].startswith("weigh 33/49 candidates and fits")
         stage("candidates")  # weighed anew, all is to be done once more
-        each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
+        each(counted_calls(lambda _: clock.work(1.0), False, 1), range(10), 1)
         assert (told[-1].stage, told[-1].done, told[-1].total) == ("weigh", 43, 194)
         again = "weigh again, the step's own error taken off: 43/194 candidates and fits"
         assert told[-1].startswith(again)
     before = len(told)
-    each(tallied(lambda _: clock.work(9.0), False, 1), range(3), 1)
+    each(counted_calls(lambda _: clock.work(9.0), False, 1), range(3), 1)
     assert len(told) == before  # nobody counts
 
 
@@ -87,7 +93,7 @@ def test_the_time_left_is_steady():
 def test_what_is_compiled_first_makes_no_time_left():
     clock = Clock()
     looks = [1.0] * 8 + [0.01] * 52
-    told, tally = [], Tally(60, lambda line: told.append(line), clock)
+    told, tally = [], SearchProgress(60, lambda line: told.append(line), clock)
     each(tally.counted(clock.work, False, 1), looks, 1)
     clock.work(2.0)
     each(tally.counted(clock.work, False, 1), [0.01], 1)
@@ -116,19 +122,19 @@ def test_how_far_a_search_is_stands_in_lines_where_there_is_no_terminal(capsys):
 
 def test_a_second_search_counts_from_when_it_is_likely():
     clock, told = Clock(), []
-    with telling(Tally(10, told.append, clock)):
-        each(tallied(lambda _: clock.work(1.0), False, 1), range(20), 1)
+    with progress_reported(SearchProgress(10, told.append, clock)):
+        each(counted_calls(lambda _: clock.work(1.0), False, 1), range(20), 1)
         once = seconds(told[-1])
         twice()
         stage("candidates")
-        each(tallied(lambda _: clock.work(1.0), False, 1), range(20), 1)
+        each(counted_calls(lambda _: clock.work(1.0), False, 1), range(20), 1)
         # Told slowly, lest it jump: 5 x 10 looks and 60 fits more at least.
         assert "again" not in told[-1] and seconds(told[-1]) > 1.2 * once
         stage("step")
-        each(tallied(lambda _: clock.work(1.0), False, 1), range(10), 1)
+        each(counted_calls(lambda _: clock.work(1.0), False, 1), range(10), 1)
         before = int(re.search(r"/(\d+)", told[-1])[1])
         stage("candidates")
-        each(tallied(lambda _: clock.work(1.0), False, 1), range(1), 1)
+        each(counted_calls(lambda _: clock.work(1.0), False, 1), range(1), 1)
         assert "again" in told[-1]
         # All of it was counted, but for how the step does in the second one.
         assert abs(int(re.search(r"(\d+) cand", told[-1])[1]) - before) <= 26

@@ -10,8 +10,8 @@ from ports_bench import POSITION, TIED, VELOCITY, VOLTAGE, answer, study
 
 from orchestrator.base.errors import ConfigError
 from orchestrator.diagnosis.answers import Answer
+from orchestrator.diagnosis.expected_evidence import laplace
 from orchestrator.diagnosis.finding import NOMINAL, Augmented, Candidate, Finding
-from orchestrator.diagnosis.outlook import laplace
 from orchestrator.diagnosis.ports.candidates import candidates
 from orchestrator.diagnosis.ports.experiments import (
     _expected,

@@ -9,8 +9,8 @@ from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
 from orchestrator.diagnosis.challenge.outside import OUTSIDE
 from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.practice import simulated_study
-from orchestrator.diagnosis.rhythm import rhythm
+from orchestrator.diagnosis.periodic_delays import rhythm
+from orchestrator.diagnosis.simulated_cases import simulated_study
 
 TICKS = np.arange(3000)
 

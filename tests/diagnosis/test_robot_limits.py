@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from orchestrator.diagnosis.arrival import random_arrival
-from orchestrator.diagnosis.benign import Weighing
 from orchestrator.diagnosis.calibration import calibration
 from orchestrator.diagnosis.catalogue import catalogue, of_hardware
 from orchestrator.diagnosis.challenge.draw import Plan
@@ -15,12 +13,14 @@ from orchestrator.diagnosis.challenge.hidden import HIDDEN, Hidden
 from orchestrator.diagnosis.effects.robot_command_quantisation import propose
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import _sensed, weigh_rig
-from orchestrator.diagnosis.links import Arrivals
-from orchestrator.diagnosis.losses import Losses, _regular, lost_commands
+from orchestrator.diagnosis.link_effects import Arrivals
+from orchestrator.diagnosis.lost_commands import Losses, _regular, lost_commands
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import simulated_case, simulated_study
-from orchestrator.diagnosis.remainder import Remains, own_error
+from orchestrator.diagnosis.nuisance import Weighing
+from orchestrator.diagnosis.random_arrivals import random_arrival
+from orchestrator.diagnosis.residual_evidence import ResidualEvidence, own_error
 from orchestrator.diagnosis.search import counted, search
+from orchestrator.diagnosis.simulated_cases import simulated_case, simulated_study
 from orchestrator.diagnosis.study import Role
 from tests.diagnosis.rigs import study
 
@@ -232,7 +232,10 @@ def test_a_deep_limit_leaves_little(names, size, seed, number):
     best = group.answers[int(np.argmax(probable[:-1]))]
     assert tuple(sorted(best.effects)) == names and probable.max() > 0.6
     # Of runs that no fit saw it leaves more, since its limit is known only as well as the others tell.
-    assert Remains(*best.parts[: len(Remains._fields)]).total < 20.0 and best.left < 0.01 * best.gain
+    assert (
+        ResidualEvidence(*best.parts[: len(ResidualEvidence._fields)]).total < 20.0
+        and best.left < 0.01 * best.gain
+    )
 
 
 def test_a_whole_number_is_found_though_the_calibration_took_up_another():

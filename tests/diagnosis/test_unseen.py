@@ -7,27 +7,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from orchestrator.diagnosis.benign import Weighing, force_weights
+from orchestrator.diagnosis.analyses import Analyses
 from orchestrator.diagnosis.calibration import calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.colour import WHITE
+from orchestrator.diagnosis.coloured_noise import WHITE
 from orchestrator.diagnosis.descent import cost_of
 from orchestrator.diagnosis.diagnose import diagnose
 from orchestrator.diagnosis.fit import Fitter
 from orchestrator.diagnosis.hardware import weigh_rig
+from orchestrator.diagnosis.held_out import Judge
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.parts import Parts
-from orchestrator.diagnosis.practice import bare_study, simulated_study
-from orchestrator.diagnosis.remainder import Remains
+from orchestrator.diagnosis.nuisance import Weighing, force_weights
 from orchestrator.diagnosis.report_text import text
+from orchestrator.diagnosis.residual_evidence import ResidualEvidence
 from orchestrator.diagnosis.search import search
+from orchestrator.diagnosis.simulated_cases import bare_study, simulated_study
 from orchestrator.diagnosis.study import Role
-from orchestrator.diagnosis.unseen import Judge
 from orchestrator.diagnosis.weigh import conclude
 
-HALF = len(Remains._fields)
+HALF = len(ResidualEvidence._fields)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_runs_that_no_fit_saw_tell_of_what_train_runs_hardly_show(bare):
     everywhere = pulled(bare, 15.0, Role)
     alone = replace(everywhere, runs=everywhere.of(Role.TRAIN))
     some, every = weigh_rig(alone), weigh_rig(everywhere)
-    pushed = Remains._fields.index("pushed")
+    pushed = ResidualEvidence._fields.index("pushed")
     here = every.answers[0].parts
     assert here[HALF + pushed] > 1.5 * max(here[pushed], some.answers[0].parts[pushed]) + 5.0
     assert outside(every) > max(outside(some), 0.5)
@@ -156,5 +156,5 @@ def test_runs_that_alone_reach_a_limit_judge_nothing_and_the_diagnosis_says_so(s
     assert all(one.parts[:HALF] == one.parts[HALF:] for one in group.answers if one.fit is not None)
     alone = replace(study, runs=study.of(Role.TRAIN))
     assert weigh_rig(alone).unjudged == ""
-    told = diagnose(study, parts=Parts(weigh=lambda _: conclude([group], calibration())))
+    told = diagnose(study, parts=Analyses(weigh=lambda _: conclude([group], calibration())))
     assert f"left out: judging by held out runs: {group.unjudged}" in text(told)

@@ -15,12 +15,12 @@ from orchestrator.diagnosis.calibration import Calibration, calibration
 from orchestrator.diagnosis.catalogue import catalogue
 from orchestrator.diagnosis.challenge.draw import Plan
 from orchestrator.diagnosis.challenge.hidden import HIDDEN
-from orchestrator.diagnosis.colour import WHITE, coloured, small_colour, whitened
+from orchestrator.diagnosis.coloured_noise import WHITE, coloured, small_colour, whitened
 from orchestrator.diagnosis.hardware import weigh_rig
-from orchestrator.diagnosis.learning import Practice, learn, loss
-from orchestrator.diagnosis.misfit import hum, unexplained
+from orchestrator.diagnosis.learning import WeighedCase, learn, loss
+from orchestrator.diagnosis.misfit import narrow_band_line, unexplained
 from orchestrator.diagnosis.model import RigModel
-from orchestrator.diagnosis.practice import simulated_study
+from orchestrator.diagnosis.simulated_cases import simulated_study
 from orchestrator.diagnosis.stochastic import sensor_noise
 from orchestrator.diagnosis.study import Study, load_study
 from orchestrator.diagnosis.weigh import conclude, weigh
@@ -258,26 +258,28 @@ def test_misfit_ignores_white_noise_and_sees_structure():
     assert unexplained([white]) < 8.0
     assert unexplained([white + slow]) > 100.0
     humming = white + np.sin(2 * np.pi * 0.05 * np.arange(6000))
-    line, frequency = hum([humming], [[slice(0, 3000), slice(3000, 6000)]])
+    line, frequency = narrow_band_line([humming], [[slice(0, 3000), slice(3000, 6000)]])
     assert line > 500.0 and frequency == pytest.approx(0.05, abs=1e-3)
-    assert hum([white], [[slice(0, 6000)]])[0] < 5.0
+    assert narrow_band_line([white], [[slice(0, 6000)]])[0] < 5.0
     # Samples that say nothing, as lost ones, are left out: they neither make nor hide a line.
     gone = np.random.default_rng(2).random(len(white)) < 0.3
     shifted = np.where(gone, 0.0, humming + 2.0)
-    assert hum([shifted], [[slice(0, 3000), slice(3000, 6000)]])[0] == pytest.approx(0.7 * line, rel=0.15)
-    assert hum([np.zeros(6000)], [[slice(0, 6000)]]) == (0.0, 0.0)
+    assert narrow_band_line([shifted], [[slice(0, 3000), slice(3000, 6000)]])[0] == pytest.approx(
+        0.7 * line, rel=0.15
+    )
+    assert narrow_band_line([np.zeros(6000)], [[slice(0, 6000)]]) == (0.0, 0.0)
 
 
 def test_a_faint_line_that_keeps_its_phase_is_found_through_short_windows():
     rng = np.random.default_rng(4)
     runs = [rng.standard_normal(3000) for _ in range(3)]
     windows = [[slice(a, a + 250) for a in range(0, 3000, 300)]] * 3
-    assert hum(runs, windows)[0] < 5.0
+    assert narrow_band_line(runs, windows)[0] < 5.0
     line = [0.25 * np.sin(2 * np.pi * 0.05 * np.arange(3000) + phase) for phase in (0.2, 1.9, 4.0)]
-    found, frequency = hum([r + one for r, one in zip(runs, line, strict=True)], windows)
+    found, frequency = narrow_band_line([r + one for r, one in zip(runs, line, strict=True)], windows)
     assert found > 20.0 and frequency == pytest.approx(0.05, abs=2e-4)
     slow = np.repeat([1.0, -1.0] * 5, 300)
-    assert hum([r + slow for r in runs], windows)[0] < 5.0
+    assert narrow_band_line([r + slow for r in runs], windows)[0] < 5.0
 
 
 def test_a_little_coloured_noise_is_no_misfit_and_hides_none():
@@ -318,7 +320,7 @@ def test_learning_makes_the_truth_more_probable():
         strong = 30.0 * rng.random() if number % 2 else 0.0
         # Evidence that overstates itself threefold.
         answers = (Answer((), 0.0, 0.0), Answer(("a.b",), 3.0 * strong + 9.0 * rng.standard_normal(), 0.0))
-        cases.append(Practice(("a.b",) if number % 2 else (), strong, answers, 0.0))
+        cases.append(WeighedCase(("a.b",) if number % 2 else (), strong, answers, 0.0))
     assert loss(learn(cases), cases) < loss(Calibration(), cases) - 0.05
 
 

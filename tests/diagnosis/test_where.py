@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from orchestrator.diagnosis.components import COMPONENTS, component_of, residuals_of, significant
 from orchestrator.diagnosis.energy import INTERFACES, balances, energy
 from orchestrator.diagnosis.finding import Augmented
-from orchestrator.diagnosis.ledgers import energies, ledger
 from orchestrator.diagnosis.motion import Phase, contacts, phases
+from orchestrator.diagnosis.residual_ledger import energies, ledger
 from orchestrator.diagnosis.restart import Restart
 from orchestrator.diagnosis.shapley import shapley_shares, where
 from orchestrator.diagnosis.sharing import shapley_values

@@ -17,7 +17,7 @@ __all__ = ["determinism", "halving", "pair", "reset", "runs", "serialisation", "
 _ROUNDING = 1e-12
 # Below this part of its size an output has no range.
 _NO_RANGE = 1e-6
-# From here on a step's effect is worth a warning where it does not fall with the step.
+# Least effect of a step that is reported if it does not decrease with the step.
 _LARGE = 1e-3
 _MOST_READ = 5000
 

@@ -70,7 +70,7 @@ _FIGURES = ("instantiate", "initialise", "set", "get", "step", "whole")
 
 
 def _ratios(ones: list[dict[str, Any]], others: list[dict[str, Any]]) -> dict[str, Any]:
-    """Per figure, of rounds that followed each other; a step too short to be told from its frame has none."""
+    """Per figure, from successive rounds; a step that is too short to be measured has none."""
     return {
         name: _spread([one[name] / other[name] for one, other in zip(ones, others, strict=True)])
         for name in ("step", "whole", "instantiate")

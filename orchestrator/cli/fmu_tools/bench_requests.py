@@ -120,7 +120,7 @@ def _round(trial: Trial, count: int) -> dict[str, Any]:
 
 
 def _memory(trial: Trial) -> int | None:
-    """Resident memory of one more instance [bytes]; None where the system does not tell."""
+    """Resident memory of one more instance [bytes]; None if the system does not report it."""
     if not Path("/proc/self/statm").exists():
         return None
     with ExitStack() as stack:

@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Do what was asked of every FMU; one that cannot be read is told, and the others are done all the same.
+    """Process every FMU; report those that cannot be read, and continue with the others.
 
     Returns: see the help.
     Raises: ConfigError if the command is wrong.

@@ -121,7 +121,7 @@ def _without_library(names: Iterable[str], known: Collection[str]) -> dict[str, 
 
 
 def inspect_fmu(path: Path) -> dict[str, Any]:
-    """All that an FMU tells without being run, for JSON.
+    """All information about an FMU without running it, for JSON.
 
     Raises: FmuError if it cannot be read.
     """

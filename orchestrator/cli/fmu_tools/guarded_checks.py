@@ -79,7 +79,7 @@ class Laboratory:
         return self._broken(name, answer) if isinstance(answer, Broken) else answer
 
     def change(self, conditions: Conditions) -> None:
-        """Try the FMU under other conditions from now on."""
+        """Run the following checks under other conditions."""
         self._given = (self._given[0], conditions, self._given[2])
         if self._process is not None:
             self.do("under", conditions)

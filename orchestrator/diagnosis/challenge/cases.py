@@ -1,4 +1,4 @@
-"""Of which cases a folder holds verdicts: cases of all challenges are called alike."""
+"""Record of the cases to which a folder's verdicts belong, since cases of all challenges have equal names."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def case_digest(case: Path) -> str:
 
 
 def check_record(cases: Iterable[Path], verdicts: Path) -> None:
-    """Refuse verdicts of other cases; those that were written by hand have no record, and may be of any.
+    """Reject verdicts of other cases. Verdicts written by hand have no record and are accepted.
 
     Args:
         cases: folders of the cases; verdicts: holds <case>/diagnosis.json.
@@ -42,7 +42,7 @@ def check_record(cases: Iterable[Path], verdicts: Path) -> None:
 
 
 def note_cases(cases: Iterable[Path], verdicts: Path) -> None:
-    """Keep the digests of cases beside the verdicts that are about to be written of them."""
+    """Write the digests of cases beside their verdicts."""
     noted = _recorded(verdicts) | {case.name: case_digest(case) for case in cases}
     folder_at(verdicts)
     write_text(verdicts / RECORD, json.dumps(dict(sorted(noted.items())), indent=1) + "\n")

@@ -1,4 +1,4 @@
-"""Where the tip of the real rig's rod is, and what a frame does to it there, at one instant.
+"""Position of the rod's tip in the real rig, and the contact force at one instant.
 
 States and memory are those of `plant`, which integrates them.
 """
@@ -13,7 +13,7 @@ __all__ = ["BEHIND", "contact_force", "depth_of", "lifted", "output"]
 
 _REFERENCE_DEPTH = 5e-4  # at which a power-law contact is as stiff as a linear one [m]
 _CUBIC_DEPTH = 1e-3
-BEHIND = 11.0  # stiffness of the frame behind a loose plate over that of the whole
+BEHIND = 11.0  # stiffness of the frame behind a loose plate, over that of frame and plate
 _FILM_REACH = 15.0  # gaps of a film beyond which it is none
 _MAGNET_REACH = 12.0  # the same of a magnet's
 _LATCH_WIDTH = 1.0 / 3.0  # of a latch's depth: from where it is hardest to its crest

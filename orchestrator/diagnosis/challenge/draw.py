@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .hidden import TIED, Hidden, between, signed
-from .knobs import CALIBRATED
 from .rig import Array, Lab, simulate
+from .rig_parameters import CALIBRATED
 from .series import Series, draw_series
 
 __all__ = [
@@ -66,7 +66,7 @@ _TOLERANCES = {
     "force_bias": 0.15,
 }
 _STIFFNESS_TOLERANCE = 0.015
-# Of every rig, by knob; sizes are normal. There is some besides that differs from sample to sample.
+# Of every rig, by parameter; sizes are normal. There is some besides that differs from sample to sample.
 ROUGHNESS = {
     "load": 4e-4,
     "coulomb": 4e-3,
@@ -93,8 +93,8 @@ class Case:
     """A lab and its real rig.
 
     Attributes:
-        values: knobs of the real rig.
-        plain: knobs of the same rig without the hidden effects.
+        values: parameters of the real rig.
+        plain: parameters of the same rig without the hidden effects.
         hidden: what each effect drew, by id.
     """
 
@@ -120,7 +120,7 @@ def plan_cases(
     pairs: bool = False,
     magnitude: float | None = None,
 ) -> list[Plan]:
-    """What each case hides; effects take turns, so that none is missed.
+    """Hidden effects of each case; all effects are used equally often.
 
     They are shared out as `SHARES` tells; what is not asked for are single effects.
 
@@ -176,8 +176,8 @@ def draw_case(plan: Plan, seed: int, number: int, roughness: float = 1.0, tight:
     rng = np.random.default_rng(np.random.SeedSequence([seed, number, 0]))
     lab = _lab(rng)
     plain = {
-        knob: lab.nominal[name] + tight * sigma * float(np.clip(rng.standard_normal(), -2.5, 2.5))
-        for name, knob in CALIBRATED.items()
+        parameter: lab.nominal[name] + tight * sigma * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+        for name, parameter in CALIBRATED.items()
         for sigma in (tolerances(lab)[name],)
     }
     plain["c"] = max(plain["c"], 0.0)
@@ -193,10 +193,14 @@ def draw_case(plan: Plan, seed: int, number: int, roughness: float = 1.0, tight:
 
 
 def changed(values: Mapping[str, float], effect: Hidden, drawn: Mapping[str, float]) -> dict[str, float]:
-    """Knobs of a rig that has an effect besides, of what it drew."""
+    """Parameters of a rig that has an effect besides, of what it drew."""
     found = dict(values)
-    for knob, value in drawn.items():
-        found[knob] = found[knob] * (1.0 + value) if knob in effect.relative else found.get(knob, 0.0) + value
+    for parameter, value in drawn.items():
+        found[parameter] = (
+            found[parameter] * (1.0 + value)
+            if parameter in effect.relative
+            else found.get(parameter, 0.0) + value
+        )
     return found
 
 
@@ -238,7 +242,7 @@ def _roughness(rng: np.random.Generator, factor: float) -> dict[str, float]:
 
 
 def run_series(case: Case, index: int, values: Mapping[str, float]) -> Series:
-    """What chance does in a run of a case; the same for whatever knobs but those that it needs itself."""
+    """Random series of a run; they depend only on the parameters that describe the randomness."""
     return draw_series(values, NOISE, TICKS, np.random.SeedSequence([case.seed, case.number, 2, index]))
 
 

@@ -1,4 +1,4 @@
-"""How much the logs of a case could say about its hidden effects at best, from the rig that made them."""
+"""Largest possible evidence in the logs of a case for its hidden effects, from the rig that made them."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from scipy.signal import lfilter
 
 from .draw import NOISE, ROUGHNESS, RUNS, Case, changed, run_series, tolerances
 from .hidden import Hidden
-from .knobs import CALIBRATED
 from .rig import FORCE_RESOLUTION, POSITION_RESOLUTION, TICK, Array, drive
+from .rig_parameters import CALIBRATED
 
 __all__ = ["CLEAR", "Imitation", "imitated", "visibility"]
 
-# Evidence [nats] from which on an effect should be named.
+# Least evidence of an effect that should be named [nats].
 CLEAR = 10.0
 
 _FORCE_DIGITS, _STIFFNESS_DIGITS, _VELOCITY_DIGITS = 1e-4, 0.1, 1e-9
 # First ticks of robot and sensor that do not count: how the robot moves as a log begins nobody has measured.
 _BEGIN = 20
-# Samples of which a spectrum is taken, and frequencies over which it is averaged.
+# Length of a spectrum [samples], and number of frequencies over which it is averaged.
 _WINDOW, _BAND = 64, 8
 # Of a tolerance or a usual size, for differences: small ones, and large ones for where small ones say about a
 # dent alone.
@@ -50,7 +50,7 @@ class _Sight:
     anyway hide some of it. Steps count as noise of their own; what noise carries across them is not known.
 
     Attributes:
-        without: knobs of that rig.
+        without: parameters of that rig.
     """
 
     case: Case
@@ -71,7 +71,7 @@ class _Sight:
         return self.without[kind] / self.force_noise, self.without[f"{kind}_keep"]
 
     def measured(self, values: Mapping[str, float]) -> Array:
-        """What is measured of a rig with some knobs in the training runs, in a row."""
+        """What is measured of a rig with some parameters in the training runs, in a row."""
         return np.concatenate(self.parts(values))
 
     def parts(self, values: Mapping[str, float]) -> list[Array]:
@@ -100,42 +100,42 @@ class _Sight:
 
 @dataclass(frozen=True)
 class _Place:
-    """A rig, and how its knobs may deviate.
+    """A rig, and how its parameters may deviate.
 
     Attributes:
-        knobs: from where they deviate, as the lab believes them; free: by what they may.
+        parameters: from where they deviate, as the lab believes them; free: by what they may.
         at: how far they do; firm: what their deviates cost, each of shape (free,).
     """
 
-    knobs: Mapping[str, float]
+    parameters: Mapping[str, float]
     free: Mapping[str, float]
     at: Array
     firm: Array
 
     @staticmethod
-    def of(case: Case, knobs: Mapping[str, float]) -> _Place:
+    def of(case: Case, parameters: Mapping[str, float]) -> _Place:
         """A rig of a case, with the deviates that it has."""
         believed = dict.fromkeys(ROUGHNESS, 0.0)
-        believed |= {knob: case.lab.nominal[name] for name, knob in CALIBRATED.items()}
+        believed |= {parameter: case.lab.nominal[name] for name, parameter in CALIBRATED.items()}
         free = _usual(case)
-        strays = {knob: case.plain[knob] - believed[knob] for knob in free}
-        at = np.array([strays[knob] / size for knob, size in free.items()])
-        start = {knob: value - strays.get(knob, 0.0) for knob, value in knobs.items()}
+        strays = {parameter: case.plain[parameter] - believed[parameter] for parameter in free}
+        at = np.array([strays[parameter] / size for parameter, size in free.items()])
+        start = {parameter: value - strays.get(parameter, 0.0) for parameter, value in parameters.items()}
         return _Place(start, free, at, np.ones(len(free)))
 
     @property
-    def strayed(self) -> dict[str, float]:
-        """The knobs there."""
+    def parameters_here(self) -> dict[str, float]:
+        """The parameters there."""
         moved = {
-            knob: self.knobs[knob] + size * by
-            for (knob, size), by in zip(self.free.items(), self.at, strict=True)
+            parameter: self.parameters[parameter] + size * by
+            for (parameter, size), by in zip(self.free.items(), self.at, strict=True)
         }
-        return {**self.knobs, **moved}
+        return {**self.parameters, **moved}
 
 
 @dataclass(frozen=True)
 class Imitation:
-    """How near other effects come to what is hidden.
+    """How well other effects imitate the hidden ones.
 
     Attributes:
         beyond: log evidence for what is hidden over them [nats].
@@ -174,10 +174,10 @@ def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: 
     if rest is not None and others:
         place = _least(sight, place, target, own)[2]
         for one in others:
-            place = _with_any_size(place, place.knobs, rest.plain, rest.hidden[one.id])
-    told, left, _ = _least(sight, place, target, own)
+            place = _with_any_size(place, place.parameters, rest.plain, rest.hidden[one.id])
+    evidence, left, _ = _least(sight, place, target, own)
     if not chance:
-        return max(told - own, 0.0)
+        return max(evidence - own, 0.0)
     lengths = [len(one) for one in aim]
     colour = sight.colour
     total = 0.0
@@ -198,12 +198,12 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int 
     Args:
         rivals: effects that do not draw.
         most: how many of them together.
-    Returns: one for each number of rivals from one on.
+    Returns: one for each number of rivals, beginning with one.
     """
     sight = _Sight(case, logs, case.plain)
     target = sight.measured(case.values)
-    told, _, place = _descended(sight, _Place.of(case, case.plain), target)
-    best, own = Imitation(told, (), place), _own(sight, target)
+    evidence, _, place = _descended(sight, _Place.of(case, case.plain), target)
+    best, own = Imitation(evidence, (), place), _own(sight, target)
     found = []
     for _ in range(most):
         others = [one for one in rivals if one.id not in best.like]
@@ -226,7 +226,7 @@ def _nearer(
         own: see `_own`.
     """
     place = before.place
-    here = place.strayed
+    here = place.parameters_here
     plain, jacobian = _linear(sight, place)
     inner = np.linalg.inv(np.diag(place.firm) + jacobian.T @ jacobian)
     off = target - plain
@@ -246,7 +246,7 @@ def _nearer(
         near += sorted(tries, key=lambda one: one[0])[:1]
     best = before
     for _, rival, drawn in sorted(near, key=lambda one: one[0])[:_NEAREST]:
-        beside = _with_any_size(place, changed(place.knobs, rival, drawn), place.knobs, drawn)
+        beside = _with_any_size(place, changed(place.parameters, rival, drawn), place.parameters, drawn)
         left, _, reached = _descended(sight, beside, target)
         if left < best.beyond:
             best = Imitation(left, (*before.like, rival.id), reached)
@@ -258,21 +258,21 @@ def _nearer(
 
 
 def _with_any_size(
-    place: _Place, knobs: Mapping[str, float], before: Mapping[str, float], drawn: Collection[str]
+    place: _Place, parameters: Mapping[str, float], before: Mapping[str, float], drawn: Collection[str]
 ) -> _Place:
-    """A place with an effect that may have any size and shape, whatever its knobs are calibrated to.
+    """A place with an effect that may have any size and shape, whatever its parameters are calibrated to.
 
     Args:
-        knobs: with the effect; before: without it.
-        drawn: its knobs.
+        parameters: with the effect; before: without it.
+        drawn: its parameters.
     """
-    own = {knob: abs(knobs[knob] - before.get(knob, 0.0)) for knob in drawn}
-    free = {**place.free, **{knob: one for knob, one in own.items() if one}}
+    own = {parameter: abs(parameters[parameter] - before.get(parameter, 0.0)) for parameter in drawn}
+    free = {**place.free, **{parameter: one for parameter, one in own.items() if one}}
     start, firm = np.zeros(len(free)), np.ones(len(free))
     start[: len(place.at)], firm[: len(place.at)] = place.at, place.firm
     moved = [name in own for name in free]
     start[moved], firm[moved] = 0.0, _LOOSE
-    return _Place(knobs, free, start, firm)
+    return _Place(parameters, free, start, firm)
 
 
 def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
@@ -282,9 +282,9 @@ def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
 
 
 def _usual(case: Case) -> dict[str, float]:
-    """What calibration and roughness may stray by, by knob."""
+    """Standard deviations of calibration and roughness, by parameter."""
     sigma = tolerances(case.lab)
-    return {knob: sigma[name] for name, knob in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
+    return {parameter: sigma[name] for name, parameter in CALIBRATED.items() if sigma[name] > 0.0} | ROUGHNESS
 
 
 def _linear(sight: _Sight, place: _Place, by: float = _STEP) -> tuple[Array, Array]:
@@ -295,7 +295,7 @@ def _linear(sight: _Sight, place: _Place, by: float = _STEP) -> tuple[Array, Arr
     """
 
     def measured(z: Array) -> Array:
-        return sight.measured(replace(place, at=z).strayed)
+        return sight.measured(replace(place, at=z).parameters_here)
 
     plain = measured(place.at)
     steps = by * np.eye(len(place.at))
@@ -303,7 +303,7 @@ def _linear(sight: _Sight, place: _Place, by: float = _STEP) -> tuple[Array, Arr
 
 
 def _least(sight: _Sight, place: _Place, target: Array, own: float) -> tuple[float, Array, _Place]:
-    """Half the least d'd + z'z from a place on, see `visibility`.
+    """Half the minimum of d'd + z'z, started from a place; see `visibility`.
 
     What a drive's acceleration ripples with a command's steps, a tool passes on to the force, and a delay
     of a small part of a tick moves samples along it: derivatives say which way that goes, and not which way
@@ -346,7 +346,7 @@ def _descended(sight: _Sight, place: _Place, target: Array, by: float = _STEP) -
         step = np.linalg.solve(inner, jacobian.T @ left - place.firm * here)
         for share in _SHARES:
             ahead = here + share * step
-            off = target - sight.measured(replace(place, at=ahead).strayed)
+            off = target - sight.measured(replace(place, at=ahead).parameters_here)
             cost = costs(ahead, off)
             if cost < best:
                 here, left, best = ahead, off, cost
@@ -370,11 +370,11 @@ def _told_by_spectrum(
     windows = difference[: len(difference) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
     power = np.abs(np.fft.rfft(windows, axis=1)[:, : _WINDOW // 2]) ** 2 / _WINDOW
     bands = power.reshape(len(windows), -1, _BAND).mean(axis=2) + 1.0
-    told = []
+    evidence = []
     for other in (own, *others):
         ratio = bands * _coloured(*own) / _coloured(*other)
-        told.append(float(_BAND * np.sum(ratio - 1.0 - np.log(ratio))))
-    return min(told)
+        evidence.append(float(_BAND * np.sum(ratio - 1.0 - np.log(ratio))))
+    return min(evidence)
 
 
 def _coloured(deviation: float, keep: float) -> Array:

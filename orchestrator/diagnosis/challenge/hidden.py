@@ -1,4 +1,4 @@
-"""The effects that a case can hide: ids of the catalogue, and how the rig's knobs are drawn for each."""
+"""The effects that a case can hide: ids of the catalogue, and how the rig's parameters are drawn for each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SOFTWARE = ("dynamics", "controller")
 
 Draw = Callable[[np.random.Generator, float], dict[str, float]]
 
-# Known from theory to look alike on these logs: no pair is drawn within one of these.
+# Indistinguishable in theory on these logs: no pair is drawn within one of these.
 TIED = (
     {"dynamics.mass", "dynamics.mass-offset"},
     {"sensor.gain", "contact.stiffness", "structure.compliance"},
@@ -31,9 +31,9 @@ class Hidden:
 
     Attributes:
         id: place and name.
-        draw: knobs of the rig at a magnitude, where 1 is strong and 0 is absent.
-        relative: calibrated knobs that it multiplies by one plus what is drawn; others are added to.
-        chance: whether it draws anew at each sample or contact.
+        draw: parameters of the rig at a magnitude, where 1 is strong and 0 is absent.
+        relative: calibrated parameters that it multiplies by one plus what is drawn; others are added to.
+        chance: whether it is drawn again at each sample or contact.
     """
 
     id: str
@@ -59,16 +59,18 @@ def signed(rng: np.random.Generator) -> float:
 
 @dataclass(frozen=True)
 class _Sized:
-    """An effect whose knob grows in proportion to the magnitude; shape knobs do not depend on it."""
+    """An effect whose parameter is proportional to the magnitude; shape parameters do not depend on it."""
 
-    knob: str
+    parameter: str
     low: float
     high: float
     sign: bool = False
     shape: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __call__(self, rng: np.random.Generator, size: float) -> dict[str, float]:
-        found = {self.knob: size * between(rng, self.low, self.high) * (signed(rng) if self.sign else 1.0)}
+        found = {
+            self.parameter: size * between(rng, self.low, self.high) * (signed(rng) if self.sign else 1.0)
+        }
         return found | {name: between(rng, *bounds) for name, bounds in self.shape.items()}
 
 

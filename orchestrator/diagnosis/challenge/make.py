@@ -24,7 +24,7 @@ from .write import write_case
 __all__ = ["KINDS", "Order", "make"]
 
 # With how many effects together what is hidden is compared, by kind of case; and evidence for the fainter of
-# a pair from which on no single effect imitates both [nats].
+# a pair that no single effect imitates [nats].
 _RIVALS, _SURE = {"pair": 1, "outside": 2}, 300.0
 
 # Kinds outside the catalogue, by which may be drawn.
@@ -33,7 +33,7 @@ KINDS = {"known": OUTSIDE, "fresh": FRESH, "all": {**OUTSIDE, **FRESH}}
 
 @dataclass(frozen=True)
 class Order:
-    """What is asked of `make`.
+    """Arguments of `make`.
 
     Attributes:
         seed: None draws a secret one, which is kept in the sealed truth alone.

@@ -1,4 +1,4 @@
-"""More kinds of effects outside the catalogue, made without a look at what diagnoses.
+"""Further kinds of effects outside the catalogue, made without knowledge of the diagnosis.
 
 Nothing that weighs candidates may import this module, nor be fitted to what it holds: see `outside` for those
 that were known when the diagnosis was made.
@@ -42,7 +42,7 @@ def _buzz(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 
 def _clay(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # Put on anew for each run.
+    # Mounted again for each run.
     return {"clay": size * between(rng, 1.5e-5, 6e-5), "clay_impulse": between(rng, 3.0, 15.0)}
 
 

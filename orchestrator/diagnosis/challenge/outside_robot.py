@@ -70,7 +70,7 @@ def _joint(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 
 def _floor(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # As of a compressor: its speed, not a whole fraction of the mains'.
+    # As of a compressor: its speed is no integer fraction of the mains frequency.
     return {"floor": size * between(rng, 1e-5, 4e-5), "floor_omega": 2.0 * np.pi * between(rng, 9.0, 30.0)}
 
 

@@ -119,7 +119,7 @@ def _agc(rng: np.random.Generator, size: float) -> dict[str, float]:
 
 
 def _cut(rng: np.random.Generator, size: float) -> dict[str, float]:
-    # As flow meters have it, lest they count what is nothing.
+    # As in flow meters, so that they do not count small signals.
     return {"cut": size * between(rng, 2.0, 7.0)}
 
 

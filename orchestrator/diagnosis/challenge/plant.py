@@ -43,14 +43,14 @@ _HUNG_XI, _BEHIND_XI = 0.1, 0.2  # damping ratios of what holds a loose plate, a
 DRAWN = 15.0  # what the drive asks for at full speed, as an acceleration [m/s2]
 _TAPE_REACH = 6.0  # reaches of a tape's hooks beyond which the last has let go
 _WINDING = 2e-3  # how long a motor's current takes [s]
-_KICK_RATE = 5e-4  # from which on a servo is sure that it has turned [m/s]
+_KICK_RATE = 5e-4  # least speed at which a servo detects a reversal [m/s]
 _CLUTCH_BACK = 0.75  # of the force at which an overload clutch gives way: where it comes back
 _WHIP_FORCE = 50.0  # at which a rod that bows is recognised by how much [N]
 _BRAKE_RATE = 5e-4  # over which a brake's friction turns [m/s]
-_CYCLE = 2e-4  # from which on a servo's cycle is one [s]
+_CYCLE = 2e-4  # least duration of a servo's cycle [s]
 _CHUCKED = 5e-4  # how long a rod takes to slide in its chuck [s]
 _EXCITED, _LOADED = 0.3, 4.0  # how fast a slide's swing grows, and by how much at most a load damps it
-FORWARD = 1.5e-3  # how long a drive takes to tell the rate of its command [s]
+FORWARD = 1.5e-3  # time constant of a drive's estimate of the rate of its command [s]
 _STRAIGHT = 2e-3  # how long ropes take to be straight again [s]
 _CUP_REACH = 4e-4  # beyond which a cup has let go [m]
 _WORK = 0.1  # at which rubber that its work warms is recognised by how much [J]
@@ -68,9 +68,9 @@ def _derivative(p, t, s, memory, command, ds):
         a += min(p.loop / _CYCLE, 1.0) * (held - a)
     if p.forward != 0.0:
         # What damps it damps the less, the faster the command moves.
-        told = (command - s[27]) / FORWARD
-        a += 2.0 * p.xi * p.omega * p.forward * told
-        ds[27] = told
+        forward_rate = (command - s[27]) / FORWARD
+        a += 2.0 * p.xi * p.omega * p.forward * forward_rate
+        ds[27] = forward_rate
     if p.idle > 0.0:
         # While its switches change over, the drive gives nothing: small currents do not come about.
         asked = p.omega * p.omega * (command - x - memory[3]) - 2.0 * p.xi * p.omega * v
@@ -188,7 +188,7 @@ def _plate(p, s, push):
 
 @njit(error_model="numpy")
 def remember(p, t, s, memory, step):
-    """What outlasts a step: play, depth, creep and gain of the servo, heat, what has slipped or slid."""
+    """Update the memory of a step: play, depth, creep and gain of the servo, heat, slip."""
     if p.backlash > 0.0:
         memory[0], _ = output(p, s, memory)
     if p.rate_limit > 0.0:

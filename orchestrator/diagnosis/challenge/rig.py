@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ...base.compiled_functions import njit
 from .contact import contact_force, lifted, output
-from .knobs import knobs
 from .plant import FORWARD, fresh, integrate, past
+from .rig_parameters import rig_parameters
 from .sensor import age_of, beside_force, digits, first_amplifier, read, rubbed
 from .series import HISTORY, TICK, Series
 from .software import compensate, first_controller, first_satellite, move_satellite
@@ -60,7 +60,7 @@ def simulate(
     """Run the rig in closed loop.
 
     Args:
-        values: knobs of the real rig; mass [kg], speed of approach [m/s]: of the satellite software.
+        values: parameters of the real rig; mass [kg], speed of approach [m/s]: of the satellite software.
         series: what chance does in this run.
     Returns: what is logged, rows by `COLUMNS`, shape (6, n) with n <= ticks, SI.
     """
@@ -104,7 +104,7 @@ def _run(
     )
     out = np.zeros((6, ticks))
     done = _ticks(
-        knobs(values),
+        rig_parameters(values),
         believed,
         mass,
         series.arrival,
@@ -236,7 +236,7 @@ def _ticks(
                 sent = logged[0, n + 1]
         if not driven and (abs(satellite[0]) > LIMIT or abs(position) > LIMIT):
             return n + 1
-        # What a lost increment would have added is missing until a whole command comes.
+        # A lost increment is missing until a complete command arrives.
         step = sent - before
         missing = 0.0 if key[n] else missing + skipped[n] * step
         before = sent
@@ -249,7 +249,7 @@ def _ticks(
         if abs(commands[HISTORY + n] - last) < p.change:
             commands[HISTORY + n] = last  # not worth a message
         if p.sparse > 0.0:
-            # Who receives goes straight on, and is told of what strays from that alone.
+            # The receiver extrapolates, and receives only deviations from that.
             if abs(commands[HISTORY + n] - last - straight) > p.sparse:
                 straight = step
             else:
@@ -317,7 +317,7 @@ def _characters(command):
 
 @njit(error_model="numpy")
 def _shaped(p, commands, index):
-    """A command of which a share is held back for some time, lest the arm swing."""
+    """A command with a share that is delayed, so that the arm does not swing."""
     command = commands[index]
     if p.shaper > 0.0:
         back = p.shaper_time / TICK

@@ -1,4 +1,4 @@
-"""The numbers that make up a real rig: calibrated ones, hidden effects and roughness; zero is "absent"."""
+"""Parameters of a real rig: calibrated ones, hidden effects and roughness; zero is "absent"."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-__all__ = ["CALIBRATED", "KNOBS", "knobs"]
+__all__ = ["CALIBRATED", "RIG_PARAMETERS", "rig_parameters"]
 
-# Calibrated numbers as case.yaml names them, and the knob that each sets.
+# Calibrated numbers as case.yaml names them, and the parameter that each sets.
 CALIBRATED = {
     "natural_frequency": "omega",
     "damping_ratio": "xi",
@@ -22,8 +22,8 @@ CALIBRATED = {
     "force_bias": "bias",
 }
 
-# Knob: its unit. Those of drawn series (noise, arrivals, bursts) are turned into series before a run.
-KNOBS = {
+# Parameter: its unit. Those of drawn series (noise, arrivals, bursts) are turned into series before a run.
+RIG_PARAMETERS = {
     "omega": "rad/s",
     "xi": "1",
     "tau": "s",
@@ -368,17 +368,17 @@ KNOBS = {
     "colour_keep": "1",
 }
 
-_RECORD = np.dtype([(name, np.float64) for name in KNOBS])
+_RECORD = np.dtype([(name, np.float64) for name in RIG_PARAMETERS])
 
 
-def knobs(values: Mapping[str, float]) -> np.void:
+def rig_parameters(values: Mapping[str, float]) -> np.void:
     """A record that machine code reads by name; what is not given is zero.
 
-    Raises: KeyError for a name that is no knob.
+    Raises: KeyError for a name that is no parameter.
     """
     record = np.zeros(1, _RECORD)
     for name, value in values.items():
-        if name not in KNOBS:
-            raise KeyError(f"{name} is no knob of the rig")
+        if name not in RIG_PARAMETERS:
+            raise KeyError(f"{name} is no parameter of the rig")
         record[name] = value
     return record[0]

@@ -1,4 +1,4 @@
-"""Has every case of a challenge diagnosed."""
+"""Diagnose every case of a challenge."""
 
 from __future__ import annotations
 

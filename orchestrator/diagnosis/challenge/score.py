@@ -46,12 +46,12 @@ class Marked:
 
     @property
     def clear(self) -> bool:
-        """Whether the logs could tell."""
+        """Whether the logs hold enough evidence."""
         return self.truth["evidence"] >= CLEAR
 
     @property
     def its_own(self) -> bool:
-        """Whether the logs could tell all that is hidden from any single effect of the catalogue."""
+        """Whether the logs can separate the hidden effects from any single effect of the catalogue."""
         return self.truth.get("beyond", self.truth["evidence"]) >= CLEAR
 
     @property
@@ -290,8 +290,8 @@ def _ece_exact(confidences: Sequence[float]) -> dict[str, float] | None:
     right = np.random.default_rng(0).random((_DRAWS, len(p))) < p
     index = np.minimum((p * _BINS).astype(int), _BINS - 1)
     # By bin: how far the number of right ones is from what was stated.
-    strayed = np.abs((right - p) @ np.eye(_BINS)[index]).sum(axis=1) / len(p)
-    return {"mean": float(strayed.mean()), "most": float(np.quantile(strayed, 0.95))}
+    deviations = np.abs((right - p) @ np.eye(_BINS)[index]).sum(axis=1) / len(p)
+    return {"mean": float(deviations.mean()), "most": float(np.quantile(deviations, 0.95))}
 
 
 def _rms_debiased(group: Sequence[tuple[float, bool]]) -> float | None:

@@ -1,4 +1,4 @@
-"""What the real rig's sensor makes of the force that reaches it, and of what does not."""
+"""The real rig's force sensor: reading from force and other influences."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .plant import DRAWN
 
 __all__ = ["age_of", "beside_force", "digits", "first_amplifier", "read", "rubbed"]
 
-_TOLD, _OVER = 6.0, 2.0  # forces from which on a contact is told of, and below which its end is [N]
+_TOLD, _OVER = 6.0, 2.0  # force at which a contact is reported, and at which its end is [N]
 _LOUD = 100.0  # at which an amplifier that turns itself down is recognised by how much [N]
 _RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back
 
@@ -89,7 +89,7 @@ def _amplified(p, since, value, amplifier):
         amplifier[2], amplifier[3] = value, charge
         value = charge
     if p.tare > 0.0:
-        # Zeroed by a part of the reading that tells it of a contact, until the next.
+        # A part of the first reading of a contact becomes the zero until the next contact.
         if abs(value) < 0.25 * p.tare_force:
             amplifier[4], amplifier[5] = 0.0, 0.0
         elif abs(value) > p.tare_force and amplifier[5] == 0.0:

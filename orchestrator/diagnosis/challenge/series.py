@@ -1,4 +1,4 @@
-"""What chance and the clock do to a run: noise, arrivals of commands, lost samples, bursts, walls."""
+"""Random and periodic series of a run: noise, arrivals of commands, lost samples, bursts, walls."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Series:
         deviate: by how much each command is falsified on its way [m], shape (n,).
         supply: by which share the sensor's supply is off, shape (n,).
         floor: phase in which the floor vibrates at the start [rad].
-        zero: where the sensor's zero is from each contact on, shape (400,) [N].
+        zero: zero of the sensor, beginning with each contact, shape (400,) [N].
         lost: what the encoder loses at each tick [m]; scrape: share by which the force of a contact
             fluctuates, shape (n,).
         cycle: how far the sensor is in its own cycle at the start, from 0 to 1.
@@ -76,7 +76,7 @@ def draw_series(
     Each kind has a stream of its own: taking an effect away leaves the chance of all others as it was.
 
     Args:
-        values: knobs of the rig.
+        values: parameters of the rig.
         noise: standard deviations of encoder [m] and sensor [N].
     """
     get = values.get
@@ -155,7 +155,7 @@ def draw_series(
 
 
 def _process(keep: float, ticks: int, stream: np.random.Generator) -> Array:
-    """First-order noise of a deviation of one, of which a tick keeps a share."""
+    """First-order noise with standard deviation one; `keep` is the correlation of neighbouring ticks."""
     return lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], stream.standard_normal(ticks))
 
 
@@ -213,7 +213,7 @@ def _slots(arrival: Array, slot: float, stream: np.random.Generator) -> Array:
 
 
 def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> NDArray[np.int64]:
-    """Which command holds from each arrival on: some come late, after newer ones, and are obeyed."""
+    """Command in force after each arrival: late ones are obeyed although newer ones arrived before."""
     index = np.arange(HISTORY + ticks)
     late = round(values.get("reorder_ticks", 0.0))
     if late < 1:
@@ -227,7 +227,7 @@ def _payload(values: Mapping[str, float], ticks: int, stream: np.random.Generato
 
 
 def _detour(values: Mapping[str, float], ticks: int, stream: np.random.Generator) -> Array:
-    """How much later commands come that take the longer one of two routes, until or from some instant on."""
+    """Delay of commands on the longer of two routes, before or after some instant."""
     route = values.get("route", 0.0)
     sent = TICK * np.arange(-HISTORY, ticks)
     changed = sent > TICK * ticks * stream.uniform(0.2, 0.8)

@@ -39,7 +39,7 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         # The time that has passed is read from a clock of coarse steps.
         dt = 0.25 * p.timer * (math.floor((now + tick) / p.timer) - math.floor(now / p.timer))
     if p.smoothed > 0.0:
-        s[10] += tick / (tick + p.smoothed) * (force - s[10])  # lest noise move the satellite
+        s[10] += tick / (tick + p.smoothed) * (force - s[10])  # so that noise does not move the satellite
         force = s[10]
     if p.rezero > 0.0:
         # A sensor's zero, as it is taken to be: what the force is on average.
@@ -62,7 +62,7 @@ def move_satellite(p, mass, now, tick, force, extra, s):
     if p.box > 0.0 and abs(s[0]) > p.box_edge and s[0] * s[1] > 0.0:
         extra -= math.copysign(p.box, s[0])  # its keeper of stations knows of no port
     if p.corrected > 0.0:
-        extra += mass * p.corrected * (s[11] - s[0])  # led back to where the rod is, lest both drift apart
+        extra += mass * p.corrected * (s[11] - s[0])  # pulled towards the rod, against drift
     if p.stuck != 0.0 and now >= p.stuck_from:
         # A valve that does not close, until its tank is empty.
         extra += p.stuck * math.exp(-(now - p.stuck_from) / p.stuck_time)
@@ -70,7 +70,7 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         # The lever of the contact turns with the body.
         force *= 1.0 + p.spin * math.sin(p.spin_omega * now + p.spin_phase) ** 2
     if p.seek > 0.0:
-        # What touches the port thrusts for some time, lest it be lost; once in each contact.
+        # The satellite thrusts for some time to keep contact, once in each contact.
         if abs(force) < 0.3 * p.seek_force:
             s[8] = 0.0
         elif force < -p.seek_force and s[8] == 0.0:
@@ -112,7 +112,7 @@ def move_satellite(p, mass, now, tick, force, extra, s):
         s[0] += dt * s[1]
         s[2] += dt * s[3]
     if p.fix > 0.0 and math.floor((now + tick) / p.fix_period) > math.floor(now / p.fix_period):
-        s[1] = p.fix * round(s[1] / p.fix)  # told by a navigation filter, in coarse steps
+        s[1] = p.fix * round(s[1] / p.fix)  # output of a navigation filter, in coarse steps
 
 
 @njit(error_model="numpy")
@@ -163,7 +163,7 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
     s[0], s[2] = force, position
     led = (lead + p.lead) * s[1]
     if p.lead_bound > 0.0:
-        led = min(max(led, -p.lead_bound), p.lead_bound)  # lest noise be led, too
+        led = min(max(led, -p.lead_bound), p.lead_bound)  # limits the lead of noise
     ahead = force + led
     earlier = s[11]
     s[20] = s[20] + 1.0 if abs(force) > 4.0 else 0.0
@@ -171,7 +171,7 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
     if touching:
         s[21] = p.release
     elif s[21] > 0.0:
-        s[21], touching = s[21] - 1.0, True  # lest it be taken for ended while it bounces
+        s[21], touching = s[21] - 1.0, True  # so that a bounce does not end the contact
     if touching:
         if s[4] < 0.5:
             s[4], s[5] = 1.0, position + force / max(s[6], 1000.0)
@@ -198,7 +198,7 @@ def compensate(p, k, lead, tick, force, position, desired, rate, s):
             s[6] = max(s[6] * (1.0 - p.forget * tick), 0.4 * k)
         out = force
     if p.passive > 0.0:
-        # Keeps a part of what a contact gives back, lest it give more than it took.
+        # Keeps a part of the returned energy, so that a contact cannot create energy.
         s[17] = s[17] - force * rate * tick if abs(force) > 4.0 else 0.0
         s[18] = max(s[18], s[17]) if abs(force) > 4.0 else 0.0
         if s[17] < p.passive_from * s[18]:

@@ -52,7 +52,7 @@ class Verdict:
 
 
 def names(answer: Collection[str], ties: Collection[str], truth: Collection[str]) -> bool:
-    """Whether an answer names the truth: the same effects, or as many, the missing ones declared as ties."""
+    """Whether an answer names the truth: the same effects, or as many, with missing ones declared as ties."""
     missing = set(truth) - set(answer)
     return len(set(answer)) == len(set(truth)) and missing <= set(ties)
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ...base.compiled_functions import njit
+from ..config_changes import start
 from ..effect import Context, Effect, Parameter, Site
-from ..written import start
 
 __all__ = ["body_force", "hanging"]
 
@@ -18,14 +18,14 @@ _MASS = int(Context.MASS)
 
 @njit()
 def body_force(step, value, context, memory, share, frequency, damping_ratio):
-    """Force that gives software which knows the whole mass only the body's acceleration [N].
+    """Force that produces the body's acceleration in software that uses the total mass [N].
 
     Position and velocity of the mass, and whether it has begun, stand in `memory`; it begins at rest relative
     to the body.
 
     Args:
         step: [s]; value: force on the satellite [N].
-        share: of the whole mass that hangs at the spring.
+        share: of the total mass that is attached to the spring.
         frequency: [rad/s]; damping_ratio: [1].
     """
     if memory[2] == 0.0:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ..config_changes import start
 from ..effect import Context, Effect, Parameter, Site, law
-from ..written import start
 
 _SIDE, _DEPTH = int(Context.SIDE), int(Context.DEPTH)
 _POSITION, _VELOCITY = int(Context.POSITION), int(Context.VELOCITY)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ..config_changes import start
 from ..effect import Context, Effect, Parameter, Site, law
-from ..written import start
 
 _DEPTH_RATE = int(Context.DEPTH_RATE)
 

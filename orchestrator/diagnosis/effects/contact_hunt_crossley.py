@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import start
 from ..effect import Context, Effect, Parameter, Site, law
-from ..written import start
 
 _DEPTH = int(Context.DEPTH)
 _DEPTH_RATE = int(Context.DEPTH_RATE)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import start
 from ..effect import Effect, Parameter, Site, law
-from ..written import start
 
 
 @law

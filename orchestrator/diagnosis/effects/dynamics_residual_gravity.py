@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import BODY, through, with_unit
 from ..effect import Context, Effect, Parameter, Site, law
-from ..written import BODY, through, with_unit
 
 _MASS = int(Context.MASS)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import held, with_unit
 from ..effect import Effect, Parameter, Site, law
-from ..written import held, with_unit
 
 
 @law

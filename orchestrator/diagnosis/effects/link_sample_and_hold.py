@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import COMMAND, ConfigChanges, through, with_unit
 from ..effect import Effect, Parameter, Site, law
-from ..written import COMMAND, Written, through, with_unit
 
 
 @law
@@ -16,7 +16,7 @@ def _law(time, step, value, context, memory, theta):
     return memory[0]
 
 
-def _written(t, rig) -> Written:
+def _written(t, rig) -> ConfigChanges:
     # A command is there from the end of its tick's first step on.
     period = round(t["every"]) * rig["tick"]
     phase = period - rig["tick"] + rig["step"]

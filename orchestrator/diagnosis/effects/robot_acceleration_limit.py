@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter, savgol_filter
 
+from ..config_changes import start
 from ..effect import Effect, Parameter, Seen, Site, law
-from ..written import start
 
 # Ticks over which an acceleration is taken; it is bounded where commands ask for so many times as much.
 _TICKS, _BOUNDED = 61, 1.5

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.compiled_functions import njit
+from ..config_changes import COMMAND, ConfigChanges, merged, through, with_unit
 from ..effect import Effect, Parameter, Seen, Site, law
 from ..servo import pulse_response
-from ..written import COMMAND, Written, merged, through, with_unit
 
 _LOW, _HIGH = 1e-6, 2e-4
 # Commands are counted by bins of this width [m]; the spectrum is so much finer than their range asks for.
@@ -29,8 +29,8 @@ def _law(time, step, value, context, memory, theta):
 
 
 @njit(error_model="numpy", nogil=True)
-def _explained(steps, phases, commands, strayed, tick, omega, xi, delay):
-    """By how much rounding, by each step and phase, lowers the sum of squares of `strayed` [m2]."""
+def _explained(steps, phases, commands, position_error, tick, omega, xi, delay):
+    """By how much rounding, by each step and phase, lowers the sum of squares of `position_error` [m2]."""
     late = int(delay / tick)
     first = delay - late * tick
     root = omega * math.sqrt(max(1.0 - xi * xi, 1e-6))
@@ -45,7 +45,7 @@ def _explained(steps, phases, commands, strayed, tick, omega, xi, delay):
     for one in range(steps.shape[0]):
         q, phase = steps[one], phases[one]
         x, v, before, total = 0.0, 0.0, 0.0, 0.0
-        for n in range(late, strayed.shape[0]):
+        for n in range(late, position_error.shape[0]):
             c = commands[n - late]
             c = q * (math.floor(c / q - phase + 0.5) + phase) - c
             a, b = x - before, v
@@ -53,13 +53,13 @@ def _explained(steps, phases, commands, strayed, tick, omega, xi, delay):
             a, b = x - c, v
             x, v = c + e[1, 0] * a + e[1, 1] * b, e[1, 2] * a + e[1, 3] * b
             before = c
-            total += (2.0 * strayed[n] - x) * x
+            total += (2.0 * position_error[n] - x) * x
         found[one] = total
     return found
 
 
 def _likely(seen: Seen) -> NDArray[np.float64]:
-    """Steps whose rounding errors, sawteeth over the commands, most resemble what the robot strayed [m].
+    """Steps whose rounding errors, sawteeth over the commands, most resemble the position error [m].
 
     The correlation with all of them at once: a Fourier transform over the commands, summed over harmonics.
     """
@@ -67,9 +67,11 @@ def _likely(seen: Seen) -> NDArray[np.float64]:
     size = 1 << (int(_FINE * reach / _BIN) - 1).bit_length()
     density = np.zeros(size)
     response = pulse_response(seen.lag, seen.tick, _ANSWER)
-    for commands, strayed in zip(seen.commands, seen.strayed, strict=True):
-        # A command's part in all that was strayed after it; the commands are those before each tick.
-        part = np.correlate(np.append(strayed, np.zeros(_ANSWER)), response, "valid")[: len(strayed)]
+    for commands, position_error in zip(seen.commands, seen.position_error, strict=True):
+        # A command's part in all later position errors; the commands are those before each tick.
+        part = np.correlate(np.append(position_error, np.zeros(_ANSWER)), response, "valid")[
+            : len(position_error)
+        ]
         bins = (
             np.round(commands / _BIN).astype(int) % size
         )  # turns the circle at zero, so that phases are zero
@@ -89,10 +91,10 @@ def _likely(seen: Seen) -> NDArray[np.float64]:
 
 
 def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
-    """The steps and phases that explain most of what the robot strayed; neighbours look unlike."""
+    """Steps and phases that explain most of the robot's position error; neighbours differ."""
 
     def explained(steps: NDArray[np.float64], phases: NDArray[np.float64]) -> NDArray[np.float64]:
-        pairs = zip(seen.commands, seen.strayed, strict=True)
+        pairs = zip(seen.commands, seen.position_error, strict=True)
         return sum(_explained(steps, phases, *pair, seen.tick, *seen.lag) for pair in pairs)
 
     farthest = max(float(np.abs(run).max()) for run in seen.commands)
@@ -116,7 +118,7 @@ def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
     return starts
 
 
-def _written(theta: Mapping[str, float], rig: Mapping[str, float]) -> Written:
+def _written(theta: Mapping[str, float], rig: Mapping[str, float]) -> ConfigChanges:
     off = theta["step"] * theta["phase"]
     rounded = through(COMMAND, quantise=with_unit(theta["step"], "m"))
     if not off:

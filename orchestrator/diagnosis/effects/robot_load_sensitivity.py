@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import LOAD, ConfigChanges, with_unit
 from ..effect import Context, Effect, Parameter, Site, law
-from ..written import LOAD, Written, with_unit
 
 _FORCE = int(Context.FORCE)
 
@@ -20,7 +20,7 @@ EFFECT = Effect(
     parameters=(Parameter("gain", "m/(s2.N)", 0.05, low=-1.0, high=1.0),),
     site=Site.ACCELERATION,
     apply=_law,
-    written=lambda t, rig: Written(
+    written=lambda t, rig: ConfigChanges(
         start={"robot": {"load_sensitivity": with_unit(t["gain"], "m/(s2.N)")}}, adds=(LOAD,)
     ),
 )

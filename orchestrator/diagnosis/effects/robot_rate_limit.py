@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from ..config_changes import start
 from ..effect import Effect, Parameter, Seen, Site, law
-from ..written import start
 
-# Ticks over which a speed is taken, and the share of the highest one from which on a servo is at its limit.
+# Ticks over which a speed is taken, and the share of the highest one at which a servo counts as limited.
 _TICKS, _AT = 61, 0.99
 # A limit lies there or a little above: a servo is faster for a moment after each command, and the limit then
 # shows in its mean speed alone.

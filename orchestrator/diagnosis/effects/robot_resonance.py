@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...base.compiled_functions import njit
+from ..config_changes import start
 from ..effect import Context, Effect, Parameter, Seen, Site, law
-from ..written import start
 
 _ACCELERATION = int(Context.ACCELERATION)
 # Ratio of neighbouring candidates for the frequency: a mode's own width.
@@ -27,15 +27,15 @@ def _law(time, step, value, context, memory, theta):
 
 
 @njit(error_model="numpy", nogil=True)
-def _modes(frequencies, commands, strayed, tick, omega, xi, delay):
-    """Products of what the robot strayed with modes of unit gain, and of these with themselves [m2].
+def _modes(frequencies, commands, position_error, tick, omega, xi, delay):
+    """Products of the position error with modes of unit gain, and of these with themselves [m2].
 
     Returns: shape (2, k).
     """
     found = np.zeros((2, frequencies.shape[0]))
     subs = 4
     dt = tick / subs
-    n = strayed.shape[0]
+    n = position_error.shape[0]
     rates = np.zeros(n * subs)
     x, v = commands[0] - delay * (commands[1] - commands[0]) / tick, (commands[1] - commands[0]) / tick
     x -= 2.0 * xi / omega * v
@@ -54,17 +54,17 @@ def _modes(frequencies, commands, strayed, tick, omega, xi, delay):
             p += dt * (-rates[i] - w * w * q - 0.06 * w * p)
             q += dt * p
             if i % subs == subs - 1:
-                found[0, one] += q * strayed[i // subs + 1]
+                found[0, one] += q * position_error[i // subs + 1]
                 found[1, one] += q * q
     return found
 
 
 def propose(seen: Seen) -> Sequence[tuple[float, ...]]:
-    """Gains and frequencies of the modes that explain most of what the robot strayed."""
+    """Gains and frequencies of the modes that explain most of the robot's position error."""
     frequencies = 25.0 * _APART ** np.arange(int(math.log(20.0) / math.log(_APART)))
     products = sum(
-        _modes(frequencies, commands, strayed, seen.tick, *seen.lag)
-        for commands, strayed in zip(seen.commands, seen.strayed, strict=True)
+        _modes(frequencies, commands, position_error, seen.tick, *seen.lag)
+        for commands, position_error in zip(seen.commands, seen.position_error, strict=True)
     )
     explained = products[0] ** 2 / np.maximum(products[1], 1e-300)
     peaks = [

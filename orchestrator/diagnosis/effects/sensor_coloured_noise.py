@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
+from ..config_changes import READING, SEED, ConfigChanges, through, with_unit
 from ..effect import Effect, Parameter
-from ..written import READING, SEED, Written, through, with_unit
 
-_KEEP = 0.9  # of the noise per tick; statistics tell its deviation only
+_KEEP = 0.9  # of the noise per tick; statistics estimate its deviation only
 
 
-def _written(t, rig) -> Written:
+def _written(t, rig) -> ConfigChanges:
     correlation = -rig["tick"] / math.log(_KEEP)
     return through(
         READING,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import READING, through, with_unit
 from ..effect import Effect, Parameter, Site, law
-from ..written import READING, through, with_unit
 
 
 @law

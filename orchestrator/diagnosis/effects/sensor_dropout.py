@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import READING, SEED, through, with_unit
 from ..effect import Effect, Parameter
-from ..written import READING, SEED, through, with_unit
 
 EFFECT = Effect(
     id="sensor.dropout",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ..config_changes import FORCE, through, with_unit
 from ..effect import Effect, Parameter, Site, law
-from ..written import FORCE, through, with_unit
 
 
 @law

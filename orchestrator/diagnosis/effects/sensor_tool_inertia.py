@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import TOOL, ConfigChanges, with_unit
 from ..effect import Context, Effect, Parameter, Site, law
-from ..written import TOOL, Written, with_unit
 
 _ACCELERATION = int(Context.ACCELERATION)
 
@@ -21,7 +21,7 @@ EFFECT = Effect(
     site=Site.FORCE,
     apply=_law,
     # The robot, too: the tool feels a first command that does not continue the motion before the start.
-    written=lambda t, rig: Written(
+    written=lambda t, rig: ConfigChanges(
         start={"sensor": {"tool_mass": with_unit(t["mass"], "kg")}, "robot": {}}, adds=(TOOL,)
     ),
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import PLACE, RATE, ConfigChanges
 from ..effect import Effect, Parameter, Site, law
-from ..written import PLACE, RATE, Written
 
 # Walls are 5 mm away: these move the contact by 5, 50 and 100 um.
 _STARTS = (1e-3, -1e-3, 1e-2, -1e-2, 2e-2, -2e-2)
@@ -21,5 +21,7 @@ EFFECT = Effect(
     parameters=(Parameter("scale", "1", 0.01, low=-0.3, high=0.3, starts=_STARTS),),
     site=Site.STRUCTURE,
     apply=_law,
-    written=lambda t, rig: Written(through={one: ({"gain": 1.0 + t["scale"]},) for one in (PLACE, RATE)}),
+    written=lambda t, rig: ConfigChanges(
+        through={one: ({"gain": 1.0 + t["scale"]},) for one in (PLACE, RATE)}
+    ),
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..config_changes import PLACE, through, with_unit
 from ..effect import Effect, Parameter, Site, law
-from ..written import PLACE, through, with_unit
 
 # Between these the depth of contacts, and with it the force, hardly says which way to go.
 _STARTS = (1e-5, -1e-5, 1e-4, -1e-4, 3e-4, -3e-4)

@@ -14,10 +14,10 @@ from ...config.text import compose
 from ...results.file_formats import strict
 from ...simulation.run import instance_fmus
 from ...system.connection import Port
-from ..content import Told, content, named_files, provenance
+from ..content import AnalysisResults, content, named_files, provenance
 from ..effect import by_effect
 from ..finding import NOMINAL, Augmented, Finding
-from ..tally import Tally, telling
+from ..search_progress import SearchProgress, progress_reported
 from ..verdict import AUGMENTED, EXPORTABLE, PAGE, Diagnosis, Runnable, Warned
 from .apart import components
 from .augmented import augmented_config, parameter_values
@@ -58,7 +58,7 @@ def diagnose_ports(
 
     Args:
         path: the study's file or folder.
-        progress: is reported each stage as it begins, and how far weighing is: see `Tally`.
+        progress: is reported each stage as it begins, and how far weighing is: see `SearchProgress`.
         report: whether to make the page.
         practice: cases to practise on first, if any.
     Raises: ConfigError with all problems of study and logs; OrchestratorError if an analysis fails.
@@ -81,7 +81,7 @@ def diagnose_ports(
     progress("weigh")
     taught, tempering = _taught(path, study, practice)
     configured = study
-    with telling(Tally(len(candidates_of(study)), progress)):
+    with progress_reported(SearchProgress(len(candidates_of(study)), progress)):
         stepped = weighed_without_step(study, tempering)
     study, weighed = stepped.study, stepped.weighed
     if study.parts > configured.parts:
@@ -156,7 +156,7 @@ def _as_effects(kept: Mapping[str, str], missing: Collection[str]) -> list[Warne
     ]
 
 
-def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -> Told:
+def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -> AnalysisResults:
     """What follows from the answer."""
     finding, left_out = weighed.finding, {}
     progress("where")
@@ -188,7 +188,7 @@ def _told(study: PortStudy, weighed: Weighed, progress: Callable[[str], None]) -
         proposed = next_experiment(study, finding, weighed.weights, weighed.effects, weighed.answers)
     progress("numerics")
     both = numerics(study, {"nominal": NOMINAL, "answer": finding.answer})
-    return Told(shares, rows, worked, far, proposed or None, both, left_out)
+    return AnalysisResults(shares, rows, worked, far, proposed or None, both, left_out)
 
 
 def _taught(path: Path, study: PortStudy, practice: Practise | None) -> tuple[Mapping[str, Any], Tempering]:

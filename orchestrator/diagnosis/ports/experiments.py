@@ -13,9 +13,9 @@ from ...fmi import Kind
 from ...system.connection import Port
 from ..answers import Answer
 from ..effect import Effect
+from ..expected_evidence import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace
 from ..finding import Augmented, Finding, name_of
 from ..fit import Fitter
-from ..outlook import RIVAL, RIVALS, Posterior, chosen, evidence_over, laplace
 from ..study import Nominal
 from .apart import driven_of
 from .replay import PortReplay, Weighted, measure
@@ -135,12 +135,12 @@ def next_experiment(
 
     Of those that the study names, and runs as before with one more output logged. Each is simulated as a
     candidate predicts it, and a rival fitted to that, held by what the train runs tell of its parameters; see
-    `outlook.evidence_over`, and `outlook.chosen` for how the evidence counts.
+    `expected_evidence.evidence_over`, and `expected_evidence.chosen` for how the evidence counts.
 
     Args:
         weights: of the compared ports' residuals, as fits took them.
         effects: all candidates; answers: with their fits, ties among them.
-    Returns: as `outlook.chosen`; None where nothing rivals the first candidate.
+    Returns: as `expected_evidence.chosen`; None where nothing rivals the first candidate.
     """
     models = _tied(study, finding, weights, effects, answers)
     if len(models) < 2:

@@ -11,7 +11,7 @@ import numpy as np
 from ...base.errors import Problem, SimulationEnded, StepError
 from ...system.connection import Port
 from ..channels import clipped, frozen
-from ..mistakes import Mistake, plural, told_once, wrong_factors, wrong_scales
+from ..mistakes import Mistake, merged_problems, plural, wrong_factors, wrong_scales
 from ..study import Array
 from ..verdict import Warned
 from .clocks import wrong_clocks
@@ -47,7 +47,7 @@ def check_logs(study: PortStudy) -> tuple[list[Problem], list[Warned]]:
     given = {run.name: _signals(PortReplay(study, [run]), run, stops[run.name]) for run in study.runs}
     found = [_mistake(study, run, given[run.name]) for run in study.runs]
     mistakes = [one for one in found if one is not None]
-    refused = told_once(mistakes, "the same in {} more run{s}") + _stray(study, given, stops)
+    refused = merged_problems(mistakes, "the same in {} more run{s}") + _stray(study, given, stops)
     # Beside a mistake of another kind nothing says about clocks.
     late, doubtful = wrong_clocks(study, given) if not refused else ([], [])
     return [*refused, *late], [

@@ -12,7 +12,7 @@ import numpy as np
 from ...base.errors import Problem, listed, nearest
 from ...system.connection import Port
 from ..channels import logged_twice
-from ..log_checks import clock_slack, clock_told
+from ..log_checks import clock_of_stamps, clock_slack
 from ..mapping import columns_of
 from ..mistakes import plural
 from ..study import Array
@@ -249,7 +249,7 @@ class _Run:
         assert step is not None
         mean = float(time[-1] - time[0]) / (len(time) - 1)
         remedy = f"Set run.step_size under `set`, or `interval`, so that samples are {mean:.6g} s apart; or "
-        self._told_time(clock_told(time, step), remedy + "correct the clock that the stamps are of.")
+        self._told_time(clock_of_stamps(time, step), remedy + "correct the clock that the stamps are of.")
 
     def _told_uneven(self, time: Array, first: int) -> None:
         """Tell that samples are not apart as they should be, and where; first: number of the first row."""

@@ -13,8 +13,8 @@ from ..descent import cost_of
 from ..effect import Effect
 from ..fit import Fit, Fitter
 from ..search import Search, each, exchanged, search
+from ..search_progress import counted_calls, stage
 from ..study import Array
-from ..tally import stage, tallied
 from .comb import Comb
 from .effect import PortEffect
 from .replay import PortReplay, Weighted
@@ -86,7 +86,7 @@ def sought(replay: PortReplay, effects: Sequence[Effect], workers: int) -> tuple
     def promise(effect: Effect) -> float:
         return white.screen(effect, [about])[0]
 
-    promised = min(each(tallied(promise, False, workers), effects, workers), default=math.inf)
+    promised = min(each(counted_calls(promise, False, workers), effects, workers), default=math.inf)
     # Where others promise to explain much, what hardly explains anything is looked for beside them.
     cost = cost_of(about.r, about.z)
     share = _SHARE * max(1.0 - promised / cost, 0.0) if cost > 0.0 else 0.0
@@ -138,7 +138,7 @@ def _combed(
         log = part.runs[0].logs.get(effect.port) if isinstance(effect, PortEffect) and effect.port else None
         return log is None or len(np.unique(log[:end])) > _MANY
 
-    return tuple(each(tallied(combed, False, workers), effects, workers))
+    return tuple(each(counted_calls(combed, False, workers), effects, workers))
 
 
 def _telling(replay: PortReplay) -> list[PortRun]:
@@ -210,7 +210,7 @@ def _resumed(fitter: Fitter, effects: Sequence[Effect], explored: Search, worker
         except np.linalg.LinAlgError:
             return None
 
-    fits = each(tallied(resumed, True, workers), known[:_RESUMED], workers)
+    fits = each(counted_calls(resumed, True, workers), known[:_RESUMED], workers)
     return [fit for fit in fits if fit is not None and math.isfinite(fit.cost)]
 
 

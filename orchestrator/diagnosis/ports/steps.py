@@ -18,8 +18,8 @@ from ..finding import NOMINAL, Augmented
 from ..fit import Fit
 from ..headline import nats
 from ..search import Search, search
+from ..search_progress import stage, twice
 from ..study import Array
-from ..tally import stage, twice
 from ..verdict import Warned
 from .effect import PortEffect
 from .replay import PortReplay, Weighted, candidates_of

@@ -11,8 +11,8 @@ from ..answers import Answer
 from ..effect import Effect
 from ..fit import Fit, Fitter
 from ..search import HOPELESS, each, separation
+from ..search_progress import counted_calls, stage
 from ..study import Array
-from ..tally import stage, tallied
 
 __all__ = ["Alike", "alike"]
 
@@ -81,9 +81,9 @@ def _replaced(fitter: Fitter, top: Fit, place: int, effects: Sequence[Effect], w
         return fitter.fit((*others, effect), z[:count], begin, aim=top.cost + HOPELESS)
 
     new = [effect for effect in effects if all(effect.id != one.id for one in top.effects)]
-    promising = [one for one in each(tallied(nearest, False, workers), new, workers) if one is not None]
+    promising = [one for one in each(counted_calls(nearest, False, workers), new, workers) if one is not None]
     promising.sort(key=lambda one: one[0])
-    return each(tallied(fitted, True, workers), promising[:_FITTED], workers)
+    return each(counted_calls(fitted, True, workers), promising[:_FITTED], workers)
 
 
 def _acts(fitter: Fitter, fit: Fit) -> bool:

@@ -89,7 +89,7 @@ def _verdicts(quantities: Iterable[Mapping[str, Any]], against: str) -> dict[str
 
 
 def _packages(recorded: Mapping[Case, Pair | Failed]) -> dict[str, str]:
-    """Versions of what ran, where the installation tells them."""
+    """Versions of the software that ran, where they are known."""
     for one in recorded.values():
         if isinstance(one, Pair):
             packages = one.whole.results.provenance["packages"]

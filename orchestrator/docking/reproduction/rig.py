@@ -58,7 +58,7 @@ def delays() -> dict[str, float]:
 
 
 def delay() -> str:
-    """Override of the robot's delay, rounded to what the text's two digits can tell."""
+    """Override of the robot's delay, rounded to the two digits of the text."""
     return f"robot.tau_m={delays()['both'] * 1e3:.1f} ms"
 
 

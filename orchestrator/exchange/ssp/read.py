@@ -170,7 +170,7 @@ def _key_text(key: Key) -> str:
 
 
 def _node(network: Network, key: Key) -> Node:
-    """A connector; of an array all elements are alike."""
+    """A connector; all elements of an array are equal."""
     found = network.nodes.get(key)
     if found is not None:
         return found

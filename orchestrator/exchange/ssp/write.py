@@ -276,7 +276,7 @@ class _Writer:
 
     @staticmethod
     def _shape(description: ModelDescription, name: str) -> list[int]:
-        """Dimensions of an array, of which the last element has the largest indices."""
+        """Dimensions of an array, from the indices of its last element."""
         last = [one for one in description.variables if one.startswith(f"{name}[")][-1]
         return [int(text) for text in last[len(name) + 1 : -1].split(",")]
 

@@ -123,7 +123,7 @@ class Child:
             watch.start()
         answer = None
         try:
-            with suppress(OSError):  # it died before: the answer's absence tells
+            with suppress(OSError):  # it ended before: the missing answer shows that
                 frames.send(self._commands, frames.CALL, pickle.dumps(message))
             kind, payload = frames.receive(self._answers)
             answer = pickle.loads(payload)

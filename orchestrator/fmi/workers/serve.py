@@ -27,7 +27,7 @@ def _error_text(error: BaseException) -> str:
 
 
 def _resident() -> int:
-    """Memory of this process [B]; 0 where the system does not tell."""
+    """Memory of this process [B]; 0 if the system does not report it."""
     try:
         with open("/proc/self/statm", encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")

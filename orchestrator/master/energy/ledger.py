@@ -1,4 +1,4 @@
-"""The ledger of a run: told of every step, it knows what was exchanged and created until then."""
+"""The coupling ledger of a run: receives every step, and sums the energy exchanged and created."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .books import Before, Books, Step
 __all__ = ["Account", "Ledger"]
 
 _ROWS = 1024
-# Points of which the course is kept: from here on, every second of them goes, again and again.
+# Largest number of points that are kept; above it, every second point is dropped, repeatedly.
 _MOST_KEPT = 1 << 16
 
 
@@ -53,7 +53,7 @@ class Account:
 
 
 class Ledger:
-    """Keeps the books of a run: told of every step, it knows the energies of all bonds at every point.
+    """Energies of all bonds at every point of a run, from the steps that it receives.
 
     Attributes:
         books: how energies are computed.
@@ -168,7 +168,7 @@ class Ledger:
     # For the native loop, whose inputs follow from the order of stepping.
 
     def schedule(self, instances: Instances, order: Sequence[int], late: bool, step_size: float) -> None:
-        """Tell how inputs are fed, see `Books.late`, and the step size [s]."""
+        """Set how inputs are fed, see `Books.late`, and the step size [s]."""
         self._late = self.books.late(instances, order, late)
         self._step_size = step_size
         self._tail = np.empty((0, self.layout.size))

@@ -30,7 +30,7 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inl
 
 
 def document(title: str, body: Iterable[str], data: Mapping[str, Any] | None = None) -> str:
-    """A whole page.
+    """A complete page.
 
     Args:
         title: of the page, plain text.

@@ -195,7 +195,7 @@ class _Native:
         return bool(self.outcome[Outcome.PHASE] != Phase.DONE)
 
     def tell_elapsed(self, took: int) -> None:
-        """Tell how long the instances' steps took, of those that were timed; all together `took` [ns]."""
+        """Report the duration of the instances' steps that were timed; all together `took` [ns]."""
         total = int(self.elapsed.sum())
         if total:
             # A step that was timed may by chance have been interrupted: they did not take longer than all.

@@ -44,7 +44,7 @@ def word(row, column):
 
 @register_jitable
 def end(outcome, who, phase, row, status, part=0):
-    """Tell how a chunk ended."""
+    """Report how a chunk ended."""
     store(outcome + 8 * _WHO, np.int64(who))
     store(outcome + 8 * _PHASE, np.int64(phase))
     store(outcome + 8 * _BLOCK, np.int64(row))

@@ -1,4 +1,4 @@
-"""Columns of the tables that tell the native loop what to call, and codes in them."""
+"""Columns and codes of the tables that define the calls of the native loop."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ __all__ = ["ExternalFmu", "ExternalInstance"]
 
 
 class ExternalFmu:
-    """An external program or rig, seen as an FMU of which there is one instance.
+    """An external program or rig, as an FMU with one instance.
 
     At each communication step the values at its beginning are sent; what is received is there at its end.
     With `exchange: lockstep` that is what the peer sent at its step of the same number, so that the link is
@@ -160,7 +160,7 @@ class ExternalInstance:
         self._y[:] = [self._values[one] for one in self._outputs]
 
     def terminate(self) -> None:
-        """Tell the peer that the run is over."""
+        """Report the end of the run to the peer."""
         try:
             self._link.end()
         except LinkError as error:

@@ -19,7 +19,7 @@ __all__ = ["Link", "LinkError"]
 # While a peer does not answer, what it may have missed is sent again this often [s].
 _AGAIN = 0.05
 _AGAIN_NS = int(_AGAIN * 1e9)
-# Sequence numbers that are remembered, to tell duplicates, and datagrams that may be asked for again.
+# Number of stored sequence numbers, to detect duplicates, and of datagrams that can be requested again.
 _REMEMBERED, _KEPT = 1024, 3
 _NOTHING = np.zeros(0)
 
@@ -65,7 +65,7 @@ class Link:
         self._socket.close()
 
     def connect(self, seconds: float) -> None:
-        """Wait until the peer is heard, and tell it that it was. Raises: LinkError."""
+        """Wait for the peer, and confirm that it was received. Raises: LinkError."""
         begin = perf_counter_ns()
         again = begin
         while self._theirs is None:
@@ -126,7 +126,7 @@ class Link:
         return self._seen[sequence]
 
     def end(self) -> None:
-        """Tell the peer that the run is over; thrice, and with the last values, since nobody answers."""
+        """Send the end of the run to the peer, three times with the last values, since it does not answer."""
         for _ in range(3):
             for data in self._sent.values():
                 self._put(data)
@@ -162,7 +162,7 @@ class Link:
         try:
             self._socket.sendto(data, self._peer)
         except ConnectionError:
-            pass  # nobody listens there yet, or any more: what does not come back tells
+            pass  # nobody listens there yet, or any more: missing answers show that
         except OSError as error:
             raise LinkError(f"cannot send to {_text(self._peer)} ({error})") from error
 
@@ -179,7 +179,7 @@ class Link:
             data, _ = self._socket.recvfrom(65535)
         except (TimeoutError, BlockingIOError):
             return False
-        except ConnectionError:  # some systems tell so that an earlier datagram was not taken
+        except ConnectionError:  # some systems report in this way that an earlier datagram was not accepted
             return True
         now = perf_counter_ns()
         one = unpack(data)

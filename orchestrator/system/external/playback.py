@@ -56,7 +56,7 @@ def read_header(path: Path) -> list[Column]:
 
 
 class SignalFmu:
-    """Signals of a CSV file, as an FMU of which there may be many instances.
+    """Signals of a CSV file, as an FMU with any number of instances.
 
     The first column is the time. Between two rows real numbers run straight; integers, enumerations, booleans
     and text keep the value of the row before. Two rows of the same time make a jump. Before the first row and
