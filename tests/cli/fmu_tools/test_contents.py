@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 
 import foreign
@@ -10,6 +11,7 @@ import pytest
 from archives import repack
 
 from orchestrator.cli.fmu_tools.bench import bench_fmus
+from orchestrator.cli.fmu_tools.binaries import platform_names
 from orchestrator.cli.fmu_tools.comparison import compare_fmus
 from orchestrator.cli.fmu_tools.contents import binaries, inspect_fmu
 from orchestrator.cli.fmu_tools.trial import Conditions
@@ -64,11 +66,35 @@ def test_inspect_tells_what_is_there():
 def test_the_command_prints_it_for_people_and_machines(capsys):
     assert main(["fmu", "inspect", "RobotResponse"]) == 0
     text = capsys.readouterr().out
-    assert "  darwin64  Mach-O x86_64 + Mach-O aarch64  " in text
+    assert "  darwin64  darwin64    x86_64-darwin, aarch64-darwin  Mach-O x86_64 + Mach-O aarch64  " in text
+    assert "  linux64   linux64     x86_64-linux                   ELF x86_64 " in text
     assert "  position  Real  m     0" in text
     assert main(["fmu", "inspect", "--json", "RobotResponse", "ForceSensor-fmi3"]) == 0
     names = [json.loads(line)["name"] for line in capsys.readouterr().out.splitlines()]
     assert names == ["DockingHIL.RobotResponse", "DockingHIL.ForceSensor"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "architectures", "names"),
+    [
+        ("linux64", ["aarch64"], ("linux64", ("aarch64-linux",))),
+        ("win32", [], ("win32", ("x86-windows",))),
+        ("aarch64-darwin", ["aarch64"], ("darwin64", ("aarch64-darwin",))),
+        ("x86_64-windows", [], ("win64", ("x86_64-windows",))),
+        ("aarch64-windows", [], ("", ("aarch64-windows",))),
+        ("vms", [], ("", ())),
+    ],
+)
+def test_platforms_have_names_in_both_versions_of_fmi(folder, architectures, names):
+    assert platform_names(folder, architectures) == names
+
+
+def test_platforms_without_the_library_are_told(tmp_path, capsys):
+    path = foreign.arrays(tmp_path / "X.fmu")
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("binaries/aarch64-linux/helper.so", b"x")
+    assert main(["fmu", "inspect", str(path)]) == 0
+    assert "  aarch64-linux: no library Arrays; it holds helper.so\n" in capsys.readouterr().out
 
 
 def test_versions_of_fmi_give_the_same_bits_and_forms_nearly():
