@@ -153,11 +153,11 @@ def _hiding(context: tuple[int, Mapping[str, Sequence[float]]], task: tuple[int,
 
 
 def _chosen_kinds(asked: str | None) -> list[str]:
-    """Kinds outside the catalogue to practise on, of those that are known, by id.
+    """Known kinds outside the catalogue for simulated cases, by id.
 
     Args:
-        asked: "all", or how many; None for those of the calibration that comes with the product: it is then
-            learned alike when more are known.
+        asked: "all", or a number; None for those of the shipped calibration, so that learning it again gives
+            the same result when more are known.
     Raises: OrchestratorError for anything else, and if one of those is not known.
     """
     known = sorted(name for name, kind in OUTSIDE.items() if kind.place not in SOFTWARE)

@@ -98,29 +98,30 @@ class Table:
 
 @dataclass(frozen=True)
 class Calibration:
-    """How log evidences become probabilities.
+    """Map from log evidences to probabilities.
 
-    The score of an answer is its log evidence over T = temperature + growth b^`power` + form w, b the best
-    log evidence but for what is random in it, w what that answer usually leaves, see `usual`, by the share
-    of b in its log evidence: a real effect's form is not quite the catalogue's, and what another effect
-    mends of that is no evidence. Where the answer leaves less than it usually does, w is that: another
-    effect hardly mends all that its form lacks. What the replay's own error may make, see `Table`, is
-    usual, too, and is not lacking. Effects that the logs speak for have a price: the first of
-    them `first`, the second `second`, each further one `further`. One that is too small to be seen costs
-    `hidden`, beside another one `beside` and `fainter` times its `strength`, since the effects of one rig are
-    about as strong, as a third `further`, and more the seldomer it stays unseen.
-    Something outside the catalogue scores what the best answer of its group has, less `outside`, plus what
-    answers lack: `slopes` times ln(1 + u), u a part of the unexplained log likelihood over what is usual (see
-    `usual`), `slope` times that of what has no parts and of what no answer could explain, `beyond` times how
-    far the largest is above what right answers leave, plus the log likelihood that what an answer holds to be
-    random is not, plus `several` for a second effect that it sees, and `many` for each beyond it:
-    combinations rarely are what they imitate. Of the odds of outside over answers that lack so much the
-    harmonic mean counts, weighted by their probabilities: one likely answer that lacks nothing speaks against
-    outside. A share `floor` of the probability is spread evenly.
+    The score of an answer is its log evidence over T = temperature + growth b^`power` + form w. b is the log
+    evidence of the best answer, without that of random effects. w is the residual evidence that the best
+    answer usually leaves (see `usual`), or the one that it does leave if that is less, scaled by b over its
+    log evidence. The reason: the form of a real effect differs a little from the catalogue's, and a second
+    effect that corrects this is no evidence. The replay's own error (see `Table`) counts as usual.
 
-    A set of answers holds 95 % of the probability, or what faint effects need to be in 95 of 100 sets, and
-    not only strong ones and rigs without any: `sure` where the logs speak for no effect, `surely` where they
-    speak for one, beside which there may be another.
+    Prices are subtracted. An effect with evidence costs `first`, the second one `second`, each further one
+    `further`. An effect that is too small to be seen costs `hidden`. Beside another one it costs `beside` and
+    `fainter` times its `strength`, since the effects of one rig have similar sizes; as a third one,
+    `further`. It costs more if it is seldom unseen.
+
+    Something outside the catalogue has the score of the best answer of its group, minus `outside`, plus the
+    evidence against the answers: `slopes` times ln(1 + u), with u each part of the residual evidence over the
+    usual one; `slope` times the same for residuals without parts and for those that no answer could explain;
+    `beyond` times the excess of the largest over right answers; the log likelihood that effects taken for
+    random are not; `several` for a second effect with evidence, and `many` for each further one, since
+    combinations often imitate other effects. The odds of outside over the answers are averaged harmonically,
+    weighted by the answers' probabilities: one likely answer without such evidence contradicts outside. A
+    share `floor` of the probability is spread evenly.
+
+    A set of answers holds 95 % of the probability, or more, so that faint effects are in 95 of 100 sets as
+    well: `sure` without evidence for an effect, `surely` with evidence for one, which may hide another.
 
     Attributes:
         unseen: of the effects that stay unseen, how many are which, by id; they add up to one.
@@ -263,7 +264,7 @@ class Calibration:
         """Probabilities from scores, prices taken off.
 
         Args:
-            alike: of how many answers each score is.
+            alike: number of answers with each score.
         """
         p = np.exp(scores - scores.max(-1, keepdims=True))
         p /= p.sum(-1, keepdims=True)

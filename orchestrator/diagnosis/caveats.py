@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .headline import MUCH, SPEAKS, at_ports, chosen_answer, leaves_much, listed_or, percent
+from .headline import MUCH, SUPPORTS, at_ports, chosen_answer, leaves_much, listed_or, percent
 from .verdict import Diagnosis
 
 __all__ = ["caveats"]
@@ -117,14 +117,14 @@ def _unneeded(diagnosis: Diagnosis) -> str:
     moved = _moved(diagnosis, "recalibrated")
     name = max(moved, key=lambda name: abs(moved[name]))
     numbers = "Other values of calibrated numbers alone"
-    stray = f"{name} {moved[name]:+.1f} tolerances from its own"
+    deviation = f"{name} {moved[name]:+.1f} tolerances from its own"
     if abs(moved[name]) >= _FAR:
         return (
-            f"{numbers} close {percent(gap.recalibration_only)} of the gap, {stray}: if its tolerance can be "
-            "that wrong, no effect is needed."
+            f"{numbers} close {percent(gap.recalibration_only)} of the gap, {deviation}: if its tolerance can "
+            "be that wrong, no effect is needed."
         )
-    if gap.over_recalibration is not None and abs(gap.over_recalibration) <= SPEAKS:
-        return f"{numbers}, {stray}, do as well on runs that no fit saw: these do not confirm the answer."
+    if gap.over_recalibration is not None and abs(gap.over_recalibration) <= SUPPORTS:
+        return f"{numbers}, {deviation}, do as well on runs that no fit saw: these do not confirm the answer."
     return ""
 
 

@@ -52,8 +52,8 @@ def check_logs(study: Study) -> tuple[list[Problem], list[Problem]]:
 
 
 def _twice(study: Study) -> list[Problem]:
-    telling = ("encoder_position", "sensor_force")
-    runs = [(run.name, {name: run[name] for name in telling}) for run in study.runs]
+    compared = ("encoder_position", "sensor_force")
+    runs = [(run.name, {name: run[name] for name in compared}) for run in study.runs]
     return list(logged_twice(runs, "runs"))
 
 

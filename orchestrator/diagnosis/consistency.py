@@ -56,13 +56,13 @@ def check_columns(study: Study, run: Run) -> list[Problem]:
     if not broken:
         return _clock_of_encoder(study, run)
     suspects = sorted({name for one in broken for name in one.columns})
-    for remedy, believed, mended in chain(_misstated(study, run), _mistakes(study, run, suspects)):
-        if not _broken(believed, mended):
+    for remedy, believed, corrected in chain(_misstated(study, run), _mistakes(study, run, suspects)):
+        if not _broken(believed, corrected):
             first = min(one.row for one in broken)
             return [
                 Mistake(
                     f"{run.name}: {remedy[0]}",
-                    f"from row {first} on the columns contradict each other: {broken[0].what}",
+                    f"from row {first} onwards the columns contradict each other: {broken[0].what}",
                     remedy=remedy[1],
                 )
             ]
@@ -105,16 +105,16 @@ def _mistakes(study: Study, run: Run, suspects: list[str]) -> Iterator[tuple[tup
     for name in suspects:
         column = study.mapping.get(name)
         for factor, remedy in wrong_factors(column.sign, column.unit) if column else wrong_factors():
-            mended = {**run.columns, name: run[name] / factor}
-            yield (f"column {name}", remedy), study, replace(run, columns=mended)
+            corrected = {**run.columns, name: run[name] / factor}
+            yield (f"column {name}", remedy), study, replace(run, columns=corrected)
     names = [name for name in run.columns if name != "time"]
     for one, other in combinations(names, 2):
         if one in suspects or other in suspects:
-            mended = {**run.columns, one: run[other], other: run[one]}
+            corrected = {**run.columns, one: run[other], other: run[one]}
             yield (
                 (f"columns {one}, {other}", "All fits if the two are exchanged. Exchange their headers."),
                 study,
-                replace(run, columns=mended),
+                replace(run, columns=corrected),
             )
     for name in suspects:
         for shift in sorted(range(-_SHIFTS, _SHIFTS + 1), key=abs):
@@ -324,7 +324,7 @@ def _clock_of_encoder(study: Study, run: Run) -> list[Problem]:
             return [
                 Mistake(
                     f"{run.name}: column encoder_position",
-                    f"from row {row} on the controller's output does not follow from it",
+                    f"from row {row} onwards the controller's output does not follow from it",
                     remedy=_clock(shift),
                 )
             ]

@@ -134,8 +134,8 @@ def lost_in_contact(
 ) -> tuple[float, float]:
     """Probability of a lost sample and its log evidence, from samples that repeat while the force moves.
 
-    How often a sample repeats the last one by chance follows from how steep the force is about it, as the
-    two samples tell that would not be changed by a loss there: its neighbours but the last one.
+    The probability of a repetition by chance follows from the slope of the force. The slope is taken from two
+    neighbours that a loss would not change: those except the last sample.
 
     Args:
         forces: by run [N]; contact: whether a replay touches, per tick, by run.

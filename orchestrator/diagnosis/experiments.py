@@ -98,8 +98,8 @@ def next_experiment(
 
 def _left(finding: Finding, place: str) -> float:
     """Mean square that the answer leaves of the logs that a place shows in, over their noise."""
-    alike = COMPONENTS[component_of(place)]
-    return max(finding.misfit.get(one, 1.0) for one in alike)
+    equal = COMPONENTS[component_of(place)]
+    return max(finding.misfit.get(one, 1.0) for one in equal)
 
 
 def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:

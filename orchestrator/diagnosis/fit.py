@@ -246,15 +246,15 @@ class Fitter:
         return self._fitted(effects, at.z, at.r, at.cost, float(log_determinant))
 
     def carried(self, fit: Fit, by: Fitter) -> tuple[Fit, Array]:
-        """A model that was fitted to other runs, as it does on these.
+        """A model that was fitted to other runs, applied to these.
 
-        Its numbers are known as well as those runs tell them; what they may miss by is made up for by one
-        linear step, if that does better, and what no derivative tells, by what they leave open. What they
-        stray by stays as it was.
+        Its parameters may move by one linear step within their uncertainty on the other runs, if that
+        improves the fit. Parameters without derivatives may move within the range that those runs allow. The
+        deviations from the calibration are not changed.
 
         Args:
             by: a fitter of those runs.
-        Returns: it, and derivatives of the stacked residuals by its normalised parameters.
+        Returns: the fit, and derivatives of the stacked residuals by its normalised parameters.
         """
         z = self._left_open(fit, by)
         r = self.stacked(fit.effects, z)
@@ -271,12 +271,13 @@ class Fitter:
         return replace(here, deviation=fit.deviation), jacobian
 
     def _left_open(self, fit: Fit, by: Fitter) -> Array:
-        """Normalised parameters, of which jagged ones are moved to where they do best on these runs.
+        """Normalised parameters; those without derivatives are moved to their best values on these runs.
 
-        A command that the other runs round alike by many a step may be one that these round otherwise.
+        Commands that are rounded equally by many resolutions in the other runs may be rounded differently
+        here.
 
         Args:
-            by: a fitter of the other runs; they are moved no farther than it hardly tells.
+            by: a fitter of the other runs; parameters move only where its cost hardly changes.
         """
         effects, z = fit.effects, fit.z
         own = [one.jagged for effect in effects for one in effect.parameters]

@@ -36,10 +36,10 @@ _KEPT, _WEAK = 12, 40.0
 # Fits whose log evidence is less than the best by more than both, a share of it and so many nats, are out of
 # the question; threads that judge what the others leave.
 _HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
-# Tolerances are doubtful where a factor on all of them has some log evidence, and more than the best effects,
-# each of which is one of many and costs `_EACH`. Where calibrated numbers of one kind alone stray by more
-# than `_STRAYED`, it costs `_SAME_KIND`: one effect, as a delay, strays in all numbers of its kind. A number
-# that deviates alone, while no other does by more than `_BESIDE`, is an effect's doing.
+# Tolerances are doubtful if a factor on all of them has some log evidence, and more than the best effects.
+# Each effect is one of many and costs `_EACH`. The factor costs `_SAME_KIND` if only calibrated numbers of
+# one kind deviate by more than `_STRAYED`, since one effect, such as a delay, moves all numbers of its kind.
+# A number that deviates alone, while no other does by more than `_BESIDE`, is attributed to an effect.
 _STRAYED, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
 # A further effect that gains less is hardly named [nats].
 _TOLD = 2.0

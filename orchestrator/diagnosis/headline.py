@@ -12,8 +12,8 @@ from .verdict import SUSPECTED, WITHIN, Diagnosis, Experiment, Gap, Which, chanc
 
 __all__ = [
     "MUCH",
-    "SPEAKS",
-    "TELLS",
+    "SEPARATES",
+    "SUPPORTS",
     "at_ports",
     "chosen_answer",
     "families_in_words",
@@ -28,7 +28,7 @@ __all__ = [
 # An answer that is likelier than this is named alone, its ties after it.
 _SURE = 0.8
 # Evidence below which an experiment distinguishes nothing [nats].
-TELLS = 1.0
+SEPARATES = 1.0
 # Beyond this an experiment decides; how far beyond only says how many digits exact software has [nats].
 _DECIDES = 1000.0
 # Least mean square of the residual, over that of the noise, that is reported: twice the noise.
@@ -36,9 +36,9 @@ MUCH = 4.0
 # Least share of the gap closed by an answer that is the complete cause.
 _CLOSED = 0.7
 # Error over the noise, on runs that no fit saw, from which the model does not explain the logs.
-_STRAYS = 2.0
+_MISFITS = 2.0
 # Log likelihood of held-out runs that supports an answer, or contradicts it if negative [nats].
-SPEAKS = 3.0
+SUPPORTS = 3.0
 # A share that is no more is rounding.
 _NOTHING = 1e-7
 # Forms of a cause that are less probable are not worth a word; and how many are named.
@@ -68,7 +68,7 @@ def _answer(diagnosis: Diagnosis) -> str:
             )
         explained = all(value <= MUCH for value in at_ports(diagnosis).values())
         times = 0.0 if gap is None else _strayed(gap)
-        if explained and times > _STRAYS:
+        if explained and times > _MISFITS:
             larger = f"{times:.1f} times" if math.isfinite(times) else "beyond"
             text = (
                 f"The runs that were fitted show no effect ({chance}), but on runs that no fit saw "
@@ -110,7 +110,7 @@ def _answer(diagnosis: Diagnosis) -> str:
             f"The fitted runs support {both} ({chance}), but on runs that no fit saw "
             f"the gap grows {grows} with {it}: do not rely on this answer"
         )
-    elif gap is not None and (gap.over_recalibration or 0.0) < -SPEAKS:
+    elif gap is not None and (gap.over_recalibration or 0.0) < -SUPPORTS:
         by = nats(-gap.over_recalibration)
         text = (
             f"The fitted runs support {both} ({chance}), but runs that no fit saw are likelier "

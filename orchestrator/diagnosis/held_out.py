@@ -22,9 +22,9 @@ __all__ = ["Judge", "UnexplainedEvidence", "fitter_with_nuisance"]
 _MUCH, _MOST = 200.0, 0.5
 # A wave that is small in some runs may be a little larger in all.
 _WAVIER = 1.25 * WAVY
-# Where effects act that may not show at all in runs a little slower than others; and how many times more
-# further runs tell of such an effect than those that it was fitted to, where these do not tell its size well
-# enough.
+# Places of effects that may not show in slightly slower runs. And the ratio of the evidence for such an
+# effect in further runs to that in the fitted runs, above which the fitted runs do not determine its size
+# well enough.
 _LIMITS, _DEEPER = (Site.RATE, Site.LIMIT), 1e3
 
 

@@ -28,11 +28,11 @@ __all__ = ["Arrivals", "arrivals", "other_link", "random_links", "search_behind"
 _CLEAR = 5.0
 # The same for single lost commands; a few may occur by chance.
 _LOSSES_CLEAR = 15.0
-# Log evidence of lost commands that stand apart, over that of random arrivals, at which they are what these
-# are; and of it the share that may be left when they are taken away.
+# Log evidence of single lost commands over that of random arrivals from which these count as such losses; and
+# the share of it that may remain after the losses are removed.
 _LIKELIER, _REST = 2.0, 0.1
-# Beside the log evidence of commands out of order, of which few are found where they run into each other, as
-# how much of theirs that of losses counts, and that of random arrivals, which may come at any time.
+# Factors of the log evidence of losses, and of random arrivals, when they are compared with commands out of
+# order: few of those are found where they overlap, and random arrivals are more flexible.
 _UNSURE, _FREER = 1.4, 0.7
 # Share of the mean square of what the encoder deviates that effects leave at most where they explain much of
 # it; what imitates random arrivals alone leaves nearly all.
@@ -44,10 +44,10 @@ class Arrivals(NamedTuple):
 
     Attributes:
         seen: log evidence of random arrivals over none [nats].
-        log_evidence: the same, less what they do not foresee: they take up what the encoder strays, whatever
-            it is, but then what is left is not white. Zero where nothing is clear.
-        deviation: of them [s].
-        unforeseen: what they leave of the encoder, normalised, by run; nothing where nothing is clear.
+        log_evidence: the same, minus evidence in their innovations: they absorb any deviation of the encoder,
+            but then the innovations are not white. Zero if nothing is clear.
+        deviation: of the arrival times [s].
+        unforeseen: normalised innovations of the encoder, by run; empty if nothing is clear.
         losses: commands lost one by one, where these were sought.
         apart: whether losses are what arrivals are, one by one.
     """
@@ -61,9 +61,9 @@ class Arrivals(NamedTuple):
 
     @property
     def regular(self) -> float:
-        """Log likelihood that what is random is not, or not that: it keeps a period, or no order [nats].
+        """Log likelihood that arrivals are not random: they are periodic, or out of order [nats].
 
-        Chance keeps no period, and neither loss nor delay brings an older command after a newer one.
+        Random losses have no period, and neither loss nor delay brings an older command after a newer one.
         """
         if self.losses is None:
             return 0.0
@@ -74,8 +74,7 @@ class Arrivals(NamedTuple):
     def periodic(self) -> float:
         """Log evidence of losses that keep a period, too few to be reported as lost by chance [nats].
 
-        Chance keeps none, so that they are believed from as much evidence on as its losses, the period's
-        added.
+        Random losses have no period, so that the evidence of the period is added to that of the losses.
         """
         if self.losses is None or self.regular == 0.0 or self.seen > _CLEAR:
             return 0.0

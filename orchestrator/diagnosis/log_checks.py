@@ -128,11 +128,11 @@ def unread_rows(
             continue
         row = int(wrong[0])
         held = signal.values[row] if signal.written is None else signal.written[row]
-        # Text that says so itself, and cells in which nothing stands, are all that columns of numbers leave.
+        # Columns of numbers can only hold text and empty cells besides.
         content = "nothing" if held in (None, "") else repr(held) if isinstance(held, str) else str(held)
         if signal.written is None and np.isnan(held):
             content = "nothing, or nan"
-        remedy = "Mend the log there" + (
+        remedy = "Correct the log there" + (
             ", or take a part without it, by `from` and `to`." if parted else "."
         )
         if isinstance(held, str) and _COMMA.fullmatch(held):

@@ -12,7 +12,7 @@ from scipy.special import logsumexp, ndtr
 from ..base.compiled_functions import njit
 from .fit import Fit
 from .model import RigModel
-from .random_arrivals import SLOW, STRAYS
+from .random_arrivals import DEVIATIONS, SLOW
 from .rig import HISTORY, Calibrated
 from .servo import pulse_response
 from .study import Array
@@ -71,10 +71,10 @@ class _Asked(NamedTuple):
 
 
 def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
-    """Find lost commands one by one, each of which lets the one before act for a tick more.
+    """Find lost commands one by one; each lets the one before act for a further tick.
 
-    What a lost command moves the robot is known to its size and sign, so that few of them suffice. Losses
-    that lie apart are summed over in full; those between them are sought in what they leave.
+    Size and sign of the motion by a lost command are known, so that few of them suffice. Separate losses are
+    summed over completely. Those between them are searched in the remaining residual.
 
     Args:
         fit: the best one without losses; left: its residuals of the encoder, normalised, by run.
@@ -87,7 +87,7 @@ def lost_commands(model: RigModel, fit: Fit, left: Sequence[Array]) -> Losses:
         answers.append(_answer(p, tick) / noise)
     asked = [_Asked(((_short(c, 1), 0),), answer) for c, answer in zip(sent, answers, strict=True)]
     # Losses look slow as well: both are weighed together, against what is slow alone.
-    beside = [(slow, math.exp(-SLOW * tick)) for slow in STRAYS]
+    beside = [(slow, math.exp(-SLOW * tick)) for slow in DEVIATIONS]
     alone = [_plainly(left, slow) for slow in beside]
     found = [_found(left, asked, slow) for slow in beside]
     evidences = [one.log_evidence + plain for (one, *_), plain in zip(found, alone, strict=True)]

@@ -63,10 +63,10 @@ def unexplained(channels: Sequence[Array]) -> float:
     """Log likelihood that slow or local structure of normalised residuals still holds [nats].
 
     Sums over blocks of a residual that is white noise have the variance of their length. Where their mean
-    square is q times as large, a model that knew it would gain n (q - 1 - ln q)/2 over n blocks; the largest
-    gain over block lengths is taken, channel by channel, less what it is by chance. Block length 1 tells a
-    noise larger than specified, and only counts as far as it is more than half as large again; so much
-    longer blocks are allowed, too.
+    square is q times as large, a model with this variance gains n (q - 1 - ln q)/2 over n blocks. The largest
+    gain over block lengths is taken, channel by channel, minus its value by chance. Block length 1 detects
+    noise that is larger than specified. It counts only beyond a factor 1.5, which longer blocks are allowed,
+    too.
 
     Args:
         channels: residuals over their noise.
@@ -173,8 +173,8 @@ def narrow_band_line(channels: Sequence[Array], windows: Sequence[Sequence[slice
     for r, some in zip(channels, windows, strict=True):
         inside = np.zeros(len(r))
         for window in some:
-            telling = r[window] != 0.0
-            inside[window] = telling * (r[window] - r[window].sum() / max(np.count_nonzero(telling), 1))
+            nonzero = r[window] != 0.0
+            inside[window] = nonzero * (r[window] - r[window].sum() / max(np.count_nonzero(nonzero), 1))
         by_run.append(inside)
     by_window = [r[window] for r, some in zip(by_run, windows, strict=True) for window in some]
     by_window = [one for one in by_window if one.any()]

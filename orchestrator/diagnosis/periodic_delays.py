@@ -25,11 +25,11 @@ _CHANCE = 5.0
 
 
 def rhythm(channels: Sequence[Array], positions: Sequence[Array]) -> float:
-    """Log evidence of a period that the encoder's residuals keep, as large as the robot is fast [nats].
+    """Log evidence of a period in the encoder's residuals, in proportion to the robot's speed [nats].
 
-    A command that comes late by turns, or waits for its turn, moves the robot in proportion to its speed. The
-    period is that of all runs, the phase each run's own; what deviates without one is shown by the spectrum
-    about it. Little evidence is none.
+    A command that is late periodically moves the robot in proportion to its speed. The period is common to
+    all runs, the phase is fitted for each run. The background is the spectrum about the period. Little
+    evidence counts as none.
 
     Args:
         channels: residuals over their noise, by run; positions: of the robot, of the same samples.

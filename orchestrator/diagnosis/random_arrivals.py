@@ -15,7 +15,7 @@ from .rig import HISTORY, Calibrated, _transition
 from .stochastic import Noise
 from .study import Array
 
-__all__ = ["JITTER", "PACKETS", "SLOW", "STRAYS", "arrival_innovations", "link_noise", "random_arrival"]
+__all__ = ["DEVIATIONS", "JITTER", "PACKETS", "SLOW", "arrival_innovations", "link_noise", "random_arrival"]
 
 PACKETS, JITTER = "link.packet-loss", "link.jitter"
 # A hundred particles take one kind of random arrival for the other now and then.
@@ -26,7 +26,7 @@ _STRENGTHS = (1.0, 1.4)
 # Of the arrival of commands, all about as likely beforehand [s].
 _DEVIATIONS = 2e-5 * 2.0 ** np.arange(7)
 # Deviations of slow errors of the encoder, in its noise, and how fast they change [rad/s].
-STRAYS = (0.0, 0.15, 0.3, 0.6, 1.2)
+DEVIATIONS = (0.0, 0.15, 0.3, 0.6, 1.2)
 SLOW = 2.0 * math.pi * 20.0
 # Where machine code finds what it needs of the rig's numbers.
 _OMEGA, _XI, _TAU, _TICK = map(
@@ -172,9 +172,9 @@ def random_arrival(model: RigModel, fit: Fit, left: Sequence[Array]) -> tuple[fl
         the deviations of the arrival [s].
     """
     servos = _servos(model, fit)
-    found = np.zeros((1 + len(_DEVIATIONS), len(STRAYS)))
+    found = np.zeros((1 + len(_DEVIATIONS), len(DEVIATIONS)))
     for row, deviation in enumerate((0.0, *_DEVIATIONS)):
-        for column, slow in enumerate(STRAYS):
+        for column, slow in enumerate(DEVIATIONS):
             found[row, column], _ = _arriving(model, servos, left, deviation, slow)
     weighed = logsumexp(found, axis=1)
     evidence = float(logsumexp(weighed[1:]) - math.log(len(_DEVIATIONS)) - weighed[0])
@@ -191,7 +191,7 @@ def arrival_innovations(model: RigModel, fit: Fit, left: Sequence[Array], deviat
     Arguments as those of `random_arrival`. It is white where that is what the encoder deviates by.
     """
     servos = _servos(model, fit)
-    weighed = [_arriving(model, servos, left, deviation, slow) for slow in STRAYS]
+    weighed = [_arriving(model, servos, left, deviation, slow) for slow in DEVIATIONS]
     return max(weighed, key=lambda one: one[0])[1]
 
 

@@ -14,7 +14,7 @@ from .effect import Effect
 from .figures import figure_of
 from .finding import Augmented
 from .headline import (
-    TELLS,
+    SEPARATES,
     chosen_answer,
     families_in_words,
     headline,
@@ -150,7 +150,7 @@ def _how_far(diagnosis: Diagnosis, over: str) -> str:
     gap = diagnosis.how_far
     if gap is None:
         return _left_out(diagnosis, "how_far")
-    rows = [(over, gap)] + ([("whole run", gap.full_run)] if gap.full_run is not None else [])
+    rows = [(over, gap)] + ([("complete run", gap.full_run)] if gap.full_run is not None else [])
     body = "".join(f"<tr><th>{name}</th>{_gap_cells(one)}</tr>" for name, one in rows)
     head = "".join(
         f"<th>{one}</th>" for one in ("", "before", "after", "noise", "closed", "by calibration alone")
@@ -170,7 +170,7 @@ def _noise_in_words(gap: HowFar) -> str:
         "both": "what runs differ by that repeat each other, else as specified",
     }.get(gap.noise_floor_from, "what does not repeat")
     unknown = gap.full_run is not None and gap.full_run.noise_floor_from == "none"
-    return f"{text}; over whole runs none is known" if unknown else text
+    return f"{text}; over complete runs none is known" if unknown else text
 
 
 def _gap_cells(gap: Gap) -> str:
@@ -189,14 +189,14 @@ def _next(diagnosis: Diagnosis) -> str:
             return _left_out(diagnosis, "next_experiment")
         return "<p>No experiment is needed: no tie is left to break.</p>"
     text = f"<p><b>{escape(one.name)}</b></p><p>{escape(one.description)}</p>"
-    if one.expected_evidence is not None and one.expected_evidence < TELLS:
+    if one.expected_evidence is not None and one.expected_evidence < SEPARATES:
         return f"<p>{escape(UNTOLD[0].upper() + UNTOLD[1:])}.</p>"
     if one.between:
         text += f"<p class=note>Between {escape(listed_or(one.between))}"
         if one.expected_evidence is not None:
             text += f": {nats(one.expected_evidence)} of evidence expected"
         text += ".</p>"
-    if one.leaves and one.expected_evidence is not None and one.expected_evidence >= TELLS:
+    if one.leaves and one.expected_evidence is not None and one.expected_evidence >= SEPARATES:
         text += f"<p class=note>{escape(leaves_in_words(one))}</p>"
     return text
 
@@ -275,8 +275,8 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     change, noise = diagnosis.numerics.replay_change, diagnosis.numerics.replay_noise
     if change is not None and noise is not None and change > noise:
         own.append(
-            f"Halving the sub-steps changes the position by {1e3 * change:.2g} mm over whole runs that are "
-            "replayed from their commands: the model with these effects goes another way in time, and "
+            f"Halving the sub-steps changes the position by {1e3 * change:.2g} mm over complete runs that "
+            "are replayed from their commands: the model with these effects goes another way in time, and "
             "what it leaves then was not held against them."
         )
     return [*own, *omitted]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .caveats import caveats
 from .diagnosed import Diagnosed
-from .headline import TELLS, families_in_words, headline, leaves_in_words, nats, percent
+from .headline import SEPARATES, families_in_words, headline, leaves_in_words, nats, percent
 
 __all__ = ["text"]
 
@@ -34,7 +34,7 @@ def text(made: Diagnosed) -> str:
     if found.next_experiment is not None:
         evidence = found.next_experiment.expected_evidence
         expected = "" if evidence is None else f" ({nats(evidence)} expected)"
-        if evidence is not None and evidence < TELLS:
+        if evidence is not None and evidence < SEPARATES:
             lines.append(f"  next: {UNTOLD}")
         else:
             lines.append(f"  next: {found.next_experiment.name}{expected}")

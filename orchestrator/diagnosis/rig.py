@@ -184,7 +184,7 @@ def run_rig(
         p: parameters by `Calibrated`, shape (16,).
         closed: whether controller and satellite close the loop; otherwise the commands are what was logged.
         commands: commands sent, shape (HISTORY + n,) [m]; entry HISTORY + i is desired_position[i + 1], sent
-            at tick i. In closed loop those from HISTORY on are written.
+            at tick i. In closed loop those from index HISTORY are written.
         state: by `State`, shape (17,); left as it is at the end.
         laws: first law of each site and the end, shape (len(Site) + 1,); addresses, shape (l,); places of
             each law's memory and parameters, shape (l, 2).
@@ -296,7 +296,7 @@ def _push(p, contact, rate, laws, now, dt, known, memory, theta):
         side, depth = -1.0, p[_REAR] - contact
     known[_DEPTH], known[_DEPTH_RATE], known[_SIDE] = depth, side * rate, side
     # The damping's jump at the onset is spread over the sub-step in which it falls: otherwise the force would
-    # jump as a wall is moved across a sub-step, and no derivative would tell.
+    # jump as a wall is moved across a sub-step, and derivatives would be wrong.
     crossing = side * rate * dt
     share = depth / crossing if depth < crossing else 1.0
     stiffness = pass_site(_AT_STIFFNESS, laws, now, dt, p[_K], known, memory, theta)

@@ -192,7 +192,7 @@ def search(
     top = max([best, *shorter], key=lambda fit: fit.log_evidence)
     others = shorter
     if top is not best or (thorough and len(top.effects) - len(always) > 1):
-        # What was not needed led the search astray: others like what is left were never fitted.
+        # An effect that is not needed misled the search: others like the remaining ones were never fitted.
         begun = shorter if shorter and top is best else _without_one(fitter, top, len(always))
         others = [*shorter, *_further(fitter, effects, begun, workers)]
     known = {_key(fit.effects) for fit in made.fits}

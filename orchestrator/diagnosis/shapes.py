@@ -21,8 +21,8 @@ ONE_BY_ONE = frozenset(("loads", "contacts", "flights"))
 _SHORT, _LONG, _LEAK, _TURNS = (0.005, 0.03), (0.2, 1.0), 8.0, 0.1
 # Gaps before a frame over which something may reach the rod [m].
 _GAPS = (1e-4, 4e-4)
-# Share of the largest force from which on the rod touches. Shorter flights say nothing of an offset of their
-# own.
+# Share of the largest force from which the rod counts as touching. Shorter flights say nothing of an offset
+# of their own.
 _TOUCHES, _FLIGHT = 0.03, 40
 
 

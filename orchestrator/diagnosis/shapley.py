@@ -47,8 +47,8 @@ def shapley_shares(study: Study, runs: Sequence[Run], model: Augmented) -> Share
     """Share out the gap between a model's closed loop and runs.
 
     Each contact is run from the measured state before it, once per coalition of components whose measured
-    residuals are injected: over whole runs model and log would fall out of step, and residuals act at wrong
-    times. The gap is the mean square of force over measured peak and velocity over approach speed.
+    residuals are injected: over complete runs model and log would fall out of step, and residuals act at
+    wrong times. The gap is the mean square of force over measured peak and velocity over approach speed.
     """
     worth = np.zeros(len(_COALITIONS))
     windows = 0

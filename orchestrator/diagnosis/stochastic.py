@@ -152,11 +152,11 @@ def _along_way(model: RigModel, left: Sequence[Array], windows: Sequence[Sequenc
     parts, ways = [], []
     for run, r, some in zip(model.runs, left, windows, strict=True):
         for window in some:
-            telling = r[window] != 0.0
-            if np.count_nonzero(telling) >= _FLIGHT:
-                part = r[window][telling]
+            nonzero = r[window] != 0.0
+            if np.count_nonzero(nonzero) >= _FLIGHT:
+                part = r[window][nonzero]
                 parts.append(part - part.mean())
-                ways.append(run["encoder_position"][window][telling])
+                ways.append(run["encoder_position"][window][nonzero])
     if not parts:
         return 0.0
     # What is longer than half a flight may be anything slow.

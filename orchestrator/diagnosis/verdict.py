@@ -39,8 +39,8 @@ __all__ = [
 FORMAT = "gap-diagnosis/1"
 # What is written, by name.
 NAME, PAGE, AUGMENTED, EXPORTABLE = "diagnosis.json", "report.html", "augmented.yaml", "augmented-fmus.yaml"
-# Probability of something outside the catalogue from which on it is mentioned beside another answer: of rigs
-# that hide nothing of the kind one in thirty shows as much.
+# Least probability of something outside the catalogue that is mentioned beside another answer: one in thirty
+# rigs without such an effect reaches it.
 SUSPECTED = 0.2
 # A gap smaller than this many times the noise floor is within the noise: it cannot be asked to shrink.
 WITHIN = 1.5

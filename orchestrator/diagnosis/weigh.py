@@ -125,9 +125,9 @@ def _price(answers: Sequence[Answer], named: Collection[str], learned: Calibrati
 def _given(candidates: Sequence[tuple[Candidate, Choice]]) -> tuple[Candidate, Choice]:
     """The answer with the largest probability among those with evidence, ties included.
 
-    An answer with a further effect that is too small to be seen speaks for the answer without it. An effect
-    is named only where it is `_NAMED` times as probable as none, beside others `_NAMED_BESIDE` times as the
-    answer without it: many that look alike, each hardly worth a word, are likelier together than none.
+    An answer with a further effect that is too small to be seen counts for the answer without it. An effect
+    is named only if it is `_NAMED` times as probable as none, or, beside others, `_NAMED_BESIDE` times as
+    probable as the answer without it: many similar improbable effects together can outweigh none.
     """
     shown: dict[frozenset[str], float] = {}
     for candidate, choice in candidates:

@@ -152,7 +152,7 @@ def test_logs_without_rows_words_and_other_separators(case):
     path.write_bytes(gzip.compress("\n".join([header, first, *rest]).encode()))
     said = case.said()
     assert "train-1.csv.gz:8: sensor_force: row 6 of column sensor_force holds 'lost'" in said
-    assert "a number; 1 such in all. Mend the log there.\n" in said + "\n" and "no column" not in said
+    assert "a number; 1 such in all. Correct the log there.\n" in said + "\n" and "no column" not in said
     path.write_bytes(gzip.compress(text.replace("sensor_force [N]", "sensor_force").encode()))
     assert "Write `sensor_force [N]` in its header" in case.said()
 

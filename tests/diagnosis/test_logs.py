@@ -347,14 +347,14 @@ def test_a_folder_that_is_no_bag_is_told_as_such(tmp_path):
     ("text", "said"),
     [
         ("f [N]\n1\nabc\n2\nx\n", "a.csv:3: force: row 1 of column f holds 'abc'\n"
-         "  a number; 2 such in all. Mend the log there."),
+         "  a number; 2 such in all. Correct the log there."),
         ("f [N];g\n1;1\n1,5;1\n", "a.csv:3: force: row 1 of column f holds '1,5'\n"
          "  a number; 1 such in all. Write decimal points: 1.5."),
         # An empty line is skipped: then the row does not tell the line.
         ("f [N],g\n1,1\n\n,1\n", "a.csv: force: row 1 of column f holds nothing, or nan\n"
-         "  a number; 1 such in all. Mend the log there."),
+         "  a number; 1 such in all. Correct the log there."),
         ("f [N]\n1\ninf\n", "a.csv:3: force: row 1 of column f holds inf\n"
-         "  a number; 1 such in all. Mend the log there."),
+         "  a number; 1 such in all. Correct the log there."),
         ("f [N]\n", "a.csv: holds a header, and no rows below it"),
         ("0.1,2.5e-3\n0.2,1\n", "a.csv: has numbers in its first line (0.1, 2.5e-3); "
          "write the columns' names there: `force [N],...`"),

@@ -232,7 +232,7 @@ def test_a_gap_that_shows_elsewhere_than_least_is_explained_is_told_of_what_is_o
 def test_the_page_tells_where_the_noise_comes_from(told_by, said):
     assert said in page(made(how_far=GAP | {"noise_floor_from": told_by}))
     whole = GAP | {"noise_floor_from": "none"}
-    words = f"{said[:-1]}; over whole runs none is known."
+    words = f"{said[:-1]}; over complete runs none is known."
     assert words in page(made(how_far=GAP | {"noise_floor_from": told_by, "full_run": whole}))
 
 

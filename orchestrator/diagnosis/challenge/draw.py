@@ -75,7 +75,7 @@ ROUGHNESS = {
     "cubic": 8e-4,
     "force_curve": 1e-5,
 }
-# Of many cases, how many are of which kind, where pairs and kinds outside are asked for.
+# Shares of the kinds of cases if pairs and kinds outside are requested.
 SHARES = {"none": 4 / 16, "single": 6 / 16, "pair": 3 / 16, "outside": 3 / 16}
 
 

@@ -151,15 +151,17 @@ class Imitation:
 def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: bool = False) -> float:
     """Log evidence [nats] for the hidden effects over none, for one who knew their exact size.
 
-    Each block is driven by the logged inputs with and without the effects, with the same chance. With d the
-    difference of what is measured over its noise, and z by what calibrated numbers stray from what the lab
-    believes over their tolerances, and roughness over its usual size, the evidence is half the least d'd +
-    z'z, less what that is with the effects: what either may explain does not count, nor what other hidden
-    effects explain in other sizes and shapes than theirs. The noise of the force holds what they make of it.
-    Of an effect that draws anew at each sample nobody knows the draws, but the spectrum at best: with r the
-    power of noise and what is left of d over that of noise alone, it tells r - 1 - ln r at each frequency
-    (Whittle, J. R. Stat. Soc. B 15, 1953); the noise of the force may be as coloured as that of any rig. The
-    force is whitened by the noise that the rig's sensor has.
+    Each block is driven by the logged inputs with and without the effects, with the same random numbers. d is
+    the difference of the measured signals over their noise. z holds the deviations of calibrated numbers from
+    the lab's values over their tolerances, and roughness over its usual size. The evidence is half the
+    minimum of d'd + z'z, minus the same with the effects. So the part that calibration, roughness or other
+    hidden effects of any size and shape could explain does not count. The noise of the force includes its
+    changes by other hidden effects, and the force is whitened by the noise of the rig's sensor.
+
+    The draws of an effect that is drawn again at each sample are unknown; only its spectrum can be estimated.
+    With r the power of noise and of the rest of d, over that of noise alone, each frequency gives
+    r - 1 - ln r (Whittle, J. R. Stat. Soc. B 15, 1953). The noise of the force may be as coloured as that of
+    any rig.
 
     Args:
         logs: of the case, by `RUNS`; the training runs are used.
@@ -190,10 +192,9 @@ def visibility(case: Case, logs: list[Array], rest: Case | None = None, chance: 
 def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int = 1) -> list[Imitation]:
     """Log evidence [nats] for the hidden effects over the best single other one, the best two, and so on.
 
-    As `visibility`, which this cannot exceed, but what other effects make of the same logs does not count
-    either: of what they imitate, nobody can tell by these logs that it is something else. Each rival is
-    tried in several sizes and shapes; the nearest are fitted by a few steps from there, so that this is more
-    rather than less than what the logs hold. A second rival is sought beside the best one.
+    As `visibility`, which this cannot exceed, but the part that other effects imitate does not count either.
+    Each rival is tried in several sizes and shapes. The nearest are fitted by a few steps from there, so that
+    the result is an upper bound. A second rival is searched for beside the best one.
 
     Args:
         rivals: effects that do not draw.
