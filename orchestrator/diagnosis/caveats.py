@@ -120,8 +120,8 @@ def _unneeded(diagnosis: Diagnosis) -> str:
     deviation = f"{name} {moved[name]:+.1f} tolerances from its own"
     if abs(moved[name]) >= _FAR:
         return (
-            f"{numbers} close {percent(gap.recalibration_only)} of the gap, {deviation}: if its tolerance can "
-            "be that wrong, no effect is needed."
+            f"{numbers} close {percent(gap.recalibration_only)} of the gap, {deviation}: if its tolerance "
+            "can be that wrong, no effect is needed."
         )
     if gap.over_recalibration is not None and abs(gap.over_recalibration) <= SUPPORTS:
         return f"{numbers}, {deviation}, do as well on runs that no fit saw: these do not confirm the answer."
