@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="INPUT",
-        help="open the loop at what feeds this input, as drive.voltage; may be given again",
+        help="open the loop at what feeds this input, as drive.voltage; again: all at once, too",
     )
     parser.add_argument(
         "--at-time",

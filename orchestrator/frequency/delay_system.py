@@ -463,41 +463,45 @@ class DelaySystem:
         """
         return self._open(connection, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
 
-    def _open(self, connection: str, s: Complex) -> Complex:
-        own = [one for one in self.links if one.connection == connection]
-        rest = self._gains([one for one in self.links if one.connection != connection])
-        n = len(self.states)
-        if n > _SMALL and not self._near_poles(s).any():
-            return self._open_reduced(own, rest, s)
-        targets = sorted({one.target for one in own})
-        drive = np.zeros(n + len(self.inputs))
-        # Further places that a connection feeds, as the delayed path into an FMU, carry the same signal.
-        for target in targets:
-            drive[n + target] = 1.0
-        shape = np.broadcast_to(drive[:, None], (len(s), len(drive), 1))
-        solved = np.linalg.solve(self._matrix(s, rest), shape)[..., 0]
-        y = solved[:, :n] @ self.c.T + solved[:, n:] @ self.d.T
-        first = [one for one in own if one.target == targets[0]]
-        back = sum(one.gain * np.exp(-s * one.delay) * y[:, one.source] for one in first)
-        return -np.asarray(back)
+    def open_loops(self, connections: Sequence[str], omega: ArrayLike) -> Complex:
+        """L(j omega) with several connections cut at once, shape (k, connections, connections).
 
-    def _open_reduced(self, own: Sequence[Link], rest: Array, s: Complex) -> Complex:
-        """`_open` of systems with many states."""
-        targets, sources = self._reduced[4:]
-        first = min(one.target for one in own)
-        drive = np.array([[float(one in {link.target for link in own})] for one in targets])
-        response = self._instances(s)
-        k = np.einsum("sk,kmp->smp", np.exp(-s[:, None] * self._delays), rest[:, targets][:, :, sources])
-        u = np.linalg.solve(
-            np.eye(len(targets)) - k @ response, np.broadcast_to(drive, (len(s), *drive.shape))
-        )
-        y = (response @ u)[..., 0]
-        back = sum(
-            one.gain * np.exp(-s * one.delay) * y[:, sources.index(one.source)]
-            for one in own
-            if one.target == first
-        )
-        return -np.asarray(back)
+        Args:
+            connections: as links name them; a row is what comes back at one, a column what is put in at one.
+            omega: shape (k,) [rad/s].
+        """
+        return self._opened(connections, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
+
+    def _open(self, connection: str, s: Complex) -> Complex:
+        return self._opened([connection], s)[:, 0, 0]
+
+    def _opened(self, connections: Sequence[str], s: Complex) -> Complex:
+        own = [[one for one in self.links if one.connection == name] for name in connections]
+        rest = self._gains([one for one in self.links if one.connection not in connections])
+        n, m = len(self.states), len(self.inputs)
+        # Further places that a connection feeds, as the delayed path into an FMU, carry the same signal.
+        drive = np.zeros((m, len(own)))
+        for column, links in enumerate(own):
+            drive[[one.target for one in links], column] = 1.0
+        if n > _SMALL and not self._near_poles(s).any():
+            targets, sources = self._reduced[4:]
+            response = self._instances(s)
+            k = np.einsum("sk,kmp->smp", np.exp(-s[:, None] * self._delays), rest[:, targets][:, :, sources])
+            wanted = np.broadcast_to(drive[targets], (len(s), len(targets), len(own)))
+            y = response @ np.linalg.solve(np.eye(len(targets)) - k @ response, wanted)
+            rows = {source: row for row, source in enumerate(sources)}
+        else:
+            wanted = np.broadcast_to(np.vstack([np.zeros((n, len(own))), drive]), (len(s), n + m, len(own)))
+            solved = np.linalg.solve(self._matrix(s, rest), wanted)
+            y = self.c @ solved[:, :n] + self.d @ solved[:, n:]
+            rows = {source: source for source in range(len(self.outputs))}
+        back = np.zeros((len(s), len(own), len(own)), np.complex128)
+        for row, links in enumerate(own):
+            first = min(one.target for one in links)
+            for one in links:
+                if one.target == first:
+                    back[:, row] += (one.gain * np.exp(-s * one.delay))[:, None] * y[:, rows[one.source]]
+        return -back
 
     def to_control(self, connection: str, order: int = 6) -> control.StateSpace:
         """L(s) of `open_loop` as a state space of python-control, delays by Pade's approximation.
@@ -565,7 +569,7 @@ class DelaySystem:
     def margins(self, connection: str, modes: Modes | None = None) -> Margins:
         """Margins of the loop through one connection, all crossovers considered."""
         unstable = (modes or self.modes()).unstable
-        omega = self._span(modes)
+        omega = self.frequencies(modes)
 
         def response(s: Complex) -> Complex:
             return self._open(connection, np.atleast_1d(s).ravel()).reshape(np.shape(s))
@@ -590,7 +594,7 @@ class DelaySystem:
             float(omega[most]),
         )
 
-    def _span(self, modes: Modes | None) -> Array:
+    def frequencies(self, modes: Modes | None) -> Array:
         """Frequencies that show all of a loop, shape (k,) [rad/s]."""
         poles = [*np.linalg.eigvals(self.a), *(one.root for one in modes.modes if modes)] if modes else []
         sizes = [abs(one) for one in (poles or np.linalg.eigvals(self.a)) if abs(one) > 1e-9]

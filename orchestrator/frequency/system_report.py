@@ -10,6 +10,7 @@ import numpy as np
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..simulation.run import Prepared
 from .delay_system import Modes
+from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
 from .margins import Margins
 from .step_report import step_report, step_text
@@ -29,9 +30,11 @@ def system_stability(
     Args:
         prepared: the checked system.
         opened: connections to open, by their target, as "drive.voltage"; all within loops if none is named.
+            Several are also opened at once.
         linear: what `linearise` gave; made here if it is not.
-    Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `sampled` (see
-        `step_report`), `point`, `notes`; all but `sampled` without communication steps.
+    Returns: a dict with `verdict`, `modes`, `line`, `margins` (weakest connection first), `together` (of the
+        loops that are opened at once, or None), `sampled` (see `step_report`), `point`, `notes`; all but
+        `sampled` without communication steps.
     Raises: ConfigError with all problems; OrchestratorError if the roots cannot be certified.
     """
     linear = linear or linearise(prepared)
@@ -39,7 +42,18 @@ def system_stability(
         what = "no FMU in it has continuous states: there is nothing to be stable or not"
         raise ConfigError([Problem(prepared.config.name, what)])
     modes = linear.system.modes()
-    margins = linear.margins(modes, _named(linear, opened))
+    names = _named(linear, opened)
+    margins = linear.margins(modes, names)
+    disks = {name: disk_margin(linear.system, [name], modes) for name in margins}
+    together = None
+    if len(names) > 1:
+        found = disk_margin(linear.system, names, modes)
+        together = {
+            "connections": names,
+            **_disk(found),
+            "sensitivity_peak": found.sensitivity_peak,
+            "sensitivity_peak_at": found.sensitivity_peak_at,
+        }
     return {
         "title": prepared.config.model.title or prepared.config.name,
         "verdict": _verdict(modes),
@@ -54,7 +68,8 @@ def system_stability(
             for one in modes.modes
         ],
         "line": modes.line,
-        "margins": {name: _margins(one) for name, one in margins.items()},
+        "margins": {name: {**_margins(one), **_disk(disks[name])} for name, one in margins.items()},
+        "together": together,
         "sampled": step_report(prepared, linear, modes),
         "point": dict(linear.point),
         "notes": list(linear.notes),
@@ -103,6 +118,16 @@ def _margins(one: Margins) -> dict[str, Any]:
     }
 
 
+def _disk(one: DiskMargin) -> dict[str, Any]:
+    stable = bool(np.isfinite(one.margin))
+    return {
+        "disk_margin": _number(one.margin),
+        "disk_gain": [_number(bound) for bound in one.gain] if stable else None,
+        "disk_phase": _number(one.phase),
+        "disk_margin_at": _number(one.omega),
+    }
+
+
 def system_text(report: dict[str, Any]) -> str:
     """The report as text for terminals."""
     lines = [report["title"], report["verdict"], "modes, from the right:"]
@@ -116,6 +141,9 @@ def system_text(report: dict[str, Any]) -> str:
         lines.append("margins of connections in feedback loops, the weakest first:")
     for name, one in report["margins"].items():
         lines.append(f"  {name}: {_in_words(one)}")
+    if report["together"] is not None:
+        one = report["together"]
+        lines.append(f"{len(one['connections'])} loops opened at once: {_disk_in_words(one)}")
     lines.append(step_text(report["sampled"], not report["verdict"].startswith("unstable")))
     lines += [f"note: {one}" for one in report["notes"]]
     return "\n".join(lines)
@@ -132,7 +160,17 @@ def _in_words(one: dict[str, Any]) -> str:
     if bounds:
         parts.append(f"gain times {' or '.join(bounds)}")
     parts.append(f"modulus {one['modulus_margin']:.4g}")
+    if one["disk_margin"] is not None:
+        parts.append(f"disk {one['disk_margin']:.4g}")
     return ", ".join(parts)
+
+
+def _disk_in_words(one: dict[str, Any]) -> str:
+    if one["disk_margin"] is None:
+        return "no disk margin, the system is unstable"
+    low, high = one["disk_gain"]
+    gains = f"times {low:.4g} to {high:.4g}" if high is not None else f"times {low:.4g} or more"
+    return f"disk {one['disk_margin']:.4g}, all gains {gains}, or all phases by {one['disk_phase']:.4g} deg"
 
 
 def system_figures(report: dict[str, Any], linear: Linearised) -> dict[str, Any]:
@@ -153,7 +191,31 @@ def system_figures(report: dict[str, Any], linear: Linearised) -> dict[str, Any]
         name = next(iter(report["margins"]))
         omega = np.geomspace(*_shown(report), 1500)
         made |= _responses(name, omega, linear.system.open_loop(name, omega))
+    if report["together"] is not None:
+        names = report["together"]["connections"]
+        made["sigma"] = _sigma(omega, sensitivity(linear.system, names, omega))
     return made
+
+
+def _sigma(omega: Any, value: Any) -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    other = np.eye(value.shape[-1]) - value
+    for name, matrix, color in (("sensitivity", value, "#0072B2"), ("complementary", other, "#D55E00")):
+        singular = np.linalg.svd(matrix, compute_uv=False)
+        for place in range(singular.shape[1]):
+            decibels = 20 * np.log10(np.maximum(singular[:, place], 1e-300))
+            axes.semilogx(omega / (2 * np.pi), decibels, color=color, label=None if place else name)
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], -80.0))
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel("singular values [dB]")
+    axes.set_title(f"{value.shape[-1]} loops opened at once")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    return figure
 
 
 def _shown(report: dict[str, Any]) -> tuple[float, float]:
