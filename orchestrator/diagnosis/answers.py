@@ -97,8 +97,8 @@ def weigh_software(study: Study, place: str) -> Group:
     square = none.chi2 / size
     nothing = Answer((), 0.0, 0.0, none)
     # No effect makes a satellite move at another speed than its own.
-    astray = replay.position_drift() if isinstance(replay, DynamicsReplay) else 0.0
-    if max(square, astray) < _EXACT:
+    drift = replay.position_drift() if isinstance(replay, DynamicsReplay) else 0.0
+    if max(square, drift) < _EXACT:
         return Group((nothing,), 0.0, place, none, {place: square})
     found = search(fitter, own, longest=3, thorough=True)
     answers = []
@@ -108,7 +108,7 @@ def weigh_software(study: Study, place: str) -> Group:
         answers.append(Answer(names, found.gain(fit), left, fit, size=strongest(fit)))
     answers = tied(fitter, answers)
     best = answers[0] if answers else nothing
-    square = max((best.fit or none).chi2 / size, astray)
+    square = max((best.fit or none).chi2 / size, drift)
     # A few last digits of rounding are no effect; a larger residual is not in the catalogue.
     over = 0.5 * size * max(0.0, square / _EXACT - 1.0)
     return Group((nothing, *answers), over, place, none, {place: square})

@@ -72,14 +72,15 @@ class Table:
     """Answers of a group as arrays; see `Calibration.table`.
 
     Attributes:
-        gain, left, odd: see `answers.Answer`; formed: the gain but for what is random.
-        whole: what is left that has no parts [nats].
+        gain, left, odd: see `answers.Answer`; formed: the gain without that of random effects.
+        whole: residual evidence without parts [nats].
         seen, unseen: number of effects with evidence in the logs, and without.
-        astray: what of that which is left the replay's own error may make [nats].
+        replay_error: part of the residual evidence that the replay's own error may cause [nats].
         usual: see `Calibration.usual`; rarity: see `Calibration.rarity`.
         strength: see `strength`.
             Each of shape (answers,), or (groups, answers).
-        lacks: ln(1 + u) of each part of what is left, shape (answers, parts), or (groups, answers, parts).
+        excess: ln(1 + u) of each part of the residual evidence, shape (answers, parts), or (groups, answers,
+            parts).
     """
 
     gain: Array
@@ -87,13 +88,13 @@ class Table:
     left: Array
     whole: Array
     odd: Array
-    astray: Array
+    replay_error: Array
     usual: Array
     seen: Array
     unseen: Array
     strength: Array
     rarity: Array
-    lacks: Array
+    excess: Array
 
 
 @dataclass(frozen=True)
@@ -202,19 +203,19 @@ class Calibration:
         unseen = np.array([len(one.unseen) for one in answers])
         left = np.array([one.left for one in answers])
         # By no more than an effect explains: an imitation that swings up explains nothing.
-        astray = _ASTRAY * np.array([min(one.numerics, max(one.gain, 0.0)) for one in answers])
+        replay_error = _ASTRAY * np.array([min(one.numerics, max(one.gain, 0.0)) for one in answers])
         usual = self.usual(answers)
         none = (0.0,) * len(self.slopes)
         parts = np.array([one.parts or none for one in answers])
         # The replay's own error is in all parts.
-        share = np.divide(astray, left, out=np.zeros(len(left)), where=left > 0.0)
+        share = np.divide(replay_error, left, out=np.zeros(len(left)), where=left > 0.0)
         return Table(
             np.array([one.gain for one in answers]),
             np.array([one.gain - one.random for one in answers]),
             left,
             np.array([0.0 if one.parts else one.left for one in answers]),
             np.array([one.odd for one in answers]),
-            astray,
+            replay_error,
             usual,
             np.array([len(one.effects) for one in answers]) - unseen,
             unseen,
@@ -235,11 +236,12 @@ class Calibration:
         """
         of = answers if isinstance(answers, Table) else self.table(answers)
         at = np.argmax(of.gain, -1, keepdims=True)
-        most, best, usual, left, astray = (
-            np.take_along_axis(one, at, -1) for one in (of.gain, of.formed, of.usual, of.left, of.astray)
+        most, best, usual, left, replay_error = (
+            np.take_along_axis(one, at, -1)
+            for one in (of.gain, of.formed, of.usual, of.left, of.replay_error)
         )
         best = np.maximum(best, 0.0)
-        lacking = np.minimum(usual - 1.0 + astray, np.maximum(left, 1.0))
+        lacking = np.minimum(usual - 1.0 + replay_error, np.maximum(left, 1.0))
         form = self.form * lacking * best / np.maximum(np.maximum(most, best), 1.0)
         scores = of.gain / (self.temperature + self.growth * best**self.power + form)
         prices = self.price(of.seen, of.unseen, of.rarity, of.strength)
@@ -247,11 +249,11 @@ class Calibration:
         top = priced.max(-1, keepdims=True)
         more = of.seen - 1.0
         # Much stays unexplained of a strong effect whose form is not quite the textbook's.
-        u = np.maximum(of.whole - of.astray, 0.0) + np.expand_dims(beside, -1)
-        lacks = of.lacks @ np.asarray(self.slopes) + self.beyond * np.maximum(of.lacks.max(-1) - _FAR, 0.0)
-        lacks = lacks + self.slope * np.log1p(u / of.usual) + of.odd
-        lacks = lacks + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
-        outside = logsumexp(priced, -1, keepdims=True) - logsumexp(priced - lacks, -1, keepdims=True)
+        u = np.maximum(of.whole - of.replay_error, 0.0) + np.expand_dims(beside, -1)
+        excess = of.excess @ np.asarray(self.slopes) + self.beyond * np.maximum(of.excess.max(-1) - _FAR, 0.0)
+        excess = excess + self.slope * np.log1p(u / of.usual) + of.odd
+        excess = excess + self.several * np.clip(more, 0.0, 1.0) + self.many * np.maximum(more - 1.0, 0.0)
+        outside = logsumexp(priced, -1, keepdims=True) - logsumexp(priced - excess, -1, keepdims=True)
         outside = outside + top - self.outside
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 

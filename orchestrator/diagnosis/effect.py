@@ -180,7 +180,7 @@ class Effect:
         changes: calibrated parameters that it changes, by the parameter that is added to them; relative ones
             are marked by a leading "*".
         statistic: name of the statistic that detects a stochastic effect, "" for others.
-        written: how it stands in the config of the augmented system, where `changes` do not tell it.
+        written: its form in the config of the augmented system, where `changes` do not define it.
         propose: further starts, one value per parameter, read from the runs.
     """
 

@@ -115,10 +115,10 @@ def chosen(
         between: the candidates, the first one's rivals after it.
         evidence: that an experiment, by name, is expected to give for one candidate over another, by their
             places in `between` [nats].
-    Returns: name, description, expected_evidence [nats] between the two told apart least, of the pairs that
-        count, `between`, evidence by rival of the first, `menu` with the least evidence over a rival of each
-        experiment, `leaves`, pairs that stay tied, and `then`, the best experiment for these, "" if there is
-        none.
+    Returns: name, description, expected_evidence [nats] between the two that are separated least, of the
+        pairs that count, `between`, evidence by rival of the first, `menu` with the least evidence over a
+        rival of each experiment, `leaves`, pairs that stay tied, and `then`, the best experiment for these,
+        "" if there is none.
     """
     rivals = range(1, len(between))
     others = list(combinations(rivals, 2))

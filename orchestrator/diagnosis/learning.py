@@ -91,8 +91,8 @@ class _Lesson:
             columns = [
                 one.tolist()
                 for one in (
-                    of.gain, of.formed, of.left, of.whole, of.odd, of.astray, of.usual, of.seen, of.unseen,
-                    of.strength, *of.lacks.T,
+                    of.gain, of.formed, of.left, of.whole, of.odd, of.replay_error, of.usual, of.seen,
+                    of.unseen, of.strength, *of.excess.T,
                 )
             ]  # fmt: skip
             spread = np.exp(-of.rarity).tolist()

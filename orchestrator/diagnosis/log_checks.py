@@ -112,7 +112,7 @@ def unread_rows(
     signals: Mapping[str, Signal],
     mapping: Mapping[str, _Named],
     rows: Mapping[str, NDArray[np.intp]],
-    parted: bool,
+    has_parts: bool,
 ) -> Iterator[Problem]:
     """Columns with rows that hold no number.
 
@@ -120,7 +120,7 @@ def unread_rows(
         path: of the log, for the message.
         signals, mapping: what is read, and from which columns.
         rows: numbers of the rows that are taken, by signal.
-        parted: whether a part of the log can be asked for.
+        has_parts: whether a part of the log can be asked for.
     """
     for name, signal in signals.items():
         wrong = rows[name][~np.isfinite(signal.values[rows[name]])]
@@ -133,7 +133,7 @@ def unread_rows(
         if signal.written is None and np.isnan(held):
             content = "nothing, or nan"
         remedy = "Correct the log there" + (
-            ", or take a part without it, by `from` and `to`." if parted else "."
+            ", or take a part without it, by `from` and `to`." if has_parts else "."
         )
         if isinstance(held, str) and _COMMA.fullmatch(held):
             remedy = f"Write decimal points: {held.strip().replace(',', '.')}."

@@ -58,7 +58,7 @@ class Losses(NamedTuple):
 
 
 class _Asked(NamedTuple):
-    """What a command that goes astray moves the robot in a run.
+    """Motion of the robot by a lost or wrong command in a run.
 
     Attributes:
         pulses: by how much each command falls short if it does, and one some ticks later, each of shape (n,)
@@ -126,12 +126,12 @@ def _falsified(left: Sequence[Array], answers: Sequence[Array], slow: tuple[floa
     Args:
         answers: what the robot answers to a command, see `_Asked`, by run.
     """
-    heard = [_heard(r, answer, slow) for r, answer in zip(left, answers, strict=True)]
+    matched = [_matched_filter(r, answer, slow) for r, answer in zip(left, answers, strict=True)]
     evidences = []
     for wrong in _WRONG:
         gains = [
             0.5 * (along**2 / (square + wrong**-2) - math.log1p(wrong**2 * square))
-            for along, (square, *_) in heard
+            for along, (square, *_) in matched
         ]
         evidences.append(_by_chance(gains, len(answers[0])))
     return float(logsumexp(evidences)) - math.log(np.size(evidences))
@@ -202,7 +202,7 @@ def _gain(r: Array, asked: _Asked, slow: tuple[float, float]) -> tuple[Array, Ar
 
     Returns: it, and what is to be expected of it if there is one.
     """
-    along, shared = _heard(r, asked.answer, slow)
+    along, shared = _matched_filter(r, asked.answer, slow)
     product, square = np.zeros(len(r)), np.zeros(len(r))
     for pulse, lag in asked.pulses:
         product[: len(r) - lag] += pulse[: len(r) - lag] * along[lag:]
@@ -211,13 +211,13 @@ def _gain(r: Array, asked: _Asked, slow: tuple[float, float]) -> tuple[Array, Ar
     return product - 0.5 * square, 0.5 * square
 
 
-def _heard(r: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:
+def _matched_filter(r: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:
     """Products of residuals with an answer to each tick's command, and of answers with each other, by lag."""
     size = _size(len(r))
-    heard = np.fft.rfft(answer, size)
-    weighed = heard.conj() / _power(size, slow)
+    matched = np.fft.rfft(answer, size)
+    weighed = matched.conj() / _power(size, slow)
     along = np.fft.irfft(np.fft.rfft(r, size) * weighed, size)[: len(r)]
-    return along, np.fft.irfft(heard * weighed, size)
+    return along, np.fft.irfft(matched * weighed, size)
 
 
 def _by_chance(gains: Sequence[Array], apart: int) -> Array:

@@ -128,8 +128,8 @@ class Marginal:
         """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].
 
         Along each of its directions residuals have the variance that noise and roughness make together; see
-        `misfit.unexplained` for what a larger mean square tells. Some directions count by themselves, if that
-        says more: among all of them they would drown.
+        `misfit.unexplained` for the evidence of a larger mean square. Some directions count by themselves, if
+        that says more: among all of them they would drown.
         """
         if self._shrink is None:
             return 0.0

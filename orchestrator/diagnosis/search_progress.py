@@ -87,7 +87,7 @@ class SearchProgress:
         # Seconds that looks and fits took, as multiples of what is planned of each; rising.
         self._paces: tuple[list[float], list[float]] = [], []
         self._seconds = 0.0
-        self._told: tuple[float, float] | None = None
+        self._shown: tuple[float, float] | None = None
         self._begun = clock()
         self._next = self._begun + _FIRST
 
@@ -131,12 +131,12 @@ class SearchProgress:
     def _steady(self, now: float) -> float:
         """Remaining seconds as reported; see `SearchProgress`."""
         expected = self._expected(now)
-        if self._told is not None:
-            then, shown = self._told
+        if self._shown is not None:
+            then, shown = self._shown
             passed = now - then
             share = 1.0 - math.exp(-passed / max(_SLOW * (now - self._begun), _SLOWEST))
             expected = max(shown - passed, 0.0) + share * (expected - max(shown - passed, 0.0))
-        self._told = now, expected
+        self._shown = now, expected
         return expected
 
     def counted(self, function: Callable[[_In], _Out], fits: bool, workers: int) -> Callable[[_In], _Out]:
@@ -184,13 +184,13 @@ def _time(seconds: float) -> str:
     return f"{max(seconds, 1.0):.0f} s" if seconds < 90.0 else f"{seconds / 60.0:.0f} min"
 
 
-_current: ContextVar[SearchProgress | None] = ContextVar("tally", default=None)
+_current: ContextVar[SearchProgress | None] = ContextVar("search progress", default=None)
 
 
 @contextmanager
-def progress_reported(tally: SearchProgress | None) -> Iterator[None]:
+def progress_reported(progress: SearchProgress | None) -> Iterator[None]:
     """Count searches within this context."""
-    token = _current.set(tally)
+    token = _current.set(progress)
     try:
         yield
     finally:
@@ -199,19 +199,19 @@ def progress_reported(tally: SearchProgress | None) -> Iterator[None]:
 
 def stage(name: str) -> None:
     """Report that a stage of `PLAN` begins."""
-    tally = _current.get()
-    if tally is not None:
-        tally.stage(name)
+    progress = _current.get()
+    if progress is not None:
+        progress.stage(name)
 
 
 def twice() -> None:
     """All is likely to be sought a second time: see `SearchProgress.twice`."""
-    tally = _current.get()
-    if tally is not None:
-        tally.twice()
+    progress = _current.get()
+    if progress is not None:
+        progress.twice()
 
 
 def counted_calls(function: Callable[[_In], _Out], fits: bool, workers: int) -> Callable[[_In], _Out]:
     """A function whose calls are counted, if anyone counts; see `SearchProgress.counted`."""
-    tally = _current.get()
-    return function if tally is None else tally.counted(function, fits, workers)
+    progress = _current.get()
+    return function if progress is None else progress.counted(function, fits, workers)

@@ -35,9 +35,9 @@ from tests.diagnosis.challenge_parts import (
 
 
 def test_a_falsified_command_is_off_by_so_much_now_and_then():
-    stray = series_of({"corrupt": 1e-4, "corrupt_rate": 30.0}).stray
+    stray = series_of({"corrupt": 1e-4, "corrupt_rate": 30.0}).corruption
     assert set(stray) == {-1e-4, 0.0, 1e-4} and 40 < np.count_nonzero(stray) < 80
-    assert not series_of({}).stray.any()
+    assert not series_of({}).corruption.any()
 
 
 @pytest.mark.parametrize("route", [6e-4, -6e-4])

@@ -122,7 +122,7 @@ def plan_cases(
 ) -> list[Plan]:
     """Hidden effects of each case; all effects are used equally often.
 
-    They are shared out as `SHARES` tells; what is not asked for are single effects.
+    They are distributed by `SHARES`; kinds that are not requested become single effects.
 
     Args:
         magnitude: of every effect; None draws from 0.03 (nearly none) to 1.2 (strong), its logarithm uniform.

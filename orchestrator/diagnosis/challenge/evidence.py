@@ -118,9 +118,9 @@ class _Place:
         believed = dict.fromkeys(ROUGHNESS, 0.0)
         believed |= {parameter: case.lab.nominal[name] for name, parameter in CALIBRATED.items()}
         free = _usual(case)
-        strays = {parameter: case.plain[parameter] - believed[parameter] for parameter in free}
-        at = np.array([strays[parameter] / size for parameter, size in free.items()])
-        start = {parameter: value - strays.get(parameter, 0.0) for parameter, value in parameters.items()}
+        deviations = {parameter: case.plain[parameter] - believed[parameter] for parameter in free}
+        at = np.array([deviations[parameter] / size for parameter, size in free.items()])
+        start = {parameter: value - deviations.get(parameter, 0.0) for parameter, value in parameters.items()}
         return _Place(start, free, at, np.ones(len(free)))
 
     @property

@@ -115,7 +115,7 @@ def _run(
         series.body,
         series.wall,
         series.payload,
-        series.stray,
+        series.corruption,
         series.supply,
         series.floor,
         series.zero,
@@ -148,7 +148,7 @@ def _ticks(
     body,
     wall,
     payload,
-    stray,
+    corruption,
     supply,
     floor,
     zero,
@@ -241,7 +241,7 @@ def _ticks(
         missing = 0.0 if key[n] else missing + skipped[n] * step
         before = sent
         last = commands[HISTORY + n - 1]
-        commands[HISTORY + n] = _rounded(p, sent) + stray[n] - missing
+        commands[HISTORY + n] = _rounded(p, sent) + corruption[n] - missing
         if bridged[n]:
             commands[HISTORY + n] = last + pace  # as if all went on as it did
         elif n == 0 or not bridged[n - 1]:

@@ -53,7 +53,7 @@ class Series:
     body: Array
     wall: Array
     payload: NDArray[np.int64]
-    stray: Array
+    corruption: Array
     supply: Array
     floor: float
     zero: Array
@@ -110,7 +110,7 @@ def draw_series(
     arrival = _slots(arrival, get("slot", 0.0), streams[27])
     payload = _payload(values, ticks, streams[11])
     falsified = streams[13].random(ticks) < get("corrupt_rate", 0.0) * TICK
-    stray = get("corrupt", 0.0) * falsified * np.where(streams[13].random(ticks) < 0.5, -1.0, 1.0)
+    corruption = get("corrupt", 0.0) * falsified * np.where(streams[13].random(ticks) < 0.5, -1.0, 1.0)
     phase = 2.0 * np.pi * streams[14].random(2)
     supply = get("ripple", 0.0) * np.sin(get("ripple_omega", 0.0) * t + phase[0])
     floor = float(phase[1])
@@ -138,7 +138,7 @@ def draw_series(
         body=body,
         wall=wall,
         payload=payload,
-        stray=stray,
+        corruption=corruption,
         supply=supply,
         floor=floor,
         zero=zero,
