@@ -49,6 +49,6 @@ def on_page_content(content: str, **_: Any) -> str:
 def _equation(latex: str, display: str) -> str:
     """Raises: ValueError if a command of LaTeX is not known to the converter."""
     made = convert(html.unescape(latex).strip(), display=display)
-    if "\\" in made or "&#x0005C;" in made:
-        raise ValueError(f"equation {latex.strip()!r}: {made} holds a command of LaTeX that is not converted")
+    if any(one in made for one in ("\\", "&#x0005C;", "&amp;", "&#x00026;")):
+        raise ValueError(f"equation {latex.strip()!r}: {made} holds LaTeX that is not converted")
     return made
