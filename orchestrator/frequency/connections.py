@@ -191,6 +191,14 @@ class Feed:
         self._rows = np.cumsum([0, *(law.size for law in laws)])
         self.size = int(self._rows[-1])
 
+    def lines(self) -> list[tuple[int, int]]:
+        """Rows of the memory that move on by one at each instant: the first, and how many of them."""
+        return [
+            (int(low), law.size)
+            for law, low in zip(self._laws, self._rows, strict=False)
+            if isinstance(law, _Later)
+        ]
+
     def advance(self, memory: Array, x: Array) -> tuple[Array, Array]:
         """The memory with one more instant, and the signal there; x: sum of the sources, shape (columns,)."""
         kept = memory.copy()

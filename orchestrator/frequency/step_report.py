@@ -75,7 +75,7 @@ def step_report(prepared: Prepared, linear: Linearised, modes: Modes) -> dict[st
         "master": prepared.config.model.run.master_name,
         "step": sampled.step_size,
         "period": sampled.period,
-        "size": len(sampled.matrix),
+        "size": sampled.size,
         "verdict": verdict,
         "modes": [_entry(one, sampled, partner.get(index)) for index, one in enumerate(found)],
         "largest_step": largest_step(prepared, linear, resting, bool(modes.unstable), bool(unstable)),

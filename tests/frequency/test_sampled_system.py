@@ -120,6 +120,39 @@ def test_runs_grow_beyond_the_largest_stable_step_and_decay_below(config, master
         assert compared["difference"] < 1e-5
 
 
+@pytest.mark.parametrize("master", MASTERS)
+@pytest.mark.parametrize(
+    "config",
+    [
+        servo({"delay": "7.3 ms"}),
+        servo({"delay": "23.6 ms"}, {"low-pass": "80 Hz"}),
+        robot(-0.5, 0.8, "9.3 ms"),
+    ],
+    ids=["short", "long", "within the FMU"],
+)
+def test_long_delays_as_powers_give_the_same_roots(config, master, monkeypatch):
+    """As the eigenvalues of the whole matrix."""
+    prepared = prepare(config, settings(master, "0.5 ms"))
+    linear = linearise(prepared)
+    resting = resting_roots(linear.modes())
+    whole = sampled_system(prepared, linear, resting)
+    monkeypatch.setattr("orchestrator.frequency.sampled_system._DENSE", 0)
+    powers = sampled_system(prepared, linear, resting)
+    assert powers.unstable == whole.unstable
+    near = [one.root for one in whole.modes(3)]
+    for root in near[:2]:
+        assert min(abs(one.root - root) for one in powers.modes()) < 1e-9 * abs(root)
+
+
+def test_a_delay_of_six_hundred_steps():
+    changes = ("run.master=jacobi", "run.step_size=0.05 ms", "run.stop_time=1 s")
+    config = servo({"delay": "30 ms"}, {"gain": 0.2})
+    compared = verified(config, linearise(prepare(config, changes)), changes)["sampled"]
+    prepared = prepare(config, changes)
+    assert sampled_system(prepared, linearise(prepared)).size > 600
+    assert max(one["difference"] for one in compared) < 1e-5
+
+
 def test_small_steps_lead_to_the_machine():
     """Errors of held inputs fall with the step, those of extrapolated ones with its square."""
     linear = linearise(prepare("emps"))
@@ -141,7 +174,7 @@ def test_small_steps_lead_to_the_machine():
         (("run.master={name: adaptive, tolerance: 1e-4}",), "adaptive vary"),
         (("connections[3].through=[{sample-and-hold: 3.14159 ms}]",), "3.14159 communication steps"),
         (
-            ("connections[3].through=[{delay: 1 ms}]", "run.step_size=0.1 us", "run.stop_time=1 ms"),
+            ("connections[3].through=[{delay: 1 ms}]", "run.step_size=0.01 us", "run.stop_time=1 ms"),
             "so many steps",
         ),
     ],
