@@ -170,7 +170,7 @@ def complete(answers: Sequence[Answer], ids: Collection[str]) -> list[Answer]:
 
 
 def tied(fitter: Fitter, answers: Sequence[Answer]) -> list[Answer]:
-    """Answers with their ties: other effects that explain as much by replays that hardly differ.
+    """Answers with their ties: other effects that explain as much, with nearly equal replays.
 
     What explains less than no effect does is tied with none.
     """

@@ -115,7 +115,7 @@ def augmented_config(study: Study, finding: Finding, steps: int = STEP) -> Augme
 def _written(
     finding: Finding, added: Mapping[str, Mapping[str, float]], rig: Mapping[str, float]
 ) -> tuple[list[ConfigChanges], dict[str, str]]:
-    """What each effect of the answer changes of the config; and those that are not in it, with the reason."""
+    """Changes of the config by each effect of the answer; and effects that are not in it, with the reason."""
     parts: list[ConfigChanges] = []
     left_out: dict[str, str] = {}
     for name, theta in added.items():
@@ -133,7 +133,7 @@ def _written(
 
 
 def _changes(nominal: Array, p: Array, written: ConfigChanges) -> tuple[str, ...]:
-    """What differs from the rig as its lab believes it to be, in words."""
+    """Differences from the calibrated rig, in words."""
     changes = []
     for one in Calibrated:
         if p[one] != nominal[one] and one is not Calibrated.FORCE_BIAS:

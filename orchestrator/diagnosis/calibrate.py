@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(seen["roughness"], flush=True)
 
     def weighed(kind: str, work: Work, tasks: Mapping[int, Any]) -> list[WeighedCase]:
-        """Cases of a kind by their numbers, with those kept before; each is kept as soon as it is weighed."""
+        """Cases of a kind by number, including stored ones; each is stored as soon as it is weighed."""
         done = {int(number): _read(data) for number, data in seen.get(kind, {}).items()}
         numbers = {task: number for number, task in tasks.items() if number not in done}
         for task, one in _outcomes(pool, work, list(numbers)):
@@ -192,7 +192,7 @@ def _of_kinds(kinds: Sequence[str]) -> dict[int, tuple[int, str, float]]:
 
 
 def _outcomes(pool: Pool, work: Work, numbers: Sequence[Any]) -> Iterator[tuple[Any, Any]]:
-    """Tasks and what became of them. Raises: OrchestratorError if one failed."""
+    """Results of tasks. Raises: OrchestratorError if one failed."""
     for outcome in pool.outcomes(work, numbers):
         if outcome.failure is not None:
             raise OrchestratorError(f"simulated case {outcome.task}: {outcome.failure.message}")

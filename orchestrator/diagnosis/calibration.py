@@ -37,7 +37,7 @@ LEAVES = 0.003
 SET = 0.95
 # If halving the sub-steps changes a replay, its error is larger than the change: up to three times more on
 # rigs at a servo's limit.
-_ASTRAY = 4.0
+_REPLAY_ERROR = 4.0
 # Size at which many an effect shows and many do not, see `strength`.
 _ORDINARY = 0.2
 # Where the learning of `Calibration.slopes` begins.
@@ -163,7 +163,7 @@ class Calibration:
         rarity: float | Array = 0.0,
         strong: float | Array = 0.0,
     ) -> float | Array:
-        """What effects cost, in all groups of logs together: beyond two, each `further`, seen or not.
+        """Prices of effects in all groups of logs together: beyond two, each `further`, seen or not.
 
         Args:
             seen, unseen: number of effects with evidence, and of those that are too small to have any.
@@ -178,12 +178,12 @@ class Calibration:
         return cost + self.further * np.subtract(unseen, few) + rarity
 
     def rarity(self, unseen: Collection[str]) -> float:
-        """How seldom just these effects are what stays unseen [nats]."""
+        """Log rarity of these effects among unseen ones [nats]."""
         usual = 1.0 / max(len(self.unseen), 1)
         return -sum(math.log(self.unseen.get(name, usual)) for name in unseen)
 
     def usual(self, answers: Sequence[Weighable]) -> Array:
-        """Log likelihood that answers as good as these leave unexplained on rigs [nats], shape (answers,).
+        """Usual residual evidence of answers as good as these [nats], shape (answers,).
 
         Of several effects each may leave its share of what it gains itself: one that gains little accounts
         for little, whatever the others gain.
@@ -199,11 +199,11 @@ class Calibration:
         )
 
     def table(self, answers: Sequence[Weighable]) -> Table:
-        """What scores are made of."""
+        """Quantities from which scores are computed."""
         unseen = np.array([len(one.unseen) for one in answers])
         left = np.array([one.left for one in answers])
         # By no more than an effect explains: an imitation that swings up explains nothing.
-        replay_error = _ASTRAY * np.array([min(one.numerics, max(one.gain, 0.0)) for one in answers])
+        replay_error = _REPLAY_ERROR * np.array([min(one.numerics, max(one.gain, 0.0)) for one in answers])
         usual = self.usual(answers)
         none = (0.0,) * len(self.slopes)
         parts = np.array([one.parts or none for one in answers])
@@ -258,7 +258,7 @@ class Calibration:
         return np.concatenate([scores, outside], -1), np.concatenate([prices, np.zeros_like(outside)], -1)
 
     def probabilities(self, answers: Sequence[Weighable] | Table, beside: float | Array) -> Array:
-        """Probabilities of the answers of a group that stands alone and, last, of something outside."""
+        """Probabilities of the answers of a single group and, last, of something outside."""
         scores, prices = self.scores(answers, beside)
         return self.spread(scores - prices)
 
@@ -278,7 +278,7 @@ class Calibration:
         return max(self.surely if seen else self.sure, SET)
 
     def save(self, path: Path = FILE, **provenance: object) -> None:
-        """Write what was learned, and how."""
+        """Write the learned numbers and their origin."""
         text = json.dumps({"format": "weigh/16", **asdict(self), "provenance": provenance}, indent=1)
         path.write_text(text + "\n", encoding="utf-8")
 
@@ -293,7 +293,7 @@ def strength(size: float) -> float:
 
 
 def own_gains(answers: Sequence[Weighable]) -> list[dict[str, float]]:
-    """What each effect that an answer sees gains beside its others [nats], by id; one mapping per answer.
+    """Gain of each effect with evidence beside the others [nats], by id; one mapping per answer.
 
     That is the answer's log evidence over the best answer with none but the others.
     """

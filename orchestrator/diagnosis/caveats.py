@@ -22,13 +22,13 @@ def caveats(diagnosis: Diagnosis) -> list[str]:
         _elsewhere(diagnosis),
         _as_one(diagnosis),
         _late(diagnosis),
-        _unneeded(diagnosis) or _strayed(diagnosis),
+        _unneeded(diagnosis) or _beyond_tolerances(diagnosis),
     )
     return [one for one in sentences if one]
 
 
 def _leaves(diagnosis: Diagnosis) -> str:
-    """That an answer leaves much more than the noise at some port; "" if it does not.
+    """Sentence if the residual of an answer is much larger than the noise at some port, else "".
 
     Nothing is reported for the places of a docking rig: there `misfit` is that of the best fit, which may be
     another answer than the one given, and has in it what random effects draw, which no replay takes off.
@@ -50,7 +50,7 @@ def _leaves(diagnosis: Diagnosis) -> str:
 
 
 def _elsewhere(diagnosis: Diagnosis) -> str:
-    """That the gap shows at another place than where the effects named act; "" if it does not.
+    """Sentence if the gap shows at another place than the named effects, else "".
 
     Nor of something outside a docking rig's catalogue: its place is shown by how residuals look. That of a
     study of ports is where components driven by measured signals deviate most.
@@ -91,7 +91,7 @@ def _as_one(diagnosis: Diagnosis) -> str:
 
 
 def _late(diagnosis: Diagnosis) -> str:
-    """That a column whose clock is late looks like a delay of what it logs; "" where none is named."""
+    """Sentence if a late clock of a column would look like a named delay, else ""."""
     first, logged = chosen_answer(diagnosis), at_ports(diagnosis)
     late = []
     for effect in diagnosis.verdict.effects:
@@ -106,7 +106,7 @@ def _late(diagnosis: Diagnosis) -> str:
 
 
 def _unneeded(diagnosis: Diagnosis) -> str:
-    """That other values of the calibrated numbers close the gap as well as an answer's effects; "" if not."""
+    """Sentence if other values of the calibrated numbers close the gap as well as the effects, else ""."""
     gap, effects = diagnosis.how_far, diagnosis.verdict.effects
     if not effects or "outside" in effects or gap is None or gap.within_floor:
         return ""
@@ -128,8 +128,8 @@ def _unneeded(diagnosis: Diagnosis) -> str:
     return ""
 
 
-def _strayed(diagnosis: Diagnosis) -> str:
-    """That calibrated numbers moved farther than their tolerances allow, beside effects; "" if none did."""
+def _beyond_tolerances(diagnosis: Diagnosis) -> str:
+    """Sentence if calibrated numbers moved farther than their tolerances allow, beside effects, else ""."""
     effects = diagnosis.verdict.effects
     if not diagnosis.doubtful_tolerances or not effects:
         return ""

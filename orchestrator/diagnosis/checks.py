@@ -183,7 +183,7 @@ def _stuck(run: Run) -> list[Problem]:
 
 
 def _left_early(study: Study) -> list[Problem]:
-    """Runs much shorter than others that did not leave their way."""
+    """Runs that end much earlier than others, although they stayed within their range."""
     longest = max(len(run) for run in study.runs)
     return [
         Problem(

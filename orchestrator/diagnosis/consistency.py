@@ -37,7 +37,7 @@ _ESTIMATE = (0.3, 2.5)
 
 @dataclass(frozen=True)
 class _Broken:
-    """A relation that does not hold: which columns it ties, where it first fails, and how.
+    """A violated relation: its columns, where it is first violated, and how.
 
     Attributes:
         gross: whether by so much that the columns cannot be what they are said to be. A single mistake in
@@ -87,7 +87,7 @@ def _broken(study: Study, run: Run) -> list[_Broken]:
 
 
 def _misstated(study: Study, run: Run) -> Iterator[tuple[tuple[str, str], Study, Run]]:
-    """Mistakes in what is said of the rig and the run: place and remedy, and both without them."""
+    """Mistakes in the description of rig and run: place and remedy, and study and run without them."""
     stated = study.nominal["contact_stiffness"]
     for factor in (1e3, 1e-3, 1e6, 1e-6):
         less = replace(stated, value=stated.value / factor)
@@ -235,7 +235,7 @@ def _first_motion(study: Study, run: Run) -> _Broken | None:
 
 
 def _push_against_way(study: Study, run: Run) -> _Broken | None:
-    """In contact the force grows against the way, about as steeply as the contact is stiff."""
+    """Whether in contact the force opposes the penetration with about the contact's stiffness."""
     force, way = run["sensor_force"], run["encoder_position"]
     strong = np.abs(force) > 0.5 * np.max(np.abs(force))
     walls = study.nominal["front_wall"].value, study.nominal["rear_wall"].value

@@ -32,7 +32,7 @@ def cost_of(r: Array, z: Array) -> float:
 
 @dataclass
 class Place:
-    """Where a descent stands.
+    """State of a descent.
 
     Attributes:
         z: normalised parameters; r: residuals; cost: see `cost_of`; jacobian: derivatives of the residuals;
@@ -53,7 +53,7 @@ class Place:
 
 @dataclass
 class Descent:
-    """What is descended in.
+    """The problem of a descent.
 
     Attributes:
         residuals: of normalised parameters; derivatives: of parameters and residuals there, shape
@@ -108,7 +108,7 @@ class Descent:
         return self.smooth[~held[self.smooth]]
 
     def _advance(self, at: Place, hessian: Array, slope: Array, free: NDArray[np.intp]) -> float:
-        """Take a step as long as the cost lets it be, and say what it gains; 0 if none does."""
+        """Take the longest step that lowers the cost; returns the gain, 0 if there is none."""
         for _ in range(_RAISED):
             damped = (hessian + self._damping * np.diag(np.diag(hessian)))[np.ix_(free, free)]
             z, r, cost = self._at(self._less(at.z, free, np.linalg.solve(damped, slope[free])))

@@ -79,7 +79,7 @@ def diagnose(
         raise ConfigError(refused)
     progress("weigh")
     finding = parts.weigh(study)
-    results = _told(parts, study, finding, progress)
+    results = _analysed(parts, study, finding, progress)
     config = augmented_config(study, finding) if is_docking_lab(study) else None
     augmented = None
     if config is not None:
@@ -122,8 +122,8 @@ def _any_system(
     return replace(diagnosed, folder=whole, files=(NAME, *made.files))
 
 
-def _told(parts: Analyses, study: Study, finding: Finding, progress: Report) -> AnalysisResults:
-    """What all analyses say about a finding."""
+def _analysed(parts: Analyses, study: Study, finding: Finding, progress: Report) -> AnalysisResults:
+    """Results of all analyses of a finding."""
     found: dict[str, Any] = {}
     left_out = {_JUDGED: finding.unjudged} if finding.unjudged else {}
     for stage, analyses in (
@@ -152,7 +152,7 @@ def _missing(name: str, part: Callable[..., Any] | None, study: Study) -> str:
 
 
 def _files(study: Study, source: Path) -> dict[str, Path]:
-    """The study's file and its logs, by name: its folder may hold other things, not to be opened."""
+    """The study's file and its logs, by name; other files of its folder are not opened."""
     file = case_file(source)
     return named_files(file.parent, [file, *(run.path for run in study.runs if run.path is not None)])
 
@@ -160,7 +160,7 @@ def _files(study: Study, source: Path) -> dict[str, Path]:
 def _write(
     diagnosed: Diagnosed, out: Path, report: bool, config: AugmentedConfig | None
 ) -> tuple[Path, tuple[str, ...]]:
-    """Write everything; diagnosis.json last, so that where it stands the rest does, too."""
+    """Write everything; diagnosis.json last, so that its presence shows a complete result."""
     _cleared(out)
     files = [NAME]
     if config is not None:
@@ -177,7 +177,7 @@ def _write(
 
 
 def _cleared(folder: Path) -> None:
-    """Make the folder, without what an earlier diagnosis left there. Raises: ConfigError."""
+    """Make the folder and remove files of an earlier diagnosis. Raises: ConfigError."""
     folder_at(folder)
     for name in _FILES:
         (folder / name).unlink(missing_ok=True)

@@ -15,7 +15,7 @@ __all__ = ["Diagnosed"]
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """A diagnosis and what it was made of.
+    """A diagnosis with its study and finding.
 
     Attributes:
         diagnosis: content of diagnosis.json.

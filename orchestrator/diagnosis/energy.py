@@ -56,7 +56,7 @@ def balances(study: Study, run: Run, model: Augmented) -> list[Balance]:
 
 
 def _works(signals: Array, p: Array, tick: float) -> Array:
-    """What interfaces add to CoR^2 - 1, from position, velocity, encoder, force and compensated force.
+    """Parts of CoR^2 - 1 by interface, from position, velocity, encoder, force and compensated force.
 
     v'^2 - v^2 = (v' + v)(v' - v) at each tick, and v' - v = (h/m) F + d, with d what the satellite software
     adds. The force F telescopes: that of the wall at the satellite's position, what the robot's departure

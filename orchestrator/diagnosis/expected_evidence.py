@@ -20,7 +20,7 @@ __all__ = ["RIVAL", "RIVALS", "Posterior", "chosen", "evidence_over", "laplace",
 # Candidates at least this probable are rivals of the first; how many of them an experiment is chosen for.
 RIVAL, RIVALS = 0.01, 4
 # Evidence that distinguishes two [nats].
-_TOLD_APART = 10.0
+_SEPARATED = 10.0
 # Of experiments within so much of the best, the first of the menu is taken: it costs least.
 _AS_GOOD = 0.95
 _ITERATIONS = 6
@@ -30,7 +30,7 @@ _SETTLED = 1e-4
 
 @dataclass(frozen=True)
 class Posterior:
-    """What the runs at hand say about a candidate's parameters.
+    """Posterior of a candidate's parameters, given the runs.
 
     Attributes:
         z: all parameters, normalised by their priors; precision: their inverse covariance.
@@ -42,7 +42,7 @@ class Posterior:
 
 
 def laplace(fitter: Fitter, model: Augmented) -> Posterior:
-    """Laplace's approximation at a fitted model; the fit is taken to its end."""
+    """Laplace's approximation at a fitted model; the fit is completed first."""
     z = fitter.normalised(model.calibrated, model.effects, model.theta)
     prior = Posterior(model.effects, np.zeros(len(z)), np.eye(len(z)))
     z, _, hessian = least(fitter, prior, z, range(len(z)))
@@ -88,7 +88,7 @@ def least(fitter: Fitter, about: Posterior, z: Array, places: Sequence[int]) -> 
 
 
 def evidence_over(fitter: Fitter, rival: Posterior, places: Sequence[int]) -> float:
-    """Evidence over a rival that logs give which another candidate predicts [nats].
+    """Evidence over a rival in the logs that another candidate predicts [nats].
 
     Half of the least sum of squared residuals over the noise and of squared departures of the rival's
     parameters from what the runs at hand say about them.
@@ -124,15 +124,17 @@ def chosen(
     others = list(combinations(rivals, 2))
     expected = {name: {(0, rival): evidence(name, 0, rival) for rival in rivals} for name in menu}
     first = {name: min(pairs.values()) for name, pairs in expected.items()}
-    able = [name for name in menu if first[name] >= _TOLD_APART]
+    able = [name for name in menu if first[name] >= _SEPARATED]
     for name in able:
         expected[name] |= {pair: evidence(name, *pair) for pair in others}
-    counted = [pair for pair in others if any(expected[name][pair] >= _TOLD_APART for name in able)]
-    least_told = first
+    counted = [pair for pair in others if any(expected[name][pair] >= _SEPARATED for name in able)]
+    least_expected = first
     if able:
-        least_told = {name: min([first[name], *(expected[name][pair] for pair in counted)]) for name in able}
-    best = _cheapest(least_told)
-    left = [pair for pair, value in expected[best].items() if value < _TOLD_APART]
+        least_expected = {
+            name: min([first[name], *(expected[name][pair] for pair in counted)]) for name in able
+        }
+    best = _cheapest(least_expected)
+    left = [pair for pair, value in expected[best].items() if value < _SEPARATED]
     then = ""
     if left:
         again = {
@@ -140,11 +142,11 @@ def chosen(
             for name, pairs in expected.items()
         }
         further = _cheapest(again)
-        then = further if again[further] >= _TOLD_APART else ""
+        then = further if again[further] >= _SEPARATED else ""
     return {
         "name": best,
         "description": menu[best],
-        "expected_evidence": least_told[best],
+        "expected_evidence": least_expected[best],
         "between": list(between),
         "evidence": {between[rival]: expected[best][0, rival] for rival in rivals},
         "menu": first,

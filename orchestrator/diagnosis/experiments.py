@@ -27,14 +27,14 @@ _SHORTEST = 20
 
 
 def posterior(study: Study, model: Augmented, inflation: float = 1.0) -> Posterior:
-    """What the training runs say about a fitted model's parameters; see `expected_evidence.laplace`."""
+    """Posterior of a fitted model's parameters from the training runs; see `expected_evidence.laplace`."""
     return laplace(Fitter(Chain.of(study, study.of(Role.TRAIN), model.effects), inflation), model)
 
 
 def expected_evidence(
     study: Study, experiment: Experiment, cause: Posterior, rival: Posterior, inflation: float = 1.0
 ) -> float:
-    """Evidence for a candidate over a rival that an experiment is expected to give, if it is right [nats].
+    """Expected evidence of an experiment for a candidate over a rival, if the candidate is right [nats].
 
     The rival is fitted to the logs that the candidate predicts, its calibration and parameters held by what
     the runs at hand say about them: half of the least sum of squared residuals over the noise and of squared
@@ -86,7 +86,7 @@ def next_experiment(
     if len(tied) < 2:
         return without_rival(study, finding, among)
     places = {effect.place for model in tied.values() for effect in model.effects}
-    inflation = max([1.0, *(_left(finding, place) for place in places)])
+    inflation = max([1.0, *(_residual(finding, place) for place in places)])
     candidates = [posterior(study, model, inflation) for model in tied.values()]
     offered = {one.name: one for one in among}
 
@@ -96,14 +96,14 @@ def next_experiment(
     return chosen({one.name: one.description for one in among}, list(tied), evidence)
 
 
-def _left(finding: Finding, place: str) -> float:
-    """Mean square that the answer leaves of the logs that a place shows in, over their noise."""
+def _residual(finding: Finding, place: str) -> float:
+    """Mean square residual of the answer in the logs of a place, over their noise."""
     equal = COMPONENTS[component_of(place)]
     return max(finding.misfit.get(one, 1.0) for one in equal)
 
 
 def _tied(study: Study, finding: Finding) -> dict[str, Augmented]:
-    """The first candidate that the model holds, its ties and other probable ones, by their effects."""
+    """The first candidate that the model can replay, its ties and other probable ones, by their effects."""
     if not finding.candidates or not _replayable(finding.candidates[0]):
         return {}
     modelled = [one for one in finding.candidates if _replayable(one)]

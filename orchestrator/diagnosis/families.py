@@ -75,7 +75,7 @@ def kin_of(families: Iterable[_Family]) -> dict[str, Kin]:
 def together(
     effects: Sequence[str], answers: Iterable[_Likely], kin: Mapping[str, Kin]
 ) -> tuple[float, dict[str, float]]:
-    """How probable answers are that differ from one by which effects of its families act.
+    """Probability of all answers that differ only in effects of the same families.
 
     Args:
         effects: of the one.

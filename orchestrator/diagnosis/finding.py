@@ -86,14 +86,14 @@ class Finding:
 
     @property
     def answer(self) -> Augmented:
-        """The model of the answer given; the recalibrated one where the answer names no effect to add."""
+        """The model of the answer; the recalibrated one if the answer names no effect."""
         for one in self.candidates:
             if set(one.effects) == set(self.effects) and one.model is not None:
                 return one.model
         return self.recalibrated
 
     def faultless(self, nominal: Mapping[str, Nominal]) -> Augmented:
-        """The answer's calibration without its effects: what remains of the gap is what the effects cause.
+        """The answer's calibration without its effects: its gap is the one caused by the effects.
 
         The nominal one where the answer's lies far beyond its tolerances: it was bent to fit what it cannot
         explain, and residuals of such a model contain little information.

@@ -61,7 +61,7 @@ class Fit:
 
     @property
     def log_evidence(self) -> float:
-        """Laplace's approximation of the logarithm of the evidence, up to what all models share [nats].
+        """Laplace's approximation of the log evidence, up to a common constant [nats].
 
         Parameters are normalised by their priors, whose volumes are one.
         """
@@ -108,7 +108,7 @@ class Seeing(Protocol):
     """A replay with the data from which effects propose start values."""
 
     def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
-        """What effects that propose starts read."""
+        """Data for effects that propose start values."""
 
 
 class Fitter:
@@ -194,7 +194,7 @@ class Fitter:
         return -0.5 * (square + fit.cost - fit.chi2) - 0.5 * fit.log_determinant
 
     def starts(self, effect: Effect) -> list[Array]:
-        """Where fits of an effect begin, in normalised parameters."""
+        """Start values for fits of an effect, normalised."""
         choices = []
         for one in effect.parameters:
             if one.whole:
@@ -383,7 +383,7 @@ class Fitter:
         return best
 
     def _instead(self, effect: Effect, base: Base) -> tuple[float, Base, Array] | None:
-        """Where an effect that changes a calibrated number does what that deviates by, and the cost there.
+        """Parameters at which an effect replaces the deviation of a calibrated number, and the cost there.
 
         Both do the very same, and so little distinguishes them that a linearised problem misses it.
 

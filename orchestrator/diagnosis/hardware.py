@@ -42,7 +42,7 @@ _HOPELESS, _BELOW, _THREADS = 0.1, 30.0, 2
 # A number that deviates alone, while no other does by more than `_BESIDE`, is attributed to an effect.
 _STRAYED, _BESIDE, _DOUBTED, _EACH, _SAME_KIND = 2.0, 1.8, 2.0, 2.0, 1.0
 # A further effect that gains less is hardly named [nats].
-_TOLD = 2.0
+_LEAST_GAIN = 2.0
 # Log evidence of effects, and log likelihood of what they leave, from which roughness is linearised beside
 # them [nats], and the share of the evidence that has to stay.
 _STRONG, _MUCH, _KEEPS = 3e4, 20.0, 0.5
@@ -69,7 +69,7 @@ def weigh_rig(
 
 
 class _Sensor(NamedTuple):
-    """What the force says about its noise.
+    """Noise of the force sensor.
 
     Attributes:
         force: of the best fit; noises: effects known by statistics; coloured: by which coloured
@@ -86,8 +86,8 @@ class _Sensor(NamedTuple):
     fitter: Fitter
 
 
-class _Told(NamedTuple):
-    """What is reported about the rig once the link's randomness is weighed, too.
+class _RigResults(NamedTuple):
+    """Results about the rig after the link's randomness is weighed.
 
     Attributes:
         answers: largest log evidence first; left: residuals of the best fit, by run and channel.
@@ -118,7 +118,7 @@ def _weigh(
     if quieter is not None:
         sensor = quieter
         weighing, fitter, found = _searched(weighing, sensor.fitter)
-    if not model.pull and _astray(fitter, found):
+    if not model.pull and _limited_servo(fitter, found):
         return _weigh(model.followed(), without, rough, lost)
     # What follows costs much in every fit, and hardly moves one: it counts when fits are weighed.
     fitter = fitter_with_nuisance(weighing, found.best)
@@ -135,7 +135,7 @@ def _weigh(
     judge, unjudged = _judging(Judge(weighing, fitter, colour), found, chance, sensor, lost is None)
     first, at_last = sensor.force, last
     if judge.every is not None:
-        first, at_last = (_foreseen(judge, one) for one in (found.none, found.best))
+        first, at_last = (_noise_of_all(judge, one) for one in (found.none, found.best))
         # Where more runs make a small colour an effect, or a line hides it, it is what it was.
         if sensor.coloured == 1.0 and _coloured(at_last) == 1.0 and at_last.line == 0.0:
             judge = replace(judge, colour=at_last.colour)
@@ -143,7 +143,7 @@ def _weigh(
     even = {one.id: one.uneven for one in last.noises}
     noises = [replace(one, uneven=min(one.uneven, even.get(one.id, one.uneven))) for one in sensor.noises]
     noises += [lost] if lost is not None else []
-    doubt, each = _doubt(weighing, found.none)
+    doubt, each = _tolerance_evidence(weighing, found.none)
     answers, left, periodic, regular, by = _linked(judge, found, noises, chance, without)
     if lost is not None:
         regular = max(regular, lost.uneven)
@@ -172,7 +172,7 @@ def _weigh(
 
 
 def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Fitter, Search]:
-    """Search with roughness as it shows beside the best fit, where that is strong and leaves much.
+    """Search with roughness linearised beside the best fit, if that is strong and has a large residual.
 
     About the nominal rig it says nothing of motions that only an effect leads to, as far deeper contacts.
     It may take up what the effect itself does, too, or lead astray: then it is none. Beside a servo at its
@@ -198,8 +198,8 @@ def _searched(weighing: Weighing, fitter: Fitter) -> tuple[Weighing, Fitter, Sea
     return beside, by, again
 
 
-def _astray(fitter: Fitter, found: Search) -> bool:
-    """Whether a servo at its limits explains most, and still leaves much."""
+def _limited_servo(fitter: Fitter, found: Search) -> bool:
+    """Whether a servo at its limits explains most, but with a large residual."""
     clear, best = found.gain(found.best), found.best
     if clear < _STRONG or unexplained(fitter.marginal.left(best.residuals)) < _MUCH:
         return False
@@ -276,8 +276,8 @@ def _judging(
     return judge, _LIMITED if judge.limited else ""
 
 
-def _foreseen(judge: Judge, fit: Fit) -> Force:
-    """What the force says about all runs beside a fit to some."""
+def _noise_of_all(judge: Judge, fit: Fit) -> Force:
+    """Noise of the force in all runs beside a fit to some of them."""
     by, here, _ = judge.carried(fit)
     return _force(by.weighing.model, by.fitter, here)
 
@@ -296,7 +296,7 @@ def _linked(
     noises: Sequence[Noise],
     chance: Arrivals,
     without: Collection[str],
-) -> _Told:
+) -> _RigResults:
     """Answers without randomness of the link and with it.
 
     Args:
@@ -307,7 +307,7 @@ def _linked(
     answers = _answers(judge, found, noises)
     links = random_links(weighing.model, found.none, chance, without)
     if not links:
-        return _Told(answers, left, chance.periodic, chance.periodic, fitter)
+        return _RigResults(answers, left, chance.periodic, chance.periodic, fitter)
     alone = {(): found.none} | {_ids(one): one for one in found.fits}
     gains = {(): 0.0} | {one.effects: one.gain for one in reversed(answers)}
     level = max(gains.values()) + chance.log_evidence
@@ -331,7 +331,7 @@ def _linked(
     left = behind.marginal.left(again.best.residuals) if again.best.effects else left
     # Lost commands that keep a period are distinguished from chance, or beside it, or within what is random.
     by = behind if {PACKETS, JITTER} & set(answers[0].effects) else fitter
-    return _Told(answers, left, 0.0, chance.regular, by)
+    return _RigResults(answers, left, 0.0, chance.regular, by)
 
 
 def _behind(answer: Answer, unforeseen: float) -> Answer:
@@ -356,9 +356,9 @@ def _doubted(weighing: Weighing, answers: list[Answer]) -> list[Answer]:
         further = set(best.effects) - set(one.effects)
         if one.fit is None or not set(one.effects) < set(best.effects) or len(further) != 1:
             continue
-        if best.gain - one.gain < _TOLD:
+        if best.gain - one.gain < _LEAST_GAIN:
             return answers  # it is hardly named
-        doubt, each = _doubt(weighing, one.fit)
+        doubt, each = _tolerance_evidence(weighing, one.fit)
         if doubt > max(_DOUBTED, best.gain - one.gain - each):
             found.append(replace(one, gain=one.gain + doubt, doubtful=True))
     if not found:
@@ -368,8 +368,8 @@ def _doubted(weighing: Weighing, answers: list[Answer]) -> list[Answer]:
     return sorted([doubted, *others], key=lambda one: -one.gain)
 
 
-def _doubt(weighing: Weighing, fit: Fit) -> tuple[float, float]:
-    """Log evidence of wider tolerances over those given, and what an effect costs beside them [nats].
+def _tolerance_evidence(weighing: Weighing, fit: Fit) -> tuple[float, float]:
+    """Log evidence of wider tolerances over the stated ones, and the price of an effect beside them [nats].
 
     It is zero unless some number deviates, and not it alone, and none does beyond wider tolerances.
 
@@ -400,7 +400,7 @@ def _answers(
     noises: Sequence[Noise],
     always: tuple[Effect, ...] = (),
 ) -> list[Answer]:
-    """What a search found as answers, largest log evidence first; without none, if nothing is known of noise.
+    """Answers from a search, largest log evidence first; without the empty one if the noise is unknown.
 
     Args:
         judge: of what they leave, and by what they are weighed.

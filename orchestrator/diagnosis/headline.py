@@ -139,7 +139,7 @@ class _Forms(NamedTuple):
 
 
 def _forms(diagnosis: Diagnosis) -> _Forms | None:
-    """The answer by families, where these make clear what its own probability does not; None elsewhere."""
+    """The answer by families, if a family is clear and the answer alone is not; else None."""
     first, kin = chosen_answer(diagnosis), kin_of(diagnosis.families)
     whole, members = together(first.effects, diagnosis.which, kin)
     if first.probability >= _SURE or whole < _SURE:
@@ -152,7 +152,7 @@ def _forms(diagnosis: Diagnosis) -> _Forms | None:
 
 
 def _likelier(diagnosis: Diagnosis) -> str:
-    """That some form of one cause is clear, though another answer than any of its forms is given."""
+    """Sentence if a family is clear, although the answer is another one."""
     first = chosen_answer(diagnosis)
     for one in diagnosis.families:
         if one.probability >= _SURE and not {*first.effects, *first.ties} & set(one.members):
@@ -165,7 +165,7 @@ def _likelier(diagnosis: Diagnosis) -> str:
 
 
 def families_in_words(diagnosis: Diagnosis) -> list[str]:
-    """How probable some form of one cause is where several may be it, whatever acts beside it."""
+    """Probability of each family with several possible forms, with or without other effects."""
     sentences = []
     for one in diagnosis.families:
         members = {name: value for name, value in one.members.items() if value >= _WORTH}
@@ -183,7 +183,7 @@ def _listed_forms(kin: Kin, members: Mapping[str, float]) -> str:
 
 
 def leaves_much(diagnosis: Diagnosis) -> bool:
-    """Whether effects at ports leave much of the held-out gap, and twice the noise at some port."""
+    """Whether effects at ports leave a large part of the held-out gap, and twice the noise at some port."""
     gap, effects = diagnosis.how_far, diagnosis.verdict.effects
     if not effects or "outside" in effects or gap is None or gap.closure is None or gap.closure >= _CLOSED:
         return False
@@ -218,7 +218,7 @@ def chosen_answer(diagnosis: Diagnosis) -> Which:
 
 
 def leaves_in_words(one: Experiment) -> str:
-    """Pairs that an experiment does not distinguish, and what would."""
+    """Pairs that an experiment does not separate, and the experiment that would."""
     pairs = "; ".join(" from ".join(pair) for pair in one.leaves)
     return f"It does not separate {pairs}" + (f": {one.then} does." if one.then else ".")
 

@@ -143,7 +143,7 @@ class Judge:
 
 
 def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) -> bool:
-    """Whether a limit that runs themselves show, and no fit has met, explains most of what a fit leaves.
+    """Whether a limit that only further runs reach explains most of the residual of a fit.
 
     Args:
         fitter: of the weighing; here, derivatives: see `Fitter.carried`.
@@ -156,7 +156,7 @@ def _limited(weighing: Weighing, fitter: Fitter, here: Fit, derivatives: Array) 
 
 
 def _deeper(weighing: Weighing, fitter: Fitter, here: Fit, seen: Sequence[Run]) -> bool:
-    """Whether a fitted limit acts in further runs beyond all measure of what it does where it was fitted.
+    """Whether a fitted limit acts far more strongly in further runs than in the fitted ones.
 
     A servo at its limit forgets nothing: what the limit and the calibration are off by adds up there.
 

@@ -54,7 +54,7 @@ class WeighedCase:
 
     @property
     def kind(self) -> str:
-        """What it hides, as in `draw.Plan`."""
+        """Kind of the hidden effects, as in `draw.Plan`."""
         if self.truth == ("outside",):
             return "outside"
         return ("none", "single", "pair")[len(self.truth)]
@@ -176,7 +176,7 @@ def learn_unseen(cases: Sequence[WeighedCase], start: Calibration) -> dict[str, 
 
 
 def learn_leaves(cases: Sequence[WeighedCase]) -> dict[str, float]:
-    """What effects leave unexplained where they are named rightly: see `Calibration.leaves`.
+    """Usual residual evidence of correctly named effects; see `Calibration.leaves`.
 
     Beyond what rigs leave that hide nothing, and what the replay's own error may make; the shares of all
     cases of an effect, weighted by the log evidence of it beside others, and drawn to what is usual of all
@@ -231,7 +231,7 @@ def _likeliest(cases: Sequence[WeighedCase], start: Calibration) -> Calibration:
 
 
 def _of_all(learned: Calibration) -> Calibration:
-    """What was learned of the hardware's effects, for diagnoses that know of the software's, too.
+    """Numbers learned from hardware effects, for diagnoses that include software effects.
 
     An effect is as likely one of software as any other, and that shows at any size: by so much fewer stay
     unseen than on rigs that hide hardware's alone.
@@ -241,7 +241,7 @@ def _of_all(learned: Calibration) -> Calibration:
 
 
 def learn_sure(cases: Sequence[WeighedCase], start: Calibration) -> dict[str, float]:
-    """`Calibration.sure` and `surely`, by name; of each fifth of the cases by what the others teach."""
+    """`Calibration.sure` and `surely`, by name; from five-fold cross-validation."""
     needed: dict[str, list[tuple[float, float]]] = {"sure": [], "surely": []}
     weights = _weights(cases)
     for fold in range(_FOLDS):

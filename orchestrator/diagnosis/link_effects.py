@@ -40,7 +40,7 @@ _MOST = 0.7
 
 
 class Arrivals(NamedTuple):
-    """What the encoder says about commands that arrive at random, beside a fit.
+    """Evidence in the encoder for commands that arrive at random, beside a fit.
 
     Attributes:
         seen: log evidence of random arrivals over none [nats].
@@ -72,7 +72,7 @@ class Arrivals(NamedTuple):
 
     @property
     def periodic(self) -> float:
-        """Log evidence of losses that keep a period, too few to be reported as lost by chance [nats].
+        """Log evidence of periodic losses that are too few to be reported as random ones [nats].
 
         Random losses have no period, so that the evidence of the period is added to that of the losses.
         """
@@ -83,7 +83,7 @@ class Arrivals(NamedTuple):
 
 
 def arrivals(model: RigModel, fit: Fit, left: Sequence[Array], seek_losses: bool) -> Arrivals:
-    """What the encoder says about random arrivals beside a fit.
+    """Evidence in the encoder for random arrivals beside a fit.
 
     Args:
         left: the fit's residuals of the encoder, normalised, by run.
@@ -155,7 +155,7 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...], best: Fit) -> 
         count = len(best.deviation)
         begun = np.concatenate([start, best.z[count:]])
         beside = fitter.fit((*always, *best.effects), best.z[:count], begun)
-        fit = beside if _strays(beside) < _MOST * _strays(fit) else fit
+        fit = beside if _encoder_residual(beside) < _MOST * _encoder_residual(fit) else fit
     smoothed = []
     for index, run in enumerate(model.runs):
         out = model.replay(index, fit.calibrated, fit.effects, fit.theta)
@@ -172,13 +172,13 @@ def search_behind(weighing: Weighing, always: tuple[Effect, ...], best: Fit) -> 
     return behind, search(behind.fitter(), weighing.effects, always)
 
 
-def _strays(fit: Fit) -> float:
-    """Mean square of what a fit leaves of the encoder."""
+def _encoder_residual(fit: Fit) -> float:
+    """Mean square of the encoder residual of a fit."""
     return float(np.mean(np.concatenate(fit.residuals[0::2]) ** 2))
 
 
 def other_link(answers: Sequence[Answer], links: Sequence[Noise]) -> list[Answer]:
-    """The best answers with the other kind of randomness instead, which was not fitted."""
+    """The best answers with the other kind of randomness, which was not fitted."""
     found = []
     for other in links[1:]:
         for answer in answers[:3]:

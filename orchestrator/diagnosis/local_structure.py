@@ -41,7 +41,7 @@ def loudest(channels: Sequence[Array]) -> float:
 
 
 def repeated(channels: Sequence[Array], touching: Sequence[Array]) -> float:
-    """Log likelihood that contacts leave the same, tick by tick from where they begin, or end [nats].
+    """Log likelihood that contacts have the same residual, tick by tick from their start, or end [nats].
 
     Over the noise out of contact. Either their mean is larger than that of noise, or their first singular
     vector is: it may have another size and sign in each.

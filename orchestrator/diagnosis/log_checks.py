@@ -41,7 +41,7 @@ def clock_slack(rows: int, step: float) -> float:
 
 
 def clock_of_stamps(time: Array, step: float) -> str:
-    """What rows take by their stamps, and by how much that is not what their steps add up to.
+    """Duration of rows by their stamps, and its difference from the sum of their steps.
 
     Args:
         time: stamps, shape (n,) [s], n at least 2; step: from one row to the next, as is believed [s].
@@ -87,7 +87,7 @@ def unmapped_clock(
 
 
 def _scales(name: str, signal: Signal) -> tuple[float, ...]:
-    """What one of a clock's values may be [s]; none for what is no clock."""
+    """Possible units of a clock's values [s]; none if the column is no clock."""
     if signal.unit:
         try:
             return (convert(parse_unit(signal.unit), parse_unit("s"))[0],)

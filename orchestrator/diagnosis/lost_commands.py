@@ -121,7 +121,7 @@ def _disorder(left: Sequence[Array], runs: Sequence[tuple[Array, Array]], slow: 
 
 
 def _falsified(left: Sequence[Array], answers: Sequence[Array], slow: tuple[float, float]) -> float:
-    """Log evidence over none of single commands that are wrong by any size, see `_found` [nats].
+    """Log evidence of single commands with errors of any size, over none; see `_found` [nats].
 
     Args:
         answers: what the robot answers to a command, see `_Asked`, by run.
@@ -138,12 +138,12 @@ def _falsified(left: Sequence[Array], answers: Sequence[Array], slow: tuple[floa
 
 
 def _short(sent: Array, late: int) -> Array:
-    """By how much commands fall short where one so many ticks older holds instead, shape (n,) [m]."""
+    """Difference from commands if one that is older by some ticks holds instead, shape (n,) [m]."""
     return sent[HISTORY - 2 - (late - 1) : len(sent) - late] - sent[HISTORY - 1 :]
 
 
 def _late(sent: Array, answer: Array, late: int, again: bool) -> _Asked:
-    """A command that holds so many ticks late instead of a newer one; again: after it was in time."""
+    """A command that holds some ticks late instead of a newer one; again: after it was in time."""
     after = np.append(_short(sent, late)[late:], np.zeros(late)), late
     return _Asked((after,) if again else ((_short(sent, 1), 0), after), answer)
 
@@ -151,7 +151,7 @@ def _late(sent: Array, answer: Array, late: int, again: bool) -> _Asked:
 def _found(
     left: Sequence[Array], asked: Sequence[_Asked], slow: tuple[float, float]
 ) -> tuple[Losses, list[Array], list[Array]]:
-    """Losses, or others that go astray, beside a slow error, see `_power`; what they move is normalised.
+    """Lost or wrong commands beside a slow error, see `_power`; their effect is normalised.
 
     Args:
         asked: by run.
@@ -190,7 +190,7 @@ def _found(
 
 
 def _fallen(lost: Array, asked: _Asked) -> Array:
-    """By how much commands fall short in all [m], from which go astray, shape (n,)."""
+    """Sum of the differences by lost or wrong commands [m], shape (n,)."""
     short = np.zeros(len(lost))
     for pulse, lag in asked.pulses:
         short[lag:] += (lost * pulse)[: len(lost) - lag]
@@ -198,7 +198,7 @@ def _fallen(lost: Array, asked: _Asked) -> Array:
 
 
 def _gain(r: Array, asked: _Asked, slow: tuple[float, float]) -> tuple[Array, Array]:
-    """Log likelihood of a loss at each tick, over none, beside white noise and what is slow.
+    """Log likelihood of a loss at each tick, over none, beside white noise and a slow error.
 
     Returns: it, and what is to be expected of it if there is one.
     """
@@ -212,7 +212,7 @@ def _gain(r: Array, asked: _Asked, slow: tuple[float, float]) -> tuple[Array, Ar
 
 
 def _matched_filter(r: Array, answer: Array, slow: tuple[float, float]) -> tuple[Array, Array]:
-    """Products of residuals with an answer to each tick's command, and of answers with each other, by lag."""
+    """Products of residuals with the response to each command, and of responses with each other, by lag."""
     size = _size(len(r))
     matched = np.fft.rfft(answer, size)
     weighed = matched.conj() / _power(size, slow)
@@ -236,7 +236,7 @@ def _plainly(left: Sequence[Array], slow: tuple[float, float]) -> float:
 
 
 def _power(size: int, slow: tuple[float, float]) -> Array:
-    """Spectrum of white noise of deviation one and a slow error: its deviation, and what a tick keeps."""
+    """Spectrum of unit white noise and a slow error, given by its deviation and its correlation per tick."""
     deviation, keep = slow
     turn = np.cos(2.0 * math.pi * np.fft.rfftfreq(size))
     return 1.0 + deviation**2 * (1.0 - keep**2) / (1.0 - 2.0 * keep * turn + keep**2)

@@ -96,7 +96,7 @@ def read_mapping(
 def _read(
     entry: Mapping[str, Any], unit: str, places: Places, path: tuple[str | int, ...], problems: list[Problem]
 ) -> dict[str, Any]:
-    """An entry with its quantities as numbers, SI, less what is wrong with it, which is added."""
+    """An entry with its quantities as SI numbers; wrong ones are removed and reported."""
     made = dict(entry)
     for key, measure in (("clock", "s"), ("offset", unit), ("noise", unit)):
         if entry.get(key) is None:
@@ -122,7 +122,7 @@ def _read(
 
 
 def _known(unit: str) -> Unit | None:
-    """A unit; None for one that is not known here."""
+    """A unit; None if it is unknown."""
     try:
         return parse_unit(unit)
     except UnitError:
@@ -211,7 +211,7 @@ def columns_of(
 
 
 def _by_header(one: Column, log: Mapping[str, Signal]) -> Column:
-    """A column that is called as it stands in the log's header, `force [N]`, by its name alone."""
+    """The name of a column that is given as in the log's header, `force [N]`."""
     name, unit = name_and_unit(one.column)
     known = one.column not in log and name in log and log[name].unit == unit
     return one.model_copy(update={"column": name}) if known else one
@@ -220,7 +220,7 @@ def _by_header(one: Column, log: Mapping[str, Signal]) -> Column:
 def _chosen(
     path: Path, log: Mapping[str, Signal], mapping: Mapping[str, Column], problems: list[Problem]
 ) -> dict[str, Signal]:
-    """The log's signals by the names that the mapping gives them, as far as they are there."""
+    """The log's signals by their names in the mapping, as far as they exist."""
     found = {}
     for name, one in mapping.items():
         if one.column not in log:

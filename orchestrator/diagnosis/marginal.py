@@ -76,7 +76,7 @@ class Marginal:
             self._apart = own / np.linalg.norm(own, axis=0)
 
     def stacked(self, residuals: Iterable[Array]) -> Array:
-        """Residuals in a row, over noise and roughness: their square is what they cost."""
+        """Stacked residuals, normalised by noise and roughness; their square is the cost."""
         return self._over(self._row(residuals))
 
     def _row(self, residuals: Iterable[Array]) -> Array:
@@ -90,7 +90,7 @@ class Marginal:
         return r + directions @ (shrink * (directions.T @ r).T).T
 
     def left(self, residuals: Iterable[Array]) -> list[Array]:
-        """Residuals less what roughness most probably makes of them."""
+        """Residuals minus the most probable roughness."""
         residuals = list(residuals)
         if self._shrink is None:
             return residuals
@@ -102,7 +102,7 @@ class Marginal:
     def products(
         self, residuals: Iterable[Array], columns: Array, rows: Array, chosen: Array, z: Array
     ) -> tuple[Array, Array]:
-        """Products of columns with each other and with residuals, over noise, roughness, and what was fitted.
+        """Products of columns with each other and with residuals, normalised by noise, roughness and fit.
 
         Args:
             residuals: where a fit ended.
@@ -125,7 +125,7 @@ class Marginal:
         return square - shared.T @ taken, product - taken.T @ slope
 
     def roughness_evidence(self, residuals: Iterable[Array]) -> float:
-        """Log likelihood that roughness is larger than it is of rigs, where it takes up residuals [nats].
+        """Log likelihood that roughness is larger than usual, if it absorbs residuals [nats].
 
         Along each of its directions residuals have the variance that noise and roughness make together; see
         `misfit.unexplained` for the evidence of a larger mean square. Some directions count by themselves, if

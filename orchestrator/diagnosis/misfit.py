@@ -55,12 +55,12 @@ def variance_gain(n: int, q: float) -> float:
 
 
 def _sums(r: Array, length: int) -> Array:
-    """Sums over whole blocks."""
+    """Sums over complete blocks."""
     return r[: len(r) // length * length].reshape(-1, length).sum(axis=1)
 
 
 def unexplained(channels: Sequence[Array]) -> float:
-    """Log likelihood that slow or local structure of normalised residuals still holds [nats].
+    """Log likelihood of slow or local structure in normalised residuals [nats].
 
     Sums over blocks of a residual that is white noise have the variance of their length. Where their mean
     square is q times as large, a model with this variance gains n (q - 1 - ln q)/2 over n blocks. The largest
@@ -106,7 +106,7 @@ def _noise_beside(r: Array, within: Array) -> float:
 
 
 def in_contact(channels: Sequence[Array], touching: Sequence[Array]) -> float:
-    """The same of contacts alone, which all channels have in common, over the noise out of contact [nats].
+    """The same for contacts only, common to all channels, over the noise out of contact [nats].
 
     What a contact law lacks lasts for a few dozen ticks, and drowns in a run of thousands.
 

@@ -48,7 +48,7 @@ class Mistake(Problem):
 
 
 def wrong_factors(sign: int = 1, unit: str | None = None, pairs: bool = False) -> Iterator[tuple[float, str]]:
-    """What a column may be too large by, its sign included, each with what to do.
+    """Factors by which a column may be too large, its sign included, each with its remedy.
 
     Args:
         sign, unit: that a study file gives the column.
@@ -67,7 +67,7 @@ def wrong_factors(sign: int = 1, unit: str | None = None, pairs: bool = False) -
 
 
 def wrong_scales(own: str, unit: str | None = None) -> Iterator[tuple[float, float, str]]:
-    """Gain and offset that turn a column of a temperature into what it is on another scale, and what to do.
+    """Gain and offset that convert a temperature to another scale, with the remedy.
 
     Args:
         own: unit in which the column's values stand by now; unit: that a study file gives the column.
@@ -91,7 +91,7 @@ def _corrected(unit: str | None) -> str:
 
 
 def plural(things: Sized) -> str:
-    """What stands behind the word for things: "s" unless there is one."""
+    """Ending of a plural: "s" unless there is one."""
     return "" if len(things) == 1 else "s"
 
 

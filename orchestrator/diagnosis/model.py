@@ -67,7 +67,7 @@ class Laws:
 
     @property
     def table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As machine code takes it."""
+        """Table for machine code."""
         return self.sites, self.addresses, self.at
 
     def room(self, theta: Array) -> tuple[Array, Array]:
@@ -98,7 +98,7 @@ class Laws:
 
 
 def apply_changes(p: Array, effects: Sequence[Effect], theta: Array) -> None:
-    """Add to parameters what effects change of them."""
+    """Add the changes by effects to parameters."""
     for effect, own in by_effect(effects, theta):
         if not effect.changes:
             continue
@@ -183,7 +183,7 @@ class RigModel:
         return model
 
     def over(self, runs: Sequence[Run]) -> RigModel:
-        """The same of other runs, whose commands arrived as they were sent."""
+        """The same for other runs, with commands that arrived as sent."""
         model = RigModel(self.study, runs, self.substeps)
         model.pull = self.pull
         return model
@@ -214,7 +214,7 @@ class RigModel:
         return found
 
     def seen(self, calibrated: Mapping[str, float], effects: tuple[Effect, ...], theta: Array) -> Seen:
-        """What the runs show beside a replay."""
+        """Data of the runs from which effects propose start values."""
         position = tuple(run["encoder_position"] for run in self.runs)
         position_error = tuple(
             one - self.replay(index, calibrated, effects, theta)[2] for index, one in enumerate(position)

@@ -161,7 +161,7 @@ class Weighing:
         return self.known[key]
 
     def beside(self, about: Fit) -> Weighing:
-        """The same with roughness as it shows beside a model's effects, of the same samples."""
+        """The same with roughness linearised beside a model's effects, for the same samples."""
         return replace(self, about=about, known={})
 
     def fitter(self, further: Array | None = None, scattered: Array | None = None) -> Fitter:

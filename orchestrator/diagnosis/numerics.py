@@ -17,7 +17,7 @@ __all__ = ["numerics"]
 
 
 def numerics(study: Study, finding: Finding) -> dict[str, Any]:
-    """What halving the sub-steps changes, as a fraction of the gap.
+    """Change by halving the sub-steps, as a fraction of the gap.
 
     Returns: `error`, the root mean square change of force over peak and velocity over approach speed, one
         contact ahead over the held-out runs, or those of training where there are none; `gap`, that between
@@ -46,7 +46,7 @@ def numerics(study: Study, finding: Finding) -> dict[str, Any]:
 
 
 def _whole_runs(study: Study, finding: Finding) -> dict[str, float]:
-    """What halving the sub-steps changes of the encoder over whole replays, and its noise [m]."""
+    """Change of the encoder over complete replays by halving the sub-steps, and its noise [m]."""
     model, answer = RigModel(study, study.runs), finding.answer
     both = model, model.finer()
     squares = []

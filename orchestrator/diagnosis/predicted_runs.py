@@ -40,7 +40,7 @@ class Chain:
 
     @staticmethod
     def of(study: Study, runs: Sequence[Run], effects: Sequence[Effect]) -> Chain:
-        """Robot to sensor, and what software effects of a list lie in: the rest leaves no residual."""
+        """Robot to sensor, and the software with effects of a list; the rest has no residual."""
         replays: list[Replay] = [RigModel(study, runs)]
         places = {one.place for one in effects}
         replays += [DynamicsReplay(study, runs)] if "dynamics" in places else []
@@ -125,7 +125,7 @@ class Trial:
     def _acting(
         self, lever: float, effects: tuple[Effect, ...], theta: Array
     ) -> tuple[tuple[Effect, ...], Array]:
-        """What acts in the experiment: the load first, then the effects, as the lever changes them."""
+        """Effects in the experiment: the load first, then the others, as the lever changes them."""
         load = self.experiment.load
         acting = [] if load is None else [load.effect]
         values = [] if load is None else list(load.theta)

@@ -212,7 +212,7 @@ def _arriving(
     deviation: float,
     slow: float,
 ) -> tuple[float, list[Array]]:
-    """Log likelihood of the encoder where commands arrive with a deviation [s], beside a slow error.
+    """Log likelihood of the encoder if arrival times have a deviation [s], beside a slow error.
 
     Arguments as those of `random_arrival`; servos: see `_servos`; slow: deviation of the error, in the
     encoder's noise.

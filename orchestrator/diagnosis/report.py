@@ -83,7 +83,7 @@ def compose(
         ledger(diagnosis),
         energy(diagnosis),
         _calibration(diagnosis),
-        _told(assumed),
+        _assumptions(assumed),
         _provenance(diagnosis),
     ]
     return document(f"{diagnosis.case}: diagnosis of the sim-to-real gap", parts)
@@ -117,7 +117,7 @@ def _posterior(diagnosis: Diagnosis, known: Mapping[str, Effect], believed: Mapp
 
 
 def _in_words(effect: Effect, parameters: Mapping[str, float], believed: Mapping[str, float]) -> str:
-    """What an effect is, and its fitted parameters with their units; of a change the value, too."""
+    """Description of an effect with its fitted parameters and units; of a change also the value."""
     fitted = []
     for one in effect.parameters:
         value = parameters.get(f"{effect.id}.{one.name}")
@@ -282,7 +282,7 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
     return [*own, *omitted]
 
 
-def _told(assumed: Sequence[str]) -> str:
+def _assumptions(assumed: Sequence[str]) -> str:
     items = "".join(f"<li>{escape(one)}</li>" for one in assumed)
     return f"<h2>What was assumed</h2><ul>{items}</ul>"
 

@@ -62,7 +62,7 @@ class ResidualEvidence(NamedTuple):
 def residual_evidence(
     weighing: Weighing, fitter: Fitter, fit: Fit, colour: Colour, chosen: Array | None = None
 ) -> ResidualEvidence:
-    """What a fit leaves unexplained.
+    """Evidence in the residual of a fit.
 
     Args:
         fitter: of the weighing.

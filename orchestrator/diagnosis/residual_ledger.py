@@ -19,7 +19,7 @@ BANDS = (0.0, 5.0, 20.0, 80.0, np.inf)
 
 
 def energies(study: Study, run: Run, model: Augmented) -> tuple[Array, Array]:
-    """Residual energy of a run, and what of it noise accounts for; see `sharing.cells`.
+    """Residual energy of a run, and the part caused by noise; see `sharing.cells`.
 
     Returns: both by component, phase and band, shape (4, 4, len(BANDS) - 1) [N2.s].
     """

@@ -76,7 +76,7 @@ class Calibrated(IntEnum):
 
 
 class State(IntEnum):
-    """What the rig remembers at a tick, out of contact."""
+    """State of the rig at a tick, out of contact."""
 
     POSITION = 0
     VELOCITY = 1

@@ -66,7 +66,7 @@ def roughness_problem_of_rig(seed: int, number: int) -> RoughnessProblem:
 
 
 def learn_roughness(problems: Sequence[RoughnessProblem]) -> Mapping[str, tuple[float, ...]]:
-    """Standard deviations of the roughness that make what rigs show most probable, all effects jointly.
+    """Maximum-likelihood standard deviations of the roughness, all effects jointly.
 
     Sizes are normal about zero, with a variance of each direction's own; expectation maximisation (MacKay:
     Bayesian interpolation, Neural Computation 4, 1992). What other directions explain as well comes out
@@ -94,7 +94,7 @@ def learn_roughness(problems: Sequence[RoughnessProblem]) -> Mapping[str, tuple[
 
 
 def _showing(problems: Sequence[RoughnessProblem]) -> Array:
-    """Sizes that move residuals by one standard deviation beyond what calibration explains, by direction."""
+    """Sizes that move residuals by one standard deviation beyond the calibration, by direction."""
     information = np.zeros(len(problems[0].ids))
     for one in problems:
         count = len(one.calibrated)

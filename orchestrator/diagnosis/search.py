@@ -125,7 +125,7 @@ def roughness(
 def directions(
     fitter: Fitter, effects: Sequence[Effect], at: Array | None = None, beside: tuple[Effect, ...] = ()
 ) -> list[Direction]:
-    """Derivatives of the stacked residuals by the sizes of effects, of which there are none yet.
+    """Derivatives of the stacked residuals by the sizes of effects, at size zero.
 
     Effects whose size is no continuous parameter that vanishes at zero are left out.
 
@@ -295,7 +295,7 @@ def _grow(
 
 
 def counted(fitter: Fitter, fit: Fit, count: int, aim: float) -> Fit:
-    """A fit, or that with another whole number of its last effect where it does better.
+    """A fit, or the better one with another integer parameter of its last effect.
 
     Where the number was screened, calibration and other effects had taken up what it does. Beside the
     nominal calibration they have not.
@@ -319,7 +319,7 @@ def counted(fitter: Fitter, fit: Fit, count: int, aim: float) -> Fit:
 
 
 def _distinct(bases: Sequence[Base]) -> list[tuple[Base, ...]]:
-    """Bases by the effects that they hold: an effect is screened from all bases of equal effects at once."""
+    """Bases grouped by their effects: an effect is screened from all bases with equal effects at once."""
     groups: dict[tuple[Effect, ...], list[Base]] = {}
     for base in bases:
         groups.setdefault(base.effects, []).append(base)

@@ -205,7 +205,7 @@ def stage(name: str) -> None:
 
 
 def twice() -> None:
-    """All is likely to be sought a second time: see `SearchProgress.twice`."""
+    """The search will probably be repeated: see `SearchProgress.twice`."""
     progress = _current.get()
     if progress is not None:
         progress.twice()

@@ -107,7 +107,7 @@ def _laws(u: Array, w: Array, tick: float, warm: Sequence[Array]) -> list[Array]
 
 
 def _edges(u: Array, w: Array, gap: Array, tick: float) -> list[Array]:
-    """What acts as contacts with a frame begin and end, and just before and after [gap in m]."""
+    """Shapes at the start and end of contacts with a frame, and shortly before and after [gap in m]."""
     touches = u > 0.0
     since, until = _since(touches, tick), _since(touches[::-1], tick)[::-1]
     found = [touches * np.exp(-one / memory) for one in (since, until) for memory in _SHORT]
@@ -119,7 +119,7 @@ def _edges(u: Array, w: Array, gap: Array, tick: float) -> list[Array]:
 
 
 def _since(where: Array, tick: float) -> Array:
-    """How long a condition has held [s], from whether it does at each tick."""
+    """Time since a condition became true [s], from its value at each tick."""
     found = np.zeros(len(where))
     for one in stretches(where):
         found[one] = tick * np.arange(one.stop - one.start)
@@ -135,7 +135,7 @@ def _apart(shape: Array, parts: Sequence[slice]) -> Array:
 
 
 def _faded(u: Array, tick: float, memory: float) -> Array:
-    """What a first-order memory makes of it."""
+    """Output of a first-order memory."""
     share = 1.0 - math.exp(-tick / memory)
     return lfilter([share], [1.0, share - 1.0], u)
 

@@ -38,7 +38,7 @@ class Shares:
 
     @property
     def shares(self) -> Array:
-        """Fractions of what all components account for, adding up to 1; equal ones where there is no gap."""
+        """Shares of the components, adding up to 1; equal ones if there is no gap."""
         total = self.values.sum()
         return self.values / total if total > 0.0 else np.full(_COUNT, 1.0 / _COUNT)
 

@@ -20,7 +20,7 @@ def coalitions(count: int) -> list[frozenset[int]]:
 
 
 def shapley_values(gaps: Mapping[frozenset[int], float] | Sequence[float], count: int) -> Array:
-    """Shapley values of what coalitions lessen a gap by.
+    """Shapley values of the reduction of a gap by coalitions.
 
     Args:
         gaps: by coalition, or in the order of `coalitions`.

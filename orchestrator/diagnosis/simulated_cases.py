@@ -30,7 +30,7 @@ _ROUGHNESS = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class _Logged:
-    """What is deformed: encoder position [m] and force [N] by tick, shape (n,); chance is each run's own."""
+    """Signals to be deformed: encoder position [m] and force [N] by tick, shape (n,); random for each run."""
 
     position: Array
     force: Array
@@ -88,7 +88,7 @@ def _warming(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
 
 
 def _spot(log: _Logged, rng: np.random.Generator, size: float) -> _Logged:
-    """The rod is held at one place of its way."""
+    """The rod is held at one position."""
     near = np.exp(-(((log.position - rng.uniform(-0.004, 0.004)) / between(rng, 3e-4, 1e-3)) ** 2))
     return replace(log, force=log.force + size * hidden.signed(rng) * between(rng, 3.0, 10.0) * near)
 
@@ -145,7 +145,7 @@ _DEFORMED: dict[str, _Deform] = {
 
 
 def _no_parameters(rng: np.random.Generator, size: float) -> dict[str, float]:
-    """They act on what the rig has logged, not in it."""
+    """No parameters: these effects act on the log, not in the rig."""
     return {}
 
 
@@ -191,7 +191,7 @@ def simulated_study(
 
 
 def _deformed(case: draw.Case, index: int, log: Array) -> Array:
-    """A log with what is hidden outside the catalogue; size and kind are the same in every run."""
+    """A log with a hidden effect outside the catalogue; size and kind are equal in every run."""
     rng = np.random.default_rng(np.random.SeedSequence([case.seed, case.number, 4]))
     chance = np.random.default_rng(np.random.SeedSequence([case.seed, case.number, 5, index]))
     rows = dict(zip(COLUMNS, log, strict=True))

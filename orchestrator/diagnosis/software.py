@@ -29,7 +29,7 @@ _MEAN_SPEED = 0.625
 
 
 def ways(velocity: Array, tick: float) -> Array:
-    """Way of the satellite over each tick by its logged velocity, shape (n - 1,) [m]."""
+    """Displacement of the satellite over each tick from its logged velocity, shape (n - 1,) [m]."""
     return tick * (velocity[:-1] + _MEAN_SPEED * np.diff(velocity))
 
 
@@ -111,7 +111,7 @@ class DynamicsReplay:
         return found
 
     def position_drift(self) -> float:
-        """Mean square of the way over each tick less that of the logged velocity, over the log's digits.
+        """Mean square of displacement minus integrated velocity over each tick, over the log's digits.
 
         Whatever pushes the satellite, it moves as fast as it is.
         """

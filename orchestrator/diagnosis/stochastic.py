@@ -144,7 +144,7 @@ def sensor_noise(model: RigModel, left: Sequence[Array], contact: Sequence[Array
 
 
 def _along_way(model: RigModel, left: Sequence[Array], windows: Sequence[Sequence[slice]]) -> float:
-    """Log evidence of a wave along the robot's way in flights, as of what motors or magnets induce [nats].
+    """Log evidence of a wave along the robot's position in flights, as induced by motors or magnets [nats].
 
     Args:
         left: residuals over their noise, by run, zero where they say nothing; windows: flights of each.

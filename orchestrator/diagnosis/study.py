@@ -61,7 +61,7 @@ _POSITIVE = ("contact_stiffness", "natural_frequency", "damping_ratio")
 
 
 class Role(Enum):
-    """What a run may be used for: fits see only train."""
+    """Use of a run: fits see only train."""
 
     TRAIN = "train"
     HELDOUT = "heldout"
@@ -134,7 +134,7 @@ class Study:
 
 
 def case_file(folder: Path) -> Path:
-    """The file of a study, given by it or by its folder: case.yaml, or else study.yaml."""
+    """The file of a study, from its path or its folder: case.yaml, or else study.yaml."""
     if folder.is_file():
         return folder
     found = (folder / name for name in ("case.yaml", "study.yaml"))

@@ -46,7 +46,7 @@ class Trace:
     noise: float
 
     def misfit(self) -> tuple[float, float]:
-        """Root mean square of what the models leave before and after, over the noise."""
+        """Root mean square residual of the models before and after, over the noise."""
         return tuple(
             float(np.sqrt(np.mean(np.square(self.measured - model))) / self.noise)
             for model in (self.before, self.after)

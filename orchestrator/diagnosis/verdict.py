@@ -63,7 +63,7 @@ class _Part(BaseModel):
 
 
 class _Open(BaseModel):
-    """What further analyses add is kept."""
+    """A model that keeps unknown keys of further analyses."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -99,7 +99,7 @@ class Family(_Part):
 
 
 class Verdict(_Part):
-    """The answer given."""
+    """The answer that the diagnosis names."""
 
     effects: list[str]
     places: list[str]
@@ -277,7 +277,7 @@ def chance_outside(answers: Iterable[_Likely]) -> float:
 
 
 def problems_of(error: ValidationError, place: str) -> list[Problem]:
-    """What is wrong with data that pydantic refused, each with its place."""
+    """Problems of data that pydantic rejected, each with its place."""
     found = []
     for one in error.errors():
         where: Mapping[str, Any] | tuple[Any, ...] = one["loc"]

@@ -92,7 +92,7 @@ def _ranked(group: Group, last: bool, learned: Calibration) -> list[tuple[float,
 def _joint(
     ranked: Sequence[Sequence[tuple[float, Group, Answer]]], learned: Calibration
 ) -> list[tuple[float, Choice]]:
-    """One answer of each group, in all ways: score, and what was chosen.
+    """All combinations of one answer from each group, with their scores.
 
     Something outside may act in one group or another: it is one answer, like others that name the same.
     """
@@ -108,7 +108,7 @@ def _joint(
 
 
 def _price(answers: Sequence[Answer], named: Collection[str], learned: Calibration) -> float:
-    """What the effects of all groups' answers cost together."""
+    """Price of the effects of all groups' answers together."""
     known = len(set(named) - {"outside"})
     standing = [one for one in answers if one is not _OUTSIDE]
     seen = {name for one in standing for name in one.seen}

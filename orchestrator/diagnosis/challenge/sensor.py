@@ -11,7 +11,7 @@ from .plant import DRAWN
 
 __all__ = ["age_of", "beside_force", "digits", "first_amplifier", "read", "rubbed"]
 
-_TOLD, _OVER = 6.0, 2.0  # force at which a contact is reported, and at which its end is [N]
+_REPORTED, _OVER = 6.0, 2.0  # force at which a contact is reported, and at which its end is [N]
 _LOUD = 100.0  # at which an amplifier that turns itself down is recognised by how much [N]
 _RANGE_BACK = 0.6  # of the force at which a sensor goes to its upper range: where it goes back
 
@@ -100,7 +100,7 @@ def _amplified(p, since, value, amplifier):
     if p.pulse != 0.0:
         # A switch that says about contacts, its wire beside the sensor's.
         amplifier[12] *= math.exp(-since / p.pulse_time)
-        if abs(value) > _TOLD and amplifier[11] == 0.0:
+        if abs(value) > _REPORTED and amplifier[11] == 0.0:
             amplifier[11] = 1.0
             amplifier[12] += p.pulse
         elif abs(value) < _OVER and amplifier[11] == 1.0:
