@@ -147,7 +147,7 @@ _LONGEST = (
     "diagnosis/test_evidence.py::test_a_clear_effect_is_found_in_its_size_beside_a_random_link",
     "diagnosis/test_evidence.py::test_a_sensor_with_a_cycle_of_its_own_is_not_one_that_loses_samples",
     "diagnosis/test_evidence.py::test_contacts_that_begin_a_little_early_or_late_are_roughness",
-    "diagnosis/test_left.py::test_frames_that_stand_elsewhere_each_time_are_outside",
+    "diagnosis/test_residual_evidence.py::test_frames_that_stand_elsewhere_each_time_are_outside",
     "diagnosis/test_outside_place.py::test_oddities_are_found_where_they_act[robot.encoder-walk-robot]",
     "diagnosis/test_outside_place.py::test_oddities_are_found_where_they_act[robot.vibration-robot]",
     "diagnosis/test_real_systems.py::test_the_drive_lacks_dry_friction",

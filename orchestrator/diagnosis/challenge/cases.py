@@ -49,7 +49,7 @@ def note_cases(cases: Iterable[Path], verdicts: Path) -> None:
 
 
 def _recorded(verdicts: Path) -> Mapping[str, str]:
-    """Digests of cases by their names; none without a record. Raises: ConfigError if it cannot be read."""
+    """Digests of cases by name; empty without a record. Raises: ConfigError if it cannot be read."""
     path = verdicts / RECORD
     try:
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}

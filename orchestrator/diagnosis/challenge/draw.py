@@ -81,7 +81,7 @@ SHARES = {"none": 4 / 16, "single": 6 / 16, "pair": 3 / 16, "outside": 3 / 16}
 
 @dataclass(frozen=True)
 class Plan:
-    """What a case is to hide: kind (none, single, pair, outside), effects, their magnitude (1: strong)."""
+    """Hidden effects of a case: kind (none, single, pair, outside), effects, their magnitude (1: strong)."""
 
     kind: str
     effects: tuple[Hidden, ...]
@@ -156,7 +156,7 @@ def _turns(rng: np.random.Generator, pool: Sequence[Hidden]):
 
 
 def _pair(rng: np.random.Generator, pool: Sequence[Hidden], alike: bool) -> tuple[Hidden, ...]:
-    """Two effects, of one place or of two, that theory can distinguish."""
+    """Two effects, at one place or two, that can be distinguished in theory."""
     while True:
         first, second = (pool[i] for i in rng.choice(len(pool), 2, replace=False))
         if (first.place == second.place) != alike:
@@ -193,7 +193,7 @@ def draw_case(plan: Plan, seed: int, number: int, roughness: float = 1.0, tight:
 
 
 def changed(values: Mapping[str, float], effect: Hidden, drawn: Mapping[str, float]) -> dict[str, float]:
-    """Parameters of a rig that has an effect besides, of what it drew."""
+    """Parameters of a rig with an additional effect, from the effect's draws."""
     found = dict(values)
     for parameter, value in drawn.items():
         found[parameter] = (
@@ -221,7 +221,7 @@ def _lab(rng: np.random.Generator) -> Lab:
 
 
 def _roughness(rng: np.random.Generator, factor: float) -> dict[str, float]:
-    """What every rig has and no model holds, each kind in a size of its own."""
+    """Roughness of every rig that no model contains, each kind with its own size."""
     sizes = factor * np.minimum(np.abs(rng.standard_normal(8)), 2.0)
     found = {
         "load": ROUGHNESS["load"] * sizes[0] * signed(rng),

@@ -44,7 +44,7 @@ _LEAST, _MOST, _LOOSE = 0.02, 5.0, 1e-4
 
 @dataclass(frozen=True)
 class _Sight:
-    """What the logs of a case show of blocks that they drive, over the noise of each channel.
+    """Outputs of the blocks driven by the logs of a case, over the noise of each channel.
 
     The force's noise is that of a rig without what is weighed: coarse steps and coloured noise that are there
     anyway hide some of it. Steps count as noise of their own; what noise carries across them is not known.
@@ -66,12 +66,12 @@ class _Sight:
 
     @property
     def colour(self) -> tuple[float, float]:
-        """Deviation of coloured noise over that of the white noise, and what a sample keeps of it."""
+        """Deviation of coloured noise over that of the white noise, and its correlation per sample."""
         kind = "coloured" if self.without.get("coloured", 0.0) > self.without["colour"] else "colour"
         return self.without[kind] / self.force_noise, self.without[f"{kind}_keep"]
 
     def measured(self, values: Mapping[str, float]) -> Array:
-        """What is measured of a rig with some parameters in the training runs, in a row."""
+        """Measured signals of a rig with some parameters in the training runs, stacked."""
         return np.concatenate(self.parts(values))
 
     def parts(self, values: Mapping[str, float]) -> list[Array]:
@@ -82,7 +82,7 @@ class _Sight:
         return [part for index in train for part in self._blocks(index, values)]
 
     def _blocks(self, index: int, values: Mapping[str, float]) -> list[Array]:
-        """What the blocks give of a run."""
+        """Outputs of the blocks for a run."""
         case, plan = self.case, RUNS[index]
         series = run_series(case, index, values)
         out = drive(case.lab, values, plan.mass, plan.speed, self.logs[index], series)
@@ -114,7 +114,7 @@ class _Place:
 
     @staticmethod
     def of(case: Case, parameters: Mapping[str, float]) -> _Place:
-        """A rig of a case, with the deviates that it has."""
+        """A rig of a case, with its deviations."""
         believed = dict.fromkeys(ROUGHNESS, 0.0)
         believed |= {parameter: case.lab.nominal[name] for name, parameter in CALIBRATED.items()}
         free = _usual(case)
@@ -214,14 +214,14 @@ def imitated(case: Case, logs: list[Array], rivals: Sequence[Hidden], most: int 
 
 
 def _own(sight: _Sight, target: Array) -> float:
-    """Half the least d'd + z'z of the rig as it is, with what is hidden."""
+    """Half the minimum of d'd + z'z of the true rig, hidden effects included."""
     return _descended(sight, _Place.of(sight.case, sight.case.values), target)[0]
 
 
 def _nearer(
     sight: _Sight, target: Array, before: Imitation, rivals: Sequence[Hidden], own: float
 ) -> Imitation:
-    """An imitation with the further rival that brings it nearest.
+    """An imitation with the further rival that improves it most.
 
     Args:
         own: see `_own`.
@@ -277,7 +277,7 @@ def _with_any_size(
 
 
 def _scaled(drawn: Mapping[str, float], by: float) -> dict[str, float]:
-    """What an effect drew, its size, which it names first, by a factor; limits hardly know any."""
+    """Draws of an effect with its size, the first entry, multiplied by a factor; limits are hardly scaled."""
     size = next(iter(drawn))
     return {**drawn, size: drawn[size] * by} if _LEAST < abs(by) < _MOST else dict(drawn)
 
@@ -289,7 +289,7 @@ def _usual(case: Case) -> dict[str, float]:
 
 
 def _linear(sight: _Sight, place: _Place, by: float = _STEP) -> tuple[Array, Array]:
-    """What is measured at a place, shape (measured,), and its derivatives, shape (measured, free).
+    """Measured signals at a place, shape (measured,), and their derivatives, shape (measured, free).
 
     Args:
         by: step of the differences.
@@ -329,7 +329,7 @@ def _least(sight: _Sight, place: _Place, target: Array, own: float) -> tuple[flo
 
 
 def _descended(sight: _Sight, place: _Place, target: Array, by: float = _STEP) -> tuple[float, Array, _Place]:
-    """The same by Gauss-Newton steps with the derivatives of that place, shorter ones where they go too far.
+    """The same by Gauss-Newton steps with the derivatives of that place, shortened if needed.
 
     Args:
         by: see `_linear`.
@@ -379,14 +379,14 @@ def _told_by_spectrum(
 
 
 def _coloured(deviation: float, keep: float) -> Array:
-    """Power of white noise of one and a first-order process beside it, averaged over bands."""
+    """Power of unit white noise plus a first-order process, averaged over bands."""
     turn = 2.0 * np.pi * np.arange(_WINDOW // 2) / _WINDOW
     power = 1.0 + deviation**2 * (1.0 - keep**2) / (1.0 - 2.0 * keep * np.cos(turn) + keep**2)
     return power.reshape(-1, _BAND).mean(axis=1)
 
 
 def _whitened(force: Array, deviation: float, keep: float) -> Array:
-    """A signal by the filter that makes white noise of one and a first-order process beside it white.
+    """A signal after the filter that whitens unit white noise plus a first-order process.
 
     Both together are white noise through g (1 - t/z)/(1 - keep/z), whose power is theirs.
     """

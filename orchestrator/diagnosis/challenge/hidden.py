@@ -43,7 +43,7 @@ class Hidden:
 
     @property
     def place(self) -> str:
-        """The component that it belongs to."""
+        """The component of the effect."""
         return self.id.partition(".")[0]
 
 

@@ -124,7 +124,7 @@ def _make_one(context: None, task: tuple[Path, Plan, int, int, float]) -> tuple[
 
 
 def _evidence(case: Case, logs: list[Array], tight: float) -> float:
-    """Evidence for the effect that is hardest to see, beside the others."""
+    """Evidence for the faintest effect, beside the others."""
     found = []
     for one in case.plan.effects:
         others = tuple(other for other in case.plan.effects if other is not one)
@@ -134,7 +134,7 @@ def _evidence(case: Case, logs: list[Array], tight: float) -> float:
 
 
 def _beyond(case: Case, logs: list[Array], evidence: float) -> list[tuple[float, str]]:
-    """Evidence over the effect of the catalogue that is most like what is hidden, and its id.
+    """Evidence over the catalogue effect that imitates the hidden one best, and its id.
 
     What is outside the catalogue is compared with two effects together, too, of a pair both with one alone.
     Software replays to its last digit, where nothing imitates anything; nor are draws of chance compared,

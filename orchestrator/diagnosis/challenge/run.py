@@ -71,7 +71,7 @@ def diagnose_all(
 
 
 def _one(context: tuple[Path, str], case: Path) -> str:
-    """Diagnose a case. Returns: what went wrong, if anything."""
+    """Diagnose a case. Returns: the error, if any."""
     verdicts, by = context
     try:
         _function(by)(case, verdicts / case.name)

@@ -41,7 +41,7 @@ class Marked:
 
     @property
     def kind(self) -> str:
-        """What it hides: none, single, pair or outside."""
+        """Kind of the hidden effects: none, single, pair or outside."""
         return self.truth["kind"]
 
     @property
@@ -61,7 +61,7 @@ class Marked:
 
     @property
     def effect_right(self) -> bool:
-        """Whether the verdict names what is hidden, ties as declared."""
+        """Whether the verdict names the hidden effects, with declared ties."""
         return names(self.verdict.effects, self.verdict.ties, self.truth["effects"])
 
     @property
@@ -73,23 +73,23 @@ class Marked:
 
     @property
     def top_two(self) -> bool:
-        """Whether one of the two most probable candidates names what is hidden."""
+        """Whether one of the two most probable candidates names the hidden effects."""
         return any(names(one.effects, one.ties, self.truth["effects"]) for one in self.verdict.answers[:2])
 
     @property
     def covered(self) -> bool:
-        """Whether the set of answers given names what is hidden, ties as declared."""
+        """Whether the set of answers names the hidden effects, with declared ties."""
         given = self.verdict.answer_set
         return any(names(one.effects, one.ties, self.truth["effects"]) for one in given)
 
     @property
     def covered_itself(self) -> bool:
-        """The same, ties not counted."""
+        """The same, without ties."""
         return any(self.truth["effects"] == sorted(one.effects) for one in self.verdict.answer_set)
 
     @property
     def set_size(self) -> int:
-        """How many candidates that set holds."""
+        """Number of candidates in that set."""
         return len(self.verdict.answer_set)
 
     @property
@@ -112,13 +112,13 @@ class Marked:
 
     @property
     def first_right(self) -> bool:
-        """Whether the first candidate names what is hidden, ties as declared."""
+        """Whether the first candidate names the hidden effects, with declared ties."""
         first = self.verdict.answers[0]
         return names(first.effects, first.ties, self.truth["effects"])
 
     @property
     def first_itself(self) -> tuple[float, bool]:
-        """Probability of the first candidate alone, and whether it is what is hidden, ties not counted."""
+        """Probability of the first candidate alone, and whether it is the hidden one, without ties."""
         first = self.verdict.answers[0]
         return first.probability, sorted(first.effects) == self.truth["effects"]
 
@@ -280,7 +280,7 @@ def _ece(group: Sequence[tuple[float, bool]]) -> float | None:
 
 
 def _ece_exact(confidences: Sequence[float]) -> dict[str, float] | None:
-    """Calibration error that exactly calibrated confidences would show on as many cases.
+    """Calibration error of exactly calibrated confidences on as many cases.
 
     Returns: its mean over draws of what is right, and what 95 % of the draws stay below.
     """
@@ -295,7 +295,7 @@ def _ece_exact(confidences: Sequence[float]) -> dict[str, float] | None:
 
 
 def _rms_debiased(group: Sequence[tuple[float, bool]]) -> float | None:
-    """Root mean square calibration error less what chance makes of it (Kumar, Liang and Ma, 2019).
+    """Root mean square calibration error without its bias by chance (Kumar, Liang and Ma, 2019).
 
     In the bins of `_ece` the square of what was stated too much, less the variance that the share of right
     ones has by chance; 0 where chance makes more. Bins of a single case say nothing.

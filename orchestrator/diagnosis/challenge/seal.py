@@ -50,7 +50,7 @@ def truth_digest(folder: Path) -> str:
 
 
 def open_truth(folder: Path) -> dict[str, Any]:
-    """What each case hides. Only scoring calls this, after the verdicts are in the ledger.
+    """Hidden effects of each case. Only scoring calls this, after the verdicts are in the ledger.
 
     Raises: ConfigError if the file is missing, damaged or changed.
     """

@@ -19,7 +19,7 @@ _SET = 0.95
 
 @dataclass(frozen=True)
 class Answer:
-    """One candidate: effects, its probability, and what the data cannot distinguish from it."""
+    """One candidate: effects, its probability, and its ties, which the data cannot separate."""
 
     effects: frozenset[str]
     probability: float
@@ -28,7 +28,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a diagnosis answered for a case.
+    """Answer of a diagnosis for a case.
 
     Attributes:
         effects, places: the answer given; ties: those of the candidate that it is.

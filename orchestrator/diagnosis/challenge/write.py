@@ -82,7 +82,7 @@ def _yaml(case: Case) -> str:
 
 
 def _number(value: float) -> str:
-    """A number that YAML 1.1 reads as one: with a point before an exponent."""
+    """A number in the form of YAML 1.1, with a point before an exponent."""
     text = f"{value:.12g}"
     mantissa, e, exponent = text.partition("e")
     if e and "." not in mantissa:

@@ -1,4 +1,4 @@
-"""What answers leave of runs that no fit saw."""
+"""Residual evidence of answers in held-out runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an answer leaves unexplained, and what that makes of something outside the catalogue."""
+"""Evidence in the residual of an answer, and its effect on the probability of an unknown effect."""
 
 from __future__ import annotations
 

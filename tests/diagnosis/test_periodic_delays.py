@@ -1,4 +1,4 @@
-"""A period that the encoder's residuals keep where commands come at wrong times by turns."""
+"""A period of the encoder residuals where commands are late periodically."""
 
 from __future__ import annotations
 
