@@ -12,6 +12,7 @@ from orchestrator.base.errors import BuildError
 
 from .expressions import Json
 from .lexer import tokenise
+from .sizes import refuse_large_sizes
 from .sources import DELAY, SourceTree
 
 # The representation carries no version, so its reader knows one release of the compiler.
@@ -26,24 +27,7 @@ _AFTER_NAMES = frozenset(
     "and annotation break connect constrainedby der else elseif elsewhen external extends for if in loop not "
     "or return then when while".split()
 )
-_LARGEST_SIZE = 1_000_000
 _DETAIL = re.compile(r'detail: "([^"]*)"')
-
-
-def _refuse_large_sizes(tree: SourceTree) -> None:
-    """Refuse ranges and sizes that no memory holds: the compiler would end the process at them.
-
-    Raises: BuildError.
-    """
-    for path, text in tree.texts.items():
-        tokens = tokenise(text, tree.shown(path))
-        for before, token, after in zip(tokens, tokens[1:], tokens[2:], strict=False):
-            beside = before.text in (":", "[") or after.text in (":", "]")
-            if token.kind == "number" and beside and not float(token.text) <= _LARGEST_SIZE:
-                raise BuildError(
-                    f"{tree.shown(path)}:{token.line}: a range or size of {token.text[:30]} is too large; "
-                    f"at most {_LARGEST_SIZE:,} is taken"
-                )
 
 
 def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
@@ -68,7 +52,7 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
         )
     import rumoca
 
-    _refuse_large_sizes(tree)
+    refuse_large_sizes(tree)
     with tree.marked_copy() as folder:
         # A session remembers the classes it has seen: one per model.
         session = rumoca.Session(roots=[str(folder)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import process_time
+
 import pytest
 
 from orchestrator.base.errors import BuildError
@@ -102,5 +104,43 @@ def test_ranges_that_no_memory_holds_are_refused_before_they_are_tried(line, tmp
     head = "model M\n  parameter Integer n = 2;\n  Real x[2];\nequation\n"
     text = f"{head}  {line}\n    x[i] = i;\n  end for;\nend M;\n"
     (tmp_path / "M.mo").write_text(text)
-    with pytest.raises(BuildError, match=r"M\.mo:5: a range or size of .* is too large"):
+    with pytest.raises(
+        BuildError, match=r"M\.mo:5: a range up to .* is too large; at most 1,000,000 is taken"
+    ):
         build(tmp_path / "M.mo", tmp_path / "M.fmu", platforms=())
+
+
+@pytest.mark.parametrize(
+    ("declared", "size"),
+    [
+        ("parameter Integer n = 2000000000;\n  Real x[n];", "2,000,000,000"),
+        ("parameter Integer k = 50000, n(min = 1) = k * k;\n  Real x[n];", "2,500,000,000"),
+        ("constant Integer n = 2 ^ 40;\n  Real[n] x;", "1,099,511,627,776"),
+        ("parameter Integer n = 30000;\n  Real x[n, n + 1];", "900,030,000"),
+        ("parameter Integer n = 4000;\n  Real x[:, :] = identity(n);", "16,000,000"),
+        ("parameter Integer n = 4000;\n  Real x[:, :] = fill(1e9, n, n);", "16,000,000"),
+        ("S s(n = 100000000);\n", "100,000,000"),
+    ],
+)
+def test_sizes_by_parameters_that_no_memory_holds_are_refused_at_once(declared, size, tmp_path):
+    sub = "model S\n  parameter Integer n(min = 1) = 2;\n  Real[n] x;\nequation\n  x = ones(n);\nend S;\n"
+    (tmp_path / "M.mo").write_text(f"{sub}model M\n  {declared}\nequation\n  x = 2 * x;\nend M;\n")
+    begin = process_time()
+    with pytest.raises(BuildError, match=rf"M\.mo:\d+: (a size of|an array .*) {size} is too large; "):
+        build(tmp_path / "M.mo", tmp_path / "M.fmu", model="M", platforms=())
+    assert process_time() - begin < 1.0
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [
+        "parameter Real table[:, 2] = [2e6, 1; 5e9, 2];\n  Real y = table[2, 1];",
+        "parameter Integer s = 2000000000, n = k + 1, k = 2;\n  Real x[n] = ones(3);\n  Real y = x[1] + s;",
+        "Real x[3] = fill(1e9, 3);\n  Real y = x[2];",
+    ],
+)
+def test_large_numbers_that_are_no_sizes_are_taken(declared, tmp_path):
+    state = "output Real z(start = 0, fixed = true);\nequation\n  der(z) = y - z;"
+    (tmp_path / "M.mo").write_text(f"model M\n  {declared}\n  {state}\nend M;\n")
+    build(tmp_path / "M.mo", tmp_path / "M.fmu", platforms=())
+    assert (tmp_path / "M.fmu").is_file()
