@@ -1,4 +1,4 @@
-"""Parts and connections -> a system.
+"""Configured instances and connections -> a system.
 
 Everything that can be known before a run is checked here, and all problems are reported at once.
 """
@@ -21,7 +21,7 @@ from .connection import Connection, Port
 from .connections import Ends, connect, elements, meant
 from .instance_models import Part, parts_of
 from .power_bonds import Bond, declared_bonds, find_bonds
-from .start_values import given_perhaps, remarks, settle
+from .start_values import inputs_with_unreadable_start, remarks, resolve_start_values
 from .system import Instance, System
 
 __all__ = ["Judged", "Part", "assemble", "judge_system", "load_system"]
@@ -207,10 +207,11 @@ def _assemble(
             continue
         wired[made.target] = (one.index, made.source)
         checked.append(made)
-    fed |= {name for part in parts for name in given_perhaps(part, gaps)}
+    fed |= {name for part in parts for name in inputs_with_unreadable_start(part, gaps)}
     unsure: set[str] = set()  # instances whose direct feedthrough is not known
     instances = [
-        settle(part, starts[part.name], wired, fed, places, found, notes, unsure, keep) for part in parts
+        resolve_start_values(part, starts[part.name], wired, fed, places, found, notes, unsure, keep)
+        for part in parts
     ]
     notes += _kept(instances)
     unread = {one.name for one in parts if not gaps.whole("instances", one.name, "feedthrough")}

@@ -1,4 +1,4 @@
-"""Instances of a config -> parts: FMUs found and read, and each one's own step size."""
+"""Find and read the FMUs of a config's instances, and each instance's own step size."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Part", "Parts", "parts_of"]
 
 @dataclass(frozen=True)
 class Part:
-    """An instance as it is asked for, before it is checked.
+    """An instance as configured, before it is checked.
 
     Attributes:
         name: of the instance.
@@ -39,12 +39,12 @@ class Part:
 
 @dataclass(frozen=True)
 class Parts:
-    """Parts of a config.
+    """Configured instances of a config.
 
     Attributes:
         parts: in the config's order.
         absent: those that do not exist.
-        unsettled: names of parts whose own step size is not known.
+        unsettled: names of instances whose own step size is unknown.
     """
 
     parts: list[Part]
@@ -53,10 +53,10 @@ class Parts:
 
 
 def parts_of(draft: Draft, problems: list[Problem]) -> Parts:
-    """The parts of a config, as far as they are known.
+    """The configured instances, as far as they are known.
 
     Args:
-        problems: what is wrong is added.
+        problems: the problems found are added.
     """
     config, gaps = draft.config, draft.gaps
     assert config is not None

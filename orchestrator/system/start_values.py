@@ -1,4 +1,4 @@
-"""Parts -> instances: start values and dependencies checked, and no input left without a value."""
+"""Turn configured instances into checked ones: every input is connected or has a start value."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .connection import Port
 from .instance_models import Part
 from .system import Instance
 
-__all__ = ["given_perhaps", "remarks", "settle"]
+__all__ = ["inputs_with_unreadable_start", "remarks", "resolve_start_values"]
 
 
-def given_perhaps(part: Part, gaps: Gaps) -> set[str]:
-    """Inputs of a part that have start values which cannot be read, or which another name is meant for."""
+def inputs_with_unreadable_start(part: Part, gaps: Gaps) -> set[str]:
+    """Inputs of an instance whose start value cannot be read, or is probably given under a misspelt name."""
     inputs = [variable.name for variable in part.fmu.description.inputs]
     path = ("instances", part.name, "start")
     if gaps.further(*path):
@@ -33,7 +33,7 @@ def given_perhaps(part: Part, gaps: Gaps) -> set[str]:
 
 
 def remarks(part: Part, places: Places) -> list[str]:
-    """What the user should know of an FMU that is let pass."""
+    """Notes for the user on an accepted FMU."""
     description, place = part.fmu.description, places.text(("instances", part.name))
     notes = []
     if description.deviations:
@@ -55,7 +55,7 @@ def remarks(part: Part, places: Places) -> list[str]:
     return notes
 
 
-def settle(
+def resolve_start_values(
     part: Part,
     given: Mapping[str, Scalar],
     wired: Mapping[Port, tuple[int, Port]],
@@ -66,11 +66,11 @@ def settle(
     unsure: set[str],
     keep: bool = True,
 ) -> Instance:
-    """Start values and dependencies of a part, and its inputs that nothing feeds.
+    """A checked instance: start values, dependencies, and a value for each input without a connection.
 
     Inputs in `fed` that are not in `wired` have a connection, or a start value, with a problem of its own.
-    Parts whose stated dependencies are wrong are added to `unsure`. `keep`: whether inputs that nothing feeds
-    keep the start value that their FMU declares.
+    Instances whose stated dependencies are wrong are added to `unsure`. `keep`: whether inputs that nothing
+    feeds keep the start value that their FMU declares.
     """
     path = ("instances", part.name)
     description = part.fmu.description
