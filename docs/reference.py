@@ -306,7 +306,7 @@ def _class_parts(name: str, one: type) -> Iterator[str]:
         if isinstance(member, property) and inspect.getdoc(member):
             yield f"**`{key}`** — {_docstring(member)}"
         elif inspect.isfunction(plain) and inspect.getdoc(plain):
-            yield f"#### {name}.{key}"
+            yield f"#### `{name}.{key}`"
             yield _signature(key, plain)
             yield _docstring(plain)
 
@@ -348,9 +348,9 @@ def _docstring(one: Any) -> str:
         section = re.match(r"(Args|Attributes|Returns|Raises):\s*", block)
         if section is None:
             code = all(line.startswith("    ") for line in block.splitlines())
-            parts.append(f"```python\n{inspect.cleandoc(block)}\n```" if code and block else block)
+            parts.append(f"```python\n{inspect.cleandoc(block)}\n```" if code and block else _plain(block))
         elif section[1] in ("Returns", "Raises"):
-            parts.append(f"*{section[1]}:* {' '.join(block[section.end() :].split())}")
+            parts.append(f"*{section[1]}:* {_plain(' '.join(block[section.end() :].split()))}")
         else:
             title = "Arguments" if section[1] == "Args" else section[1]
             parts.append(f"*{title}:*\n\n" + "\n".join(_items(block[section.end() :])))
@@ -361,7 +361,14 @@ def _items(body: str) -> Iterator[str]:
     """The entries of a section `Args` or `Attributes`."""
     entries = re.findall(r"^ *([*\w]+(?:, [*\w]+)*): (.*(?:\n {8,}.*)*)", f"    {body.lstrip()}", re.M)
     for names, text in entries:
-        yield f"- {', '.join(f'`{name}`' for name in names.split(', '))}: {' '.join(text.split())}"
+        yield f"- {', '.join(f'`{name}`' for name in names.split(', '))}: {_plain(' '.join(text.split()))}"
+
+
+def _plain(text: str) -> str:
+    """Text without emphasis: asterisks outside of code are escaped."""
+    return "`".join(
+        part if place % 2 else part.replace("*", "\\*") for place, part in enumerate(text.split("`"))
+    )
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
