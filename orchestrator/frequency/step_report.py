@@ -70,7 +70,11 @@ def step_report(prepared: Prepared, linear: Linearised, modes: Modes) -> dict[st
     moving = moving_modes(modes)
     partner = dict(zip(pairs(found, moving), moving, strict=False))
     unstable = sampled.unstable
-    verdict = "stable" if not unstable else f"unstable: {unstable} of its eigenvalues outside the unit circle"
+    verdict = "stable"
+    if unstable:
+        verdict = f"unstable: {unstable} of its eigenvalues outside the unit circle"
+    elif resting:
+        verdict = f"stable but for the machine's {resting} root{'s' if resting > 1 else ''} at 0"
     return {
         "master": prepared.config.model.run.master_name,
         "step": sampled.step_size,
@@ -164,7 +168,7 @@ def step_text(report: dict[str, Any], machine_stable: bool) -> str:
     lines = [
         f"as co-simulated by {report['master']} with a step of {_time(report['step'])}: {report['verdict']}"
     ]
-    if machine_stable and report["verdict"] != "stable":
+    if machine_stable and report["verdict"].startswith("unstable"):
         lines[0] += "; the machine is stable, the simulation makes it unstable"
     for one in report["modes"]:
         size = abs(complex(*one["multiplier"]))

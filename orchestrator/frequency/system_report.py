@@ -182,6 +182,14 @@ def system_figures(report: dict[str, Any], linear: Linearised) -> dict[str, Any]
     for one in report["modes"]:
         real, imaginary = one["root"]
         axes.plot([real, real], [imaginary, -imaginary], "x", color="#D55E00" if real > 0 else "#0072B2")
+    shown = axes.get_ylim()
+    for one in report["sampled"].get("modes", ()):
+        real, imaginary = one["root"]
+        if one["machine"] is not None:
+            axes.plot([real, real], [imaginary, -imaginary], "o", color="#009E73", fillstyle="none")
+            shown = min(shown[0], -abs(imaginary) * 1.1), max(shown[1], abs(imaginary) * 1.1)
+    axes.set_ylim(*shown)
+    axes.set_title("x machine, o as co-simulated")
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_xlabel("real part [1/s]")
     axes.set_ylabel("imaginary part [rad/s]")

@@ -120,7 +120,8 @@ def trim(prepared: Prepared, fixed: Sequence[str] = ()) -> Trimmed:
 
 def trim_text(trimmed: Trimmed) -> str:
     """The operating point in lines for terminals."""
-    lines = [f"steady state, found in {trimmed.evaluations} evaluations:"]
+    times = f"{trimmed.evaluations} evaluation{'' if trimmed.evaluations == 1 else 's'}"
+    lines = [f"steady state, found in {times}:"]
     for name, one in trimmed.states.items():
         unit = one.unit or "1"
         held = ", fixed" if one.fixed else ""
