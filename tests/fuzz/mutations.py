@@ -300,10 +300,13 @@ def _damaged(random: Random, data: bytes) -> bytes:
     with zipfile.ZipFile(io.BytesIO(data)) as archive, zipfile.ZipFile(made, "w") as packed:
         for info in archive.infolist():
             packed.writestr(info, archive.read(info), zipfile.ZIP_DEFLATED)
-        one = random.choice(packed.infolist() or [zipfile.ZipInfo()])
+        entries = [one for one in packed.infolist() if one.compress_size]
     found = bytearray(made.getvalue())
+    if not entries:
+        return bytes(found)
+    one = random.choice(entries)
     begin = one.header_offset + 30 + len(one.filename.encode())
-    for _ in range(random.choice((1, 4, 20)) if one.compress_size else 0):
+    for _ in range(random.choice((1, 4, 20))):
         found[begin + random.randrange(one.compress_size)] = random.randrange(256)
     return bytes(found)
 
