@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--unknown-input",
         action="store_true",
         help="for studies of ports: estimate the missing input and read its law, in seconds, in place of the "
-        "search of effects; writes unknown-input.json",
+        "search of effects; writes unknown-input.json, report.html, corrected.yaml",
     )
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
@@ -122,6 +122,8 @@ def _unknown_input(args: argparse.Namespace, folders: list[Path | None]) -> int:
     from ..base.atomic_files import write_text
     from ..diagnosis.ports.reader import load_port_study
     from ..diagnosis.ports.study import is_port_study
+    from ..diagnosis.unknown_input.corrected import write_corrected
+    from ..diagnosis.unknown_input.page import page
     from ..diagnosis.unknown_input.report import data_of, text_of
     from ..diagnosis.unknown_input.search import answer
 
@@ -130,16 +132,29 @@ def _unknown_input(args: argparse.Namespace, folders: list[Path | None]) -> int:
         what = f"{listed(map(str, others))} is no study of ports, which --unknown-input needs"
         raise ConfigError([Problem("--unknown-input", what, remedy="Leave the option out.")])
     for case, folder in zip(args.cases, folders, strict=True):
-        found = answer(load_port_study(case))
-        data = json.dumps(data_of(found), allow_nan=False, ensure_ascii=False)
+        name, study = _name(case.resolve()), load_port_study(case)
+        found = answer(study, lambda stage, name=name: _stage(f"{name}: {stage}", args.quiet))
+        _stage("", args.quiet)
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
+            found.remarks.extend(write_corrected(study, found, folder))
+            if not args.no_report:
+                write_text(folder / "report.html", page(name, found))
+        data = json.dumps(data_of(found), allow_nan=False, ensure_ascii=False)
+        if folder is not None:
             write_text(folder / "unknown-input.json", data + "\n")
         if args.json:
             sys.stdout.write(data + "\n")
         elif not args.quiet:
-            sys.stdout.write(text_of(_name(case.resolve()), found) + "\n")
+            sys.stdout.write(text_of(name, found) + "\n")
     return 0
+
+
+def _stage(text: str, quiet: bool) -> None:
+    """Show on a terminal what is being done."""
+    if not quiet and sys.stderr.isatty():
+        sys.stderr.write(f"\r\x1b[K{text}")
+        sys.stderr.flush()
 
 
 def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:

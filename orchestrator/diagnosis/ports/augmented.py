@@ -17,7 +17,7 @@ from .effect import PortEffect
 from .friction_fmu import Placed, to_instances
 from .study import PortStudy
 
-__all__ = ["augmented_config", "parameter_values"]
+__all__ = ["augmented_config", "long_form", "parameter_values", "short_form", "with_unit"]
 
 
 def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> tuple[str, dict[str, str]]:
@@ -39,7 +39,7 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
         if (config.folder / one["fmu"]).is_file():
             one["fmu"] = str((config.folder / one["fmu"]).resolve())
     _calibrate(study, data, finding.answer)
-    connections = [_long(one) for one in data.get("connections", [])]
+    connections = [long_form(one) for one in data.get("connections", [])]
     left_out: dict[str, str] = {}
     placed: list[Placed] = []
     for effect, theta in by_effect(finding.answer.effects, finding.answer.theta):
@@ -55,7 +55,7 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
                 placed.append(Placed(effect, made, entry))
     if fmus:
         left_out |= to_instances(study, data, connections, placed)
-    data["connections"] = [_short(one) for one in connections]
+    data["connections"] = [short_form(one) for one in connections]
     found = "with the effects found" if finding.answer.effects else "as calibrated by logs"
     data["title"] = f"{data.get('title', config.name)}, {found}"
     return dump(data), left_out
@@ -74,10 +74,10 @@ def parameter_values(study: PortStudy, answer: Augmented) -> dict[str, float]:
 def _calibrate(study: PortStudy, data: dict[str, Any], answer: Augmented) -> None:
     for name, value in parameter_values(study, answer).items():
         port = Port.of(name)
-        data["instances"][port.instance]["start"][port.variable] = _with(value, study.unit(port))
+        data["instances"][port.instance]["start"][port.variable] = with_unit(value, study.unit(port))
 
 
-def _long(one: Any) -> dict[str, Any]:
+def long_form(one: Any) -> dict[str, Any]:
     """A connection with its sources as a list, each with its port, and how many of its effects act ahead of
     its own.
     """
@@ -89,7 +89,7 @@ def _long(one: Any) -> dict[str, Any]:
     return {**one, "from": legs, "through": list(one.get("through", [])), "ahead": 0}
 
 
-def _short(one: dict[str, Any]) -> Any:
+def short_form(one: dict[str, Any]) -> Any:
     """A connection as one writes it."""
     one = {key: value for key, value in one.items() if key != "ahead"}
     legs = [leg if "gain" in leg else leg["port"] for leg in one["from"]]
@@ -172,11 +172,11 @@ def _entry(made: ConnectionEffect, effect: PortEffect, study: PortStudy) -> dict
         if not marks:
             options[key] = value
         elif isinstance(marks[0], Pure):
-            options[key] = _with(value, marks[0].unit)
+            options[key] = with_unit(value, marks[0].unit)
         else:
             parameter = next((one for one in effect.parameters if one.name == key), None)
             own = parameter.unit if parameter is not None and marks[0].per else unit
-            options[key] = _with(
+            options[key] = with_unit(
                 value, f"{own}/{marks[0].per}" if marks[0].per and parameter is None else own
             )
     kind = type(made)
@@ -194,6 +194,6 @@ def _source(study: PortStudy, port: Port) -> Port:
     return port
 
 
-def _with(value: float, unit: str) -> Any:
+def with_unit(value: float, unit: str) -> Any:
     """A number with its unit, as configs have it."""
     return float(value) if unit in ("", "1") else f"{float(value)!r} {unit}"

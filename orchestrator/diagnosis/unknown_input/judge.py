@@ -1,4 +1,4 @@
-"""Replay held-out runs with an answer inserted, and tell how much of the gap it closes."""
+"""Replay held-out runs with an answer inserted, and state how much of the gap it closes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from .model import Inserted
 from .places import Runs
+from .polish import Replays, polished
 from .smoother import simulated
 
-__all__ = ["Judged", "replayed"]
+__all__ = ["Judged", "closed", "likely", "replayed"]
 
 Array = NDArray[np.float64]
 
@@ -23,47 +24,53 @@ class Judged:
 
     Attributes:
         remains: root mean square of the residual over the noise, of all compared samples.
-        loglik: of the runs in the filter, with constants fixed.
+        found: compared signals of each run, shape (samples, compared).
     """
 
     remains: float
-    loglik: float
+    found: list[Array]
 
 
 def replayed(
     runs: Runs, laws: Sequence[Inserted], constants: Array, *, as_configured: bool = False
 ) -> Judged:
-    """Replay runs with fixed constants from the start state that the whole run makes likely.
+    """Replay runs with fixed constants, from the start states that suit each run best.
 
     Args:
         constants: parameters, then the laws' numbers.
         as_configured: begin where the study says instead.
     """
-    model, settled = runs.model, runs.model.study.settled
-    count = len(model.nominal)
-    numbers = constants[count:]
-    priors = [(float(one), 1.0) for one in numbers]
+    model = runs.model
+    starts = [one[3] for one in runs.data]
+    if not as_configured:
+        starts = likely(runs, laws, constants)
+        starts = polished(runs, laws, constants, starts, trials=8, fixed=True).starts
+    replays = Replays(runs, laws, starts=starts)
+    left = replays.residual(constants)
+    hidden = np.zeros(replays.hidden)
+    found = [
+        simulated(model, ext, held, np.concatenate([start, hidden, constants]), replays.sub, laws)[0]
+        for (ext, held, *_), start in zip(runs.data, starts, strict=True)
+    ]
+    return Judged(float(np.sqrt(np.mean(left**2))), found)
+
+
+def likely(runs: Runs, laws: Sequence[Inserted], constants: Array) -> list[Array]:
+    """Start states of the study, or those of a filter and smoother where these suit a run better."""
+    nx, count = len(runs.model.states), len(runs.model.nominal)
+    priors = [(float(one), 1.0) for one in constants[count:]]
     tiny = np.diag((1e-9 * np.abs(constants) + 1e-15) ** 2)
-    squares, total, value = 0.0, 0, 0.0
-    for index, (ext, held, logged, start) in enumerate(runs.data):
-        nh = sum(one.states for one in laws)
-        z = np.concatenate([start, np.zeros(nh), constants])
-        if not as_configured:
-            one = runs.passes(laws, priors, constants=(constants, tiny), smooth=True, only=[index])[0]
-            value += one.loglik
-            if np.isfinite(one.loglik):
-                z = one.path[0].copy()
-                z[-len(constants) :] = constants
-        found, _ = simulated(model, ext, held, z, runs.sub_of(laws), laws)
-        left = ((found - logged) / model.noise)[settled:]
-        left = np.where(np.isnan(logged[settled:]), 0.0, left)
-        left = np.nan_to_num(left, nan=1e6, posinf=1e6, neginf=-1e6)
-        squares += float((np.clip(left, -1e6, 1e6) ** 2).sum())
-        total += int((~np.isnan(logged[settled:])).sum())
-    return Judged(float(np.sqrt(squares / max(total, 1))), value)
+    replays, found = Replays(runs, laws), []
+    for index, (*_, start) in enumerate(runs.data):
+        one = runs.passes(laws, priors, constants=(constants, tiny), smooth=True, only=[index])[0]
+        tried = [start]
+        if np.isfinite(one.loglik) and np.isfinite(one.path[0]).all():
+            tried.append(one.path[0][:nx].copy())
+        found.append(min(tried, key=lambda x: float((replays.left(index, x, constants) ** 2).sum())))
+    return found
 
 
-def closed(before: float, after: float) -> float:
-    """Share of the gap's size beyond the noise that is closed; 0 where there was no gap."""
+def closed(before: float, after: float, least: float = 0.3) -> float:
+    """Share of the gap's size beyond the noise that is closed; 0 where there was none of `least` size."""
     gap = np.sqrt(max(before**2 - 1.0, 0.0))
-    return float(1.0 - np.sqrt(max(after**2 - 1.0, 0.0)) / gap) if gap > 0.3 else 0.0
+    return float(1.0 - np.sqrt(max(after**2 - 1.0, 0.0)) / gap) if gap > least else 0.0

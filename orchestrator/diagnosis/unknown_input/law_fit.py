@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .laws import Law, library
+from .laws import Law, dimension, library
 from .model import Inserted, Kinds, Place, StateModel
 from .places import Ranked, Runs, loglik, smoothed_at
 
-__all__ = ["Candidate", "Fitted", "fit", "screened"]
+__all__ = ["Candidate", "Fitted", "fit", "readable", "screened", "starts_of"]
 
 Array = NDArray[np.float64]
 # Samples of a run that the regression looks at.
@@ -73,6 +73,44 @@ def _unit(model: StateModel, index: int) -> str:
     return model.study.unit(ports[index])
 
 
+def _dimension(model: StateModel, place: Place) -> str:
+    """What a quantity at a place measures, as laws ask for it; see `Law.at`.
+
+    The derivative of a speed counts as a force, unless the component is a filter of speeds. A speed counts as a
+    flow only in a component with a level and no forces.
+    """
+    nx, nu = len(model.states), len(model.inputs)
+    row = model.rows[place.component]
+    states = {dimension(_unit(model, k)) for k in model.states_of(row)}
+    inputs = {dimension(_unit(model, nx + k)) for k in model.inputs_of(row)}
+    if place.kind is Kinds.RATE:
+        found = dimension(_unit(model, place.index))
+        found = {"rate": "force", "travel": "rate"}.get(found, found)
+        if found == "force" and "rate" in inputs and "force" not in inputs:
+            return "filtered"
+    else:
+        at = (nx if place.kind is Kinds.INPUT else nx + nu) + place.index
+        found = dimension(_unit(model, at))
+    if found == "rate" and ("travel" not in states or "force" in inputs):
+        return "speed"
+    return found
+
+
+def readable(model: StateModel, place: Place) -> list[tuple[Law, str, int]]:
+    """Laws that can act at a place, each with a signal there that it reads: its name and index."""
+    own, what = _own(model, place), _dimension(model, place)
+    signals = model.signals_of(place)
+    if own is not None:
+        signals = {**signals, place.name: own}
+    return [
+        (law, name, index)
+        for law in library()
+        if not law.kinds or int(place.kind) in law.kinds
+        for name, index in signals.items()
+        if law.fits(_unit(model, index), index == own, what)
+    ]
+
+
 def _own(model: StateModel, place: Place) -> int | None:
     """Signal at the place itself."""
     nx, nu = len(model.states), len(model.inputs)
@@ -81,11 +119,16 @@ def _own(model: StateModel, place: Place) -> int | None:
     return nx + nu + place.index if place.kind is Kinds.OUTPUT else None
 
 
-def _starts(law: Law, spread: float, interval: float = 1.0) -> list[list[float]]:
-    grids = [[]]
+def starts_of(law: Law, runs: Runs, index: int) -> list[list[float]]:
+    """Numbers where fits of a law begin that reads a signal, by the signal's spread or the logs' interval."""
+    return _starts(law, float(runs.spread[index]), runs.model.study.interval)
+
+
+def _starts(law: Law, spread: float, interval: float) -> list[list[float]]:
+    sizes = {"spread": spread, "interval": interval, "rate": 1.0 / interval, "one": 1.0}
+    grids: list[list[float]] = [[]]
     for number in law.numbers[1 if law.linear else 0 :]:
-        size = interval if law.states else spread if number.relative else 1.0
-        grids = [[*one, start * size] for one in grids for start in number.starts]
+        grids = [[*one, start * sizes[number.by]] for one in grids for start in number.starts]
     return [[1.0, *one] if law.linear else one for one in grids]
 
 
@@ -112,30 +155,17 @@ def screened(
         if len(pieces) == 1:  # the second half judges
             half = len(pieces[0][0]) // 2
             pieces = [tuple(v[:half] for v in pieces[0]), tuple(v[half:] for v in pieces[0])]
-        own = _own(model, place)
-        signals = model.signals_of(place)
-        if own is not None:
-            signals = {**signals, place.name: own}
-        for law in library():
-            if law.kinds and int(place.kind) not in law.kinds:
+        known = sorted(set(model.signals_of(place).values()))
+        for law, name, index in readable(model, place):
+            put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
+            starts = starts_of(law, runs, index)
+            if law.states:
+                blind += [Candidate(law, place, name, put, tuple(n), 0.0) for n in starts]
                 continue
-            for name, index in signals.items():
-                if not law.fits(_unit(model, index), index == own):
-                    continue
-                if law.states:
-                    put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
-                    spread = float(runs.spread[index])
-                    blind += [
-                        Candidate(law, place, name, put, tuple(n), 0.0)
-                        for n in _starts(law, spread, model.study.interval)
-                    ]
-                    continue
-                known = sorted(set(signals.values()))
-                put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
-                both = _regressed(law, pieces, index, known, float(runs.spread[index]))
-                for some, best in zip((found, beyond), both, strict=True):
-                    if best is not None:
-                        some.append(Candidate(law, place, name, put, tuple(best[1]), best[0]))
+            both = _regressed(law, pieces, index, known, starts)
+            for some, best in zip((found, beyond), both, strict=True):
+                if best is not None and np.isfinite(best[1]).all():
+                    some.append(Candidate(law, place, name, put, tuple(best[1]), best[0]))
     kept = _spread_out(found, most, 3)
     kept += _spread_out([one for one in beyond if one.name not in {k.name for k in kept}], most // 2, 2)
     return [*kept, *[*_sensors(model, runs), *blind][:_BLIND]]
@@ -168,7 +198,7 @@ def _spread_out(found: Sequence[Candidate], most: int, each: int) -> list[Candid
 
 
 def _regressed(
-    law: Law, pieces: Sequence[Any], index: int, known: Sequence[int], spread: float
+    law: Law, pieces: Sequence[Any], index: int, known: Sequence[int], starts: Sequence[list[float]]
 ) -> tuple[tuple[float, list[float]] | None, tuple[float, list[float]] | None]:
     """How much of w the best start of a law explains: alone, and beside terms that calibration makes.
 
@@ -184,7 +214,7 @@ def _regressed(
     b, d = np.concatenate([p[1] * p[2] for p in pieces[:-1]]), pieces[-1][1] * pieces[-1][2]
     without = np.linalg.lstsq(linear / size, b, rcond=1e-8)[0] / size
     left, whole = float(((d - judged @ without) ** 2).sum()), float((d**2).sum())
-    for start in _starts(law, spread):
+    for start in starts:
         columns = [law.values(time, np.ascontiguousarray(s[:, index]), start) for time, _, _, s in pieces]
         a = np.concatenate([c * p[2] for c, p in zip(columns[:-1], pieces[:-1], strict=True)])
         c, power = columns[-1] * pieces[-1][2], float(a @ a)

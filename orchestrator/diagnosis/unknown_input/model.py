@@ -387,6 +387,14 @@ class StateModel:
             ]
         return found
 
+    def states_of(self, row: Any) -> range:
+        """Indices of a component's states, by its row."""
+        return range(row[_X], row[_X] + row[_NX])
+
+    def inputs_of(self, row: Any) -> range:
+        """Indices of a component's inputs, by its row."""
+        return range(row[_U], row[_U] + row[_NU])
+
     def signals_of(self, place: Place) -> dict[str, int]:
         """Signals of a place's component: index into [states, inputs, outputs] by name."""
         row, nx, nu = self.rows[place.component], len(self.states), len(self.inputs)

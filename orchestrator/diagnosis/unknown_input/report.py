@@ -7,7 +7,7 @@ from typing import Any
 from .law_fit import Fitted
 from .search import Answer
 
-__all__ = ["data_of", "text_of"]
+__all__ = ["data_of", "headline", "text_of"]
 
 
 def _laws(one: Fitted) -> list[dict[str, Any]]:
@@ -29,34 +29,51 @@ def _laws(one: Fitted) -> list[dict[str, Any]]:
 def data_of(found: Answer) -> dict[str, Any]:
     """The answer as JSON data. In units, `w` stands for that of the place and `s` for that of the signal."""
     return {
-        "format": "unknown-input/1",
+        "format": "unknown-input/2",
         "verdict": found.verdict,
+        "headline": headline(found),
+        "probability": round(found.probability, 4),
         "laws": _laws(found.fitted) if found.fitted and found.verdict == "law" else [],
-        "nearest": _laws(found.fitted) if found.fitted and found.verdict == "outside" else [],
-        "places": [{"place": one.place.name, "gain_nats": round(float(one.gain), 1)} for one in found.places],
+        "nearest": _laws(found.fitted) if found.fitted and found.verdict != "law" else [],
+        "parameters": {
+            name: {"value": value, "sigma": sigma} for name, (value, sigma) in found.parameters.items()
+        },
         "rivals": [
-            {"laws": _laws(one), "log_likelihood": round(one.loglik, 1)} for one in found.rivals[:5]
-            if one.loglik > -1e300
+            {"laws": _laws(one), "probability": round(probability, 4)}
+            for one, probability in found.rivals[:5]
         ],
+        "same_on_these_logs": [one.name for one in found.twins],
+        "places": [{"place": one.place.name, "gain_nats": round(float(one.gain), 1)} for one in found.places],
         "held_out": {
             "gap_over_noise": found.gap,
             "calibrated_over_noise": found.calibrated,
             "remains_over_noise": found.remains,
             "closed": found.closed,
+            "worst_run": found.traces.get("run"),
         },
+        "residual_over_spread": found.share,
+        "remarks": found.remarks,
         "seconds": round(found.seconds, 1),
     }  # fmt: skip
 
 
+def headline(found: Answer) -> str:
+    """The answer in one sentence."""
+    if found.verdict == "none":
+        return "nothing is missing beyond the calibrated parameters and the start states"
+    if found.verdict == "outside":
+        where = f", near {found.places[0].place.name}" if found.places else ""
+        return f"something is missing that the library does not hold{where}"
+    assert found.fitted is not None
+    laws = " + ".join(one.name for one in found.fitted.laws)
+    return f"{laws} (probability {100 * found.probability:.0f} %)"
+
+
 def text_of(name: str, found: Answer) -> str:
     """The answer in a few lines."""
-    lead = {
-        "none": "nothing is missing beyond the calibrated parameters and the start states",
-        "outside": f"something that the library does not hold, near {found.places[0].place.name}",
-        "law": " + ".join(one.name for one in found.fitted.laws) if found.fitted else "",
-    }[found.verdict]
-    lines = [f"{name}: {lead}"]
-    for one in data_of(found)["laws"]:
+    data = data_of(found)
+    lines = [f"{name}: {data['headline']}"]
+    for one in data["laws"]:
         lines += [
             f"  {one['law']}: {key} = {each['value']:.4g} +- {each['sigma']:.2g} [{each['unit']}]"
             for key, each in one["numbers"].items()
@@ -66,6 +83,15 @@ def text_of(name: str, found: Answer) -> str:
         f"{found.calibrated:.3g} calibrated, {found.remains:.3g} with the answer "
         f"({100 * found.closed:.0f} % closed)"
     )
-    near = ", ".join(f"{one.place.name} ({one.gain:.0f} nats)" for one in found.places[:4])
-    lines.append(f"  places by unknown input: {near}; {found.seconds:.0f} s")
+    others = [
+        f"{' + '.join(law.name for law in one.laws)} ({100 * probability:.0f} %)"
+        for one, probability in found.rivals[:3]
+        if probability > 0.01
+    ]
+    if others:
+        lines.append("  rivals: " + "; ".join(others))
+    if found.twins:
+        lines.append("  the same on these logs: " + "; ".join(one.name for one in found.twins[:4]))
+    lines += [f"  {one}" for one in found.remarks]
+    lines.append(f"  {found.seconds:.0f} s")
     return "\n".join(lines)

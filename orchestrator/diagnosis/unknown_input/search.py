@@ -1,28 +1,37 @@
-"""The diagnosis by unknown inputs: places, laws, judgement."""
+"""The diagnosis by unknown inputs: calibrate, score laws, fit the best, judge on held-out runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from time import perf_counter
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..ports.study import PortStudy, Role
-from .judge import closed, replayed
-from .law_fit import Fitted, fit, screened
+from .judge import closed, likely, replayed
+from .law_fit import Candidate, Fitted, fit, screened
 from .model import StateModel
-from .places import Ranked, Runs, rank
+from .places import Ranked, Runs, rank, smoothed_at
+from .polish import Polished, polished
+from .score import Scores, scored
 
 __all__ = ["Answer", "answer"]
 
-# Gain of log likelihood that a place or a law needs: at the least, and a compared value.
-_LEAST, _PER_VALUE = 20.0, 0.02
-# A second law must halve what the first leaves, if that is beyond so many times the noise.
-_LEFT, _HALF = 1.2, 0.5
-# Places whose w explains the logs about as well, within so many nats a value, are read.
-_NEAR = 0.5
-_PLACES = 8
+Array = NDArray[np.float64]
+# Laws that are fitted by a few steps, and of these the ones that are fitted to the end.
+_TRIED, _KEPT, _STEPS, _RIVALS = 12, 3, 5, 4
+# The logs are explained where this much of the noise is left.
+_EXPLAINED, _MOST = 1.1, 0.98
+# A second law must close this share of what the first leaves, and gain so many nats.
+_HALF, _LEAST = 0.5, 10.0
+# Families that are extended by a second law, and laws tried beside each.
+_BEAM, _BESIDE = 3, 5
+# Share of the logs' spread below which a residual without a name counts as none.
+_SMALL = 0.05
+_NEAR, _PLACES = 0.5, 8
 
 
 @dataclass(frozen=True)
@@ -31,88 +40,300 @@ class Answer:
 
     Attributes:
         verdict: "none", "law", or "outside": something that no law of the library explains.
-        places: by gain. fitted: the laws of the answer. rivals: others, best first.
+        fitted: the laws of the answer, or the nearest ones. probability: of them.
+        rivals: others with their probabilities, best first. twins: laws that act the same on these logs.
+        parameters: calibrated, by name: value and standard deviation; those of the model alone, if no law.
+        places: where an unknown input explains the logs, best first. estimate: w there and the signals.
         gap: root mean square of the held-out residual over the noise, as configured.
         calibrated, remains: the same with calibrated parameters alone, and with the answer.
-        closed: share of the gap closed on held-out runs.
-        seconds: taken.
+        closed: share of the gap closed on held-out runs. share: residual over the spread of the logs.
+        remarks: what the reader should know. seconds: taken.
     """
 
     verdict: str
-    places: list[Ranked]
     fitted: Fitted | None
-    rivals: list[Fitted] = field(default_factory=list)
-    gap: float = 0.0
-    calibrated: float = 0.0
-    remains: float = 0.0
-    closed: float = 0.0
+    probability: float
+    rivals: list[tuple[Fitted, float]]
+    twins: list[Candidate]
+    parameters: dict[str, tuple[float, float]]
+    places: list[Ranked]
+    estimate: dict[str, Any] | None
+    gap: float
+    calibrated: float
+    remains: float
+    closed: float
+    share: float
+    traces: dict[str, Any] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
     seconds: float = 0.0
+
+
+class _Search:
+    """One study's search."""
+
+    def __init__(self, runs: Runs, progress: Callable[[str], None]) -> None:
+        self.runs, self.model, self.progress = runs, runs.model, progress
+        self.base = polished(runs, (), runs.model.nominal)
+        self.places = runs.model.places()
+        self.twins: dict[str, list[Candidate]] = {}
+
+    def scores(self, laws: Sequence[Candidate], found: Polished) -> Scores:
+        """Laws beside some that are fitted."""
+        made = scored(
+            self.runs, self.places, [one.inserted for one in laws], found.constants, found.starts
+        )  # fmt: skip
+        self.twins |= {one.name: twins for one, twins in zip(made.candidates, made.twins, strict=True)}
+        return made
+
+    def fitted(
+        self, laws: Sequence[Candidate], constants: Array, starts: Sequence[Array], steps: int = _STEPS
+    ) -> tuple[Fitted, Polished]:
+        """Laws with numbers that simulate the runs best."""
+        found = polished(self.runs, [one.inserted for one in laws], constants, starts, trials=steps)
+        count = len(self.model.nominal)
+        positive = [number.positive for one in laws for number in one.law.numbers]
+        numbers = found.constants[count:]
+        numbers[np.array(positive, bool)] = np.abs(numbers[np.array(positive, bool)])
+        sigmas = np.sqrt(np.abs(np.diag(found.covariance)[count:]))
+        made = Fitted(tuple(laws), numbers, sigmas, -np.inf, (found.constants, found.covariance))
+        if not self._sound(made):
+            found = replace(found, remains=np.inf)
+        return made, found
+
+    def explained(self, found: Sequence[tuple[Fitted, Polished]], share: float = _MOST) -> bool:
+        """Whether some laws leave little more than the noise, or close this share of the gap."""
+        least = min(one.remains for _, one in found)
+        return least < _EXPLAINED or closed(self.base.remains, least) > share
+
+    def _sound(self, one: Fitted) -> bool:
+        """Whether numbers stay within what makes a law this law."""
+        at = 0
+        for law in one.laws:
+            spread = self.runs.spread[law.inserted.signals[0]]
+            for number in law.law.numbers:
+                if abs(one.numbers[at]) > number.most * spread:
+                    return False
+                at += 1
+        return True
+
+    def tried(
+        self, sets: Sequence[Sequence[Candidate]], beside: tuple[Fitted, Polished] | None = None
+    ) -> list[tuple[Fitted, Polished]]:
+        """Fit each set of laws by a few steps, then the best to the end; best first."""
+        before = (self.base.constants, self.base.starts) if beside is None else (
+            beside[1].constants, beside[1].starts)  # fmt: skip
+        first = () if beside is None else beside[0].laws
+        found = []
+        since = 0
+        for one in sets:
+            numbers = [value for law in one for value in law.numbers]
+            found.append(self.fitted((*first, *one), np.r_[before[0], numbers], before[1]))
+            # The sets come in the order of their scores. Where one explains the logs, a few rivals suffice.
+            since += self.explained(found)
+            if since > _RIVALS:
+                break
+        found.sort(key=lambda each: each[1].remains)
+        ended = [
+            self.fitted(a.laws, b.constants, b.starts, 15) for a, b in found[:_KEPT] if np.isfinite(b.remains)
+        ]
+        # A fit to the end is no worse than the one that it begins with.
+        ended = [
+            max((one, two), key=lambda each: -each[1].remains) for one, two in zip(ended, found, strict=False)
+        ]
+        return sorted([*ended, *found[len(ended) :]], key=lambda each: each[1].remains)
+
+    def filtered(self) -> list[tuple[Fitted, Polished]]:
+        """Laws read off an unknown input and fitted in the filter, for systems that open simulations lose.
+
+        The filter follows the logs where a simulation diverges, as of a pendulum that turns over.
+        """
+        found: list[tuple[Fitted, Polished]] = []
+        best: Fitted | None = None
+        values = sum(int((~np.isnan(one[2])).sum()) for one in self.runs.data)
+        for _ in range(2):
+            self.progress("unknown input")
+            laws = [] if best is None else [one.inserted for one in best.laws]
+            priors = [] if best is None else [(v, abs(v)) for v in best.numbers.tolist()]
+            _, places = rank(self.runs, None, laws, priors)
+            if not places or places[0].gain < _LEAST:
+                break
+            near = [one for one in places if one.gain > places[0].gain - _NEAR * values][:_PLACES]
+            before = best.laws if best else ()
+            made = [
+                fit(self.runs, (*before, one), places[0], np.r_[best.numbers, one.numbers] if best else None)
+                for one in screened(self.runs, near, best)
+            ]
+            made = [one for one in made if np.isfinite(one.loglik)]
+            made.sort(key=lambda one: (one.beside == 0.0, one.loglik), reverse=True)
+            for one in made[:3]:
+                # A filter's numbers and start states are where the fit of the simulation begins.
+                starts = likely(self.runs, [law.inserted for law in one.laws], one.constants[0])
+                found.append(self.fitted(one.laws, one.constants[0], starts, 10))
+            if not made:
+                break
+            best = made[0]
+        return sorted(found, key=lambda each: each[1].remains)
+
+    def weighed(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished, float]]:
+        """Fits with their evidence [nats], best first.
+
+        A residual that remembers `length` samples holds 1 / length of them as evidence.
+        """
+        least = min(found, key=lambda each: each[1].remains)[1]
+        effective = least.samples / least.length
+        weighed = [
+            (one, two, -effective * np.log(max(two.remains, 1e-6)) - 0.5 * min(two.strain, 1e6)
+             - 0.5 * len(two.constants) * np.log(max(effective, 2.0)))
+            for one, two in found if np.isfinite(two.remains)
+        ]  # fmt: skip
+        return sorted(weighed, key=lambda each: each[2], reverse=True)
 
 
 def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -> Answer:
     """Find what is missing.
 
+    Args:
+        progress: takes the name of each stage.
     Raises: ConfigError if a component gives no access to its states.
     """
     begin = perf_counter()
     with StateModel(study) as model:
-        runs = Runs(model, study.of(Role.TRAIN, Role.VALIDATION))
-        values = sum(int((~np.isnan(one[2])).sum()) for one in runs.data)
-        needed = max(_LEAST, _PER_VALUE * values)
-        progress("places")
-        alone, places = rank(runs)
-        first: list[Ranked] = []
-        base = fit(runs, ())
-        best: Fitted | None = None
-        rivals: list[Fitted] = []
-        while len(best.laws if best else ()) < 2:
-            if places[0].gain < needed:
-                break
+        progress("calibration")
+        search = _Search(Runs(model, study.of(Role.TRAIN, Role.VALIDATION)), progress)
+        nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, (search.base.constants, search.base.covariance))
+        every = [(nothing, search.base)]
+        if search.base.remains > 1.0:
             progress("laws")
-            near = [one for one in places if one.gain > places[0].gain - _NEAR * values][:_PLACES]
-            before = best.laws if best else ()
-            made = [
-                fit(runs, (*before, one), places[0], np.r_[best.numbers, one.numbers] if best else None)
-                for one in screened(runs, near, best)
-            ]
-            bar = alone + places[0].gain + needed
-            # What explains the logs with no unknown input left goes before what needs one beside it.
-            made.sort(key=lambda one: (one.loglik >= bar, one.beside == 0.0, one.loglik), reverse=True)
-            if not made or made[0].loglik < bar:
-                break
-            if best is not None and not _halves(runs, best, made[0]):
-                break
-            best, rivals = made[0], made[1:]
-            first = first or places
-            if len(best.laws) > 1 or _left(runs, best) <= _LEFT:
-                break
-            progress("places")
-            priors = [(v, abs(v)) for v in best.numbers.tolist()]
-            alone, left = rank(
-                runs, [one.place for one in places], [one.inserted for one in best.laws], priors
+            scores = search.scores((), search.base)
+            singles = search.tried([[one] for one in scores.candidates[:_TRIED]])
+            every += singles
+            if not search.explained(every):
+                progress("pairs of laws")
+                every += search.tried(scores.pairs(_BESIDE))
+                for one in _families(singles)[:_BEAM]:
+                    if not search.explained(every):
+                        more = search.scores(one[0].laws, one[1]).candidates
+                        every += search.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
+            if not search.explained(every, 0.9):
+                every += search.filtered()
+        weighed = search.weighed(every)
+        chosen = _simplest(weighed)
+        progress("judgement")
+        return replace(_judged(study, model, search, weighed, chosen), seconds=perf_counter() - begin)
+
+
+def _families(singles: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
+    """The best fit of each family at each component."""
+    found: dict[tuple[str, int], tuple[Fitted, Polished]] = {}
+    for one in singles:
+        found.setdefault((one[0].laws[0].law.family, one[0].laws[0].place.component), one)
+    return list(found.values())
+
+
+def _simplest(weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
+    """Index of the answer: a second law must halve what the best single one leaves."""
+    best: dict[int, int] = {}
+    for index, (one, _, _) in enumerate(weighed):
+        best.setdefault(len(one.laws), index)
+    chosen = best[0]
+    for count in (1, 2):
+        if count in best:
+            before, after = weighed[chosen], weighed[best[count]]
+            gain = after[2] - before[2]
+            share = _HALF if count == 2 else 0.3
+            if gain > _LEAST and closed(before[1].remains, after[1].remains, 0.0) >= share:
+                chosen = best[count]
+    return chosen
+
+
+def _judged(
+    study: PortStudy, model: StateModel, search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]],
+    chosen: int,
+) -> Answer:  # fmt: skip
+    best, found, evidence = weighed[chosen]
+    held = Runs(model, study.of(Role.HELDOUT) or study.of(Role.VALIDATION, Role.TRAIN))
+    gap = replayed(held, (), model.nominal, as_configured=True)
+    calibrated = replayed(held, (), search.base.constants)
+    judged = (
+        replayed(held, [one.inserted for one in best.laws], best.constants[0]) if best.laws else calibrated
+    )
+    same = [(one, two, nats) for one, two, nats in weighed if len(one.laws) == len(best.laws)]
+    weights = np.exp(np.clip([nats - evidence for *_, nats in same], -700.0, 0.0))
+    weights = weights / weights.sum()
+    probability = float(weights[[one is best for one, *_ in same].index(True)])
+    shrunk, share = closed(calibrated.remains, judged.remains), found.remains / _spread(search.runs)
+    remarks = []
+    verdict = "law" if best.laws else "none"
+    if best.laws and shrunk < 0.5:
+        remarks.append(
+            "The held-out runs contradict the nearest law: it closes less than half of the gap there."
+        )
+        verdict = "outside" if search.base.remains / _spread(search.runs) > _SMALL else "none"
+    elif not best.laws and search.base.remains > 2.0 and share > _SMALL:
+        verdict = "outside"
+    if verdict == "none" and search.base.remains > 2.0:
+        remarks.append(
+            f"The calibrated model leaves {search.base.remains:.3g} times the noise, "
+            f"{100 * search.base.remains / _spread(search.runs):.2g} % of the signals' spread. "
+            "No law of the library explains it."
+        )
+    if verdict != "law":
+        probability = min(probability, 0.6) if verdict == "outside" else probability
+    constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
+    parameters = {
+        str(port): (float(value), float(np.sqrt(abs(variance))))
+        for port, value, variance in zip(
+            model.parameters, constants[0], np.diag(constants[1]), strict=False
+        )
+    }  # fmt: skip
+    for port, nominal, tolerance in zip(model.parameters, model.nominal, model.tolerance, strict=True):
+        if abs(parameters[str(port)][0] - nominal) > 3.0 * tolerance:
+            remarks.append(
+                f"{port} leaves its tolerance: {parameters[str(port)][0]:.4g} instead of {nominal:.4g}."
             )
-            places = left
-        first = first or places
-        progress("judge")
-        held = Runs(model, study.of(Role.HELDOUT) or study.of(Role.VALIDATION, Role.TRAIN))
-        gap = replayed(held, (), model.nominal, as_configured=True).remains
-        calibrated = replayed(held, (), base.constants[0]).remains
-        remains = calibrated
-        if best is not None:
-            remains = replayed(held, [one.inserted for one in best.laws], best.constants[0]).remains
-    share = closed(gap, remains)
-    verdict = "none" if first[0].gain < needed else "outside"
-    if best is not None and closed(calibrated, remains) >= 0.5:
-        verdict = "law"
-    seconds = perf_counter() - begin
-    return Answer(verdict, first, best, rivals, gap, calibrated, remains, share, seconds)
+    rivals = [
+        (one, float(weight))
+        for (one, *_), weight in zip(same, weights, strict=True)
+        if one is not best and one.laws
+    ]
+    twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
+    places: list[Ranked] = []
+    estimate = None
+    if verdict == "outside":
+        places, estimate = _estimate(search)
+    return Answer(
+        verdict, best if best.laws else None, probability, rivals, twins, parameters, places, estimate,
+        gap.remains, calibrated.remains, judged.remains if verdict == "law" else calibrated.remains,
+        closed(gap.remains, judged.remains if verdict == "law" else calibrated.remains), share,
+        _traces(model, held, gap, calibrated, judged), remarks,
+    )  # fmt: skip
 
 
-def _left(runs: Runs, one: Fitted) -> float:
-    """What replays of the runs leave, over the noise."""
-    return replayed(runs, [law.inserted for law in one.laws], one.constants[0]).remains
+def _estimate(search: _Search) -> tuple[list[Ranked], dict[str, Any] | None]:
+    """Where an unknown input explains the logs, and w at the first of these places."""
+    _, places = rank(search.runs)
+    made = smoothed_at(search.runs, places[0]) if places else []
+    return places, {**made[0], "names": search.model.signals_of(places[0].place)} if made else None
 
 
-def _halves(runs: Runs, first: Fitted, second: Fitted) -> bool:
-    """Whether one more law halves what the first leaves beyond the noise."""
-    return closed(_left(runs, first), _left(runs, second)) >= _HALF
+def _spread(runs: Runs) -> float:
+    """Spread of what is logged, over the noise."""
+    parts = [np.nanstd(logged, axis=0) / runs.model.noise for _, _, logged, _ in runs.data]
+    return float(np.sqrt(np.mean(np.square(parts))))
+
+
+def _traces(model: StateModel, held: Runs, *judged: Any) -> dict[str, Any]:
+    """The worst held-out run and signal: time, measured, as configured, calibrated, with the answer."""
+    errors = [
+        np.nanmean(np.nan_to_num(np.square((found - logged) / model.noise), nan=-1.0, posinf=1e300), axis=0)
+        for found, (_, _, logged, _) in zip(judged[1].found, held.data, strict=True)
+    ]  # fmt: skip
+    run, signal = np.unravel_index(int(np.nanargmax(errors)), (len(held.data), len(model.compared)))
+    time = np.arange(len(held.data[run][2])) * model.study.interval
+    port = model.compared[signal]
+    kinds = ("configured", "calibrated", "corrected")
+    return {
+        "run": held.runs[run].name, "signal": str(port), "unit": model.study.unit(port), "time": time,
+        "measured": held.data[run][2][:, signal],
+        **{name: one.found[run][:, signal] for name, one in zip(kinds, judged, strict=True)},
+    }  # fmt: skip

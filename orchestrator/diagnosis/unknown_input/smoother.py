@@ -138,7 +138,7 @@ def _filter(
                 p[i, i] += smallest[i]
             if smooth:
                 fs[k] = f
-        if not np.all(np.isfinite(z)):
+        if not (np.all(np.isfinite(z)) and np.all(np.isfinite(p))):
             return -np.inf, z, p, zf, pf[:, 0, 0]
         if smooth:
             zp[k], pp[k] = z, p
@@ -172,6 +172,8 @@ def _filter(
         d = 1.0 / np.sqrt(np.diag(pp[k + 1]) + 1e-300)
         scaled = pp[k + 1] * np.outer(d, d) + 1e-10 * eye
         right = (fs[k + 1] @ pf[k]) * d.reshape(-1, 1)
+        if not (np.all(np.isfinite(scaled)) and np.all(np.isfinite(right))):
+            return -np.inf, z, p, zf, var
         gain = np.ascontiguousarray((np.linalg.solve(scaled, right) * d.reshape(-1, 1)).T)
         zf[k] += gain @ (zf[k + 1] - zp[k + 1])
         ps = pf[k] + gain @ (ps - pp[k + 1]) @ gain.T

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 
-from .law import Law, Number
+from .law import Law, Number, dimension
 
-__all__ = ["Law", "Number", "library"]
+__all__ = ["Law", "Number", "dimension", "library"]
 
 
+@cache
 def library() -> list[Law]:
     """All laws of the files in this package."""
     found: list[Law] = []

@@ -19,10 +19,55 @@ def _radiation(t, s, n, z, out):
     out[0] = n[0] * 5.670374419e-8 * s[0] ** 4
 
 
-_LEVELS = "any"
+def _loss(t, s, n, z, out):
+    out[0] = n[0] * (s[0] - n[1])
+
+
+_LEVELS = (1.0, 1.5, 2.0, 3.0)
 LAWS = [
-    Law("root of the signal", "root", (Number("factor", "w/s^0.5"),), _root, _LEVELS, kinds=(1, 2),
-        sentence="Outflow under a level or a pressure."),
-    Law("overflow", "overflow", (Number("factor", "w/s"), Number("level", "s", (2.0, 3.0))), _overflow,
-        _LEVELS, kinds=(2,), sentence="What leaves above a level."),
-]  # fmt: skip
+    Law(
+        "root of the signal",
+        "root",
+        (Number("factor", "w/s^0.5"),),
+        _root,
+        "any",
+        kinds=(1, 2),
+        at="flow",
+        modelica="y = factor*sign(u)*sqrt(abs(u));",
+        sentence="Outflow under a level or a pressure.",
+    ),
+    Law(
+        "overflow",
+        "overflow",
+        (Number("factor", "w/s", (-0.3,), "rate"), Number("level", "s", _LEVELS)),
+        _overflow,
+        "any",
+        kinds=(2,),
+        at="flow",
+        linear=False,
+        modelica="y = factor*max(u - level, 0);",
+        sentence="What leaves above a level.",
+    ),
+    Law(
+        "loss",
+        "loss",
+        (Number("factor", "w/s"), Number("surroundings", "s", (0.0, 1.0))),
+        _loss,
+        "any",
+        kinds=(1, 2),
+        at="flow",
+        modelica="y = factor*(u - surroundings);",
+        sentence="A leak, or heat that goes to the surroundings.",
+    ),
+    Law(
+        "radiation",
+        "radiation",
+        (Number("factor", "w/s4"),),
+        _radiation,
+        "temperature",
+        kinds=(1, 2),
+        at="flow",
+        modelica="y = factor*5.670374419e-8*u^4;",
+        sentence="Heat radiated by a hot body.",
+    ),
+]

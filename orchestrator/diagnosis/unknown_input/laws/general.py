@@ -22,10 +22,42 @@ def _drift(t, s, n, z, out):
 
 
 LAWS = [
-    Law("offset", "offset", (Number("value", "w"),), _offset, "own", sentence="A zero that is off."),
-    Law("gain", "gain", (Number("change", "1"),), _gain, "own", kinds=(1, 3), sentence="A gain that is off."),
-    Law("gain that drifts", "drift", (Number("change per time", "1/s"),), _drift_of_gain, "own", kinds=(1, 3),
-        sentence="A gain that changes with time, as with temperature or wear."),
-    Law("drift", "drift", (Number("change per time", "w/s"),), _drift, "own",
-        sentence="A zero that moves with time."),
-]  # fmt: skip
+    Law(
+        "offset",
+        "offset",
+        (Number("value", "w"),),
+        _offset,
+        "own",
+        modelica="y = value_;",
+        sentence="A zero that is off.",
+    ),
+    Law(
+        "gain",
+        "gain",
+        (Number("change", "1"),),
+        _gain,
+        "own",
+        kinds=(1, 3),
+        modelica="y = change*u;",
+        sentence="A gain that is off.",
+    ),
+    Law(
+        "gain that drifts",
+        "drift",
+        (Number("change per time", "1/s"),),
+        _drift_of_gain,
+        "own",
+        kinds=(1, 3),
+        modelica="y = change_per_time*time*u;",
+        sentence="A gain that changes with time, as with temperature or wear.",
+    ),
+    Law(
+        "drift",
+        "drift",
+        (Number("change per time", "w/s"),),
+        _drift,
+        "own",
+        modelica="y = change_per_time*time;",
+        sentence="A zero that moves with time.",
+    ),
+]

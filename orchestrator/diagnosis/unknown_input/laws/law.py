@@ -2,22 +2,46 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....base.compiled_functions import cfunc
+from ....base.units import UnitError, parse_unit
 from ..calls import SIGNATURE
 
-__all__ = ["RATES", "TRAVELS", "Law", "Number"]
+__all__ = ["Law", "Number", "dimension"]
 
-# Units of signals that are speeds, and that are positions.
-RATES = frozenset({"m/s", "rad/s", "mm/s", "deg/s", "rpm"})
-TRAVELS = frozenset({"m", "rad", "mm", "deg"})
+_DIMENSIONS = {
+    "force": ("N", "N.m"), "rate": ("m/s", "rad/s"), "travel": ("m", "rad"), "electric": ("V", "A"),
+    "temperature": ("K",), "flow": ("W", "kg/s", "m3/s"),
+}  # fmt: skip
+# Places where something can flow off, or through.
+_FLOWS = ("flow", "rate", "number", "temperature", "")
+
+
+@cache
+def dimension(unit: str) -> str:
+    """What a unit measures: a key of `_DIMENSIONS` ("force" is a torque, too), "number", or ""."""
+    try:
+        found = parse_unit(unit)
+    except UnitError:
+        return ""
+    if not any(found.exponents):
+        return "number"
+    return next(
+        (
+            what
+            for what, units in _DIMENSIONS.items()
+            if any(parse_unit(one).same_dimension(found) for one in units)
+        ),
+        "",
+    )
 
 
 @dataclass(frozen=True)
@@ -26,14 +50,18 @@ class Number:
 
     Attributes:
         name: of it. unit: with `w` for the unit at the place and `s` for that of the signal.
-        starts: where fits begin; times the signal's spread where `relative`, or, of laws with states, times
-            the interval of the logs.
+        starts: where fits begin, in multiples of `by`: the signal's "spread", the "interval" of the logs, one
+            over it ("rate"), or "one".
+        most: largest size, times the signal's spread; a fit beyond it is another law.
+        positive: whether its sign means nothing.
     """
 
     name: str
     unit: str
     starts: tuple[float, ...] = (1.0,)
-    relative: bool = True
+    by: str = "spread"
+    most: float = math.inf
+    positive: bool = False
 
 
 @dataclass(frozen=True)
@@ -44,9 +72,13 @@ class Law:
         name, family: families hold laws that logs often cannot tell apart.
         numbers: the amplitude first. sentence: where it occurs.
         code: writes out[0] = w and out[1:] = derivatives of its states; arguments (t, s, n, z, out).
-        reads: "rate", "travel", "own" (the signal at the place) or "any" signal of the component.
+        reads: "rate", "travel", "temperature", "own" (the signal at the place), or "any" of the component.
         states: of its own. kinds: places where it acts, as in `Kinds`; empty: all.
         linear: whether w is proportional to the amplitude.
+        at: "force" for laws that make forces and torques, which act only at such a place or at the
+            derivative of a speed; "flow" for what flows off or through; empty: at any place.
+        modelica: its equations, of the signal u, the numbers by their names, the states z1, z2, and y = w.
+            Without them an answer is not written as a model.
     """
 
     name: str
@@ -58,6 +90,8 @@ class Law:
     kinds: tuple[int, ...] = ()
     sentence: str = ""
     linear: bool = True
+    at: str = ""
+    modelica: str = ""
 
     @cached_property
     def compiled(self) -> Any:
@@ -81,12 +115,12 @@ class Law:
             made[k] = out[0]
         return made
 
-    def fits(self, unit: str, own: bool) -> bool:
-        """Whether it reads a signal of such a unit."""
+    def fits(self, unit: str, own: bool, place: str) -> bool:
+        """Whether it reads a signal of such a unit, and acts at a place of such a dimension."""
+        if (self.at == "force" and place not in ("force", "number")) or (
+            self.at == "flow" and place == "force"
+        ):
+            return False
         if self.reads == "own":
             return own
-        if self.reads == "rate":
-            return unit in RATES
-        if self.reads == "travel":
-            return unit in TRAVELS
-        return True
+        return self.reads == "any" or dimension(unit) in (self.reads, "number")

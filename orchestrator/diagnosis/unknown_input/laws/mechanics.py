@@ -8,7 +8,7 @@ from .law import Law, Number
 
 
 def _coulomb(t, s, n, z, out):
-    out[0] = n[0] * math.tanh(s[0] / n[1])
+    out[0] = n[0] * math.tanh(s[0] / (abs(n[1]) + 1e-12))
 
 
 def _viscous(t, s, n, z, out):
@@ -27,8 +27,13 @@ def _one_sided(t, s, n, z, out):
     out[0] = n[0] * max(s[0], 0.0)
 
 
+def _other_sided(t, s, n, z, out):
+    out[0] = n[0] * min(s[0], 0.0)
+
+
 def _stribeck(t, s, n, z, out):
-    out[0] = n[0] * math.tanh(s[0] / (0.1 * n[1])) * math.exp(-((s[0] / n[1]) ** 2))
+    speed = abs(n[1]) + 1e-12
+    out[0] = n[0] * math.tanh(s[0] / (0.1 * speed)) * math.exp(-((s[0] / speed) ** 2))
 
 
 def _cubic(t, s, n, z, out):
@@ -52,29 +57,142 @@ def _ripple(t, s, n, z, out):
     out[0] = n[0] * math.sin(s[0]) + n[1] * math.cos(s[0])
 
 
+def _eddy(t, s, n, z, out):
+    out[0] = n[0] * s[0] / (1.0 + (s[0] / (abs(n[1]) + 1e-12)) ** 2)
+
+
 _LEVEL = Number("level", "w")
-_CORNER = Number("corner", "s", (0.02, 0.1))
+_CORNER = Number("corner", "s", (0.02, 0.1), most=0.5, positive=True)
 
 LAWS = [
-    Law("coulomb", "dry friction", (_LEVEL, _CORNER), _coulomb, "rate", sentence="Dry friction of a guide."),
-    Law("stribeck", "dry friction", (_LEVEL, Number("speed", "s", (0.1, 0.4))), _stribeck, "rate",
-        sentence="More friction at low speed, as in lubricated bearings."),
-    Law("viscous", "viscous friction", (Number("factor", "w/s"),), _viscous, "rate",
-        sentence="Friction in proportion to the speed."),
-    Law("quadratic drag", "drag", (Number("factor", "w/s2"),), _quadratic, "rate",
-        sentence="Drag in air or water."),
-    Law("power drag", "drag", (Number("factor", "w/s^n"), Number("exponent", "1", (1.4,), relative=False)),
-        _power, "rate", sentence="Drag with a free exponent."),
-    Law("one-sided damping", "one-sided damping", (Number("factor", "w/s"),), _one_sided, "rate",
-        sentence="A damper that is stronger one way."),
-    Law("cubic stiffness", "stiffness", (Number("factor", "w/s3"),), _cubic, "travel",
-        sentence="A spring that grows stiffer with the square of its travel."),
-    Law("progressive stiffness", "stiffness", (Number("factor", "w/s2"),), _progressive, "travel",
-        sentence="A spring that grows stiffer with its travel."),
-    Law("dead band", "play", (Number("stiffness", "w/s"), Number("band", "s", (0.1, 0.3, 0.8))), _dead_band,
-        "travel", sentence="Play: within the band the spring is slack."),
-    Law("stop", "stiffness", (Number("stiffness", "w/s"), Number("travel", "s", (1.0, 2.0))), _stop, "travel",
-        sentence="An end stop."),
-    Law("ripple", "ripple", (Number("sine", "w"), Number("cosine", "w", (0.0,), relative=False)), _ripple,
-        "travel", sentence="Imbalance, or gravity on an axis that is not vertical."),
-]  # fmt: skip
+    Law(
+        "coulomb",
+        "dry friction",
+        (_LEVEL, _CORNER),
+        _coulomb,
+        "rate",
+        at="force",
+        modelica="y = level*tanh(u/corner);",
+        sentence="Dry friction of a guide.",
+    ),
+    Law(
+        "stribeck",
+        "dry friction",
+        (_LEVEL, Number("speed", "s", (0.1, 0.4), positive=True)),
+        _stribeck,
+        "rate",
+        at="force",
+        modelica="y = level*tanh(10*u/speed)*exp(-(u/speed)^2);",
+        sentence="More friction at low speed, as in lubricated bearings.",
+    ),
+    Law(
+        "viscous",
+        "viscous friction",
+        (Number("factor", "w/s"),),
+        _viscous,
+        "rate",
+        at="force",
+        modelica="y = factor*u;",
+        sentence="Friction in proportion to the speed.",
+    ),
+    Law(
+        "eddy-current brake",
+        "viscous friction",
+        (Number("factor", "w/s"), Number("speed", "s", (1.0, 3.0), positive=True)),
+        _eddy,
+        "rate",
+        at="force",
+        modelica="y = factor*u/(1 + (u/speed)^2);",
+        sentence="A brake of eddy currents, weaker above a critical speed.",
+    ),
+    Law(
+        "quadratic drag",
+        "drag",
+        (Number("factor", "w/s2"),),
+        _quadratic,
+        "rate",
+        at="force",
+        modelica="y = factor*u*abs(u);",
+        sentence="Drag in air or water.",
+    ),
+    Law(
+        "power drag",
+        "drag",
+        (Number("factor", "w/s^n"), Number("exponent", "1", (1.4,), "one")),
+        _power,
+        "rate",
+        at="force",
+        modelica="y = factor*sign(u)*(u^2 + 1e-12)^(exponent/2);",
+        sentence="Drag with a free exponent.",
+    ),
+    Law(
+        "one-sided damping",
+        "one-sided damping",
+        (Number("factor", "w/s"),),
+        _one_sided,
+        "rate",
+        at="force",
+        modelica="y = factor*max(u, 0);",
+        sentence="A damper that is stronger one way.",
+    ),
+    Law(
+        "one-sided damping, backward",
+        "one-sided damping",
+        (Number("factor", "w/s"),),
+        _other_sided,
+        "rate",
+        at="force",
+        modelica="y = factor*min(u, 0);",
+        sentence="A damper that is stronger or weaker at negative speed.",
+    ),
+    Law(
+        "cubic stiffness",
+        "stiffness",
+        (Number("factor", "w/s3"),),
+        _cubic,
+        "travel",
+        at="force",
+        modelica="y = factor*u^3;",
+        sentence="A spring that grows stiffer with the square of its travel.",
+    ),
+    Law(
+        "progressive stiffness",
+        "stiffness",
+        (Number("factor", "w/s2"),),
+        _progressive,
+        "travel",
+        at="force",
+        modelica="y = factor*u*abs(u);",
+        sentence="A spring that grows stiffer with its travel.",
+    ),
+    Law(
+        "dead band",
+        "play",
+        (Number("stiffness", "w/s"), Number("band", "s", (0.1, 0.3, 0.8), positive=True)),
+        _dead_band,
+        "travel",
+        at="force",
+        modelica="y = stiffness*min(max(u, -band), band);",
+        sentence="Play: within the band the spring is slack.",
+    ),
+    Law(
+        "stop",
+        "stiffness",
+        (Number("stiffness", "w/s"), Number("travel", "s", (1.0, 2.0), positive=True)),
+        _stop,
+        "travel",
+        at="force",
+        modelica="y = stiffness*(max(u - travel, 0) + min(u + travel, 0));",
+        sentence="An end stop.",
+    ),
+    Law(
+        "ripple",
+        "ripple",
+        (Number("sine", "w"), Number("cosine", "w", (0.0,), "one")),
+        _ripple,
+        "travel",
+        at="force",
+        modelica="y = sine*sin(u) + cosine*cos(u);",
+        sentence="Imbalance, or gravity on an axis that is not vertical.",
+    ),
+]

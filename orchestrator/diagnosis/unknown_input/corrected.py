@@ -1,0 +1,136 @@
+"""The system with the answer, as a config that runs: each law is a Modelica model and an FMU beside it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from ...base.atomic_files import write_text
+from ...base.errors import OrchestratorError
+from ...config.text import dump
+from ...system.connection import Port
+from ...translate.build import build
+from ...translate.package import this_platform
+from ..ports.augmented import long_form, short_form, with_unit
+from ..ports.study import PortStudy
+from .law_fit import Candidate
+from .model import Kinds
+from .search import Answer
+
+__all__ = ["write_corrected"]
+
+
+def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
+    """Write `corrected.yaml` with the calibrated numbers and the laws, and a model and an FMU for each law.
+
+    Returns: what could not be written, and why, in sentences.
+    """
+    config = study.prepared.config
+    data = config.model.to_data()
+    for one in data["instances"].values():
+        if (config.folder / one["fmu"]).is_file():
+            one["fmu"] = str((config.folder / one["fmu"]).resolve())
+        one["start"] = dict(one.get("start", {}))
+    for name, (value, _) in found.parameters.items():
+        port = Port.of(name)
+        data["instances"][port.instance]["start"][port.variable] = with_unit(value, study.unit(port))
+    connections = [long_form(one) for one in data.get("connections", [])]
+    left_out: list[str] = []
+    at = 0
+    for number, law in enumerate(found.fitted.laws if found.fitted and found.verdict == "law" else (), 1):
+        values = found.fitted.numbers[at : at + len(law.law.numbers)].tolist() if found.fitted else []
+        at += len(law.law.numbers)
+        name = f"law_{number}"
+        problem = _put(study, data, connections, law, name)
+        if not problem:
+            problem = _built(study, law, values, name, folder)
+        if problem:
+            data["instances"].pop(name, None)
+            left_out.append(f"{law.name} is not in corrected.yaml: {problem}")
+            break
+    short = [short_form(one) for one in connections]
+    data["connections"] = [
+        {key: value for key, value in one.items() if value != []} if isinstance(one, dict) else one
+        for one in short
+    ]
+    data["title"] = f"{data.get('title', config.name)}, corrected by its logs"
+    if not left_out:
+        write_text(folder / "corrected.yaml", dump(data))
+    return left_out
+
+
+def _put(
+    study: PortStudy, data: dict[str, Any], connections: list[dict[str, Any]], law: Candidate, name: str
+) -> str:
+    """Add the law's instance and its connections; why that cannot be, or "".
+
+    A law of the signal at its own place stands in series; the others add to the signal at their place.
+    """
+    place = law.place.name
+    if law.place.kind is Kinds.RATE:
+        return f"it acts inside a component, at {place}. Add it to that equation of the model."
+    if not law.law.modelica:
+        return "the law has no Modelica equations."
+    series = law.signal == place
+    read = next((one for one in connections if one["to"] == law.signal), None)
+    if not series and read is None:
+        if law.signal not in {str(port) for port in study.prepared.system.recorded}:
+            return f"it reads {law.signal}, which is neither an output nor connected to one."
+        read = {"from": [{"port": law.signal}], "through": [], "ahead": 0}
+    data["instances"][name] = {"fmu": f"{name}.fmu"}
+    if law.place.kind is Kinds.INPUT:
+        feeding = next((one for one in connections if one["to"] == place), None)
+        if series:
+            if feeding is not None:
+                connections.append({**feeding, "to": f"{name}.u"})
+                connections.remove(feeding)
+            connections.append({"from": [{"port": f"{name}.y"}], "to": place, "through": [], "ahead": 0})
+            return ""
+        if feeding is None:
+            connections.append({"from": [{"port": f"{name}.y"}], "to": place, "through": [], "ahead": 0})
+        else:
+            feeding["from"] = [*feeding["from"], {"port": f"{name}.y"}]
+    else:
+        readers = [one for one in connections if any(leg["port"] == place for leg in one["from"])]
+        for one in readers:
+            for leg in [leg for leg in one["from"] if leg["port"] == place]:
+                if series:
+                    leg["port"] = f"{name}.y"
+                else:
+                    one["from"] = [*one["from"], {**leg, "port": f"{name}.y"}]
+        if not readers and not series:
+            return f"nothing reads {place}."
+    source = {"from": [{"port": place}], "through": [], "ahead": 0} if series else {**(read or {})}
+    connections.append({**source, "to": f"{name}.u"})
+    return ""
+
+
+def _built(study: PortStudy, law: Candidate, values: list[float], name: str, folder: Path) -> str:
+    """Write the law's model and build its FMU; why that failed, or ""."""
+    unit, read = study.unit(Port.of(law.place.name)), study.unit(Port.of(law.signal))
+    code, declared = law.law.modelica, []
+    for number, value in zip(law.law.numbers, values, strict=True):
+        word = re.sub(r"\W", "_", number.name)
+        word = f"{word}_" if word in ("time", "value") else word
+        declared.append(f'  parameter Real {word} = {value!r} "{number.name}";')
+    declared += [f"  Real z{k + 1}(start=0, fixed=true);" for k in range(law.law.states)]
+    series = law.signal == law.place.name
+    if series:
+        code = code.replace("y =", "added =")
+        declared.append("  Real added;")
+        code += " y = u + added;"
+    text = (
+        f'model {name} "{law.law.sentence.rstrip(".")}"\n' + "\n".join(declared) + "\n"
+        f'  input Real u(unit="{read}", start=0) "Signal that the law reads";\n'
+        f'  output Real y(unit="{unit}") "{"Signal with the law" if series else "What the law adds"}";\n'
+        "equation\n" + "".join(f"  {one.strip()};\n" for one in code.split(";") if one.strip())
+        + f"end {name};\n"
+    )  # fmt: skip
+    model = folder / f"{name}.mo"
+    write_text(model, text)
+    try:
+        build(model, folder / f"{name}.fmu", platforms=[this_platform()])
+    except (OrchestratorError, ImportError) as error:
+        return f"{model.name} is written, but its FMU could not be built: {str(error).splitlines()[0]}"
+    return ""

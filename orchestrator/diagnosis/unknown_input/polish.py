@@ -1,0 +1,172 @@
+"""Replay runs, and polish numbers by least squares of the simulation error.
+
+A filter corrects its states at each sample, so that a law that is only nearly right looks worse than it is.
+An answer is judged by the simulation error. Here it is made as small as the numbers allow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from .model import Inserted
+from .places import Runs
+from .smoother import simulated
+
+__all__ = ["Polished", "Replays", "polished"]
+
+Array = NDArray[np.float64]
+_WORST = 1e5  # residuals over the noise are cut off there, where a simulation runs away
+_STEP = 1e-5  # of finite differences, over the size of a number
+
+
+@dataclass(frozen=True)
+class Polished:
+    """Numbers that simulate the runs best.
+
+    Attributes:
+        constants: parameters, then the laws' numbers. covariance: of them, for residuals of their size.
+        starts: start states of each run.
+        remains: root mean square of the residual over the noise. samples: compared values.
+        length: samples after which the residual forgets itself; 1 for white noise.
+        strain: sum of squares of the parameters' changes over their tolerances.
+    """
+
+    constants: Array
+    covariance: Array
+    starts: list[Array]
+    remains: float
+    samples: int
+    length: float
+    strain: float = 0.0
+
+
+class Replays:
+    """Runs as simulated with laws, as a function of numbers.
+
+    Args:
+        samples: of each run, from its begin; None: all. starts: start states; by default the study's.
+    """
+
+    def __init__(
+        self, runs: Runs, laws: Sequence[Inserted], samples: int | None = None,
+        starts: Sequence[Array] | None = None,
+    ) -> None:  # fmt: skip
+        self.runs, self.laws, self.model = runs, list(laws), runs.model
+        self.settled = self.model.study.settled
+        end = None if samples is None else self.settled + samples
+        self.data = [(ext[:end], held, logged[:end]) for ext, held, logged, _ in runs.data]
+        self.masks = [~np.isnan(logged[self.settled :]) for *_, logged in self.data]
+        self.starts = [one[3] for one in runs.data] if starts is None else list(starts)
+        self.hidden, self.sub = sum(one.states for one in laws), runs.sub_of(laws)
+        self.scale = runs.scale[: len(self.model.states)]
+
+    def left(self, index: int, start: Array, constants: Array) -> Array:
+        """The residual of one run over the noise, shape (compared values,)."""
+        ext, held, logged = self.data[index]
+        z = np.concatenate([start, np.zeros(self.hidden), constants])
+        found, _ = simulated(self.model, ext, held, z, self.sub, self.laws)
+        left = np.clip(found - logged, -_WORST * self.model.noise, _WORST * self.model.noise)
+        return np.nan_to_num((left / self.model.noise)[self.settled :][self.masks[index]], nan=_WORST)
+
+    def residual(self, constants: Array, starts: Sequence[Array] | None = None) -> Array:
+        """The residuals of all runs, one after the other."""
+        begin = self.starts if starts is None else starts
+        return np.concatenate([self.left(k, begin[k], constants) for k in range(len(self.data))])
+
+    def sizes(self, constants: Array) -> Array:
+        """By how much constants may change: tolerances, and the numbers themselves."""
+        numbers = np.abs(constants[len(self.model.nominal) :])
+        return np.concatenate([np.maximum(self.model.tolerance, 1e-12), np.where(numbers > 0, numbers, 1e-9)])
+
+    def sensitivity(
+        self, constants: Array, starts: Sequence[Array] | None = None, sizes: Array | None = None,
+        fixed: bool = False,
+    ) -> Array:  # fmt: skip
+        """Derivatives of the residual, shape (values, constants + runs * states), per size of each."""
+        begin = self.starts if starts is None else list(starts)
+        sizes = self.sizes(constants) if sizes is None else sizes
+        nx, nc = len(self.scale), 0 if fixed else len(constants)
+        base = [self.left(k, begin[k], constants) for k in range(len(begin))]
+        ends = np.cumsum([0, *map(len, base)])
+        found = np.zeros((ends[-1], nc + nx * len(begin)))
+        for j in range(nc + nx):
+            moved, shift = constants.copy(), np.zeros(nx)
+            if j < nc:
+                step = _STEP * max(1.0, abs(constants[j] / sizes[j]))
+                moved[j] += step * sizes[j]
+            else:
+                step = _STEP
+                shift[j - nc] = step * self.scale[j - nc]
+            for k in range(len(begin)):
+                at = j if j < nc else nc + k * nx + j - nc
+                found[ends[k] : ends[k + 1], at] = (self.left(k, begin[k] + shift, moved) - base[k]) / step
+        return found
+
+
+def polished(
+    runs: Runs, laws: Sequence[Inserted], constants: Array, starts: Sequence[Array] | None = None, *,
+    trials: int = 12, fixed: bool = False,
+) -> Polished:  # fmt: skip
+    """Fit parameters, the laws' numbers and the start states of all runs to the logs.
+
+    Args:
+        constants: where the fit begins: parameters, then numbers. starts: start states of each run.
+        trials: steps of the fit. fixed: whether the constants stay, and start states alone are fitted.
+    """
+    replays = Replays(runs, laws, starts=starts)
+    model, size = runs.model, replays.sizes(constants)
+    nx, np_, nc = len(model.states), len(model.nominal), 0 if fixed else len(constants)
+    scales = np.concatenate([size[:nc], *([replays.scale] * len(replays.starts))])
+    begin = np.concatenate([constants[:nc], *replays.starts]) / scales
+    free = np.concatenate([np.arange(0 if fixed else np_), np.arange(nc, len(begin))])
+    prior = (
+        np.concatenate([*([] if fixed else [model.nominal]), *(one[3] for one in runs.data)]) / scales[free]
+    )
+    now = replays.residual(constants)
+
+    def apart(theta: Array) -> tuple[Array, list[Array]]:
+        whole = constants if fixed else theta[:nc] * scales[:nc]
+        return whole, [theta[nc + k * nx : nc + (k + 1) * nx] * replays.scale for k in range(len(runs.data))]
+
+    # What is missing is no white noise: in the end, the residual's size and its length in time weigh logs
+    # against tolerances. At first the logs count more, so that the fit is free to move.
+    for length in (1.0, None):
+        power = float(np.mean(now**2)) * (_length(now) if length is None else length)
+        weight = 1.0 / np.sqrt(max(1.0, power))
+
+        def function(theta: Array, weight: float = weight) -> Array:
+            return np.concatenate([weight * replays.residual(*apart(theta)), theta[free] - prior])
+
+        def jacobian(theta: Array, weight: float = weight) -> Array:
+            bounds = np.zeros((len(free), len(theta)))
+            bounds[np.arange(len(free)), free] = 1.0
+            return np.vstack([weight * replays.sensitivity(*apart(theta), size, fixed), bounds])
+
+        best = least_squares(function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac")
+        now, begin = best.fun[: len(now)] / weight, best.x
+        if fixed or power <= 1.5:
+            break
+    with np.errstate(over="ignore", invalid="ignore"):
+        unit = np.linalg.pinv(best.jac.T @ best.jac, rcond=1e-14)
+        covariance = np.nan_to_num(unit[:nc, :nc] * np.outer(size, size)[:nc, :nc])
+    found, own = apart(best.x)
+    strain = float((((found[:np_] - model.nominal) / np.maximum(model.tolerance, 1e-300)) ** 2).sum())
+    return Polished(found, covariance, own, float(np.sqrt(np.mean(now**2))), len(now), _length(now), strain)
+
+
+def _length(left: Array) -> float:
+    """Integrated correlation time of a residual, in samples, up to its first change of sign."""
+    centred = left - left.mean()
+    count = min(len(left), 1 << 16)
+    power = np.abs(np.fft.rfft(centred[:count], 2 * count)) ** 2
+    correlation = np.fft.irfft(power)[: count // 2]
+    if not correlation[0] > 0.0:
+        return 1.0
+    correlation = correlation / correlation[0]
+    below = np.flatnonzero(correlation <= 0.0)
+    return float(max(1.0, 2.0 * correlation[: below[0] if len(below) else None].sum() - 1.0))

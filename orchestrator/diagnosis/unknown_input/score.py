@@ -1,0 +1,136 @@
+"""Score laws by their effect on the simulation, one simulation a law.
+
+The calibrated model's residual is regressed on what a law changes in the outputs, beside what parameters and
+start states change (a score test). Laws and pairs of laws that explain much of the residual are worth a fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .law_fit import Candidate, readable, starts_of
+from .model import Inserted, Kinds, Place
+from .places import Runs
+from .polish import Replays
+
+__all__ = ["Scores", "scored"]
+
+Array = NDArray[np.float64]
+# Samples of a run that are looked at, and share of the signal at the place that a law's amplitude tries.
+_SAMPLES, _SMALL = 1500, 1e-3
+# Laws whose effects agree this well are one for the logs.
+_SAME = 0.9999
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Laws by the share of the residual that each explains.
+
+    Attributes:
+        candidates: best first; their `share` is of the residual's power. twins: laws that act the same on
+            these logs, of each. changes: what they change in the residual, of length 1, shape (laws, values).
+        left: the residual beside parameters and start states.
+    """
+
+    candidates: list[Candidate]
+    twins: list[list[Candidate]]
+    changes: Array
+    left: Array
+
+    def pairs(self, most: int) -> list[tuple[Candidate, Candidate]]:
+        """Pairs of laws that together explain most, best first; their amplitudes are those of the pair."""
+        found = []
+        inner = self.changes @ self.changes.T
+        along = self.changes @ self.left
+        for i, j in combinations(range(len(self.candidates)), 2):
+            c = float(inner[i, j])
+            if abs(c) > 0.98:
+                continue
+            a, b = along[i], along[j]
+            first, second = (a - c * b) / (1.0 - c * c), (b - c * a) / (1.0 - c * c)
+            gain = float(a * first + b * second)
+            pair = [
+                replace(one, numbers=(one.numbers[0] * part / whole, *one.numbers[1:]))
+                if one.law.linear and whole else one
+                for one, part, whole in ((self.candidates[i], first, a), (self.candidates[j], second, b))
+            ]  # fmt: skip
+            found.append((gain, i, j, pair))
+        found.sort(key=lambda one: -one[0])
+        return [(pair[0], pair[1]) for *_, pair in found[:most]]
+
+
+def scored(
+    runs: Runs, places: Sequence[Place], laws: Sequence[Inserted], constants: Array, starts: Sequence[Array],
+    most: int = 40,
+) -> Scores:  # fmt: skip
+    """The laws that explain most of what is left, best first.
+
+    Args:
+        laws: inserted already. constants: parameters, then their numbers, as fitted. starts: of each run.
+    """
+    replays = Replays(runs, laws, _SAMPLES, starts)
+    residual, own = replays.residual(constants), replays.sensitivity(constants)
+    size = np.linalg.norm(own, axis=0)
+    basis, _ = np.linalg.qr(own[:, size > 0.0] / size[size > 0.0])
+    left = residual - basis @ (basis.T @ residual)
+    whole = float(left @ left)
+    found: list[tuple[Candidate, Array]] = []
+    for place in places:
+        for law, name, index in readable(runs.model, place):
+            put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
+            with_law = Replays(runs, [*laws, put], _SAMPLES, starts)
+            best: tuple[Candidate, Array] | None = None
+            for start in starts_of(law, runs, index):
+                numbers = np.array(start)
+                if law.linear:
+                    spread = float(runs.spread[index])
+                    tried = law.values(np.full(3, runs.length), spread * np.array([-2.0, 1.0, 4.0]), numbers)
+                    typical = float(np.abs(tried).max())
+                    if not typical > 0.0:
+                        continue
+                    numbers[0] *= _SMALL * runs.spread_at(place) / typical
+                change = with_law.residual(np.concatenate([constants, numbers])) - residual
+                before = float(change @ change)
+                change -= basis @ (basis.T @ change)
+                power = float(change @ change)
+                # What parameters and start states change as well is no other law.
+                if not np.isfinite(power) or power <= 1e-6 * before or power <= 1e-20 * whole:
+                    continue
+                factor = -float(change @ left) / power
+                if not law.linear and not 0.1 < factor < 10.0:
+                    continue
+                share = float(change @ left) ** 2 / power / whole
+                if best is None or share > best[0].share:
+                    if law.linear:
+                        numbers[0] *= factor
+                    candidate = Candidate(law, place, name, put, tuple(numbers.tolist()), share)
+                    best = candidate, -change / np.sqrt(power)
+            if best is not None:
+                found.append(best)
+    found.sort(key=lambda one: one[0].share, reverse=True)
+    kept: list[tuple[Candidate, Array]] = []
+    twins: list[list[Candidate]] = []
+    for one in found:
+        same = next((k for k, two in enumerate(kept) if abs(float(one[1] @ two[1])) > _SAME), None)
+        if same is not None and _rather(one[0], kept[same][0]):
+            twins[same].append(kept[same][0])
+            kept[same] = one
+        elif same is not None:
+            twins[same].append(one[0])
+        elif len(kept) < most:
+            kept.append(one)
+            twins.append([])
+    changes = np.array([one[1] for one in kept]).reshape(len(kept), len(left))
+    return Scores([one[0] for one in kept], twins, changes, left)
+
+
+def _rather(one: Candidate, other: Candidate) -> bool:
+    """Whether a place names the same law better: an input before an output, both before a derivative."""
+    order = (Kinds.INPUT, Kinds.OUTPUT, Kinds.RATE)
+    near = one.place.component == other.place.component
+    return near and one.law is other.law and order.index(one.place.kind) < order.index(other.place.kind)
