@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,10 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy.integrate import solve_ivp
 
+import orchestrator as orc
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.study import Role
+from orchestrator.diagnosis.unknown_input.corrected import write_corrected
+from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
 from orchestrator.diagnosis.unknown_input.search import answer
@@ -87,6 +92,7 @@ def logged(
     hidden: Callable[[float, float], float],
     start: float = 0.0,
     gain: Callable[[float], float] = lambda t: 1.0,
+    push: Callable[[float], float] = lambda t: 0.0,
 ) -> Path:
     """Write three runs in which `hidden(position, velocity)` [N] acts on the mass."""
     random = np.random.default_rng(4)
@@ -97,6 +103,7 @@ def logged(
 
         def rate(t: float, x: list[float], time=time, force=force) -> list[float]:
             f = gain(t) * float(np.interp(t, time, force)) - 80.0 * x[0] - 2.0 * x[1] + hidden(x[0], x[1])
+            f += push(t)
             return [x[1], f / 2.0]
 
         found = solve_ivp(rate, (0.0, 8.0), [start, 0.0], t_eval=time, rtol=1e-8, atol=1e-10, max_step=0.01)
@@ -149,6 +156,59 @@ def test_a_gain_that_drifts_is_read(fmus: Path, tmp_path: Path) -> None:
     assert data["laws"][0]["numbers"]["change per time"]["value"] == pytest.approx(-0.03, rel=0.1)
     assert data["held_out"]["closed"] > 0.9
     assert "gain that drifts" in done.stdout
+
+
+def test_what_the_library_lacks_is_outside_and_drawn(fmus: Path, tmp_path: Path) -> None:
+    # A force that knocks once in a while is no law of the signals.
+    def knocks(t: float) -> float:
+        return 12.0 if t % 1.7 < 0.2 else 0.0
+
+    study = logged(fmus, lambda x, v: 0.0, push=knocks)
+    command = [sys.executable, "-m", "orchestrator", "diagnose", str(study), "--unknown-input"]
+    subprocess.run([*command, "--out", str(tmp_path)], check=True, capture_output=True)
+    data = json.loads((tmp_path / "unknown-input.json").read_text(encoding="utf-8"))
+    assert data["verdict"] == "outside" and not data["laws"] and data["probability"] <= 0.6
+    assert data["places"] and "position" not in data["places"][0]["place"]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "against the signals there" in page and page.count("<svg") == 2
+
+
+def test_the_corrected_system_runs_and_matches_the_machine(fmus: Path, tmp_path: Path) -> None:
+    study = load_port_study(logged(fmus, lambda x, v: -1.5 * np.tanh(v / 0.003)))
+    found = answer(study)
+    assert write_corrected(study, found, tmp_path) == []
+    # The third run's force drives the corrected system from a file of signals.
+    config = yaml.safe_load((tmp_path / "corrected.yaml").read_text(encoding="utf-8"))
+    config["instances"]["log"] = {"signals": str(fmus / "c.csv")}
+    config["connections"].append("log.f -> mass.force")
+    config["run"] |= {"step_size": "1 ms", "stop_time": "7.9 s"}
+    (tmp_path / "driven.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+    made = orc.run(tmp_path / "driven.yaml")
+    table = np.loadtxt(fmus / "c.csv", delimiter=",", skiprows=1)
+    position = np.interp(table[:780, 0], made["mass.position"].time, made["mass.position"].values)
+    left = float(np.sqrt(np.mean((position - table[:780, 2]) ** 2)))
+    assert left < 4e-4 < 0.1 * float(table[:, 2].std())
+
+
+def test_equations_of_laws_are_what_the_search_fits() -> None:
+    # Each law's Modelica text, evaluated in Python, against its machine code.
+    words = {"min": min, "max": max, "abs": abs, **{one: getattr(np, one) for one in ("tanh", "exp", "sqrt")}}
+    words |= {"sign": np.sign, "sin": np.sin, "cos": np.cos}
+    compared = 0
+    for law in library():
+        assert law.modelica.endswith(";"), law.name
+        if law.states:
+            continue
+        numbers = [0.7 + 0.4 * k for k in range(len(law.numbers))]
+        names = [re.sub(r"\W", "_", one.name) for one in law.numbers]
+        names = [f"{one}_" if one in ("time", "value") else one for one in names]
+        for u in (-1.3, -0.2, 0.4, 2.1):
+            scope = {**words, **dict(zip(names, numbers, strict=True)), "u": u, "time": 3.0}
+            expected = eval(law.modelica.removeprefix("y = ").removesuffix(";").replace("^", "**"), scope)
+            found = law.values(np.array([3.0]), np.array([u]), numbers)[0]
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-12), law.name
+        compared += 1
+    assert compared >= 20
 
 
 def test_a_case_that_is_no_study_of_ports_is_refused(tmp_path: Path) -> None:

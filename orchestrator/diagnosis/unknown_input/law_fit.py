@@ -76,8 +76,8 @@ def _unit(model: StateModel, index: int) -> str:
 def _dimension(model: StateModel, place: Place) -> str:
     """What a quantity at a place measures, as laws ask for it; see `Law.at`.
 
-    The derivative of a speed counts as a force, unless the component is a filter of speeds. A speed counts as a
-    flow only in a component with a level and no forces.
+    The derivative of a speed counts as a force, unless the component is a filter of speeds. A speed counts as
+    a flow only in a component with a level and no forces.
     """
     nx, nu = len(model.states), len(model.inputs)
     row = model.rows[place.component]

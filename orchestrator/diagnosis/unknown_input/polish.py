@@ -110,15 +110,16 @@ class Replays:
 
 def polished(
     runs: Runs, laws: Sequence[Inserted], constants: Array, starts: Sequence[Array] | None = None, *,
-    trials: int = 12, fixed: bool = False,
+    trials: int = 12, fixed: bool = False, samples: int | None = None,
 ) -> Polished:  # fmt: skip
     """Fit parameters, the laws' numbers and the start states of all runs to the logs.
 
     Args:
         constants: where the fit begins: parameters, then numbers. starts: start states of each run.
         trials: steps of the fit. fixed: whether the constants stay, and start states alone are fitted.
+        samples: of each run, from its begin, that the fit looks at; None: all.
     """
-    replays = Replays(runs, laws, starts=starts)
+    replays = Replays(runs, laws, samples, starts)
     model, size = runs.model, replays.sizes(constants)
     nx, np_, nc = len(model.states), len(model.nominal), 0 if fixed else len(constants)
     scales = np.concatenate([size[:nc], *([replays.scale] * len(replays.starts))])
@@ -155,6 +156,8 @@ def polished(
         unit = np.linalg.pinv(best.jac.T @ best.jac, rcond=1e-14)
         covariance = np.nan_to_num(unit[:nc, :nc] * np.outer(size, size)[:nc, :nc])
     found, own = apart(best.x)
+    if samples is not None:
+        now = Replays(runs, laws, starts=own).residual(found)
     strain = float((((found[:np_] - model.nominal) / np.maximum(model.tolerance, 1e-300)) ** 2).sum())
     return Polished(found, covariance, own, float(np.sqrt(np.mean(now**2))), len(now), _length(now), strain)
 

@@ -18,11 +18,11 @@ from .model import Inserted, Kinds, Place
 from .places import Runs
 from .polish import Replays
 
-__all__ = ["Scores", "scored"]
+__all__ = ["SAMPLES", "Scores", "scored"]
 
 Array = NDArray[np.float64]
 # Samples of a run that are looked at, and share of the signal at the place that a law's amplitude tries.
-_SAMPLES, _SMALL = 1500, 1e-3
+SAMPLES, _SMALL = 1500, 1e-3
 # Laws whose effects agree this well are one for the logs.
 _SAME = 0.9999
 
@@ -73,7 +73,7 @@ def scored(
     Args:
         laws: inserted already. constants: parameters, then their numbers, as fitted. starts: of each run.
     """
-    replays = Replays(runs, laws, _SAMPLES, starts)
+    replays = Replays(runs, laws, SAMPLES, starts)
     residual, own = replays.residual(constants), replays.sensitivity(constants)
     size = np.linalg.norm(own, axis=0)
     basis, _ = np.linalg.qr(own[:, size > 0.0] / size[size > 0.0])
@@ -83,7 +83,7 @@ def scored(
     for place in places:
         for law, name, index in readable(runs.model, place):
             put = Inserted(place, law.address, (index,), len(law.numbers), law.states)
-            with_law = Replays(runs, [*laws, put], _SAMPLES, starts)
+            with_law = Replays(runs, [*laws, put], SAMPLES, starts)
             best: tuple[Candidate, Array] | None = None
             for start in starts_of(law, runs, index):
                 numbers = np.array(start)

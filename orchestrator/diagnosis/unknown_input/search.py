@@ -16,7 +16,7 @@ from .law_fit import Candidate, Fitted, fit, screened
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
 from .polish import Polished, polished
-from .score import Scores, scored
+from .score import SAMPLES, Scores, scored
 
 __all__ = ["Answer", "answer"]
 
@@ -31,6 +31,10 @@ _HALF, _LEAST = 0.5, 10.0
 _BEAM, _BESIDE = 3, 5
 # Share of the logs' spread below which a residual without a name counts as none.
 _SMALL = 0.05
+# Share of the spread that a simulation misses which has lost the logs.
+_LOST = 0.25
+# Tolerances by which a parameter may change before an answer needs a reason for it.
+_FAR = 3.0
 _NEAR, _PLACES = 0.5, 8
 
 
@@ -86,10 +90,17 @@ class _Search:
         return made
 
     def fitted(
-        self, laws: Sequence[Candidate], constants: Array, starts: Sequence[Array], steps: int = _STEPS
+        self,
+        laws: Sequence[Candidate],
+        constants: Array,
+        starts: Sequence[Array],
+        steps: int = _STEPS,
+        samples: int | None = SAMPLES,
     ) -> tuple[Fitted, Polished]:
         """Laws with numbers that simulate the runs best."""
-        found = polished(self.runs, [one.inserted for one in laws], constants, starts, trials=steps)
+        found = polished(
+            self.runs, [one.inserted for one in laws], constants, starts, trials=steps, samples=samples
+        )
         count = len(self.model.nominal)
         positive = [number.positive for one in laws for number in one.law.numbers]
         numbers = found.constants[count:]
@@ -134,7 +145,9 @@ class _Search:
                 break
         found.sort(key=lambda each: each[1].remains)
         ended = [
-            self.fitted(a.laws, b.constants, b.starts, 15) for a, b in found[:_KEPT] if np.isfinite(b.remains)
+            self.fitted(a.laws, b.constants, b.starts, 12, None)
+            for a, b in found[:_KEPT]
+            if np.isfinite(b.remains)
         ]
         # A fit to the end is no worse than the one that it begins with.
         ended = [
@@ -168,11 +181,16 @@ class _Search:
             for one in made[:3]:
                 # A filter's numbers and start states are where the fit of the simulation begins.
                 starts = likely(self.runs, [law.inserted for law in one.laws], one.constants[0])
-                found.append(self.fitted(one.laws, one.constants[0], starts, 10))
+                found.append(self.fitted(one.laws, one.constants[0], starts, 10, None))
             if not made:
                 break
             best = made[0]
         return sorted(found, key=lambda each: each[1].remains)
+
+    def far(self, constants: Array) -> list[int]:
+        """Parameters that leave their tolerance."""
+        change = np.abs(constants[: len(self.model.nominal)] - self.model.nominal)
+        return np.flatnonzero(change > _FAR * self.model.tolerance).tolist()
 
     def weighed(self, found: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished, float]]:
         """Fits with their evidence [nats], best first.
@@ -183,7 +201,8 @@ class _Search:
         effective = least.samples / least.length
         weighed = [
             (one, two, -effective * np.log(max(two.remains, 1e-6)) - 0.5 * min(two.strain, 1e6)
-             - 0.5 * len(two.constants) * np.log(max(effective, 2.0)))
+             - 0.5 * len(two.constants) * np.log(max(effective, 2.0))
+             + sum(np.log(law.law.odds) for law in one.laws))
             for one, two in found if np.isfinite(two.remains)
         ]  # fmt: skip
         return sorted(weighed, key=lambda each: each[2], reverse=True)
@@ -214,10 +233,10 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
                     if not search.explained(every):
                         more = search.scores(one[0].laws, one[1]).candidates
                         every += search.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
-            if not search.explained(every, 0.9):
+            if min(one.remains for _, one in every) > _LOST * _spread(search.runs):
                 every += search.filtered()
         weighed = search.weighed(every)
-        chosen = _simplest(weighed)
+        chosen = _simplest(search, weighed)
         progress("judgement")
         return replace(_judged(study, model, search, weighed, chosen), seconds=perf_counter() - begin)
 
@@ -230,11 +249,19 @@ def _families(singles: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, 
     return list(found.values())
 
 
-def _simplest(weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
-    """Index of the answer: a second law must halve what the best single one leaves."""
+def _simplest(search: _Search, weighed: Sequence[tuple[Fitted, Polished, float]]) -> int:
+    """Index of the answer.
+
+    A second law must halve what the best single one leaves. So must an answer that moves a parameter beyond
+    its tolerance, against the best one that does not.
+    """
     best: dict[int, int] = {}
-    for index, (one, _, _) in enumerate(weighed):
-        best.setdefault(len(one.laws), index)
+    for count in {len(one.laws) for one, _, _ in weighed}:
+        ranked = [k for k, (one, _, _) in enumerate(weighed) if len(one.laws) == count]
+        near = [k for k in ranked if not search.far(weighed[k][1].constants)]
+        best[count] = (near or ranked)[0]
+        if near and closed(weighed[near[0]][1].remains, weighed[ranked[0]][1].remains, 0.0) > _HALF:
+            best[count] = ranked[0]
     chosen = best[0]
     for count in (1, 2):
         if count in best:
@@ -258,6 +285,8 @@ def _judged(
         replayed(held, [one.inserted for one in best.laws], best.constants[0]) if best.laws else calibrated
     )
     same = [(one, two, nats) for one, two, nats in weighed if len(one.laws) == len(best.laws)]
+    # Rivals that need a parameter beyond its tolerance, where the answer does not, are no rivals.
+    same = [one for one in same if one[2] <= evidence or not search.far(one[1].constants)]
     weights = np.exp(np.clip([nats - evidence for *_, nats in same], -700.0, 0.0))
     weights = weights / weights.sum()
     probability = float(weights[[one is best for one, *_ in same].index(True)])
@@ -286,11 +315,11 @@ def _judged(
             model.parameters, constants[0], np.diag(constants[1]), strict=False
         )
     }  # fmt: skip
-    for port, nominal, tolerance in zip(model.parameters, model.nominal, model.tolerance, strict=True):
-        if abs(parameters[str(port)][0] - nominal) > 3.0 * tolerance:
-            remarks.append(
-                f"{port} leaves its tolerance: {parameters[str(port)][0]:.4g} instead of {nominal:.4g}."
-            )
+    for k in search.far(constants[0]):
+        port = str(model.parameters[k])
+        remarks.append(
+            f"{port} leaves its tolerance: {parameters[port][0]:.4g} instead of {model.nominal[k]:.4g}."
+        )
     rivals = [
         (one, float(weight))
         for (one, *_), weight in zip(same, weights, strict=True)

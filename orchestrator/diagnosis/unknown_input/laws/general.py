@@ -30,6 +30,7 @@ LAWS = [
         "own",
         modelica="y = value_;",
         sentence="A zero that is off.",
+        odds=0.1,
     ),
     Law(
         "gain",
@@ -40,6 +41,7 @@ LAWS = [
         kinds=(1, 3),
         modelica="y = change*u;",
         sentence="A gain that is off.",
+        odds=0.1,
     ),
     Law(
         "gain that drifts",

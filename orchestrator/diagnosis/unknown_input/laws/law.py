@@ -79,6 +79,8 @@ class Law:
             derivative of a speed; "flow" for what flows off or through; empty: at any place.
         modelica: its equations, of the signal u, the numbers by their names, the states z1, z2, and y = w.
             Without them an answer is not written as a model.
+        odds: how likely the law is before the logs are seen, against others. A number that may be wrong is
+            listed in the study, so that a gain or an offset elsewhere is less likely.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Law:
     linear: bool = True
     at: str = ""
     modelica: str = ""
+    odds: float = 1.0
 
     @cached_property
     def compiled(self) -> Any:
@@ -117,9 +120,7 @@ class Law:
 
     def fits(self, unit: str, own: bool, place: str) -> bool:
         """Whether it reads a signal of such a unit, and acts at a place of such a dimension."""
-        if (self.at == "force" and place not in ("force", "number")) or (
-            self.at == "flow" and place == "force"
-        ):
+        if self.at and place not in {"force": ("force", "number"), "flow": _FLOWS}[self.at]:
             return False
         if self.reads == "own":
             return own
