@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,9 @@ def main(args: argparse.Namespace) -> int:
 
 def _unknown_input(args: argparse.Namespace, folders: list[Path | None]) -> int:
     """Diagnose studies of ports by the input that they lack. Raises: ConfigError."""
+    # Many small matrices: threads would wait for one another.
+    if "numpy" not in sys.modules:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ..base.atomic_files import write_text
     from ..diagnosis.ports.reader import load_port_study
     from ..diagnosis.ports.study import is_port_study

@@ -15,11 +15,12 @@ from pathlib import Path
 
 from orchestrator.base.errors import OrchestratorError
 from orchestrator.diagnosis.ports.reader import load_port_study
+from orchestrator.diagnosis.ports.study import is_port_study
 from orchestrator.diagnosis.unknown_input.search import Answer, answer
 
 
 def built(folder: Path, into: Path) -> Path:
-    """A copy of a folder with its models built; the study's file."""
+    """A copy of a folder with its models built."""
     copy = into / folder.name
     shutil.copytree(folder, copy, copy_function=shutil.copyfile)
     copy.chmod(0o755)
@@ -28,15 +29,15 @@ def built(folder: Path, into: Path) -> Path:
             [sys.executable, "-m", "orchestrator", "build", model.name, "-o", f"{model.stem}.fmu"],
             cwd=copy, check=True, capture_output=True,
         )  # fmt: skip
-    return copy / "study.yaml"
+    return copy
 
 
 def row(name: str, found: Answer) -> str:
     """One line of the table."""
-    laws = [one.name for one in found.fitted.laws] if found.fitted else []
-    numbers = " ".join(f"{one:.4g}" for one in found.fitted.numbers) if found.fitted else ""
+    laws = [one.name for one in found.fitted.laws] if found.fitted and found.verdict == "law" else []
+    numbers = " ".join(f"{one:.4g}" for one in found.fitted.numbers) if laws and found.fitted else "-"
     cells = [
-        name, found.verdict, found.places[0].place.name, " + ".join(laws) or "-", numbers,
+        name, found.verdict, " + ".join(laws) or "-", numbers, f"{100 * found.probability:.0f} %",
         f"{found.gap:.1f}", f"{found.calibrated:.1f}", f"{found.remains:.1f}", f"{100 * found.closed:.0f} %",
         f"{found.seconds:.0f} s",
     ]  # fmt: skip
@@ -45,14 +46,17 @@ def row(name: str, found: Answer) -> str:
 
 def main(folders: list[str]) -> None:
     """Print the table."""
-    print("| system | verdict | place of w | laws | numbers | gap | calibrated | remains | closed | time |")
+    print("| study | verdict | laws | numbers | probability | gap | calibrated | remains | closed | time |")
     print("|" + "---|" * 10)
     with tempfile.TemporaryDirectory() as scratch:
         for folder in map(Path, folders):
-            try:
-                print(row(folder.name, answer(load_port_study(built(folder, Path(scratch))))), flush=True)
-            except OrchestratorError as error:
-                print(f"| {folder.name} | not run: {str(error).splitlines()[0]} |", flush=True)
+            copy = built(folder, Path(scratch))
+            for study in sorted(one for one in copy.glob("*.yaml") if is_port_study(one)):
+                name = folder.name if study.name == "study.yaml" else f"{folder.name}/{study.name}"
+                try:
+                    print(row(name, answer(load_port_study(study))), flush=True)
+                except OrchestratorError as error:
+                    print(f"| {name} | not run: {str(error).splitlines()[0]} |", flush=True)
 
 
 if __name__ == "__main__":
