@@ -56,7 +56,6 @@ def page(name: str, found: Answer) -> str:
         body.append(html.table(columns, rows, caption=caption))
         sentences = {one.law.name: one.law.sentence for one in found.fitted.laws} if found.fitted else {}
         body += [html.note(f"{law}: {text}") for law, text in sentences.items()]
-        body.append(html.note("In units, w stands for that of the place, and s for that of the signal."))
     if data["rivals"]:
         rows = [
             [" + ".join(f"{law['law']} at {law['place']} of {law['signal']}" for law in one["laws"]),

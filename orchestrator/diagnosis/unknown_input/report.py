@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Any
 
 from .law_fit import Fitted
@@ -10,36 +12,58 @@ from .search import Answer
 __all__ = ["data_of", "headline", "text_of"]
 
 
-def _laws(one: Fitted) -> list[dict[str, Any]]:
+def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
     found, at = [], 0
     for law in one.laws:
         end = at + len(law.law.numbers)
+        place, signal = _unit(law.place.name, units), units.get(law.signal, "1")
         numbers = {
-            number.name: {"value": float(value), "sigma": float(sigma), "unit": number.unit}
+            number.name: {
+                "value": float(value),
+                "sigma": float(sigma),
+                "unit": _inserted(number.unit, place, signal),
+            }
             for number, value, sigma in zip(
                 law.law.numbers, one.numbers[at:end], one.sigmas[at:end], strict=True
             )
-        }
+        }  # fmt: skip
         where = {"place": law.place.name, "acts_on": law.place.kind.name.lower(), "signal": law.signal}
         found.append({"law": law.law.name, "family": law.law.family, **where, "numbers": numbers})
         at = end
     return found
 
 
+def _unit(place: str, units: Mapping[str, str]) -> str:
+    """The unit at a place, per second at the derivative of a state."""
+    if place.startswith("der("):
+        inner = units.get(place[4:-1], "1")
+        return f"({inner})/s" if "/" in inner else f"{inner}/s"
+    return units.get(place, "1")
+
+
+def _inserted(unit: str, place: str, signal: str) -> str:
+    """A law's unit with the place's for w and the signal's for u."""
+    words = {
+        "w": f"({place})" if "/" in place and unit != "w" else place,
+        "u": f"({signal})" if re.search(r"[/.]", signal) and unit != "u" else signal,
+    }
+    return re.sub(r"\b([wu])(?=\b|\d|\^)", lambda found: words[found[1]], unit)
+
+
 def data_of(found: Answer) -> dict[str, Any]:
-    """The answer as JSON data. In units, `w` stands for that of the place and `s` for that of the signal."""
+    """The answer as JSON data."""
     return {
         "format": "unknown-input/2",
         "verdict": found.verdict,
         "headline": headline(found),
         "probability": round(found.probability, 4),
-        "laws": _laws(found.fitted) if found.fitted and found.verdict == "law" else [],
-        "nearest": _laws(found.fitted) if found.fitted and found.verdict != "law" else [],
+        "laws": _laws(found.fitted, found.units) if found.fitted and found.verdict == "law" else [],
+        "nearest": _laws(found.fitted, found.units) if found.fitted and found.verdict != "law" else [],
         "parameters": {
             name: {"value": value, "sigma": sigma} for name, (value, sigma) in found.parameters.items()
         },
         "rivals": [
-            {"laws": _laws(one), "probability": round(probability, 4)}
+            {"laws": _laws(one, found.units), "probability": round(probability, 4)}
             for one, probability in found.rivals[:5]
         ],
         "same_on_these_logs": [one.name for one in found.twins],

@@ -51,7 +51,7 @@ class Answer:
         gap: root mean square of the held-out residual over the noise, as configured.
         calibrated, remains: the same with calibrated parameters alone, and with the answer.
         closed: share of the gap closed on held-out runs. share: residual over the spread of the logs.
-        remarks: what the reader should know. seconds: taken.
+        units: of ports, by name. remarks: what the reader should know. seconds: taken.
     """
 
     verdict: str
@@ -68,6 +68,7 @@ class Answer:
     closed: float
     share: float
     traces: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     seconds: float = 0.0
 
@@ -334,7 +335,8 @@ def _judged(
         verdict, best if best.laws else None, probability, rivals, twins, parameters, places, estimate,
         gap.remains, calibrated.remains, judged.remains if verdict == "law" else calibrated.remains,
         closed(gap.remains, judged.remains if verdict == "law" else calibrated.remains), share,
-        _traces(model, held, gap, calibrated, judged), remarks,
+        _traces(model, held, gap, calibrated, judged),
+        {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}, remarks,
     )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ LAWS = [
     Law(
         "saturation",
         "saturation",
-        (Number("limit", "s", (1.0, 2.0), positive=True),),
+        (Number("limit", "u", (1.0, 2.0), positive=True),),
         _saturation,
         _OWN,
         kinds=(1, 3),
@@ -49,7 +49,7 @@ LAWS = [
     Law(
         "dead zone",
         "dead zone",
-        (Number("half width", "s", (0.05, 0.2, 0.6), positive=True),),
+        (Number("half width", "u", (0.05, 0.2, 0.6), positive=True),),
         _dead_zone,
         _OWN,
         kinds=(1, 3),
@@ -60,7 +60,7 @@ LAWS = [
     Law(
         "gain curve",
         "gain curve",
-        (Number("factor", "w/s2"),),
+        (Number("factor", "w/u2"),),
         _gain_curve,
         _OWN,
         kinds=(1, 3),

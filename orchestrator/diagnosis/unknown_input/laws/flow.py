@@ -28,7 +28,7 @@ LAWS = [
     Law(
         "root of the signal",
         "root",
-        (Number("factor", "w/s^0.5"),),
+        (Number("factor", "w/u^0.5"),),
         _root,
         "any",
         kinds=(1, 2),
@@ -39,7 +39,7 @@ LAWS = [
     Law(
         "overflow",
         "overflow",
-        (Number("factor", "w/s", (-0.3,), "rate"), Number("level", "s", _LEVELS)),
+        (Number("factor", "w/u", (-0.3,), "rate"), Number("level", "u", _LEVELS)),
         _overflow,
         "any",
         kinds=(2,),
@@ -51,7 +51,7 @@ LAWS = [
     Law(
         "loss",
         "loss",
-        (Number("factor", "w/s"), Number("surroundings", "s", (0.0, 1.0))),
+        (Number("factor", "w/u"), Number("surroundings", "u", (0.0, 1.0))),
         _loss,
         "any",
         kinds=(1, 2),
@@ -62,7 +62,7 @@ LAWS = [
     Law(
         "radiation",
         "radiation",
-        (Number("factor", "w/s4"),),
+        (Number("factor", "w/u4"),),
         _radiation,
         "temperature",
         kinds=(1, 2),

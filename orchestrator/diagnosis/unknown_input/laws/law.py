@@ -49,7 +49,7 @@ class Number:
     """One of a law's numbers.
 
     Attributes:
-        name: of it. unit: with `w` for the unit at the place and `s` for that of the signal.
+        name: of it. unit: with `w` for the unit at the place and `u` for that of the signal.
         starts: where fits begin, in multiples of `by`: the signal's "spread", the "interval" of the logs, one
             over it ("rate"), or "one".
         most: largest size, times the signal's spread; a fit beyond it is another law.

@@ -62,7 +62,7 @@ def _eddy(t, s, n, z, out):
 
 
 _LEVEL = Number("level", "w")
-_CORNER = Number("corner", "s", (0.02, 0.1), most=0.5, positive=True)
+_CORNER = Number("corner", "u", (0.02, 0.1), most=0.5, positive=True)
 
 LAWS = [
     Law(
@@ -78,7 +78,7 @@ LAWS = [
     Law(
         "stribeck",
         "dry friction",
-        (_LEVEL, Number("speed", "s", (0.1, 0.4), positive=True)),
+        (_LEVEL, Number("speed", "u", (0.1, 0.4), positive=True)),
         _stribeck,
         "rate",
         at="force",
@@ -88,7 +88,7 @@ LAWS = [
     Law(
         "viscous",
         "viscous friction",
-        (Number("factor", "w/s"),),
+        (Number("factor", "w/u"),),
         _viscous,
         "rate",
         at="force",
@@ -98,7 +98,7 @@ LAWS = [
     Law(
         "eddy-current brake",
         "viscous friction",
-        (Number("factor", "w/s"), Number("speed", "s", (1.0, 3.0), positive=True)),
+        (Number("factor", "w/u"), Number("speed", "u", (1.0, 3.0), positive=True)),
         _eddy,
         "rate",
         at="force",
@@ -108,7 +108,7 @@ LAWS = [
     Law(
         "quadratic drag",
         "drag",
-        (Number("factor", "w/s2"),),
+        (Number("factor", "w/u2"),),
         _quadratic,
         "rate",
         at="force",
@@ -118,7 +118,7 @@ LAWS = [
     Law(
         "power drag",
         "drag",
-        (Number("factor", "w/s^n"), Number("exponent", "1", (1.4,), "one")),
+        (Number("factor", "w/u^n"), Number("exponent", "1", (1.4,), "one")),
         _power,
         "rate",
         at="force",
@@ -128,7 +128,7 @@ LAWS = [
     Law(
         "one-sided damping",
         "one-sided damping",
-        (Number("factor", "w/s"),),
+        (Number("factor", "w/u"),),
         _one_sided,
         "rate",
         at="force",
@@ -138,7 +138,7 @@ LAWS = [
     Law(
         "one-sided damping, backward",
         "one-sided damping",
-        (Number("factor", "w/s"),),
+        (Number("factor", "w/u"),),
         _other_sided,
         "rate",
         at="force",
@@ -148,7 +148,7 @@ LAWS = [
     Law(
         "cubic stiffness",
         "stiffness",
-        (Number("factor", "w/s3"),),
+        (Number("factor", "w/u3"),),
         _cubic,
         "travel",
         at="force",
@@ -158,7 +158,7 @@ LAWS = [
     Law(
         "progressive stiffness",
         "stiffness",
-        (Number("factor", "w/s2"),),
+        (Number("factor", "w/u2"),),
         _progressive,
         "travel",
         at="force",
@@ -168,7 +168,7 @@ LAWS = [
     Law(
         "dead band",
         "play",
-        (Number("stiffness", "w/s"), Number("band", "s", (0.1, 0.3, 0.8), positive=True)),
+        (Number("stiffness", "w/u"), Number("band", "u", (0.1, 0.3, 0.8), positive=True)),
         _dead_band,
         "travel",
         at="force",
@@ -178,7 +178,7 @@ LAWS = [
     Law(
         "stop",
         "stiffness",
-        (Number("stiffness", "w/s"), Number("travel", "s", (1.0, 2.0), positive=True)),
+        (Number("stiffness", "w/u"), Number("travel", "u", (1.0, 2.0), positive=True)),
         _stop,
         "travel",
         at="force",
