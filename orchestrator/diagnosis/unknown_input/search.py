@@ -31,8 +31,8 @@ _HALF, _LEAST = 0.5, 10.0
 _BEAM, _BESIDE = 3, 5
 # Share of the logs' spread below which a residual without a name counts as none.
 _SMALL = 0.05
-# Share of the spread that a simulation misses which has lost the logs.
-_LOST = 0.25
+# Share of the spread that a simulation misses which has lost the logs, and of the gap that laws then close.
+_LOST, _CLOSED = 0.25, 0.9
 # Tolerances by which a parameter may change before an answer needs a reason for it.
 _FAR = 3.0
 _NEAR, _PLACES = 0.5, 8
@@ -234,7 +234,7 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
                     if not search.explained(every):
                         more = search.scores(one[0].laws, one[1]).candidates
                         every += search.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
-            if min(one.remains for _, one in every) > _LOST * _spread(search.runs):
+            if search.base.remains > _LOST * _spread(search.runs) and not search.explained(every, _CLOSED):
                 every += search.filtered()
         weighed = search.weighed(every)
         chosen = _simplest(search, weighed)
