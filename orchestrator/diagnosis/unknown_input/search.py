@@ -298,7 +298,7 @@ def _judged(
         remarks.append(
             "The held-out runs contradict the nearest law: it closes less than half of the gap there."
         )
-        verdict = "outside" if search.base.remains / _spread(search.runs) > _SMALL else "none"
+        verdict = "outside"
     elif not best.laws and search.base.remains > 2.0 and share > _SMALL:
         verdict = "outside"
     if verdict == "none" and search.base.remains > 2.0:
