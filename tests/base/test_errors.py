@@ -7,7 +7,6 @@ import pickle
 import pytest
 
 from orchestrator.base.errors import BuildError, ConfigError, FmuError, Problem, StepError
-from orchestrator.exchange.ssp.network import _TooMany
 from orchestrator.fmi.workers.child import KilledError
 
 
@@ -15,7 +14,6 @@ from orchestrator.fmi.workers.child import KilledError
     "error",
     [
         ConfigError([Problem("a.yaml:3: run", "got 1", "2", "Ask."), Problem("", "another")]),
-        _TooMany([Problem("a.ssp", "more than 20")]),
         StepError("broke", instance="body", time=0.5, status="error", log=("one", "two"), remedy="Halve it."),
         StepError("broke", instance="body", time=None, status="discard"),
         FmuError("body.fmu: no model"),
