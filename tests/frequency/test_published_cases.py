@@ -225,6 +225,7 @@ end Plant;
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory):
+    pytest.importorskip("casadi", reason="needs the extra build")
     folder = tmp_path_factory.mktemp("plant")
     (folder / "Plant.mo").write_text(PLANT, encoding="utf-8")
     return str(orc.build(folder / "Plant.mo", folder / "Plant.fmu").path)

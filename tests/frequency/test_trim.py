@@ -42,6 +42,7 @@ end Pendulum;
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
+    pytest.importorskip("casadi", reason="needs the extra build")
     folder = tmp_path_factory.mktemp("models")
     built = {}
     for text in (TANK, PENDULUM):
