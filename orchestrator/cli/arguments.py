@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -11,7 +13,16 @@ if TYPE_CHECKING:
 
     from ..config import Config
 
-__all__ = ["add_config", "add_json", "add_requests", "print_json", "requested_configs"]
+__all__ = ["add_config", "add_json", "add_requests", "one_matrix_thread", "print_json", "requested_configs"]
+
+
+def one_matrix_thread() -> None:
+    """Let numpy, if it is not loaded yet, use one thread.
+
+    With many small matrices threads wait for one another; on a busy machine that takes 15 times as long.
+    """
+    if "numpy" not in sys.modules:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def add_config(parser: argparse.ArgumentParser, several: bool = False) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
 from ..results.progress import Share
+from .arguments import one_matrix_thread
 
 __all__ = ["add_arguments", "main"]
 
@@ -120,9 +120,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _unknown_input(args: argparse.Namespace, folders: list[Path | None]) -> int:
     """Diagnose studies of ports by the input that they lack. Raises: ConfigError."""
-    # Many small matrices: threads would wait for one another.
-    if "numpy" not in sys.modules:
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    one_matrix_thread()
     from ..base.atomic_files import write_text
     from ..diagnosis.ports.reader import load_port_study
     from ..diagnosis.ports.study import is_port_study

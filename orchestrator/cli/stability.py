@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .arguments import add_config, add_json
+from .arguments import add_config, add_json, one_matrix_thread
 
 if TYPE_CHECKING:
     import argparse
@@ -64,9 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Analyse a system. Returns: the exit code."""
-    # Many small matrices: threads would wait for one another, and on a busy machine take 15 times as long.
-    if "numpy" not in sys.modules:
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    one_matrix_thread()
     from ..frequency.loop import Loop
     from ..simulation.run import prepare
 

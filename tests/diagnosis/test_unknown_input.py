@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -205,8 +204,7 @@ def test_equations_of_laws_are_what_the_search_fits() -> None:
         if law.states:
             continue
         numbers = [0.7 + 0.4 * k for k in range(len(law.numbers))]
-        names = [re.sub(r"\W", "_", one.name) for one in law.numbers]
-        names = [f"{one}_" if one in ("time", "value") else one for one in names]
+        names = [one.word for one in law.numbers]
         for u in (-1.3, -0.2, 0.4, 2.1):
             scope = {**words, **dict(zip(names, numbers, strict=True)), "u": u, "time": 3.0}
             expected = eval(law.modelica.removeprefix("y = ").removesuffix(";").replace("^", "**"), scope)

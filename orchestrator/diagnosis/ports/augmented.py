@@ -17,7 +17,7 @@ from .effect import PortEffect
 from .friction_fmu import Placed, to_instances
 from .study import PortStudy
 
-__all__ = ["augmented_config", "long_form", "parameter_values", "short_form", "with_unit"]
+__all__ = ["augmented_config", "config_data", "long_form", "parameter_values", "short_form", "with_unit"]
 
 
 def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> tuple[str, dict[str, str]]:
@@ -31,13 +31,7 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
             the system can be exported; what they give is added from one communication point to the next.
             Those that cannot, and stand as effects in it, are reported with what it does not hold.
     """
-    config = study.prepared.config
-    data = config.model.to_data()
-    data["instances"] = {name: dict(one) for name, one in data["instances"].items()}
-    for one in data["instances"].values():
-        one["start"] = dict(one.get("start", {}))
-        if (config.folder / one["fmu"]).is_file():
-            one["fmu"] = str((config.folder / one["fmu"]).resolve())
+    data = config_data(study)
     _calibrate(study, data, finding.answer)
     connections = [long_form(one) for one in data.get("connections", [])]
     left_out: dict[str, str] = {}
@@ -57,8 +51,20 @@ def augmented_config(study: PortStudy, finding: Finding, fmus: bool = False) -> 
         left_out |= to_instances(study, data, connections, placed)
     data["connections"] = [short_form(one) for one in connections]
     found = "with the effects found" if finding.answer.effects else "as calibrated by logs"
-    data["title"] = f"{data.get('title', config.name)}, {found}"
+    data["title"] = f"{data.get('title', study.prepared.config.name)}, {found}"
     return dump(data), left_out
+
+
+def config_data(study: PortStudy) -> dict[str, Any]:
+    """The study's config as data to change; FMUs beside it stand with their full path."""
+    config = study.prepared.config
+    data = config.model.to_data()
+    data["instances"] = {name: dict(one) for name, one in data["instances"].items()}
+    for one in data["instances"].values():
+        one["start"] = dict(one.get("start", {}))
+        if (config.folder / one["fmu"]).is_file():
+            one["fmu"] = str((config.folder / one["fmu"]).resolve())
+    return data
 
 
 def parameter_values(study: PortStudy, answer: Augmented) -> dict[str, float]:

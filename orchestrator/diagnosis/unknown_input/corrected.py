@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from ...config.text import dump
 from ...system.connection import Port
 from ...translate.build import build
 from ...translate.package import this_platform
-from ..ports.augmented import long_form, short_form, with_unit
+from ..ports.augmented import config_data, long_form, short_form, with_unit
 from ..ports.study import PortStudy
 from .law_fit import Candidate
 from .model import Kinds
@@ -26,38 +25,26 @@ def write_corrected(study: PortStudy, found: Answer, folder: Path) -> list[str]:
 
     Returns: what could not be written, and why, in sentences.
     """
-    config = study.prepared.config
-    data = config.model.to_data()
-    for one in data["instances"].values():
-        if (config.folder / one["fmu"]).is_file():
-            one["fmu"] = str((config.folder / one["fmu"]).resolve())
-        one["start"] = dict(one.get("start", {}))
+    data = config_data(study)
     for name, (value, _) in found.parameters.items():
         port = Port.of(name)
         data["instances"][port.instance]["start"][port.variable] = with_unit(value, study.unit(port))
     connections = [long_form(one) for one in data.get("connections", [])]
-    left_out: list[str] = []
-    at = 0
-    for number, law in enumerate(found.fitted.laws if found.fitted and found.verdict == "law" else (), 1):
-        values = found.fitted.numbers[at : at + len(law.law.numbers)].tolist() if found.fitted else []
-        at += len(law.law.numbers)
+    laws = found.fitted.by_law() if found.fitted and found.verdict == "law" else ()
+    for number, (law, values, _) in enumerate(laws, 1):
         name = f"law_{number}"
         problem = _put(study, data, connections, law, name)
-        if not problem:
-            problem = _built(study, law, values, name, folder)
+        problem = problem or _built(study, law, values.tolist(), name, folder)
         if problem:
-            data["instances"].pop(name, None)
-            left_out.append(f"{law.name} is not in corrected.yaml: {problem}")
-            break
+            return [f"{law.name} is not in corrected.yaml: {problem}"]
     short = [short_form(one) for one in connections]
     data["connections"] = [
         {key: value for key, value in one.items() if value != []} if isinstance(one, dict) else one
         for one in short
     ]
-    data["title"] = f"{data.get('title', config.name)}, corrected by its logs"
-    if not left_out:
-        write_text(folder / "corrected.yaml", dump(data))
-    return left_out
+    data["title"] = f"{data.get('title', study.prepared.config.name)}, corrected by its logs"
+    write_text(folder / "corrected.yaml", dump(data))
+    return []
 
 
 def _put(
@@ -77,7 +64,7 @@ def _put(
     if not series and read is None:
         if law.signal not in {str(port) for port in study.prepared.system.recorded}:
             return f"it reads {law.signal}, which is neither an output nor connected to one."
-        read = {"from": [{"port": law.signal}], "through": [], "ahead": 0}
+        read = long_form(f"{law.signal} -> {name}.u")
     data["instances"][name] = {"fmu": f"{name}.fmu"}
     if law.place.kind is Kinds.INPUT:
         feeding = next((one for one in connections if one["to"] == place), None)
@@ -85,10 +72,10 @@ def _put(
             if feeding is not None:
                 connections.append({**feeding, "to": f"{name}.u"})
                 connections.remove(feeding)
-            connections.append({"from": [{"port": f"{name}.y"}], "to": place, "through": [], "ahead": 0})
+            connections.append(long_form(f"{name}.y -> {place}"))
             return ""
         if feeding is None:
-            connections.append({"from": [{"port": f"{name}.y"}], "to": place, "through": [], "ahead": 0})
+            connections.append(long_form(f"{name}.y -> {place}"))
         else:
             feeding["from"] = [*feeding["from"], {"port": f"{name}.y"}]
     else:
@@ -101,7 +88,7 @@ def _put(
                     one["from"] = [*one["from"], {**leg, "port": f"{name}.y"}]
         if not readers and not series:
             return f"nothing reads {place}."
-    source = {"from": [{"port": place}], "through": [], "ahead": 0} if series else {**(read or {})}
+    source = long_form(f"{place} -> {name}.u") if series or read is None else read
     connections.append({**source, "to": f"{name}.u"})
     return ""
 
@@ -111,9 +98,7 @@ def _built(study: PortStudy, law: Candidate, values: list[float], name: str, fol
     unit, read = study.unit(Port.of(law.place.name)), study.unit(Port.of(law.signal))
     code, declared = law.law.modelica, []
     for number, value in zip(law.law.numbers, values, strict=True):
-        word = re.sub(r"\W", "_", number.name)
-        word = f"{word}_" if word in ("time", "value") else word
-        declared.append(f'  parameter Real {word} = {value!r} "{number.name}";')
+        declared.append(f'  parameter Real {number.word} = {value!r} "{number.name}";')
     declared += [f"  Real z{k + 1}(start=0, fixed=true);" for k in range(law.law.states)]
     series = law.signal == law.place.name
     if series:

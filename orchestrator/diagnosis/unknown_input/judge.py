@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from .model import Inserted
 from .places import Runs
 from .polish import Replays, polished
-from .smoother import simulated
 
 __all__ = ["Judged", "closed", "likely", "replayed"]
 
@@ -40,18 +39,13 @@ def replayed(
         constants: parameters, then the laws' numbers.
         as_configured: begin where the study says instead.
     """
-    model = runs.model
     starts = [one[3] for one in runs.data]
     if not as_configured:
         starts = likely(runs, laws, constants)
         starts = polished(runs, laws, constants, starts, trials=8, fixed=True).starts
     replays = Replays(runs, laws, starts=starts)
-    left = replays.residual(constants)
-    hidden = np.zeros(replays.hidden)
-    found = [
-        simulated(model, ext, held, np.concatenate([start, hidden, constants]), replays.sub, laws)[0]
-        for (ext, held, *_), start in zip(runs.data, starts, strict=True)
-    ]
+    found = [replays.found(k, start, constants) for k, start in enumerate(starts)]
+    left = np.concatenate([replays.compared(k, one) for k, one in enumerate(found)])
     return Judged(float(np.sqrt(np.mean(left**2))), found)
 
 

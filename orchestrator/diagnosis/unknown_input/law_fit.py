@@ -6,7 +6,7 @@ system, with its numbers as constants of the filter beside the calibrated parame
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,6 +66,13 @@ class Fitted:
     loglik: float
     constants: tuple[Array, Array]
     beside: float = 0.0
+
+    def by_law(self) -> Iterator[tuple[Candidate, Array, Array]]:
+        """Each law with its numbers and their standard deviations."""
+        at = 0
+        for one in self.laws:
+            part = slice(at, at := at + len(one.law.numbers))
+            yield one, self.numbers[part], self.sigmas[part]
 
 
 def _unit(model: StateModel, index: int) -> str:

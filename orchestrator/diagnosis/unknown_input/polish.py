@@ -65,11 +65,19 @@ class Replays:
         self.hidden, self.sub = sum(one.states for one in laws), runs.sub_of(laws)
         self.scale = runs.scale[: len(self.model.states)]
 
+    def found(self, index: int, start: Array, constants: Array) -> Array:
+        """Compared signals of one run as simulated, shape (samples, compared)."""
+        ext, held, _ = self.data[index]
+        z = np.concatenate([start, np.zeros(self.hidden), constants])
+        return simulated(self.model, ext, held, z, self.sub, self.laws)[0]
+
     def left(self, index: int, start: Array, constants: Array) -> Array:
         """The residual of one run over the noise, shape (compared values,)."""
-        ext, held, logged = self.data[index]
-        z = np.concatenate([start, np.zeros(self.hidden), constants])
-        found, _ = simulated(self.model, ext, held, z, self.sub, self.laws)
+        return self.compared(index, self.found(index, start, constants))
+
+    def compared(self, index: int, found: Array) -> Array:
+        """The residual of a simulated run."""
+        logged = self.data[index][2]
         left = np.clip(found - logged, -_WORST * self.model.noise, _WORST * self.model.noise)
         return np.nan_to_num((left / self.model.noise)[self.settled :][self.masks[index]], nan=_WORST)
 

@@ -13,9 +13,8 @@ __all__ = ["data_of", "headline", "text_of"]
 
 
 def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
-    found, at = [], 0
-    for law in one.laws:
-        end = at + len(law.law.numbers)
+    found = []
+    for law, values, sigmas in one.by_law():
         place, signal = _unit(law.place.name, units), units.get(law.signal, "1")
         numbers = {
             number.name: {
@@ -23,13 +22,10 @@ def _laws(one: Fitted, units: Mapping[str, str]) -> list[dict[str, Any]]:
                 "sigma": float(sigma),
                 "unit": _inserted(number.unit, place, signal),
             }
-            for number, value, sigma in zip(
-                law.law.numbers, one.numbers[at:end], one.sigmas[at:end], strict=True
-            )
+            for number, value, sigma in zip(law.law.numbers, values, sigmas, strict=True)
         }  # fmt: skip
         where = {"place": law.place.name, "acts_on": law.place.kind.name.lower(), "signal": law.signal}
         found.append({"law": law.law.name, "family": law.law.family, **where, "numbers": numbers})
-        at = end
     return found
 
 

@@ -119,14 +119,11 @@ class _Search:
 
     def _sound(self, one: Fitted) -> bool:
         """Whether numbers stay within what makes a law this law."""
-        at = 0
-        for law in one.laws:
-            spread = self.runs.spread[law.inserted.signals[0]]
-            for number in law.law.numbers:
-                if abs(one.numbers[at]) > number.most * spread:
-                    return False
-                at += 1
-        return True
+        return all(
+            abs(value) <= number.most * self.runs.spread[law.inserted.signals[0]]
+            for law, values, _ in one.by_law()
+            for number, value in zip(law.law.numbers, values, strict=True)
+        )
 
     def tried(
         self, sets: Sequence[Sequence[Candidate]], beside: tuple[Fitted, Polished] | None = None
@@ -152,7 +149,7 @@ class _Search:
         ]
         # A fit to the end is no worse than the one that it begins with.
         ended = [
-            max((one, two), key=lambda each: -each[1].remains) for one, two in zip(ended, found, strict=False)
+            min((one, two), key=lambda each: each[1].remains) for one, two in zip(ended, found, strict=False)
         ]
         return sorted([*ended, *found[len(ended) :]], key=lambda each: each[1].remains)
 
@@ -304,11 +301,11 @@ def _judged(
     if verdict == "none" and search.base.remains > 2.0:
         remarks.append(
             f"The calibrated model leaves {search.base.remains:.3g} times the noise, "
-            f"{100 * search.base.remains / _spread(search.runs):.2g} % of the signals' spread. "
+            f"{100 * share:.2g} % of the signals' spread. "
             "No law of the library explains it."
         )
-    if verdict != "law":
-        probability = min(probability, 0.6) if verdict == "outside" else probability
+    if verdict == "outside":
+        probability = min(probability, 0.6)
     constants = best.constants if verdict == "law" else (search.base.constants, search.base.covariance)
     parameters = {
         str(port): (float(value), float(np.sqrt(abs(variance))))
@@ -327,14 +324,11 @@ def _judged(
         if one is not best and one.laws
     ]
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
-    places: list[Ranked] = []
-    estimate = None
-    if verdict == "outside":
-        places, estimate = _estimate(search)
+    places, estimate = _estimate(search) if verdict == "outside" else ([], None)
+    remains = judged.remains if verdict == "law" else calibrated.remains
     return Answer(
         verdict, best if best.laws else None, probability, rivals, twins, parameters, places, estimate,
-        gap.remains, calibrated.remains, judged.remains if verdict == "law" else calibrated.remains,
-        closed(gap.remains, judged.remains if verdict == "law" else calibrated.remains), share,
+        gap.remains, calibrated.remains, remains, closed(gap.remains, remains), share,
         _traces(model, held, gap, calibrated, judged),
         {str(port): study.unit(port) for port in (*model.states, *model.inputs, *model.outputs)}, remarks,
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -62,6 +63,12 @@ class Number:
     by: str = "spread"
     most: float = math.inf
     positive: bool = False
+
+    @property
+    def word(self) -> str:
+        """Its name in `Law.modelica`."""
+        word = re.sub(r"\W", "_", self.name)
+        return f"{word}_" if word in ("time", "value") else word
 
 
 @dataclass(frozen=True)
