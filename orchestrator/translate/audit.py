@@ -85,18 +85,19 @@ def audit_flattened(
         def offset(token: Token, text: str = text) -> int:
             return len(text[: token.start].encode())
 
-        shown = tree.shown(item.file)
         for token in item.tokens:
             if token.start in calls and (item.file, offset(token)) not in delays:
                 problems.append(
-                    f"{shown}:{token.line}: delay() is lost in flattening; put it into an equation of its own"
+                    f"{tree.at(item.file, token)}: delay() is lost in flattening; put it into an equation of "
+                    "its own"
                 )
         for token, loop, _ in _asserts(item):
             # An assert in a for-loop is placed at the loop's index.
             at = offset(loop or token)
             if not any(file == item.file and start <= at < end for file, start, end in asserts):
                 problems.append(
-                    f"{shown}:{token.line}: assert() is lost in flattening; put it into the equation section"
+                    f"{tree.at(item.file, token)}: assert() is lost in flattening; put it into the equation "
+                    "section"
                 )
     if problems:
         raise BuildError("\n".join(problems))
@@ -126,7 +127,7 @@ def _class_problems(tree: SourceTree, item: ModelicaClass) -> list[str]:
     for index, token in enumerate(tokens):
         following = tokens[index + 1].text if index + 1 < len(tokens) else ""
         before = tokens[index - 1].text if index else ""
-        place = f"{tree.shown(item.file)}:{token.line}"
+        place = tree.at(item.file, token)
         if token.kind == "keyword" and token.text in _KEYWORDS and before != "end":
             problems.append(f"{place}: `{token.text}` is not supported; {_KEYWORDS[token.text]}")
         elif token.text == "initial" and following in ("equation", "algorithm"):
@@ -155,7 +156,7 @@ def _conditional_components(tree: SourceTree, item: ModelicaClass) -> list[str]:
         elif token.text == ";":
             if first is not None and open_ifs > 0:
                 problems.append(
-                    f"{tree.shown(item.file)}:{first.line}: a conditional component is not supported; "
+                    f"{tree.at(item.file, first)}: a conditional component is not supported; "
                     "make two models of it, one with the component and one without"
                 )
             first, open_ifs = None, 0
@@ -165,7 +166,7 @@ def _conditional_components(tree: SourceTree, item: ModelicaClass) -> list[str]:
 def _nested_asserts(tree: SourceTree, item: ModelicaClass) -> list[str]:
     """Asserts within if-equations; flattening drops them."""
     return [
-        f"{tree.shown(item.file)}:{token.line}: assert() within an if-equation is not supported; put it "
+        f"{tree.at(item.file, token)}: assert() within an if-equation is not supported; put it "
         "into the equation section and the condition into its first argument"
         for token, _, conditional in _asserts(item)
         if conditional

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -13,6 +14,8 @@ from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import scratch_root
 
 from .build_report import BuildReport
+from .complaints import CompilerRefusal
+from .faults import faults_of, illustrated
 from .package import (
     PLATFORMS,
     FmiVersion,
@@ -130,22 +133,40 @@ def translate(
     Raises: BuildError for what is not supported, naming file and line.
     """
     need_casadi()
-    from .hybrid.build import translate_hybrid
+    tree = load_sources(model_file)
+    with illustrating(tree):
+        return _translated(tree, model, fmi_version, libraries)
+
+
+@contextmanager
+def illustrating(tree: SourceTree) -> Iterator[None]:
+    """Errors within show the lines that they name. Raises: BuildError."""
+    try:
+        yield
+    except BuildError as error:
+        raise BuildError(illustrated(str(error), tree)) from None
+
+
+def _translated(
+    tree: SourceTree, model: str | None, fmi_version: str, libraries: Sequence[Path]
+) -> tuple[dict[str, bytes], TranslationReport]:
+    from .hybrid.build import counted, translate_hybrid
     from .hybrid.front_end import library_paths
 
-    tree = load_sources(model_file)
     name = tree.model_name(model)
     folders = library_paths(libraries)
     try:
-        return _explicit(model_file, tree, name, fmi_version)
+        return _explicit(tree, name, fmi_version)
     except BuildError as refusal:
-        if not _other_route(str(refusal), bool(folders)):
-            raise
+        if not other_route(refusal, bool(folders)):
+            raise (
+                counted(tree, name, folders, refusal) if isinstance(refusal, CompilerRefusal) else refusal
+            ) from None
         try:
             identifier = model_identifier(name)
             members, counts, notes = translate_hybrid(tree, name, identifier, fmi_version, folders)
         except BuildError as error:
-            raise BuildError(_placed(tree, str(error).replace(DELAY, "delay"))) from None
+            raise BuildError(in_file(tree, error)) from None
         return members, TranslationReport(name, counts, (*tree.remarks, *notes))
 
 
@@ -156,26 +177,25 @@ _LACKS = re.compile(
 )
 
 
-def _other_route(refusal: str, libraries: bool) -> bool:
+def other_route(refusal: BuildError, libraries: bool) -> bool:
     """Whether the hybrid route may take what the explicit one refuses.
 
     Args:
         libraries: whether there are any; the explicit route reads none.
     """
-    if "the Modelica compiler refuses" in refusal:
+    if isinstance(refusal, CompilerRefusal):
         return libraries
-    return all(_LACKS.search(line) for line in refusal.splitlines() if not line.startswith(" "))
+    return all(_LACKS.search(line) for line in str(refusal).splitlines() if not line.startswith(" "))
 
 
-def _placed(tree: SourceTree, text: str) -> str:
-    """A message with the file that it is about."""
-    place = tree.shown(tree.main)
-    return text if text.startswith((place, "--library")) else f"{place}: {text}"
+def in_file(tree: SourceTree, error: BuildError) -> str:
+    """A message of the hybrid route, at least with the file that it is about."""
+    text, place = str(error).replace(DELAY, "delay"), tree.shown(tree.main)
+    named = text.startswith("--library") or any(fault.places for fault in faults_of(text))
+    return text if named or text.startswith(place) else f"{place}: {text}"
 
 
-def _explicit(
-    model_file: Path, tree: SourceTree, name: str, fmi_version: str
-) -> tuple[dict[str, bytes], TranslationReport]:
+def _explicit(tree: SourceTree, name: str, fmi_version: str) -> tuple[dict[str, bytes], TranslationReport]:
     """The route for explicit differential equations with delays. Raises: BuildError."""
     from .causalise import solve
     from .description import describe
@@ -192,7 +212,9 @@ def _explicit(
         program = build_program(solve(symbolic_model(flat)))
         checked = check(program)
     except RecursionError:
-        raise BuildError(f"{model_file}: an expression of {name} is nested too deeply; split it") from None
+        raise BuildError(
+            f"{tree.shown(tree.main)}: an expression of {name} is nested too deeply; split it"
+        ) from None
     identifier = model_identifier(name)
     code = generate_c(program, identifier)
     table = variable_table(program)

@@ -26,6 +26,7 @@ from .flat import (
     Operation,
     Reference,
     Type,
+    walk,
 )
 from .symbolic import DelayOperator, Relation, SymbolicModel
 
@@ -135,8 +136,22 @@ def _instant(node: Node, events: bool) -> set[str]:
 def _check_count(model: SymbolicModel, names: list[str]) -> None:
     count = len(model.flat.equations)
     if count != len(names):
+        held = {
+            node.name
+            for one in model.flat.equations
+            for side in (one.left, one.right)
+            for node in walk(side)
+            if isinstance(node, Reference | Derivative)
+        }
+        unused = [one for one in model.flat.variables if one.name in names and one.name not in held]
+        place = f"{unused[0].location}: " if unused else ""
         raise BuildError(
-            f"{model.flat.name}: {count} equations for {len(names)} unknowns; unknowns: {listed(names)}"
+            f"{place}{model.flat.name}: {count} equations for {len(names)} unknowns; "
+            + (
+                f"no equation holds {listed(one.name for one in unused)}"
+                if unused
+                else f"unknowns: {listed(names)}"
+            )
         )
 
 

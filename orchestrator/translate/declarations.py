@@ -135,7 +135,10 @@ class _VariableReader:
         self._place = place
 
     def variable(self, name: str, body: Json) -> Iterator[tuple[Variable, Node | None]]:
-        where = self._place(body["source_span"])
+        span = body["source_span"]
+        last = name.rpartition(".")[2].partition("[")[0]
+        # The span of a declaration ends with the name.
+        where = self._place({**span, "start": max(span["start"], span["end"] - len(last.encode()))})
         unknown = set(body) - _VARIABLE_READ - _VARIABLE_FALSE - _VARIABLE_REDUNDANT
         if unknown:
             raise BuildError(

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from orchestrator.base.errors import BuildError
 
+from .complaints import CompilerRefusal, explained
 from .expressions import Json
 from .lexer import tokenise
 from .sizes import refuse_large_sizes
@@ -18,7 +22,6 @@ from .sources import DELAY, SourceTree
 # The representation carries no version, so its reader knows one release of the compiler.
 RUMOCA_VERSION = "0.10.2"
 
-_QUOTED = re.compile(r"[`']([A-Za-z_][\w.]*)[`']")
 _OFFSET = re.compile(r"start: BytePos\((\d+)\)")
 # Of a mistake as the compiler shows it: what it is, and line and column.
 _WHAT, _WHERE = re.compile("\u00d7 (.*)"), re.compile(r"\[[^\]\n]*:(\d+:\d+)\]")
@@ -57,26 +60,60 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
         # A session remembers the classes it has seen: one per model.
         session = rumoca.Session(roots=[str(folder)])
         try:
-            compiled = session.load(str(folder / tree.main), model=model)
-            flat = json.loads(tree.restored(compiled.to_json("flat")))
-            files = json.loads(compiled.to_json("dae"))["source_map"]["files"]
-        except rumoca.RumocaError as error:
-            if wrong := _syntax(tree, rumoca.validate_source):
-                raise BuildError("\n".join(wrong)) from error
-            text = tree.restored(str(error)).replace(f"{folder}/", tree.label).replace(DELAY, "delay")
-            raise BuildError(refusal(tree, model, text)) from error
+            with _quiet():
+                compiled = session.load(str(folder / tree.main), model=model)
+                flat = json.loads(tree.restored(compiled.to_json("flat")))
+                files = json.loads(compiled.to_json("dae"))["source_map"]["files"]
         except BaseException as error:
             # A panic of the compiler is no Exception, and its class cannot be imported.
-            if type(error).__name__ != "PanicException":
+            if not isinstance(error, rumoca.RumocaError) and type(error).__name__ != "PanicException":
                 raise
-            raise BuildError(
-                refusal(tree, model, _panic_text(tree, model, tree.restored(str(error))))
+            if wrong := _syntax(tree, rumoca.validate_source):
+                raise BuildError("\n".join(wrong)) from None
+            text = _told(tree, model, folder, error)
+            raise CompilerRefusal(
+                explained(tree, model, text, lambda other: _message(other, model))
             ) from None
         prefix = f"{folder.as_posix()}/"
         paths = {number: path.replace("\\", "/").removeprefix(prefix) for number, path, _ in files}
         if tree.renamed:
             _restore_offsets(flat, paths, tree)
         return flat, paths
+
+
+def _told(tree: SourceTree, model: str, folder: Path, error: BaseException) -> str:
+    """The compiler's message in names and paths of the source files."""
+    text = tree.restored(str(error))
+    if type(error).__name__ == "PanicException":
+        return _panic_text(tree, model, text)
+    return text.replace(f"{folder.as_posix()}/", tree.label).replace(DELAY, "delay")
+
+
+def _message(tree: SourceTree, model: str) -> str:
+    """What the compiler says about a model; "" if it takes it."""
+    import rumoca
+
+    with tree.marked_copy() as folder, _quiet():
+        try:
+            rumoca.Session(roots=[str(folder)]).load(str(folder / tree.main), model=model).to_json("dae")
+        except BaseException as error:
+            if not isinstance(error, rumoca.RumocaError) and type(error).__name__ != "PanicException":
+                raise
+            return str(error).replace(folder.as_posix(), "")
+    return ""
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what the compiler writes to the standard error itself when it panics."""
+    kept, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nothing)
 
 
 def _restore_offsets(json: Any, paths: dict[int, str], tree: SourceTree) -> None:
@@ -93,23 +130,6 @@ def _restore_offsets(json: Any, paths: dict[int, str], tree: SourceTree) -> None
             _restore_offsets(item, paths, tree)
 
 
-def refusal(tree: SourceTree, model: str, text: str) -> str:
-    """The compiler's message, headed by the line of the model, followed by the lines of the names in it."""
-    item = tree.classes[model]
-    lines = [f"{tree.shown(item.file)}:{item.line}: the Modelica compiler refuses {model}"]
-    lines += [f"  {line}" for line in text.splitlines()]
-    if "'Modelica." in text:
-        lines.append(
-            "  The Modelica Standard Library is not found: name its folder by --library or MODELICAPATH."
-        )
-    for name in dict.fromkeys(_QUOTED.findall(text)):
-        last = name.rpartition(".")[2]
-        found = [token.line for token in item.tokens if token.text == last]
-        if found:
-            lines.append(f"  {tree.shown(item.file)}:{found[0]}: {last}")
-    return "\n".join(lines)
-
-
 def _syntax(tree: SourceTree, validate: Callable[[str], Iterable[Any]]) -> list[str]:
     """The first mistake of syntax in each file; of a folder the compiler only says that there is one.
 
@@ -124,6 +144,12 @@ def _syntax(tree: SourceTree, validate: Callable[[str], Iterable[Any]]) -> list[
             if what and where:
                 if named := _keywords_as_names(text, tree.shown(path)):
                     found += named
+                    continue
+                if twice := re.match(r"parse error: Duplicate declaration of '(\w+)'", what[1].strip()):
+                    found.append(
+                        f"{tree.shown(path)}:{where[1]}: `{twice[1]}` is declared a second time; give it "
+                        "another name"
+                    )
                     continue
                 missing = "; is a ; missing before it?" if " ;," in first[0] else ""
                 found.append(f"{tree.shown(path)}:{where[1]}: {what[1].strip()}{missing}")

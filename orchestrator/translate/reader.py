@@ -35,7 +35,14 @@ from .flatten import RUMOCA_VERSION, flatten
 from .sources import Location, SourceTree
 from .unit_arrays import keep_unit_arrays
 
-_READ = {"variables", "equations", "assert_equations", "model_description", "variable_final_flags"}
+_READ = {
+    "is_partial",
+    "variables",
+    "equations",
+    "assert_equations",
+    "model_description",
+    "variable_final_flags",
+}
 _EMPTY = {
     "initial_equations": "initial equations",
     "initial_structured_equations": "initial equations",
@@ -47,7 +54,6 @@ _EMPTY = {
     "branches": "overconstrained connections",
     "optional_edges": "overconstrained connections",
     "potential_roots": "overconstrained connections",
-    "is_partial": "a partial model",
 }
 _LOOP = frozenset(
     "domain first_equation_index equations_per_point origin span regular template "
@@ -132,6 +138,8 @@ class _FlatReader:
 
     def _check_sections(self) -> None:
         flat = self._flat
+        if flat["is_partial"]:
+            raise BuildError(f"{self._where}: the model is partial; build a model that extends it")
         for section, value in flat.items():
             if section in _EMPTY and value:
                 raise BuildError(f"{self._first_place(value)}: {_EMPTY[section]} are not supported")

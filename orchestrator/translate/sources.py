@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from orchestrator.base.errors import BuildError, listed, nearest
 from orchestrator.base.temporary_folders import scratch_folder
@@ -37,13 +38,20 @@ _BEFORE_DECLARED = frozenset({"]", "Real", "Integer", "Boolean", "String", "func
 
 @dataclass(frozen=True)
 class Location:
-    """A line of a source file, printed as file:line."""
+    """A place in a source file, printed as file:line:column; without a column where that is not known."""
 
     file: str
     line: int
+    column: int = 0
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}"
+        return f"{self.file}:{self.line}" + (f":{self.column}" if self.column else "")
+
+
+def location(file: str, text: str, start: int) -> Location:
+    """The place of a character of a file's text."""
+    before = text[:start]
+    return Location(file, before.count("\n") + 1, start - before.rfind("\n"))
 
 
 @dataclass(frozen=True)
@@ -159,9 +167,13 @@ class SourceTree:
         )
 
     def place(self, path: str, offset: int) -> Location:
-        """Line at a byte offset of a file."""
-        text = self.texts[path].encode()
-        return Location(self.shown(path), text.count(b"\n", 0, offset) + 1)
+        """The place at a byte offset of a file."""
+        text = self.texts[path]
+        return location(self.shown(path), text, len(text.encode()[:offset].decode(errors="ignore")))
+
+    def at(self, path: str, token: Token) -> Location:
+        """The place of a token of a file."""
+        return location(self.shown(path), self.texts[path], token.start)
 
     @contextmanager
     def marked_copy(self, renamed: bool = True) -> Iterator[Path]:
@@ -173,11 +185,11 @@ class SourceTree:
         """
         folder = scratch_folder("modelica-").resolve()
         try:
-            for path, text in self.texts.items():
+            for path in self.texts:
                 target = folder / path
                 target.parent.mkdir(parents=True, exist_ok=True)
                 # Bytes: text mode would turn line ends on Windows, and with them every offset.
-                target.write_bytes(self._marked(path, text, renamed).encode())
+                target.write_bytes(self.marked(path, renamed).encode())
             (folder / f"{DELAY}.mo").write_bytes(_DELAY_DECLARATION.encode())
             yield folder
         finally:
@@ -189,9 +201,7 @@ class SourceTree:
         calls = []
         for index, token in enumerate(tokens[:-1]):
             if token.text == DELAY:
-                raise BuildError(
-                    f"{self.shown(path)}:{token.line}: the name {DELAY} is reserved; choose another"
-                )
+                raise BuildError(f"{self.at(path, token)}: the name {DELAY} is reserved; choose another")
             if token.text != "delay" or tokens[index + 1].text != "(":
                 continue
             before = tokens[index - 1] if index else None
@@ -202,7 +212,9 @@ class SourceTree:
                 calls.append(token)
         return calls
 
-    def _marked(self, path: str, text: str, renamed: bool) -> str:
+    def marked(self, path: str, renamed: bool = True) -> str:
+        """A file as the compiler sees it; see `marked_copy`."""
+        text = self.texts[path]
         letters = list(text)
         for token in self.delay_calls(path):
             letters[token.start : token.start + len(DELAY)] = DELAY
@@ -210,6 +222,46 @@ class SourceTree:
             if token.text in self.renamed:
                 letters[token.start : token.start + len(token.text)] = self.renamed[token.text]
         return "".join(letters)
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Places of what the compiler counts in bytes of the files that it saw.
+
+    Attributes:
+        tree: the source files.
+        files: compiler's number of a file -> its path within the tree, or its full path; its text.
+        renamed: whether the compiler saw other names; see `SourceTree.marked_copy`.
+        inserted: bytes put in before the class of the model.
+    """
+
+    tree: SourceTree | None = None
+    files: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    renamed: bool = False
+    inserted: tuple[str, int, int] = ("", 0, 0)
+
+    def __call__(self, provenance: Mapping[str, Any]) -> Location | None:
+        """The place of a span, or of what holds one; None if the file is not known."""
+        span = provenance.get("span") or provenance
+        path, text = self.files.get(span.get("source", 0), ("", ""))
+        if not path or not isinstance(span.get("start"), int):
+            return None
+        start = span["start"]
+        if path == self.inserted[0] and start > self.inserted[1]:
+            start -= self.inserted[2]
+        if self.tree is not None and path in self.tree.texts:
+            return self.tree.place(path, self.tree.restore_offset(path, start) if self.renamed else start)
+        return location(path, text, len(text.encode()[:start].decode(errors="ignore")))
+
+    def name(self, declaration: Mapping[str, Any], name: str) -> Location | None:
+        """The place of the name in a declaration that ends with it, else that of the declaration."""
+        span = declaration.get("span") or declaration
+        last = re.split(r"\.(?![^\[]*\])", name)[-1]
+        text = self.files.get(span.get("source", 0), ("", ""))[1]
+        end = span.get("end", 0)
+        if text.encode()[:end].endswith(last.encode()):
+            return self({**span, "start": end - len(last.encode())})
+        return self(span)
 
 
 def load_sources(model_file: Path) -> SourceTree:

@@ -65,7 +65,7 @@ def test_messages_have_the_names_and_lines_of_the_source(tmp_path):
     )
     with pytest.raises(BuildError) as caught:
         build(path, tmp_path / "Model.fmu", platforms=())
-    assert f"{path}:5: missing" in str(caught.value)
+    assert f"{path}:5:9: `missing`" in str(caught.value)
     assert "case1" not in str(caught.value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import build_extra  # noqa: F401
@@ -16,46 +17,48 @@ from orchestrator.translate.build import build, translate
 REFUSALS = {
     "redundant equations": (
         "Real x;\nReal y;\nequation\nx + y = 1;\n2*x + 2*y = 2;",
-        "{f}:5, {f}:6: the equations do not determine x, y: they say the same or contradict each other",
+        "{f}:5:1, {f}:6:1: the equations do not determine x, y: they say the same or contradict each other",
     ),
     "delay of itself": (
         "Real x;\nequation\nx = time + delay(x, 0.1);",
-        "{f}:4: the operand of this delay() depends on the delay's own value ({f}:4), a loop if the delay is "
-        "zero; put a state between them",
+        "{f}:4:12: the operand of this delay() depends on the delay's own value ({f}:4:12), a loop if the "
+        "delay is zero; put a state between them",
     ),
     "equality of Reals": (
         "Real x;\nequation\nx = noEvent(if time == 1 then 1 else 0);",
-        "{f}:4: time == 1 compares Reals for equality, which Modelica does not allow; use <= or >=",
+        "{f}:4:1: time == 1 compares Reals for equality, which Modelica does not allow; use <= or >=",
     ),
     "start from an input": (
         "input Real u;\nReal x(start=u, fixed=true);\nequation\nder(x) = 1;",
-        "{f}:3: the start value of x is u; it can depend on parameters only",
+        "{f}:3:6: the start value of x is u; it can depend on parameters only",
     ),
     "fixed algebraic": (
         "Real x(start=1, fixed=true);\nequation\nx = time;",
-        "{f}:2: x has fixed=true but is no state; drop it, or write the equation so that der() of it appears",
+        "{f}:2:6: x has fixed=true but is no state; drop it, or write the equation so that der() of it "
+        "appears",
     ),
     "limit of a limit": (
         "input Real u;\nReal x;\nequation\nx = delay(u, 0.1 + noEvent(abs(u)), u);",
-        "{f}:5: the limit of a delay is u; it can depend on parameters only",
+        "{f}:5:5: the limit of a delay is u; it can depend on parameters only",
     ),
     "display unit": (
         'parameter Real p(unit="rad/s", displayUnit="mm") = 1;\nReal x = p*time;\nequation\n',
-        "{f}:2: displayUnit 'mm' does not fit unit 'rad/s': rad/s [s-1.rad] cannot be converted to mm [m]",
+        "{f}:2:16: displayUnit 'mm' does not fit unit 'rad/s': rad/s [s-1.rad] cannot be converted to mm [m]",
     ),
     "unknown name": (
         "Real x;\nequation\nx = speed;",
-        "{f}:1: the Modelica compiler refuses Model\n"
-        "  Model could not be compiled: unresolved component reference: 'speed'\n"
-        "  Related failures (showing 1):\n"
-        "  - <resolve> [Resolve]: unresolved component reference: 'speed'\n"
-        "  {f}:4: speed",
+        "{f}:4:5: `speed` is declared nowhere in reach; declare it, or correct its name.",
     ),
     "input with an equation": (
         "input Real u = 3;\nReal x;\nequation\nx = u;",
-        "{f}:2: the input u has a value of its own; give it as start",
+        "{f}:2:12: the input u has a value of its own; give it as start",
     ),
 }
+
+
+def words(error: BaseException) -> str:
+    """A message without the lines of the source."""
+    return "\n".join(line for line in str(error).splitlines() if not re.match(r" +\d* \| ", line))
 
 
 @pytest.mark.parametrize("body, message", REFUSALS.values(), ids=REFUSALS)
@@ -63,14 +66,14 @@ def test_refusal(body, message, tmp_path):
     path = bench.model_file(tmp_path, f"model Model\n{body}\nend Model;\n")
     with pytest.raises(BuildError) as caught:
         translate(path)
-    assert str(caught.value) == message.replace("{f}", str(path))
+    assert words(caught.value) == message.replace("{f}", str(path))
 
 
 def refused(path: Path, **options: object) -> str:
     with pytest.raises(BuildError) as caught:
         build(path, path.with_suffix(".fmu"), platforms=(), **options)
     assert not path.with_suffix(".fmu").exists()
-    return str(caught.value)
+    return words(caught.value)
 
 
 def test_a_derivative_of_an_input_is_refused(tmp_path):
@@ -79,8 +82,8 @@ def test_a_derivative_of_an_input_is_refused(tmp_path):
         tmp_path, "model Model\ninput Real u;\nReal x;\nequation\nx = der(u);\nend Model;\n"
     )
     assert refused(path) == (
-        f"{path}:1: the Modelica compiler refuses Model\n"
-        f"  {path}:5: der(...) must name a coordinate classified as a continuous state"
+        f"{path}:5:5: der() of an input or of a value that jumps is not supported; give the derivative as a "
+        "further input"
     )
 
 
@@ -171,8 +174,8 @@ def test_what_flattening_loses_is_noticed(tmp_path):
     with pytest.raises(BuildError) as caught:
         audit_flattened(tree, used, set(), [])
     assert str(caught.value) == (
-        f"{path}:4: delay() is lost in flattening; put it into an equation of its own\n"
-        f"{path}:5: assert() is lost in flattening; put it into the equation section"
+        f"{path}:4:5: delay() is lost in flattening; put it into an equation of its own\n"
+        f"{path}:5:1: assert() is lost in flattening; put it into the equation section"
     )
 
 
@@ -195,17 +198,17 @@ def test_an_unknown_part_of_the_representation_is_refused(tmp_path, monkeypatch)
         f"{path}:1: the compiler's representation has a section 'clocks' that is not known; use rumoca 0.10.2"
     )
     assert altered(lambda flat: flat["variables"]["x"].update(inverse=1)) == (
-        f"{path}:2: x has the attributes inverse, which are not supported"
+        f"{path}:2:6: x has the attributes inverse, which are not supported"
     )
     assert altered(lambda flat: flat["equations"][0].update(guard=1)) == (
-        f"{path}:4: the compiler describes this equation by guard, which is not supported"
+        f"{path}:4:1: the compiler describes this equation by guard, which is not supported"
     )
     residual = {"Binary": {"op": "Sub", "lhs": {"Quaternion": {}}, "rhs": {"Quaternion": {}}}}
     assert altered(lambda flat: flat["equations"][0].update(residual=residual)) == (
-        f"{path}:4: expressions of kind Quaternion are not supported"
+        f"{path}:4:1: expressions of kind Quaternion are not supported"
     )
     assert altered(lambda flat: flat["equations"][0].update(scalar_count=2)) == (
-        f"{path}:4: the compiler counts 2 scalar equations here, 1 were read"
+        f"{path}:4:1: the compiler counts 2 scalar equations here, 1 were read"
     )
     monkeypatch.setattr(reader, "flatten", flatten.flatten)
     monkeypatch.setattr(flatten, "version", lambda name: "0.9.13")

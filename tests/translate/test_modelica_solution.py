@@ -225,7 +225,7 @@ def test_nested_models_keep_their_ports_inside():
     assert "robot.delayed_command = delay(robot.command, robot.tau_m)" in equations
     assert flat.experiment == {"StopTime": 3.0, "Interval": 1e-4, "Tolerance": 1e-8}
     lines = [str(e.location) for e in flat.equations]
-    assert sum(line.endswith("DockingHIL/RobotResponse.mo:15") for line in lines) == 1
+    assert sum("DockingHIL/RobotResponse.mo:15:" in line for line in lines) == 1
 
 
 def test_delay_is_a_name_like_any_other(tmp_path):
@@ -258,7 +258,7 @@ def test_a_corrupted_solution_fails_the_self_check(tmp_path, factor):
         with pytest.raises(BuildError, match="self-check: the solution does not satisfy") as caught:
             check(build_program(wrong))
         line = 7 if group == "algebraics" else 6
-        assert str(caught.value).startswith(f"{tmp_path}/Model.mo:{line}: ")
+        assert str(caught.value).startswith(f"{tmp_path}/Model.mo:{line}:")
 
 
 def test_two_symbols_of_one_name_fail_the_self_check(tmp_path):

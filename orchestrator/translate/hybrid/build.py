@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
 from orchestrator.base.errors import BuildError
 
 from ..audit import experiment
+from ..complaints import UNBALANCED, CompilerRefusal
 from ..documents import sources_used
 from ..package import FmiVersion, hybrid_sources, source_members
 from ..presentation import dress, sources_of
@@ -17,9 +20,51 @@ from .code import generate_hybrid_c, layout_of
 from .dae import read_dae
 from .description import describe_hybrid
 from .front_end import dae_form
-from .structure import solve_order
+from .structure import System, solve_order, unbalanced
 
-__all__ = ["translate_hybrid"]
+__all__ = ["counted", "solved", "translate_hybrid", "understood"]
+
+_DEEPEST = 12_000  # calls of Python, for expressions of recursive functions
+
+
+def solved(tree: SourceTree, name: str, libraries: Sequence[Path] = ()) -> System:
+    """A model in the order of its solution. Raises: BuildError for what is not supported."""
+    try:
+        document = dae_form(tree, name, libraries)
+    except CompilerRefusal as refusal:
+        raise counted(tree, name, libraries, refusal) from None
+    with understood(name):
+        return solve_order(read_dae(document, name))
+
+
+def counted(tree: SourceTree, name: str, libraries: Sequence[Path], refusal: CompilerRefusal) -> BuildError:
+    """The compiler's refusal; of an unbalanced model, by the variables and equations concerned."""
+    if UNBALANCED not in str(refusal):
+        return refusal
+    try:
+        with understood(name):
+            model = read_dae(dae_form(tree, name, libraries, partial=True), name)
+            states = [one.value for one in model.variables if one.role == "state"]
+            algebraics = [one.value for one in model.variables if one.role == "algebraic"]
+    except BuildError:
+        return refusal
+    different = len(states) + len(algebraics) != len(model.equations)
+    return unbalanced(model, states, algebraics) if different else refusal
+
+
+@contextmanager
+def understood(name: str) -> Iterator[None]:
+    """Where an error within is none of the model's, say so. Raises: BuildError."""
+    deepest = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(deepest, _DEEPEST))
+    try:
+        yield
+    except RecursionError:
+        raise BuildError(f"{name}: an expression is nested too deeply; split it") from None
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise BuildError(f"{name}: the compiler's form of the model is not understood: {error}") from error
+    finally:
+        sys.setrecursionlimit(deepest)
 
 
 def translate_hybrid(
@@ -34,13 +79,7 @@ def translate_hybrid(
     Returns: path within the FMU -> content; counts; notes.
     Raises: BuildError for what is not supported.
     """
-    document = dae_form(tree, name, libraries)
-    try:
-        system = solve_order(read_dae(document, name))
-    except RecursionError:
-        raise BuildError(f"{name}: an expression is nested too deeply; split it") from None
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise BuildError(f"{name}: the compiler's form of the model is not understood: {error}") from error
+    system = solved(tree, name, libraries)
     layout = layout_of(system)
     code = generate_hybrid_c(layout, identifier)
     version = cast(FmiVersion, fmi_version)

@@ -15,6 +15,8 @@ import numpy as np
 
 from orchestrator.base.errors import BuildError
 
+from ..faults import PlacedError, placed
+from ..sources import DELAY, Location, Spans
 from . import expression as ex
 from .expression import Expr
 
@@ -120,6 +122,8 @@ class DaeModel:
         clocks: phase and period of each [s].
         instants: times of events that are known beforehand [s].
         valueless: parameters without a value.
+        origins, initial_origins: places of the equations and initial equations.
+        declared: places of the variables, by their number.
     """
 
     name: str
@@ -134,6 +138,18 @@ class DaeModel:
     clocks: list[tuple[float, float]]
     instants: list[float]
     valueless: tuple[str, ...] = ()
+    origins: list[Location | None] = field(default_factory=list)
+    initial_origins: list[Location | None] = field(default_factory=list)
+    declared: list[Location | None] = field(default_factory=list)
+
+    def refusal(self, what: str, place: Location | None = None) -> BuildError:
+        """An error about the model, with a place if it is known."""
+        return BuildError(f"{self.name}: {what}") if place is None else PlacedError(f"{place}: {what}")
+
+    def place_of(self, one: Expr) -> Location | None:
+        """Where the variable of a symbol is declared."""
+        number = one.args[1] if len(one.args) > 1 else None
+        return self.declared[number] if isinstance(number, int) and number < len(self.declared) else None
 
     def name_of(self, one: Expr) -> str:
         """The name of the variable or derivative that a symbol stands for."""
@@ -147,6 +163,7 @@ def read_dae(document: Json, name: str) -> DaeModel:
     Raises: BuildError for what has no scalar form, by the construct's name.
     """
     storage = document["storage"]
+    spans = document.get("spans") or Spans()
     for key, what in (
         ("delays", "delay() beside events"),
         ("previous_values", "previous() of clocked models"),
@@ -154,22 +171,57 @@ def read_dae(document: Json, name: str) -> DaeModel:
         ("terminals", "terminal()"),
     ):
         if storage.get(key):
-            raise BuildError(f"{name}: {what} is not supported")
-    return _Reader(storage, name).model()
+            raise placed(_refuse(name, what), _first_place(storage[key], spans))
+    reader = _Reader(storage, name, spans)
+    try:
+        return reader.model()
+    except BuildError as error:
+        raise placed(error, spans(reader.here)) from None
+
+
+def _first_place(value: Any, spans: Spans) -> Location | None:
+    """The first place within a part of the form."""
+    if isinstance(value, dict):
+        if isinstance(value.get("span"), dict):
+            return spans(value)
+        value = list(value.values())
+    found = (_first_place(one, spans) for one in value) if isinstance(value, list) else iter(())
+    return next((one for one in found if one is not None), None)
+
+
+# What to write instead of a construct, by words of its refusal.
+_INSTEAD = {
+    "delay()": "give the delayed signal a model of its own, without events, and connect the FMUs",
+    "external function": "write it as a Modelica function, or make an FMU of its own",
+    "text": "choose by an Integer or an enumeration",
+    "previous()": "use sample() and pre()",
+    "clock": "use sample() and pre()",
+    "terminal()": "use a condition of time",
+    "reinit of an array": "reinit its elements one by one",
+    "calls itself": "write it as a for-loop",
+    "subscript of a matrix": "use a vector, or an if-expression over the rows",
+    "range": "give its bounds as numbers or constants",
+    "depend on each other at an event": "write a when-equation for each variable",
+}
 
 
 def _refuse(name: str, what: str) -> BuildError:
-    return BuildError(f"{name}: {what} is not supported beside events, algebraic loops or functions")
+    instead = next((text for words, text in _INSTEAD.items() if words in what), "")
+    told = f"{what} is not supported beside events, algebraic loops or functions"
+    return BuildError(f"{told}; {instead}" if instead else told)
 
 
 class _Reader:
-    def __init__(self, storage: Json, name: str) -> None:
+    def __init__(self, storage: Json, name: str, spans: Spans) -> None:
         self._s = storage
+        self._spans = spans
+        self.here: Json = {}  # of what is read
         self._name = name
         self._modes: list[Expr] = []
         self._mode_of: dict[Expr, int] = {}
         self._events = True
         self._nodes: dict[int, tuple[str, Any, list[int]]] = {}
+        self._provenance: dict[int, Json] = {}
         self._subscripts: dict[int, list[Json]] = {}
         self._number_nodes()
         self._depth = 0
@@ -180,8 +232,9 @@ class _Reader:
         table = self._s["expressions"]
         operands, subscripts = iter(table["operands"]), iter(table["subscripts"])
         number = 0
-        for node in table["nodes"]:
+        for node, provenance in zip(table["nodes"], table["provenance"], strict=True):
             ((kind, content),) = node.items()
+            self._provenance[number] = provenance
             taken = []
             if isinstance(content, dict):
                 taken = list(itertools.islice(operands, content.get("operand_count", 0)))
@@ -197,7 +250,9 @@ class _Reader:
         self._derivatives: list[np.ndarray] = []
         self._pre: list[np.ndarray] = []
         scalars: list[Scalar] = []
+        declared: list[Location | None] = []
         for variable in self._s["variables"]:
+            self.here = variable["declaration"]
             shape = tuple(self._s["value_types"][variable["value_type"]]["dimensions"])
             places = np.empty(shape, dtype=object)
             slopes, before = np.empty(shape, dtype=object), np.empty(shape, dtype=object)
@@ -215,12 +270,17 @@ class _Reader:
             self._elements.append(places)
             self._derivatives.append(slopes)
             self._pre.append(before)
+            declared += [self._spans.name(self.here, variable["name"])] * (len(scalars) - len(declared))
         for variable, places in zip(self._s["variables"], self._elements, strict=True):
+            self.here = variable["declaration"]
             self._complete(variable, places, scalars)
-        equations = self._residuals("continuous_equation_operations")
-        initial = self._residuals("initialization_equation_operations")
+        equations, origins = self._residuals("continuous_equation_operations")
+        initial, initial_origins = self._residuals("initialization_equation_operations")
         discretes = self._discretes()
-        conditions = [self._condition(one["node"]) for one in self._s["conditions"]]
+        conditions = []
+        for one in self._s["conditions"]:
+            self.here = one.get("provenance", {})
+            conditions.append(self._condition(one["node"]))
         actions = [self._action(one) for one in self._s["event_actions"]]
         values = []
         for key in ("initial_discrete_values", "initial_parameter_values"):
@@ -232,7 +292,7 @@ class _Reader:
         return DaeModel(
             self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes,
             clocks,
-            sorted(set(instants)), tuple(self._valueless),
+            sorted(set(instants)), tuple(self._valueless), origins, initial_origins, declared,
         )  # fmt: skip
 
     def _scalar(self, variable: Json, name: str) -> Scalar:
@@ -295,17 +355,20 @@ class _Reader:
             for place, one in enumerate(entry["domain"]["binders"])
         ]
 
-    def _residuals(self, key: str) -> list[Expr]:
+    def _residuals(self, key: str) -> tuple[list[Expr], list[Location | None]]:
         found: list[Expr] = []
+        origins: list[Location | None] = []
         for operation in self._s[key]:
             ((kind, content),) = operation.items()
+            self.here = content.get("provenance", {})
             if kind == "residual":
                 found += list(np.ravel(self._at(content["residual"], {})))
             elif kind == "structured":
                 found += self._structured(content)
             else:
                 raise _refuse(self._name, f"an equation of the kind {kind}")
-        return found
+            origins += [self._spans(self.here)] * (len(found) - len(origins))
+        return found, origins
 
     def _structured(self, content: Json) -> list[Expr]:
         if content["scalar_view"] == "RowMajorProjection":
@@ -320,12 +383,14 @@ class _Reader:
     def _discretes(self) -> list[Discrete]:
         found = []
         for one in self._s["discrete_real_equations"]:
+            self.here = one.get("provenance", {})
             activation = one["activation"]
             trigger, guard = self._activation(activation)
             for residual in np.ravel(self._at(one["residual"], {})):
                 target, value = self._solved(residual)
                 found.append(Discrete(target, (Branch(value, trigger, guard),)))
         for one in self._s["discrete_value_owners"]:
+            self.here = one.get("provenance", {})
             branches: list[list[Branch]] = []
             targets = [list(self._elements[number].ravel()) for number in one["targets"]]
             for branch in one["branches"]:
@@ -392,6 +457,7 @@ class _Reader:
         raise _refuse(self._name, f"a condition of the kind {kind}")
 
     def _action(self, action: Json) -> Action:
+        self.here = action.get("provenance", {})
         ((kind, content),) = action["kind"].items()
         where = action["trigger"], action["guard"]
         match kind:
@@ -440,6 +506,13 @@ class _Reader:
         return list(value) if len(value) == size else [value.item()] * size
 
     def _at(self, number: int, bound: Mapping[Any, Any]) -> Any:
+        """As `_value`; an error gets the place of the innermost expression."""
+        try:
+            return self._value(number, bound)
+        except BuildError as error:
+            raise placed(error, self._spans(self._provenance[number])) from None
+
+    def _value(self, number: int, bound: Mapping[Any, Any]) -> Any:
         """An expression's value: a 0-dimensional or larger array of Expr, or an Expr.
 
         Args:
@@ -686,6 +759,8 @@ class _Reader:
             operands = self._nodes[content["owner"]][2]
         function = self._s["functions"][content["function"]]
         if function["external"]:
+            if function["name"] == DELAY:
+                raise _refuse(self._name, "delay()")
             raise _refuse(self._name, f"the external function {function['name']}()")
         if content.get("derivative"):
             raise _refuse(self._name, f"a derivative of the function {function['name']}()")

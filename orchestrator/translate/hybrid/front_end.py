@@ -13,21 +13,13 @@ from typing import Any
 
 from orchestrator.base.errors import BuildError
 
-from ..flatten import refusal
-from ..sources import SourceTree
+from ..complaints import CompilerRefusal, explained
+from ..sources import SourceTree, Spans
 
 __all__ = ["dae_form", "library_paths", "modernised"]
 
 # The compiler has models that it never ends with.
 _TIME_LIMIT = 120.0
-# What words of the compiler mean for the author of a model.
-_HINTS = {
-    "function statement": "Functions may hold assignments, if and for; write while and break as these.",
-    "sequential read": "An algorithm that reads what it has set before becomes a function or equations.",
-    "sample interval is not": "The period of sample() has to be a number or a parameter with a value.",
-    "delayTime is not": "The time of delay() has to be a number or a parameter with a value.",
-    "expandable connector": "Declare the members of an expandable connector in it.",
-}
 
 
 def library_paths(given: Sequence[Path] = ()) -> tuple[Path, ...]:
@@ -45,7 +37,12 @@ def library_paths(given: Sequence[Path] = ()) -> tuple[Path, ...]:
 
 
 def dae_form(
-    tree: SourceTree, model: str, libraries: Sequence[Path] = (), time_limit: float = _TIME_LIMIT
+    tree: SourceTree,
+    model: str,
+    libraries: Sequence[Path] = (),
+    time_limit: float = _TIME_LIMIT,
+    *,
+    partial: bool = False,
 ) -> dict[str, Any]:
     """Run the compiler.
 
@@ -54,7 +51,8 @@ def dae_form(
         model: qualified name.
         libraries: folders with further libraries.
         time_limit: [s].
-    Returns: the DAE form.
+        partial: whether the model is called partial, so that the compiler counts no equations.
+    Returns: the DAE form; its "spans" give places.
     Raises: BuildError if the compiler refuses the model, ends by itself or does not end.
     """
     libraries = _used(tree, libraries)
@@ -63,6 +61,7 @@ def dae_form(
         restored = tree.restored if not libraries else str
         if libraries:
             modernised(folder)
+        inserted = _called_partial(tree, model, folder) if partial else ("", 0, 0)
         asked = {
             "roots": [str(folder), *(str(one.resolve()) for one in libraries)],
             "file": str(folder / tree.main),
@@ -83,10 +82,30 @@ def dae_form(
             ) from None
         if done.returncode:
             text = restored(done.stderr.strip() or "it ended without a message")
-            hints = [f"  {hint}" for words, hint in _HINTS.items() if words in text]
-            text = refusal(tree, model, _short(text.replace(f"{folder}/", tree.label)))
-            raise BuildError("\n".join([text, *hints]))
-        return dict(json.loads(restored(done.stdout)))
+            raise CompilerRefusal(explained(tree, model, _short(text.replace(f"{folder}/", tree.label))))
+        document = dict(json.loads(restored(done.stdout)))
+        prefix = f"{folder.as_posix()}/"
+        files = {
+            number: (path.replace("\\", "/").removeprefix(prefix), text)
+            for number, path, text in document.get("source_map", {}).get("files", ())
+        }
+        document["spans"] = Spans(tree, files, renamed=not libraries, inserted=inserted)
+        return document
+
+
+def _called_partial(tree: SourceTree, model: str, folder: Path) -> tuple[str, int, int]:
+    """Put `partial` before a model's keyword; returns the file, the byte before it, and its length."""
+    item = tree.classes[model]
+    path = folder / item.file
+    text = path.read_text(encoding="utf-8")
+    name = model.rpartition(".")[2]
+    lines = text.split("\n")
+    begin = len("\n".join(lines[: item.line - 1])) + (item.line > 1)
+    found = re.compile(rf"\b{item.kind}\s+{re.escape(name)}\b").search(text, begin)
+    if found is None or text[:begin].rstrip().endswith("partial"):
+        return "", 0, 0
+    path.write_text(f"{text[: found.start()]}partial {text[found.start() :]}", encoding="utf-8")
+    return item.file, len(text[: found.start()].encode()), len("partial ")
 
 
 def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:

@@ -14,11 +14,13 @@ from dataclasses import dataclass, replace
 from orchestrator.base.errors import BuildError, listed
 from orchestrator.base.graph import strong_components
 
+from ..faults import PlacedError
+from ..sources import Location
 from . import expression as ex
 from .dae import DaeModel, Scalar
 from .expression import Expr
 
-__all__ = ["Block", "System", "solve_order"]
+__all__ = ["Block", "System", "solve_order", "unbalanced"]
 
 _HIGHEST_ORDER = 12
 
@@ -89,11 +91,16 @@ def solve_order(model: DaeModel) -> System:
     )
     for one in algebraics:
         if one not in unknowns:
-            raise BuildError(f"{model.name}: no equation determines {by_symbol[one].name}")
+            raise model.refusal(
+                f"no equation determines {by_symbol[one].name}; add one that holds it", model.place_of(one)
+            )
     owner = _matched(ordered, set(unknowns))
     if missing := [one for one in unknowns if one not in owner]:
         names = listed(model.name_of(one) for one in missing)
-        raise BuildError(f"{model.name}: the equations do not determine {names}")
+        raise model.refusal(
+            f"the equations do not determine {names}: some say the same or contradict each other",
+            model.place_of(missing[0]),
+        )
     used = set(owner.values())
     constraints = [equation for number, equation in enumerate(ordered) if number not in used]
     blocks = _blocks(ordered, owner)
@@ -110,11 +117,55 @@ def _continuous(one: Expr, by_symbol: dict[Expr, Scalar]) -> bool:
     return one.args[0] == "der" or (one in by_symbol and by_symbol[one].role in ("state", "algebraic"))
 
 
+def _places(origins: Sequence[Location | None], equations: Sequence[Expr]) -> list[Location | None]:
+    """The places of equations; None for each where they are not known."""
+    return list(origins) if len(origins) == len(equations) else [None] * len(equations)
+
+
 def _check_count(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> None:
     count, wanted = len(model.equations), len(states) + len(algebraics)
     if count != wanted:
-        kind = "many" if count > wanted else "few"
-        raise BuildError(f"{model.name}: too {kind} equations: {count} for {wanted} unknowns")
+        raise unbalanced(model, states, algebraics)
+
+
+def unbalanced(model: DaeModel, states: Sequence[Expr], algebraics: Sequence[Expr]) -> BuildError:
+    """What to say of a model whose numbers of equations and unknowns differ, by variables and places.
+
+    Unknowns that no equation is left for, and equations that no unknown is left for, are found by matching
+    (Dulmage and Mendelsohn's decomposition).
+    """
+    slopes = {ex.symbol("der", one.args[1], 1) for one in states}
+    unknowns = slopes | set(algebraics)
+    count = f"{len(model.equations)} equations for {len(unknowns)} unknowns"
+    by_state = {one: model.name_of(one) for one in states}
+    owner: dict[Expr, int] = {}
+    surplus: list[int] = []
+    for number in range(len(model.equations)):
+        if not _augment(number, model.equations, unknowns, owner, set(), set()):
+            surplus.append(number)
+    origins = _places(model.origins, model.equations)
+    told = []
+    for number in surplus:
+        reached: set[int] = set()
+        _augment(number, model.equations, unknowns, owner, reached, set())
+        others = [str(one) for one in dict.fromkeys(origins[n] for n in sorted(reached - {number})) if one]
+        names = listed(
+            sorted({model.name_of(u) for n in reached for u in model.equations[n].free & unknowns}), 5
+        )
+        what = f"too many equations ({count}): this one is one too many"
+        if names != "none":
+            what += f" for {names}"
+        elif known := sorted(by_state[one] for one in model.equations[number].free if one in by_state):
+            what += f": the derivative of {listed(known, 5)} determines it already"
+        what += f", which {listed(others, 3)} determine already" if others else ""
+        told.append(str(model.refusal(f"{what}; drop one of them", origins[number])))
+    for one in sorted(unknowns - owner.keys(), key=lambda one: one.args[1:]):
+        what = (
+            f"too few equations ({count}): none is left that determines {model.name_of(one)}; add one, or "
+            "declare it a parameter or an input"
+        )
+        told.append(str(model.refusal(what, model.place_of(one))))
+    return PlacedError("\n".join(told))
 
 
 # Aliases
@@ -123,12 +174,13 @@ def _check_count(model: DaeModel, states: list[Expr], algebraics: list[Expr]) ->
 def _without_aliases(model: DaeModel, by_symbol: dict[Expr, Scalar]) -> tuple[DaeModel, dict[Expr, Expr]]:
     """Take equations a = b and a = -b out, and replace one by the other in all others."""
     aliases: dict[Expr, Expr] = {}
-    rest = []
-    for equation in model.equations:
+    rest, origins = [], []
+    for equation, origin in zip(model.equations, _places(model.origins, model.equations), strict=True):
         now = ex.substituted(equation, aliases)
         found = _alias(now, by_symbol)
         if found is None:
             rest.append(now)
+            origins.append(origin)
             continue
         variable, value = found
         by = {variable: value}
@@ -139,10 +191,11 @@ def _without_aliases(model: DaeModel, by_symbol: dict[Expr, Scalar]) -> tuple[Da
         return ex.substituted(one, aliases, known)
 
     if not aliases:
-        return model, aliases
+        return replace(model, origins=origins), aliases
     return replace(
         model,
         equations=[replaced(one) for one in rest],
+        origins=origins,
         initial_equations=[replaced(one) for one in model.initial_equations],
         initial_values=[(one, replaced(value)) for one, value in model.initial_values],
         discretes=[
@@ -208,9 +261,10 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
             if _augment(current, equations, highest, owner, seen_equations, seen):
                 break
             if not seen and not (equations[current].free & set(variables)):
-                raise BuildError(
-                    f"{model.name}: an equation holds no unknown; a component whose connectors are not "
-                    "connected is no complete model: build a model that uses it"
+                raise model.refusal(
+                    "an equation holds no unknown; a component whose connectors are not connected is no "
+                    "complete model: build a model that uses it",
+                    _places(model.origins, model.equations)[number],
                 )
             for one in sorted(seen, key=lambda one: (one.args[0] == "der", one.args[1:])):
                 order = one.args[2] + 1 if one.args[0] == "der" else 1
@@ -222,7 +276,12 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
                 try:
                     made = ex.derivative(equations[place], seeds)
                 except ex.NoDerivative as error:
-                    raise BuildError(f"{model.name}: index reduction: {error}") from None
+                    origin = _places(model.origins, model.equations)[number]
+                    raise model.refusal(
+                        f"index reduction differentiates this equation, but {error}; give the derivative as "
+                        "a further input, or a state in between",
+                        origin,
+                    ) from None
                 higher[place] = len(equations)
                 equations.append(made)
             for one in seen:
@@ -241,7 +300,12 @@ def _reduced(model: DaeModel, states: list[Expr], algebraics: list[Expr]) -> lis
 
 def _singular(model: DaeModel, seen: Iterable[Expr]) -> BuildError:
     names = sorted({model.name_of(one) for one in seen})
-    return BuildError(f"{model.name}: the equations are structurally singular in {listed(names)}")
+    place = next((p for p in map(model.place_of, sorted(seen, key=lambda one: one.args[1:])) if p), None)
+    return model.refusal(
+        f"the equations are structurally singular in {listed(names)}: some say the same or contradict each "
+        "other",
+        place,
+    )
 
 
 def _augment(
@@ -432,26 +496,31 @@ def _initial(
         *(ex.sub(one.value, ex.symbol("start", one.value.args[1])) for one in weak),
     ]
     owner: dict[Expr, int] = {}
+    told: list[str] = []
+    origins = [*_places(model.initial_origins, model.initial_equations), *(model.place_of(a) for a in given)]
     for number, equation in enumerate(equations):
         if _augment(number, equations, sought, owner, set(), set()) or number < begins:
             continue
         if number < len(required):
-            raise BuildError(
-                f"{model.name}: too many initial equations: 0 = {_shown(equation, by_symbol)} is one too many"
-            )
-        if number < len(required) + len(starts):
-            name = fixed[number - len(required)].name
+            names = _shown(equation, by_symbol, model)
+            what = f"too many initial equations: this one{names} is one too many; drop it or a fixed=true"
+            told.append(str(model.refusal(what, origins[number - begins])))
+        elif number < len(required) + len(starts):
+            one = fixed[number - len(required)]
             if model.initial_equations:
-                raise BuildError(
-                    f"{model.name}: too many initial equations: with them the start value of {name} must not "
-                    "have fixed=true"
+                what = (
+                    f"too many initial equations: with them the start value of {one.name} must not have "
+                    "fixed=true; drop it"
                 )
-            notes.append(f"the start value of {name} is not used, since others determine {name}")
+                told.append(str(model.refusal(what, model.place_of(one.value))))
+                continue
+            notes.append(f"the start value of {one.name} is not used, since others determine {one.name}")
     if missing := [one for one in sorted(sought, key=lambda one: one.args[1:]) if one not in owner]:
         names = listed(model.name_of(one) for one in missing)
-        raise BuildError(
-            f"{model.name}: initialisation does not determine {names}; give start values with fixed=true"
-        )
+        what = f"initialisation does not determine {names}; give start values with fixed=true"
+        told.append(str(model.refusal(what, model.place_of(missing[0]))))
+    if told:
+        raise (PlacedError if any(model.declared) else BuildError)("\n".join(told))
     used = set(owner.values())
     taken = [one.name for k, one in enumerate(weak) if len(required) + len(starts) + k in used]
     if taken:
@@ -459,6 +528,6 @@ def _initial(
     return _blocks(equations, owner)
 
 
-def _shown(equation: Expr, by_symbol: dict[Expr, Scalar]) -> str:
-    names = sorted({by_symbol[one].name for one in equation.free if one in by_symbol})
-    return f"(an equation of {', '.join(names)})"
+def _shown(equation: Expr, by_symbol: dict[Expr, Scalar], model: DaeModel) -> str:
+    names = sorted({model.name_of(one) for one in equation.free if one in by_symbol or one.args[0] == "der"})
+    return f" for {listed(names, 5)}" if names else ""
