@@ -61,6 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="rumoca",
         help="rumoca: built in; omc: an installed OpenModelica (default: %(default)s)",
     )
+    looks = modelica.add_mutually_exclusive_group()
+    looks.add_argument(
+        "--check", action="store_true", help="list all faults of the model at once, and build nothing"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON, and no text")
 
 
@@ -69,12 +73,14 @@ def main(args: argparse.Namespace) -> int:
 
     Args:
         args: as declared by `add_arguments`.
-    Returns: 0.
+    Returns: 0; 1 if --check finds faults.
     Raises: BuildError for what cannot be built.
     """
     file: Path = args.model_file
     if not file.exists():  # before anything about what a build needs
         raise BuildError(f"{file}: no such file; give the .mo or .py file of a model")
+    if args.check:
+        return _check(args)
     output: Path = args.output or Path(f"{(args.model or file.stem).rpartition('.')[2]}.fmu")
     replaceable(output, (".fmu",), "--output")
     if file.suffix == ".py" and args.form == "native":
@@ -119,6 +125,42 @@ def main(args: argparse.Namespace) -> int:
     )
     _print(report, args.json)
     return 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    """Print all faults of a Modelica model; returns whether there are any."""
+    from ..translate.check import check_model
+
+    if args.model_file.suffix != ".mo":
+        raise BuildError(f"{args.model_file}: --check is for Modelica models; give a .mo file")
+    found = check_model(args.model_file, model=args.model, libraries=args.library)
+    code = int(bool(found.findings))
+    if args.json:
+        problems = [
+            {
+                "kind": one.kind,
+                "places": [
+                    {"file": file, "line": line, "column": column or None}
+                    for file, line, column in one.fault.places
+                ],
+                "problem": one.fault.what,
+                "details": [line.strip() for line in one.fault.details],
+            }
+            for one in found.findings
+        ]
+        told = {"exit_code": code, "model": found.model, "problems": problems}
+        told |= {"unchecked": list(found.unchecked), "notes": list(found.notes)}
+        print(json.dumps(told, ensure_ascii=False))
+        return code
+    if found.findings:
+        print(found.text())
+    for what in found.unchecked:
+        print(f"Not checked because of these problems: {what}.")
+    for note in found.notes:
+        print(f"  {note}")
+    count = len(found.findings)
+    print(f"{args.model_file}: {f'{count} problem' + 's' * (count > 1) if count else 'no problems'}")
+    return code
 
 
 def _platforms(text: str) -> tuple[str, ...]:

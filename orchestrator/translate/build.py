@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import TYPE_CHECKING, Literal, cast
 
 from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import scratch_root
@@ -27,6 +27,10 @@ from .package import (
     write_fmu,
 )
 from .sources import DELAY, SourceTree, load_sources
+
+if TYPE_CHECKING:
+    from .program import Program
+    from .selfcheck import CheckReport
 
 Compiler = Literal["rumoca", "omc"]
 ALL: tuple[str, ...] = tuple(PLATFORMS)
@@ -195,26 +199,32 @@ def in_file(tree: SourceTree, error: BuildError) -> str:
     return text if named or text.startswith(place) else f"{place}: {text}"
 
 
-def _explicit(tree: SourceTree, name: str, fmi_version: str) -> tuple[dict[str, bytes], TranslationReport]:
-    """The route for explicit differential equations with delays. Raises: BuildError."""
+def explicit_program(tree: SourceTree, name: str) -> tuple[Program, CheckReport]:
+    """A model of explicit differential equations, solved, and the check of that. Raises: BuildError."""
     from .causalise import solve
-    from .description import describe
-    from .documents import model_sections, sources_used
-    from .generate import generate_c, variable_table
-    from .presentation import dress, sources_of
     from .program import build_program
     from .reader import read_model
     from .selfcheck import check
     from .symbolic import symbolic_model
 
     try:
-        flat = read_model(tree, name)
-        program = build_program(solve(symbolic_model(flat)))
-        checked = check(program)
+        program = build_program(solve(symbolic_model(read_model(tree, name))))
+        return program, check(program)
     except RecursionError:
         raise BuildError(
             f"{tree.shown(tree.main)}: an expression of {name} is nested too deeply; split it"
         ) from None
+
+
+def _explicit(tree: SourceTree, name: str, fmi_version: str) -> tuple[dict[str, bytes], TranslationReport]:
+    """The route for explicit differential equations with delays. Raises: BuildError."""
+    from .description import describe
+    from .documents import model_sections, sources_used
+    from .generate import generate_c, variable_table
+    from .presentation import dress, sources_of
+
+    program, checked = explicit_program(tree, name)
+    flat = program.model.symbols.flat
     identifier = model_identifier(name)
     code = generate_c(program, identifier)
     table = variable_table(program)

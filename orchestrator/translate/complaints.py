@@ -286,7 +286,7 @@ def explained(
         for fault in _of_line(sources, line):
             start = f"{sources.start()}: "
             if message_of is not None and fault.startswith(start) and UNBALANCED not in fault:
-                if place := culprit(tree, model, message_of):
+                if place := culprit(tree, model, message_of, line):
                     fault = f"{place}: {fault.removeprefix(start)}"
             faults[fault] = None
     return "\n".join(faults)

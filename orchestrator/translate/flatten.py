@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -68,11 +68,11 @@ def flatten(tree: SourceTree, model: str) -> tuple[Json, dict[int, str]]:
             # A panic of the compiler is no Exception, and its class cannot be imported.
             if not isinstance(error, rumoca.RumocaError) and type(error).__name__ != "PanicException":
                 raise
-            if wrong := _syntax(tree, rumoca.validate_source):
+            if wrong := syntax_faults(tree.texts, tree.shown):
                 raise BuildError("\n".join(wrong)) from None
             text = _told(tree, model, folder, error)
             raise CompilerRefusal(
-                explained(tree, model, text, lambda other: _message(other, model))
+                explained(tree, model, text, lambda other: message_of(other, model))
             ) from None
         prefix = f"{folder.as_posix()}/"
         paths = {number: path.replace("\\", "/").removeprefix(prefix) for number, path, _ in files}
@@ -89,11 +89,28 @@ def _told(tree: SourceTree, model: str, folder: Path, error: BaseException) -> s
     return text.replace(f"{folder.as_posix()}/", tree.label).replace(DELAY, "delay")
 
 
-def _message(tree: SourceTree, model: str) -> str:
-    """What the compiler says about a model; "" if it takes it."""
+def called_partial(tree: SourceTree, model: str, folder: Path) -> tuple[str, int, int]:
+    """Put `partial` before a model's keyword; returns the file, the byte before it, and its length."""
+    item = tree.classes[model]
+    path = folder / item.file
+    text = path.read_text(encoding="utf-8")
+    name = model.rpartition(".")[2]
+    lines = text.split("\n")
+    begin = len("\n".join(lines[: item.line - 1])) + (item.line > 1)
+    found = re.compile(rf"\b{item.kind}\s+{re.escape(name)}\b").search(text, begin)
+    if found is None or text[:begin].rstrip().endswith("partial"):
+        return "", 0, 0
+    path.write_text(f"{text[: found.start()]}partial {text[found.start() :]}", encoding="utf-8")
+    return item.file, len(text[: found.start()].encode()), len("partial ")
+
+
+def message_of(tree: SourceTree, model: str, partial: bool = False) -> str:
+    """What the compiler says about a model, called partial or not; "" if it takes it."""
     import rumoca
 
     with tree.marked_copy() as folder, _quiet():
+        if partial:
+            called_partial(tree, model, folder)
         try:
             rumoca.Session(roots=[str(folder)]).load(str(folder / tree.main), model=model).to_json("dae")
         except BaseException as error:
@@ -130,29 +147,32 @@ def _restore_offsets(json: Any, paths: dict[int, str], tree: SourceTree) -> None
             _restore_offsets(item, paths, tree)
 
 
-def _syntax(tree: SourceTree, validate: Callable[[str], Iterable[Any]]) -> list[str]:
+def syntax_faults(texts: Mapping[str, str], shown: Callable[[str], str]) -> list[str]:
     """The first mistake of syntax in each file; of a folder the compiler only says that there is one.
 
     Args:
-        validate: the compiler's diagnostics of a text.
+        texts: content of each file.
+        shown: the path of a file as the user would write it.
     """
+    import rumoca
+
     found = []
-    for path, text in tree.texts.items():
-        for one in validate(text):
+    for path, text in texts.items():
+        for one in rumoca.validate_source(text):
             first = one.message.strip().split("EP001")[1:2] if one.rule == "syntax-error" else []
             what, where = (sought.search("".join(first)) for sought in (_WHAT, _WHERE))
             if what and where:
-                if named := _keywords_as_names(text, tree.shown(path)):
+                if named := _keywords_as_names(text, shown(path)):
                     found += named
                     continue
                 if twice := re.match(r"parse error: Duplicate declaration of '(\w+)'", what[1].strip()):
                     found.append(
-                        f"{tree.shown(path)}:{where[1]}: `{twice[1]}` is declared a second time; give it "
+                        f"{shown(path)}:{where[1]}: `{twice[1]}` is declared a second time; give it "
                         "another name"
                     )
                     continue
                 missing = "; is a ; missing before it?" if " ;," in first[0] else ""
-                found.append(f"{tree.shown(path)}:{where[1]}: {what[1].strip()}{missing}")
+                found.append(f"{shown(path)}:{where[1]}: {what[1].strip()}{missing}")
     return found
 
 

@@ -8,36 +8,40 @@ from dataclasses import replace
 from .lexer import Token
 from .sources import Location, SourceTree
 
-__all__ = ["culprit"]
+__all__ = ["culprit", "statements"]
 
 # Each try compiles the model once.
 _MOST_TRIES = 150
 _OPENING = ("for", "if", "when", "while")
 
 
-def culprit(tree: SourceTree, model: str, message_of: Callable[[SourceTree], str]) -> Location | None:
-    """The place of the equation or binding without which the compiler's message is another one.
+def culprit(
+    tree: SourceTree, model: str, message_of: Callable[[SourceTree], str], told: str
+) -> Location | None:
+    """The place of the equation or binding without which the compiler does not say what it does.
 
     Args:
         tree: the source files, whose compilation gives a message.
         model: qualified name of the model.
         message_of: compiles a tree; returns the message, "" if there is none.
+        told: what the compiler says, in its own words.
     """
     item = tree.classes[model]
     text = tree.texts[item.file]
-    message = message_of(tree)
-    for count, (first, last) in enumerate(_parts(item.tokens)):
+    if told not in message_of(tree):
+        return None
+    for count, (first, last) in enumerate(statements(item.tokens)):
         if count >= _MOST_TRIES:
             break
         end = last.start + len(last.text)
         blank = "".join(one if one == "\n" else " " for one in text[first.start : end])
         less = replace(tree, texts={**tree.texts, item.file: text[: first.start] + blank + text[end:]})
-        if message_of(less) != message:
+        if told not in message_of(less):
             return tree.at(item.file, first)
     return None
 
 
-def _parts(tokens: list[Token]) -> Iterator[tuple[Token, Token]]:
+def statements(tokens: list[Token]) -> Iterator[tuple[Token, Token]]:
     """First and last token of each equation, and of each value that a declaration gives."""
     begin, depth, brackets, section = 0, 0, 0, False
     value = -1

@@ -17,12 +17,12 @@ from ..package import FmiVersion, hybrid_sources, source_members
 from ..presentation import dress, sources_of
 from ..sources import SourceTree
 from .code import generate_hybrid_c, layout_of
-from .dae import read_dae
+from .dae import DaeModel, read_dae
 from .description import describe_hybrid
 from .front_end import dae_form
 from .structure import System, solve_order, unbalanced
 
-__all__ = ["counted", "solved", "translate_hybrid", "understood"]
+__all__ = ["counted", "read", "solved", "translate_hybrid", "understood"]
 
 _DEEPEST = 12_000  # calls of Python, for expressions of recursive functions
 
@@ -35,6 +35,12 @@ def solved(tree: SourceTree, name: str, libraries: Sequence[Path] = ()) -> Syste
         raise counted(tree, name, libraries, refusal) from None
     with understood(name):
         return solve_order(read_dae(document, name))
+
+
+def read(tree: SourceTree, name: str, libraries: Sequence[Path], *, partial: bool) -> DaeModel:
+    """A model in scalars; see `dae_form`. Raises: BuildError for what is not supported."""
+    with understood(name):
+        return read_dae(dae_form(tree, name, libraries, partial=partial), name)
 
 
 def counted(tree: SourceTree, name: str, libraries: Sequence[Path], refusal: CompilerRefusal) -> BuildError:
