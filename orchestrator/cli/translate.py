@@ -65,6 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     looks.add_argument(
         "--check", action="store_true", help="list all faults of the model at once, and build nothing"
     )
+    looks.add_argument(
+        "--show",
+        choices=("flat", "blocks"),
+        help="print the flat model as Modelica, or the sorted blocks of its equations, and build nothing",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON, and no text")
 
 
@@ -79,8 +84,18 @@ def main(args: argparse.Namespace) -> int:
     file: Path = args.model_file
     if not file.exists():  # before anything about what a build needs
         raise BuildError(f"{file}: no such file; give the .mo or .py file of a model")
+    if (args.check or args.show) and file.suffix != ".mo":
+        raise BuildError(f"{file}: --check and --show are for Modelica models; give a .mo file")
     if args.check:
         return _check(args)
+    if args.show:
+        from ..translate.show import show_model
+
+        text = show_model(file, args.show, model=args.model, libraries=args.library)
+        print(
+            json.dumps({"exit_code": 0, args.show: text}, ensure_ascii=False) if args.json else text, end=""
+        )
+        return 0
     output: Path = args.output or Path(f"{(args.model or file.stem).rpartition('.')[2]}.fmu")
     replaceable(output, (".fmu",), "--output")
     if file.suffix == ".py" and args.form == "native":
@@ -131,8 +146,6 @@ def _check(args: argparse.Namespace) -> int:
     """Print all faults of a Modelica model; returns whether there are any."""
     from ..translate.check import check_model
 
-    if args.model_file.suffix != ".mo":
-        raise BuildError(f"{args.model_file}: --check is for Modelica models; give a .mo file")
     found = check_model(args.model_file, model=args.model, libraries=args.library)
     code = int(bool(found.findings))
     if args.json:

@@ -1,0 +1,79 @@
+"""What became of a model on its way to an FMU, in text for its author."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from orchestrator.base.errors import BuildError, listed
+
+from .sources import load_sources
+
+if TYPE_CHECKING:
+    from .program import Program
+
+__all__ = ["Stage", "show_model"]
+
+Stage = Literal["flat", "blocks"]
+
+
+def show_model(
+    model_file: Path, stage: Stage, *, model: str | None = None, libraries: Sequence[Path] = ()
+) -> str:
+    """The flat model as Modelica, or the sorted blocks of its equations.
+
+    Args:
+        model_file, model, libraries: as for `build`.
+        stage: "flat" or "blocks".
+    Raises: BuildError as a build does.
+    """
+    from .build import explicit_program, illustrating, in_file, need_casadi
+    from .flat_text import flat_modelica
+    from .hybrid.blocks_text import blocks_text
+    from .hybrid.build import solved
+    from .hybrid.front_end import flat_form, library_paths
+
+    need_casadi()
+    tree = load_sources(Path(model_file))
+    with illustrating(tree):
+        name = tree.model_name(model)
+        folders = library_paths(libraries)
+        if stage == "flat":
+            flat, spans = flat_form(tree, name, folders)
+            return flat_modelica(flat, name, spans)
+        try:
+            return blocks_text(solved(tree, name, folders))
+        except BuildError as error:
+            told = in_file(tree, error)
+            if "delay()" in told:
+                return _explicit_text(explicit_program(tree, name)[0])
+            raise BuildError(told) from None
+
+
+def _explicit_text(program: Program) -> str:
+    """Of a model with delays: each value as it follows from time, states, inputs and delayed values."""
+    solved, symbols = program.model, program.model.symbols
+    lines = [
+        f"{symbols.flat.name}: {len(symbols.states)} states, {len(symbols.inputs)} inputs, "
+        f"{len(solved.delays)} delays, all explicit",
+        "",
+        f"Inputs: {listed(symbols.inputs, 40)}",
+        f"States: {listed(symbols.states, 40)}",
+        "",
+        "Initial system (once, before the first step)",
+        *(f"  {name} := {start}" for name, start in symbols.starts.items()),
+        "",
+        "Delays (from the history of their operands)",
+        *(f"  {one.symbol} := delay({one.operand}, {one.time})" for one in solved.delays),
+        "",
+        "Values (at each evaluation; each is written out to what is known)",
+        *(f"  {name} := {value}" for name, value in solved.algebraics.items()),
+        *(f"  der({name}) := {value}" for name, value in solved.derivatives.items()),
+    ]
+    if solved.relations:
+        lines += ["", "Events"]
+        lines += [
+            f"  {one.symbol}: state event where {one.expression} changes sign" for one in solved.relations
+        ]
+    return "\n".join(lines) + "\n"
