@@ -1,4 +1,4 @@
-"""`orchestrator challenge make | run | score`."""
+"""`orchestrator challenge [system] ...` of any system, and `make | run | score` of a rig."""
 
 from __future__ import annotations
 
@@ -15,13 +15,25 @@ from typing import Any
 from ..base.errors import ConfigError, Interrupted, Problem
 from ..results.file_formats import strict
 from ..results.progress import counting
+from .arguments import one_matrix_thread
 
 __all__ = ["add_arguments", "main"]
 
+_EITHER = "CONFIG or --random SEED"
+_DESCRIPTION = """Check diagnosis blind. `challenge CONFIG` and `challenge --random SEED` hide laws in a copy
+of a system that an independent solver integrates, search its logs as `diagnose --unknown-input` does, and
+score the verdicts. `make`, `run` and `score` do so for effects of a docking rig, with a sealed truth.
+"""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the three commands."""
-    parts = parser.add_subparsers(dest="part", required=True, metavar="make|run|score")
+    """Declare the four parts; `system` may be left out."""
+    one_matrix_thread()
+    parser.description = _DESCRIPTION
+    parts = parser.add_subparsers(dest="part", required=True, metavar="[system]|make|run|score")
+    _add_system(
+        parts.add_parser("system", help="hide laws in random systems or in yours, search and score them")
+    )
     make = parts.add_parser("make", help="make cases of a rig with hidden effects, and seal the truth")
     make.add_argument("folder", metavar="DIR", help="a new folder")
     make.add_argument("--cases", type=int, required=True, metavar="N")
@@ -67,13 +79,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     score = parts.add_parser("score", help="open the truth, once all verdicts are written, and score them")
     _add_folders(score)
-    for part in (make, run):
+    system = parts.choices["system"]
+    for part in (make, run, system):
         part.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes")
-    for part in (make, run, score):
+    for part in (make, run, score, system):
         part.add_argument(
             "--debug", action="store_true", default=argparse.SUPPRESS, help="show tracebacks of errors"
         )
         part.add_argument("--json", action="store_true", help="print JSON, and no text")
+
+
+def _add_system(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "config",
+        nargs="?",
+        type=Path,
+        metavar="CONFIG",
+        help="a config, or a study.yaml with logs that drive it",
+    )
+    parser.add_argument(
+        "--random",
+        type=int,
+        metavar="SEED",
+        help="systems of 2 to 8 random parts; the same seed gives the same",
+    )
+    parser.add_argument("--seed", type=int, default=1, help="of the first case that CONFIG hides a law in")
+    parser.add_argument(
+        "--count", type=int, default=1, metavar="N", help="cases, with one seed after the other"
+    )
+    parser.add_argument(
+        "--hide", choices=("none", "one", "two", "outside"),
+        help="what each case hides: nothing, one law, two, or one that no library holds; drawn by default",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="continued where it stopped")
 
 
 def _add_folders(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +123,32 @@ def _add_folders(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Run what was asked. Returns: the exit code."""
-    return {"make": _make, "run": _run, "score": _score}[args.part](args)
+    return {"make": _make, "run": _run, "score": _score, "system": _system}[args.part](args)
+
+
+def _system(args: argparse.Namespace) -> int:
+    from ..diagnosis.blind.run import Order, check
+    from ..diagnosis.blind.score import summary_text
+
+    if (args.config is None) == (args.random is None):
+        raise ConfigError(
+            [Problem("challenge", "got both" if args.config else "got neither", "CONFIG or --random SEED")]
+        )
+    if args.count < 1:
+        raise ConfigError([Problem("--count", f"got {args.count}", "at least 1")])
+    first = args.seed if args.random is None else args.random
+    if first < 0:
+        raise ConfigError(
+            [Problem("--random" if args.config is None else "--seed", f"got {first}", "at least 0")]
+        )
+    order = Order(args.out, range(first, first + args.count), args.config, args.hide)
+    with _bar(args.count, "challenge", not args.json) as progress:
+        found = check(order, _jobs(args), progress)
+    status = 1 if found["counts"]["failed"] else 0
+    if not _print_if_json(args, {"exit_code": status, "folder": str(args.out), "summary": found}):
+        print(summary_text(found), end="")
+        print(f"Written to {args.out / 'summary.md'}")
+    return status
 
 
 def _print_if_json(args: argparse.Namespace, data: Mapping[str, Any]) -> bool:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
 
-__all__ = ["COMMANDS", "entry_point", "function", "main", "make_parser"]
+__all__ = ["COMMANDS", "DEFAULT_PARTS", "entry_point", "function", "main", "make_parser"]
 
 _EXIT_CODES = """exit codes:
   0    done
@@ -81,7 +81,7 @@ COMMANDS: dict[str, tuple[str, str | None, str]] = {
         "translate:main",
     ),
     "challenge": (
-        "check diagnosis blind: make cases with hidden effects, diagnose and score them",
+        "check diagnosis blind: hide laws in a random system or in yours, search and score them",
         "challenge:add_arguments",
         "challenge:main",
     ),
@@ -106,6 +106,8 @@ COMMANDS: dict[str, tuple[str, str | None, str]] = {
         "campaign:store_main",
     ),
 }
+# Command -> the part that stands for none, and what may stand in its place.
+DEFAULT_PARTS = {"challenge": ("system", ("make", "run", "score", "-h", "--help"))}
 
 
 def entry_point() -> None:
@@ -148,8 +150,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from ..base.errors import ConfigError, Interrupted, OrchestratorError, error_data, extras_named
     from .arguments import print_json
 
-    parser = make_parser(sys.argv[1:] if arguments is None else list(arguments))
-    args = parser.parse_args(arguments)
+    words = _in_full(sys.argv[1:] if arguments is None else list(arguments))
+    args = make_parser(words).parse_args(words)
     try:
         with extras_named():
             return function(COMMANDS[args.command][2])(args)
@@ -170,6 +172,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status = 130 if isinstance(error, Interrupted) else 2 if isinstance(error, ConfigError) else 1
         print_json(args, {"exit_code": status, "error": error_data(error)})
         return status
+
+
+def _in_full(words: list[str]) -> list[str]:
+    """The command line with the part of a command that may be left out."""
+    for k, word in enumerate(words[:-1]):
+        if word in DEFAULT_PARTS:
+            part, others = DEFAULT_PARTS[word]
+            return words if words[k + 1] in (part, *others) else [*words[: k + 1], part, *words[k + 1 :]]
+        if not word.startswith("-"):
+            break
+    return words
 
 
 def make_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
