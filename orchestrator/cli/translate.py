@@ -13,10 +13,11 @@ from orchestrator.base.errors import BuildError
 from ..translate.build_report import BuildReport
 from ..translate.package import PLATFORMS, this_platform
 
-_DESCRIPTION = """Make a co-simulation FMU from a Modelica model, with C sources and a binary for this
-machine, or from a Python model: in its Python form (pythonfmu), or in its native form, C sources and a
-binary made from the same code. For a release give --platforms all: binaries for Linux, Windows and macOS.
-Needs the extra `build` (pip install 'orchestrator[build]'), no C compiler."""
+_DESCRIPTION = """Make an FMU for co-simulation from a Modelica model (of one with events for model exchange
+as well), with C sources and a binary for this machine, or from a Python model: in its Python form
+(pythonfmu), or in its native form, C sources and a binary made from the same code. For a release give
+--platforms all: binaries for Linux, Windows and macOS. Needs the extra `build` (pip install
+'orchestrator[build]'), no C compiler."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

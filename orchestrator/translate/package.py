@@ -201,8 +201,14 @@ def source_members(
 def hybrid_sources(fmi_version: FmiVersion) -> dict[str, bytes]:
     """As `runtime_sources`, for a model.c written for runtime/hybrid/hybrid.h."""
     sources = runtime_sources(fmi_version, stepped=True)
+    major, other = ("2", "3") if fmi_version == "2.0" else ("3", "2")
+    # They are parts of the file that adds model exchange to them.
+    sources[f"fmi{major}_steps.h"] = sources.pop(f"fmi{major}.c")
+    refusals = sources.pop(f"fmi{major}_absent.c")
+    if fmi_version == "3.0":
+        sources["fmi3_refusals.h"] = refusals
     for item in (resources.files("orchestrator.translate") / "runtime" / "hybrid").iterdir():
-        if item.name.endswith((".c", ".h")):
+        if item.name.endswith((".c", ".h")) and not item.name.startswith(f"fmi{other}_"):
             sources[item.name] = item.read_bytes().replace(b"\r\n", b"\n")
     return {name: sources[name] for name in sorted(sources)}
 

@@ -86,7 +86,7 @@ def translate_hybrid(
     Raises: BuildError for what is not supported.
     """
     system = solved(tree, name, libraries)
-    layout = layout_of(system)
+    layout = layout_of(system, indicators=fmi_version == "3.0")
     code = generate_hybrid_c(layout, identifier)
     version = cast(FmiVersion, fmi_version)
     sources = hybrid_sources(version)
@@ -112,4 +112,4 @@ def translate_hybrid(
         "blocks of equations": sum(1 for one in system.blocks if one.value is None),
         "constraints of states": len(system.constraints),
     }
-    return members, counts, tuple(system.notes)
+    return members, counts, ("offers co-simulation and model exchange", *system.notes)

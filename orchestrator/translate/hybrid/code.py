@@ -11,7 +11,7 @@ from .dae import Scalar
 from .expression import Expr
 from .structure import Block, System
 
-__all__ = ["Layout", "Port", "generate_hybrid_c", "layout_of"]
+__all__ = ["Layout", "Port", "generate_hybrid_c", "layout_of", "margins_of"]
 
 _INFIX = {
     "add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==",
@@ -33,6 +33,7 @@ class Port:
         value: of a computed one.
         order: of the derivative that it is.
         start: where the importer may set it; None where it is computed.
+        indicator: whether it is an event indicator.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Port:
     value: Expr | None = None
     order: int = 0
     start: float | None = None
+    indicator: bool = False
 
 
 @dataclass
@@ -60,6 +62,7 @@ class Layout:
     warned_slot: int
     done_slot: int
     size_slot: int
+    use_slot: int
     settable: list[tuple[int, int, int]]
 
     @property
@@ -68,8 +71,12 @@ class Layout:
         return [one for one in self.ports if one.kind == "ALGEBRAIC"]
 
 
-def layout_of(system: System) -> Layout:
-    """Give every variable its place."""
+def layout_of(system: System, indicators: bool = False) -> Layout:
+    """Give every variable its place.
+
+    Args:
+        indicators: whether event indicators are variables, as FMI 3.0 has them.
+    """
     model = system.model
     variables = [one for one in model.variables if one.type != "string"]
     inputs = {one.value: n for n, one in enumerate(v for v in variables if v.role == "input")}
@@ -119,9 +126,13 @@ def layout_of(system: System) -> Layout:
             slope = ex.symbol("der", one.value.args[1], 1)
             ports.append(Port(f"der({one.name})", "ALGEBRAIC", count, one, slope, order=1))
             count += 1
+    for number, margin in enumerate(margins_of(model.modes) if indicators else (), 1):
+        told = Scalar(f"'event indicator {number}'", "algebraic", "real", ex.ZERO, False)
+        ports.append(Port(told.name, "ALGEBRAIC", count, told, margin, indicator=True))
+        count += 1
     return Layout(
-        system, slots, inputs, parameters, ports, done + 2, modes, conditions, clocks, warned, done, done + 1,
-        settable,
+        system, slots, inputs, parameters, ports, done + 5, modes, conditions, clocks, warned, done, done + 1,
+        done + 2, settable,
     )  # fmt: skip
 
 
@@ -222,7 +233,7 @@ def generate_hybrid_c(layout: Layout, identifier: str) -> str:
         ),
         _function(
             "void hybrid_margins(const Hybrid *h, double *g)",
-            writer.statements([(f"g[{n}]", one) for n, one in enumerate(_margins(model.modes))]),
+            writer.statements([(f"g[{n}]", one) for n, one in enumerate(margins_of(model.modes))]),
             "g",
         ),
         _conditions(layout, writer),
@@ -515,12 +526,13 @@ def _tables(layout: Layout) -> str:
         len(model.discretes), "discretes", len(started), "started",
         "starts", len(layout.settable), "settable", "settable_starts", "settable_lasts", len(reported),
         layout.warned_slot, "action_kinds", "messages", len(system.constraints),
-        layout.done_slot, layout.size_slot, len(_margins(model.modes)),
+        layout.done_slot, layout.size_slot, len(margins_of(model.modes)),
+        layout.use_slot, layout.use_slot + 1, layout.use_slot + 2,
     ]  # fmt: skip
     return "\n".join([*arrays, f"const HybridInfo hybrid_info = {{{', '.join(map(str, values))}}};"])
 
 
-def _margins(modes: Sequence[Expr]) -> list[Expr]:
+def margins_of(modes: Sequence[Expr]) -> list[Expr]:
     """Expressions whose zeros are where a mode changes: two of a step function, for either end of a tread."""
     found: list[Expr] = []
     for number, one in enumerate(modes):

@@ -1,4 +1,4 @@
-"""modelDescription.xml of a hybrid model, for FMI 2.0 and 3.0 co-simulation."""
+"""modelDescription.xml of a hybrid model, for FMI 2.0 and 3.0, co-simulation and model exchange."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from ..declared_units import derivative_unit, used_units
 from ..package import LOG_CATEGORIES
-from .code import Layout, Port
+from .code import Layout, Port, margins_of
 
 __all__ = ["describe_hybrid"]
 
@@ -46,22 +46,25 @@ def describe_hybrid(
     )
     # States that constraints bind are no independent ones, as a linearisation takes them for.
     derivatives = "false" if layout.system.constraints else "true"
+    indicators = len(margins_of(layout.system.model.modes))
+    version = {
+        "canGetAndSetFMUstate" if second else "canGetAndSetFMUState": "true",
+        "canSerializeFMUstate" if second else "canSerializeFMUState": "true",
+        "providesDirectionalDerivative" if second else "providesDirectionalDerivatives": derivatives,
+    }
+    exchange, steps = {}, {"canHandleVariableCommunicationStepSize": "true"}
     if second:
-        root.set("numberOfEventIndicators", "0")
-        simulation = ET.SubElement(
-            root, "CoSimulation", modelIdentifier=identifier, canHandleVariableCommunicationStepSize="true",
-            canNotUseMemoryManagementFunctions="true", canGetAndSetFMUstate="true",
-            canSerializeFMUstate="true", providesDirectionalDerivative=derivatives,
-        )  # fmt: skip
-        files = ET.SubElement(simulation, "SourceFiles")
-        for name in sorted(source_files):
-            ET.SubElement(files, "File", name=name)
+        root.set("numberOfEventIndicators", str(indicators))
+        version["canNotUseMemoryManagementFunctions"] = "true"
     else:
-        ET.SubElement(
-            root, "CoSimulation", modelIdentifier=identifier, canGetAndSetFMUState="true",
-            canSerializeFMUState="true", canHandleVariableCommunicationStepSize="true",
-            providesDirectionalDerivatives=derivatives,
-        )  # fmt: skip
+        exchange["needsCompletedIntegratorStep"] = "true"
+        steps["mightReturnEarlyFromDoStep"] = "true"
+    for kind, able in (("ModelExchange", exchange), ("CoSimulation", steps)):
+        element = ET.SubElement(root, kind, {"modelIdentifier": identifier, **version, **able})
+        if second:
+            files = ET.SubElement(element, "SourceFiles")
+            for name in sorted(source_files):
+                ET.SubElement(files, "File", name=name)
     units = used_units((_unit(one), "", one.name) for one in layout.ports)
     if (definitions := units.element()) is not None:
         root.append(definitions)
@@ -178,7 +181,13 @@ def _structure(root: ET.Element, ports: Sequence[Port], second: bool) -> None:
                 for number in numbers:
                     ET.SubElement(group, "Unknown", index=str(number + 1))
         return
-    groups = (("Output", outputs), ("ContinuousStateDerivative", slopes), ("InitialUnknown", initial))
+    indicators = [number for number, one in enumerate(ports) if one.indicator]
+    groups = (
+        ("Output", outputs),
+        ("ContinuousStateDerivative", slopes),
+        ("InitialUnknown", initial),
+        ("EventIndicator", indicators),
+    )
     for name, numbers in groups:
         for number in numbers:
             ET.SubElement(structure, name, valueReference=str(number))

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "exchange.h"
 #include "hybrid.h"
 #include "runtime.h"
 #include "stepmodel.h"
@@ -716,15 +717,18 @@ static int advance(Work *w, double t, double end)
             last_event = t;
             if (mode >= 0) take_modes(w);
         }
-        if (event || (planned && t >= stop)) {
+        z[i->end_slot] = t;
+        event = event || (planned && t >= stop);
+        if (event) {
             w->h.t = t;
             if ((status = settle(w))) return status;
         }
         status = report(w, 0);
         if (status) return status;
+        if (z[i->use_slot] == USE_EARLY_RETURN && event && t < end) break;
     }
     z[i->size_slot] = size;
-    w->h.t = end;
+    w->h.t = z[i->end_slot];
     return report(w, 1);
 }
 
@@ -822,7 +826,8 @@ static void outputs(const ModelPoint *at, const double *z, int events, double *w
 
 void model_algebraics(const ModelPoint *at, double *w)
 {
-    outputs(at, at->x, 1, w);
+    /* Of an importer that integrates, events wait for its event mode. */
+    outputs(at, at->x, at->x[hybrid_info.use_slot] != USE_CONTINUOUS_TIME, w);
 }
 
 void model_tangent(const ModelPoint *at, const ModelPoint *seed, double *xdot, double *w, double *operand)
@@ -848,6 +853,117 @@ void model_tangent(const ModelPoint *at, const ModelPoint *seed, double *xdot, d
     free(z);
 }
 
+/* Model exchange: the importer integrates. In all of it `z` is read and written. */
+
+static int with_work(const StepPoint *at, double *z, int (*task)(Work *, void *), void *argument)
+{
+    Work *w = work_for(at, z);
+    int status;
+    if (!w) return OUTCOME(MEMORY, 0);
+    status = task(w, argument);
+    free_work(w);
+    return status;
+}
+
+static int evaluate_here(Work *w)
+{
+    for (int k = 0; k < hybrid_info.n_states; k++) w->x[k] = w->h.z[hybrid_info.state_slots[k]];
+    return slopes(w, w->h.t, w->x, w->f);
+}
+
+static int evaluate(Work *w, void *g)
+{
+    int status = evaluate_here(w);
+    if (g && !status) hybrid_margins(&w->h, g);
+    return status;
+}
+
+int exchange_evaluate(const StepPoint *at, double *z, double *g)
+{
+    return with_work(at, z, evaluate, g);
+}
+
+static double next_event(const Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    double after = w->h.t + 16 * DBL_EPSILON * fabs(w->h.t), next = INFINITY;
+    for (int k = 0; k < i->n_clocks; k++) next = fmin(next, fmax(next_tick(w, k), after));
+    for (int k = 0; k < i->n_instants; k++)
+        if (i->instants[k] > after) next = fmin(next, i->instants[k]);
+    return next;
+}
+
+/* An importer locates a state event as well as it can, perhaps just before a mode changes: then go on by
+ * less than any importer's tolerance, so that the event is seen. */
+static int look_ahead(Work *w)
+{
+    double by = 1e-12 * (1 + fabs(w->h.t)), t = w->h.t;
+    int status = evaluate_here(w);
+    if (status || !hybrid_info.n_modes || changed_mode(w) >= 0) return status;
+    for (int k = 0; k < hybrid_info.n_states; k++) w->xn[k] = w->x[k] + by * w->f[k];
+    if (!slopes(w, t + by, w->xn, w->k[0]) && changed_mode(w) >= 0) return 0;
+    return slopes(w, t, w->x, w->f);
+}
+
+static int handle_event(Work *w, void *argument)
+{
+    const HybridInfo *i = &hybrid_info;
+    ExchangeEvent *event = argument;
+    double *z = w->h.z;
+    int status;
+    event->states_changed = event->terminate = 0;
+    for (int k = 0; k < i->n_states; k++) w->dense[0][k] = z[i->state_slots[k]];
+    /* In the modes of before there may be no solution any more: the event finds others. */
+    look_ahead(w);
+    if ((status = settle(w))) return status;
+    if (i->n_constraints) {
+        for (int k = 0; k < i->n_states; k++) w->x[k] = z[i->state_slots[k]];
+        if ((status = project(w, w->h.t, w->x))) return status;
+        if ((status = slopes(w, w->h.t, w->x, w->f))) return status;
+    }
+    for (int k = 0; k < i->n_states; k++)
+        event->states_changed |= differ(w->dense[0][k], z[i->state_slots[k]]);
+    event->next = next_event(w);
+    status = report(w, 1);
+    if (status && step_status(status) == RT_DISCARD) event->terminate = 1;
+    return status;
+}
+
+int exchange_event(const StepPoint *at, double *z, ExchangeEvent *event)
+{
+    return with_work(at, z, handle_event, event);
+}
+
+/* Whether the states are further from their constraints than an importer's tolerances explain. */
+static int drifted(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    int n = i->n_states;
+    if (!i->n_constraints) return 0;
+    memcpy(w->dense[1], w->x, (size_t)n * sizeof(double));
+    if (project(w, w->h.t, w->dense[1])) return 1;
+    for (int k = 0; k < n; k++)
+        if (fabs(w->dense[1][k] - w->x[k]) > 1e-7 * (i->nominals[k] + fabs(w->x[k]))) return 1;
+    return 0;
+}
+
+static int complete_step(Work *w, void *argument)
+{
+    ExchangeEvent *event = argument;
+    int status = evaluate_here(w);
+    if (status) return status;
+    event->wanted = changed_mode(w) >= 0 || drifted(w);
+    if ((status = evaluate_here(w))) return status;
+    status = report(w, 1);
+    event->terminate = status && step_status(status) == RT_DISCARD;
+    return status;
+}
+
+int exchange_step_completed(const StepPoint *at, double *z, ExchangeEvent *event)
+{
+    return with_work(at, z, complete_step, event);
+}
+
 /* Messages */
 
 int step_status(int outcome)
@@ -855,6 +971,7 @@ int step_status(int outcome)
     int code = outcome / 1000000, index = outcome % 1000000;
     if (!outcome) return RT_OK;
     if (code == ACTION && hybrid_info.action_kinds[index] == ACTION_WARNING) return RT_WARNING;
+    if (code == ACTION && hybrid_info.action_kinds[index] == ACTION_TERMINATE) return RT_DISCARD;
     return RT_ERROR;
 }
 

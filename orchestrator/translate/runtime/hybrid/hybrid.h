@@ -57,7 +57,17 @@ typedef struct {
     int n_constraints;
     int done_slot, size_slot;             /* 1 after initialisation; internal step size [s] */
     int n_margins;
+    int use_slot, end_slot;               /* a HybridUse; time that the last step came to [s] */
+    int ended_slot;                       /* 1: the model has asked for the end */
 } HybridInfo;
+
+/* What an instance is used for: it decides when events are handled. */
+typedef enum {
+    USE_EARLY_RETURN = -1,                /* in steps, each of which ends with an event */
+    USE_STEPS = 0,
+    USE_EVENT_MODE = 1,                   /* by an importer that integrates */
+    USE_CONTINUOUS_TIME = 2
+} HybridUse;
 
 extern const HybridInfo hybrid_info;
 
