@@ -19,8 +19,7 @@ from ..ports.keys import Logged
 from ..ports.reader import load_port_study
 from ..ports.study import PortStudy, is_port_study
 from ..study import Nominal
-from ..unknown_input.laws import library
-from ..unknown_input.model import Inserted, Kinds, Place, StateModel, acts_of, evaluate
+from ..unknown_input.model import StateModel, evaluate
 from .cases import RUNS, Draft, driven
 from .plant import Acting, Drive
 
@@ -31,15 +30,16 @@ Array = NDArray[np.float64]
 _PASSES = 3
 # Of a config without a study: tolerance of parameters, spread of start values, samples until its stop time.
 _TOLERANCE, _VARIED, _SAMPLES = 0.02, 0.05, 500
-_KINDS = {"input": Kinds.INPUT, "rate": Kinds.RATE, "output": Kinds.OUTPUT}
+# No law of the search acts here.
+_NOTHING, _NONE, _ZEROS = np.zeros((0, 16), np.int64), np.zeros(0, np.int64), np.zeros(1)
 
 
 @dataclass
 class Given:
     """A system of FMUs as a `Plant`; to be closed.
 
-    A law's w is put in by a constant of the search's own evaluation of the FMUs. The law itself, the drive
-    and the integration are those of random systems.
+    A law's w is added to constants of inputs, to what drives them, or to derivatives. The law itself, the
+    drive and the integration are those of random systems.
     """
 
     study: PortStudy
@@ -64,7 +64,11 @@ class Given:
             name: [(self.outputs[source[k]], float(gain[k])) for k in range(first[i], first[i + 1])]
             for i, name in enumerate(self.inputs) if first[i + 1] > first[i]
         }  # fmt: skip
-        self._constant = next(one for one in library() if one.name == "offset")
+        self._constant = model.wiring[3].copy()
+        self._readers: dict[str, list[tuple[int, float]]] = {one: [] for one in self.outputs}
+        for name, legs in self.legs.items():
+            for output, factor in legs:
+                self._readers[output].append((self.inputs.index(name), factor))
         self._scratch = [np.zeros(len(one)) for one in (self.inputs, self.outputs, self.states)]
 
     def close(self) -> None:
@@ -78,38 +82,41 @@ class Given:
         """See `Plant`."""
         model, acting = self.model, [one for one in laws if not one.delay]
         u, y, rate = self._scratch
-        put = [
-            Inserted(
-                Place("", _KINDS[one.kind], self._component(one), one.index), self._constant.address, (0,), 1
-            )
-            for one in acting
-        ]
-        acts, signals = acts_of(put, None)
-        w, extra = np.zeros(max(1, len(acting))), [0.0] * len(z)
-        state, numbers, fed = np.array(x, float), np.array(p, float), np.array(e, float)
+        constant, nx, nu = model.wiring[3], len(x), len(self.inputs)
+        w, extra = [0.0] * len(acting), [0.0] * len(z)
+        state, numbers = np.array(x, float), np.array(p, float)
         made: list[float] = []
         for _ in range(_PASSES if acting else 1):
-            evaluate(model.rows, model.wiring, state, fed, numbers, t, acts, 0.0, signals, w, np.zeros(1),
-                     u, y, rate, np.zeros(1))  # fmt: skip
+            fed = np.array(e, float)
+            constant[:] = self._constant
+            for law, value in zip(acting, w, strict=True):
+                if law.place in self.external:
+                    fed[self.external.index(law.place)] += value
+                elif law.kind == "input":
+                    constant[law.index] += value
+                elif law.kind == "output":
+                    for i, gain in self._readers[law.place]:
+                        constant[i] += gain * value
+            evaluate(model.rows, model.wiring, state, fed, numbers, t, _NOTHING, 0.0, _NONE, _ZEROS, _ZEROS,
+                     u, y, rate, _ZEROS)  # fmt: skip
             made = [*x, *u.tolist(), *y.tolist()]
             at = 0
             for k, law in enumerate(acting):
                 read = [made[j] for j in law.reads]
-                own = {"input": len(x), "output": len(x) + len(u)}.get(law.kind, 0) + law.index
-                if law.kind != "rate" and law.reads == (own,):
+                if law.kind == "input" and law.reads == (nx + law.index,):
                     read[0] -= w[k]
                 mine = z[at : at + law.states]
                 if law.rate is not None:
                     extra[at : at + law.states] = law.rate(t, read, mine)
                 w[k] = law.value(t, read, mine)
                 at += law.states
-        return rate.tolist(), extra, made
-
-    def _component(self, law: Acting) -> int:
-        groups = {"input": self.inputs, "output": self.outputs, "rate": self.states}
-        return [str(one.name) for one in self.model.instances].index(
-            groups[law.kind][law.index].split(".")[0]
-        )
+        found = rate.tolist()
+        for law, value in zip(acting, w, strict=True):
+            if law.kind == "output":
+                made[nx + nu + law.index] += value
+            elif law.kind == "rate":
+                found[law.index] += value
+        return found, extra, made
 
     def draft(self, random: np.random.Generator) -> Draft:
         """What drives the copy: the study's own logs, or tones and steps of the size of start values."""

@@ -392,8 +392,9 @@ def outside(plant: Plant, sizes: Sizes, random: Random) -> Acting:
 def renamed(name: str) -> tuple[str, ...]:
     """Other names under which a library may hold a law."""
     return {
-        "hysteresis": ("Bouc-Wen", "hysteresis of Bouc-Wen", "Bouc-Wen hysteresis", "Dahl", "LuGre"),
-        "backlash": ("play", "backlash with memory", "play with memory"),
+        "hysteresis": ("Dahl friction", "Bouc-Wen hysteresis", "LuGre friction"),
+        # A spring that is slack within a band has a dead zone of its travel.
+        "dead band": ("dead zone",),
         "one-sided damping, backward": ("one-sided damping",),
     }.get(name, ())  # fmt: skip
 

@@ -109,7 +109,7 @@ def scored(truth: Mapping[str, Any], verdict: Mapping[str, Any], case: Case | Ca
     laws = verdict["laws"]
     said = [f"{one['law']} at {one['place']} of {one['signal']}" for one in laws]
     families = [
-        [k for k, one in enumerate(laws) if _alike(one, each) or one["family"] == _family(each)]
+        [k for k, one in enumerate(laws) if _alike(one, each) or one["family"] in _families(each)]
         for each in hidden
     ]
     places = [
@@ -134,10 +134,10 @@ def scored(truth: Mapping[str, Any], verdict: Mapping[str, Any], case: Case | Ca
     )  # fmt: skip
 
 
-def _family(hidden: Mapping[str, Any]) -> str:
-    """The library's family of a hidden law."""
+def _families(hidden: Mapping[str, Any]) -> set[str]:
+    """The library's families of a hidden law."""
     wanted = {_plain(one) for one in (hidden["law"], *renamed(hidden["law"]))}
-    return next((family for name, family in _library().items() if _plain(name) in wanted), hidden["family"])
+    return {family for name, family in _library().items() if _plain(name) in wanted}
 
 
 def _alike(said: Mapping[str, Any], hidden: Mapping[str, Any]) -> bool:
