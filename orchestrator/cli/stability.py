@@ -47,15 +47,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--over",
+        action="append",
+        default=[],
         metavar="PATH=LOW..HIGH",
-        help="where the system becomes unstable over a parameter, as robot.tau_m='1..8 ms'",
+        help="where the system becomes unstable over a parameter, as robot.tau_m='1..8 ms'; twice: a chart",
     )
     parser.add_argument(
         "--verify",
         action="store_true",
         help="co-simulate a small change, and compare its decay and frequency with the dominant root",
     )
-    parser.add_argument("--points", type=int, default=25, help="values of --over (default: %(default)s)")
+    parser.add_argument(
+        "--points",
+        type=int,
+        help="values of --over (default: 25; of a chart 200 a side, 50 with the communication step)",
+    )
     parser.add_argument("--out", metavar="DIR", help="write stability.json and figures to this folder")
     add_json(parser)
 
@@ -63,14 +69,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Analyse a system. Returns: the exit code."""
     one_matrix_thread()
-    from ..frequency.loop import Loop
     from ..simulation.run import prepare
 
-    prepared = prepare(args.config, args.overrides)
-    # Docking loops have a report of their own, with growth per contact and charts.
-    special = args.open or args.over or args.at_time or args.verify or args.trim or args.fix
-    analyse = _docking_loop if Loop.fits(prepared.system) and not special else _any_system
-    report, words, draw = analyse(prepared, args)
+    report, words, draw = _analysed(prepare(args.config, args.overrides), args)
     if not args.json:
         print(words)
     files = []
@@ -96,37 +97,44 @@ def main(args: argparse.Namespace) -> int:
 _Analysis = tuple[dict[str, Any], str, "Callable[[], Mapping[str, Any]]"]
 
 
-def _docking_loop(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
-    from ..frequency.loop import Loop
-    from ..frequency.report import stability, stability_figures, text
-
-    report = stability(prepared)
-    return report, text(report), lambda: stability_figures(Loop.of(prepared))
-
-
-def _any_system(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
+def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
+    from ..base.errors import ConfigError, Problem
+    from ..frequency.chart import chart_data, chart_figure, chart_text, config_chart
     from ..frequency.from_system import linearise
     from ..frequency.over_parameter import over_figure, over_text, parameter_range, stability_over
     from ..frequency.system_report import system_figures, system_stability, system_text
     from ..frequency.trim import trim_text
+    from ..results.measures import choose_measures
 
     at_time = None if args.at_time is None else _time(args.at_time)
     trimmed, overrides = None, tuple(args.overrides)
     if args.trim or args.fix:
         trimmed = _trimmed(prepared, args)
         prepared, overrides = trimmed.prepared, (*overrides, *trimmed.overrides)
-    over = None if args.over is None else parameter_range(args.over, args.points)
+    ranges = [parameter_range(one, args.points or 25) for one in args.over]
+    if len(ranges) > 2:
+        raise ConfigError([Problem("--over", f"{len(ranges)} ranges are given", "one, or two for a chart")])
     linear = linearise(prepared, at_time=at_time)
     report = system_stability(prepared, args.open, linear)
     words = system_text(report)
+    for chosen in choose_measures(prepared.config):
+        if (tell := getattr(chosen.measure, "stability", None)) is not None and at_time is None:
+            report[chosen.name], lines = tell(prepared, linear, report, chosen.options)
+            words = "\n".join([words, *lines])
     if trimmed is not None:
         report["trim"] = {name: vars(one) for name, one in trimmed.states.items()}
         words = f"{words}\n{trim_text(trimmed)}"
-    if over is not None:
-        report["over"] = stability_over(
-            args.config, over, args.overrides, at_time, args.fix if args.trim else None
-        )
+    fixed = args.fix if args.trim else None
+    chart = None
+    if len(ranges) == 1:
+        report["over"] = stability_over(args.config, ranges[0], args.overrides, at_time, fixed)
         words = f"{words}\n{over_text(report['over'])}"
+    if len(ranges) == 2:
+        chart = config_chart(
+            args.config, *ranges, args.overrides, at_time=at_time, trimmed=fixed, points=args.points
+        )
+        report["chart"] = chart_data(chart)
+        words = f"{words}\n{chart_text(chart)}"
 
     if args.verify:
         from ..frequency.verify import verified, verify_text
@@ -136,7 +144,8 @@ def _any_system(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
 
     def draw() -> dict[str, Any]:
         figures = system_figures(report, linear)
-        return figures | ({"over": over_figure(report["over"])} if over is not None else {})
+        figures |= {"over": over_figure(report["over"])} if len(ranges) == 1 else {}
+        return figures | ({"chart": chart_figure(chart)} if chart is not None else {})
 
     return report, words, draw
 

@@ -14,7 +14,9 @@ from .theory import contact_frequency, ideal_peak_force, ideal_restitution
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ..frequency.from_system import Linearised, LinearPoint
     from ..results.recorders import Results
+    from ..simulation.run import Prepared
 
 __all__ = ["KEPT", "UNITS", "DockingMeasure"]
 
@@ -114,6 +116,21 @@ class DockingMeasure:
             },
             **estimates,
         }
+
+    def linear_point(self, prepared: Prepared, options: DockingOptions) -> LinearPoint:
+        """Stability is that of the contact: the rod at rest in its frame."""
+        from .stability import contact_point
+
+        return contact_point(prepared, options)
+
+    def stability(
+        self, prepared: Prepared, linear: Linearised, report: Mapping[str, Any], options: DockingOptions
+    ) -> tuple[dict[str, Any], list[str]]:
+        """Growth of the velocity per contact."""
+        from .stability import stability_lines, stability_numbers
+
+        numbers = stability_numbers(prepared, linear, report, options)
+        return numbers, stability_lines(numbers)
 
     def headline(self, measured: dict[str, Any]) -> str:
         """What the contacts did to the speed."""

@@ -1,60 +1,47 @@
-"""Stability of delayed loops in the frequency domain, from the co-simulation's own parameters.
+"""Stability of configured systems with delays, from the config that the co-simulation runs.
 
 Imports `exchange` and the packages below it.
 """
 
-from .charts import Chart, chart
+from .chart import Chart, chart_figure, chart_of, config_chart
+from .delay_system import DelaySystem, Link, Mode, Modes
 from .disk import DiskMargin, disk_margin
 from .excite import sweep_system
-from .gain import Contact, contact_root, growth_per_contact, predict_contact
+from .from_system import Law, Linearised, LinearPoint, linearise
 from .linearise import direct_gains, sweep
-from .loop import Loop
-from .margins import CriticalDelay, Crossover, Margins, critical_delays, margins
-from .points import source_points
-from .quasi import QuasiPolynomial, characteristic
-from .roots import Roots, count_right_of, rightmost_roots
-from .sampled import SampledLoop, sample
+from .margins import Crossover, Margins
+from .over_parameter import parameter_range
 from .sampled_system import SampledSystem, sampled_system
-from .statespace import StateSpace, state_space, system_state_space
-from .stepped import sampled_chart
+from .statespace import StateSpace, state_space
 from .tones import Measured
-from .transfer import Transfer
 from .trim import Trimmed, trim
 
 __all__ = [
     "Chart",
-    "Contact",
-    "CriticalDelay",
     "Crossover",
+    "DelaySystem",
     "DiskMargin",
-    "Loop",
+    "Law",
+    "LinearPoint",
+    "Linearised",
+    "Link",
     "Margins",
     "Measured",
-    "QuasiPolynomial",
-    "Roots",
-    "SampledLoop",
+    "Mode",
+    "Modes",
     "SampledSystem",
     "StateSpace",
-    "Transfer",
     "Trimmed",
-    "characteristic",
-    "chart",
-    "contact_root",
-    "count_right_of",
-    "critical_delays",
+    "chart_figure",
+    "chart_of",
+    "config_chart",
     "direct_gains",
     "disk_margin",
-    "growth_per_contact",
-    "margins",
-    "predict_contact",
-    "rightmost_roots",
-    "sample",
-    "sampled_chart",
+    "linearise",
+    "parameter_range",
     "sampled_system",
-    "source_points",
     "state_space",
     "sweep",
     "sweep_system",
-    "system_state_space",
     "trim",
 ]

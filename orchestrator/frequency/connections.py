@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import ConfigError, Problem
 from ..effects import Effect
@@ -22,38 +23,42 @@ from ..effects.quantise import Quantise
 from ..effects.rate_limit import RateLimit
 from ..effects.sample_and_hold import SampleAndHold
 from ..effects.saturate import Saturate
-from .transfer import Array, Transfer, polynomial
 
-__all__ = ["Feed", "effect_note", "effect_path", "known_effects", "static_gain"]
+__all__ = ["Feed", "Path", "effect_note", "effect_path", "known_effects"]
 
-
-def _low_pass(effect: Any) -> Transfer:
-    (lag,) = effect.numbers()
-    return Transfer.made(np.ones(1), (polynomial(1.0, lag),)) if lag else Transfer.gain(1.0)
+Array = NDArray[np.float64]
 
 
-def _one(effect: Any) -> Transfer:
-    return Transfer.gain(1.0)
+class Path(NamedTuple):
+    """gain * exp(-delay s) / (1 + lag s) of an effect.
+
+    Attributes:
+        delay, lag: [s].
+    """
+
+    gain: float = 1.0
+    delay: float = 0.0
+    lag: float = 0.0
 
 
 # The exact class counts: what a subclass of a user's does is not known.
-_LINEAR: Mapping[type[Effect], Callable[[Any], Transfer]] = {
-    Gain: lambda effect: Transfer.gain(effect.factor),
-    Offset: _one,
-    Delay: lambda effect: Transfer.made(np.ones(1), (), effect.time),
-    LowPass: _low_pass,
-    SampleAndHold: lambda effect: Transfer.made(np.ones(1), (), 0.5 * effect.period),
+_LINEAR: Mapping[type[Effect], Callable[[Any], Path]] = {
+    Gain: lambda effect: Path(effect.factor),
+    Offset: lambda effect: Path(),
+    Delay: lambda effect: Path(delay=effect.time),
+    LowPass: lambda effect: Path(lag=effect.numbers()[0]),
+    SampleAndHold: lambda effect: Path(delay=0.5 * effect.period),
 }
 _LEFT_OUT = (Saturate, Quantise, RateLimit, DeadBand, Backlash, Noise)
 
 
-def effect_path(effect: Effect) -> Transfer | None:
-    """The transfer function of a bundled effect, around its operating point; None of any other.
+def effect_path(effect: Effect) -> Path | None:
+    """What a bundled effect does around its operating point; None of any other.
 
     A hold counts as a delay of half its period. Effects that are not linear count as one.
     """
     if type(effect) in _LEFT_OUT:
-        return Transfer.gain(1.0)
+        return Path()
     made = _LINEAR.get(type(effect))
     return None if made is None else made(effect)
 
@@ -61,16 +66,6 @@ def effect_path(effect: Effect) -> Transfer | None:
 def known_effects() -> tuple[str, ...]:
     """Names of the bundled effects that have a transfer function here."""
     return tuple(name for name in BUILT_IN if built_in(name) in (*_LINEAR, *_LEFT_OUT))
-
-
-def static_gain(effect: Effect) -> float | None:
-    """The factor of an effect that is a mere gain around its operating point; None of any other."""
-    path = effect_path(effect)
-    if path is None or type(effect) in _LEFT_OUT:
-        return None
-    if any(term.factors or np.any(term.delay) for term in path.terms):
-        return None
-    return float(path(0.0).real)
 
 
 def effect_note(effect: Effect) -> str:

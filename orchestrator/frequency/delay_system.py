@@ -8,7 +8,7 @@ many roots to the right of a line as are listed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -42,6 +42,8 @@ _SMALL = 40
 _BLOCK = 32
 # |L| below this limits no gain.
 _NO_GAIN = 1e-9
+# Deepest dips on the grid that are followed down: a sharp one may be deeper than the deepest there.
+_DIPS = 4
 
 
 class Link(NamedTuple):
@@ -132,6 +134,41 @@ class DelaySystem:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     links: tuple[Link, ...]
+
+    @staticmethod
+    def loop(system: Any, delay: float = 0.0, name: str = "loop") -> DelaySystem:
+        """Negative feedback around a system of python-control or scipy behind a delay: 1 + L(s) exp(-delay
+        s).
+
+        Args:
+            system: continuous, with as many outputs as inputs; each output feeds the input of its number.
+            delay: [s].
+            name: of the connection; of several "name[1]" and so on.
+        Raises: ConfigError if the system is discrete or has other ports, or the delay is negative.
+        """
+        import control
+
+        if hasattr(system, "to_ss") and not isinstance(system, control.TransferFunction | control.StateSpace):
+            scipy_one = system.to_ss()
+            system = control.ss(scipy_one.A, scipy_one.B, scipy_one.C, scipy_one.D, scipy_one.dt or 0)
+        space = control.ss(system)
+        problems = []
+        if space.isdtime(strict=True) or space.ninputs != space.noutputs:
+            what = f"it has {space.ninputs} inputs, {space.noutputs} outputs and dt = {space.dt}"
+            problems.append(Problem(name, what, "continuous time, as many outputs as inputs"))
+        if not (np.isfinite(delay) and delay >= 0.0):
+            problems.append(Problem(name, f"delay is {delay!r} s", "allowed: finite and not negative"))
+        if problems:
+            raise ConfigError(problems)
+        count = space.ninputs
+        names = [name] if count == 1 else [f"{name}[{index + 1}]" for index in range(count)]
+        return DelaySystem(
+            *(np.asarray(one, np.float64) for one in (space.A, space.B, space.C, space.D)),
+            tuple(f"{name}.x{index + 1}" for index in range(space.nstates)),
+            tuple(f"{name}.u{index + 1}" for index in range(count)),
+            tuple(f"{name}.y{index + 1}" for index in range(count)),
+            tuple(Link(one, index, index, -1.0, float(delay)) for index, one in enumerate(names)),
+        )
 
     def later(self, connection: str, delay: float) -> DelaySystem:
         """The same system with a connection that is later by a delay [s]."""
@@ -243,6 +280,8 @@ class DelaySystem:
         path[0] = radius
         sign = self._signs(path)
         while True:
+            if not sign.all():
+                raise OrchestratorError(f"a root lies on the line Re s = {line:g} to within rounding")
             turn = np.angle(sign[1:] / sign[:-1])
             rough = np.flatnonzero(abs(turn) > _TURN)
             if not rough.size:
@@ -311,7 +350,7 @@ class DelaySystem:
         if not self.states:
             return Modes((), -np.inf)
         for order in _ORDERS:
-            found = self._certified(self._guesses(order), count)
+            found = self._certified(self.guesses(order), count)
             if found is not None:
                 return found
         raise OrchestratorError(
@@ -319,8 +358,8 @@ class DelaySystem:
             "  Two may lie on top of one another, as of parts that are there twice."
         )
 
-    def _guesses(self, order: int) -> Complex:
-        """Eigenvalues of the system with every delay as a line of so many points."""
+    def guesses(self, order: int) -> Complex:
+        """Approximate roots: eigenvalues of the system with every delay as a line of so many points."""
         n, m, p = len(self.states), len(self.inputs), len(self.outputs)
         delayed = [
             (delay, source)
@@ -352,7 +391,7 @@ class DelaySystem:
         upper = ordered[ordered.imag >= -1e-9 * abs(ordered)][: count + 12]
         roots: list[complex] = []
         for guess in upper:
-            found = self._newton(complex(guess))
+            found = self.root_near(complex(guess))
             if found is not None and not any(abs(found - one) <= 1e-7 * max(abs(one), 1e-9) for one in roots):
                 roots.append(found)
         roots.sort(key=lambda one: (-one.real, one.imag))
@@ -391,11 +430,14 @@ class DelaySystem:
             found.append(max(1, round(float(np.sum(np.angle(sign[1:] / sign[:-1]))) / (2.0 * np.pi))))
         return found
 
-    def _newton(self, s: complex) -> complex | None:
+    def root_near(self, s: complex) -> complex | None:
         """The root of P(s) v = 0 near a guess; None if the iteration does not settle there."""
         start, vector = s, None
         for _ in range(40):
-            matrix = self._matrix(np.array([s]))[0]
+            with np.errstate(over="ignore", invalid="ignore"):
+                matrix = self._matrix(np.array([s]))[0]
+            if not np.isfinite(matrix).all():  # exp(-s delay) is too large: it stands too far to the left
+                return None
             if vector is None:
                 vector = np.linalg.svd(matrix)[2][-1].conj()
                 norm = vector.conj()
@@ -461,7 +503,7 @@ class DelaySystem:
             connection: as a link names it.
             omega: shape (k,) [rad/s].
         """
-        return self._open(connection, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
+        return self.response(connection, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
 
     def open_loops(self, connections: Sequence[str], omega: ArrayLike) -> Complex:
         """L(j omega) with several connections cut at once, shape (k, connections, connections).
@@ -472,8 +514,27 @@ class DelaySystem:
         """
         return self._opened(connections, 1j * np.atleast_1d(np.asarray(omega, np.float64)))
 
-    def _open(self, connection: str, s: Complex) -> Complex:
-        return self._opened([connection], s)[:, 0, 0]
+    def response(self, connection: str, s: ArrayLike) -> Complex:
+        """L(s) of `open_loop` at any s, of the shape of s [rad/s]."""
+        s = np.asarray(s, np.complex128)
+        return self._opened([connection], s.ravel())[:, 0, 0].reshape(s.shape)
+
+    def driven(self, given: Mapping[str, ArrayLike], target: str, s: ArrayLike) -> Complex:
+        """What arrives at an input where some outputs are given, whatever their instances do.
+
+        Args:
+            given: Laplace transforms of outputs at s, by name; 0 cuts what leads on from an output.
+            target: the input.
+            s: shape (k,) [rad/s].
+        """
+        s = np.atleast_1d(np.asarray(s, np.complex128))
+        n, cut = len(self.states), {self.outputs.index(name): value for name, value in given.items()}
+        rest = self._gains([one for one in self.links if one.source not in cut])
+        wanted = np.zeros((len(s), n + len(self.inputs), 1), np.complex128)
+        for one in self.links:
+            if one.source in cut:
+                wanted[:, n + one.target, 0] += one.gain * np.exp(-s * one.delay) * cut[one.source]
+        return np.linalg.solve(self._matrix(s, rest), wanted)[:, n + self.inputs.index(target), 0]
 
     def _opened(self, connections: Sequence[str], s: Complex) -> Complex:
         own = [[one for one in self.links if one.connection == name] for name in connections]
@@ -566,13 +627,62 @@ class DelaySystem:
         omega = np.atleast_1d(np.asarray(omega, np.float64))
         return control.frd(self.open_loop(connection, omega), omega)
 
+    def step_response(self, connection: str, time: ArrayLike) -> Array:
+        """How the closed loop follows a step at a connection: L/(1 + L), by exact steps with lines between.
+
+        Args:
+            connection: as a link names it: what it carries is asked to change by 1.
+            time: shape (k,), evenly spaced from 0 [s]; delays lie on lines between these instants.
+        Returns: shape (k,).
+        """
+        time = np.asarray(time, np.float64)
+        step, n, m = float(time[1] - time[0]), len(self.states), len(self.inputs)
+        whole = np.zeros((n + 2 * m, n + 2 * m))
+        whole[:n, :n], whole[:n, n : n + m] = self.a, self.b
+        whole[n : n + m, n + m :] = np.eye(m) / step
+        made = scipy.linalg.expm(whole * step)
+        forward, ramp = made[:n, :n], made[:n, n + m :]
+        hold = made[:n, n : n + m] - ramp
+        late = [(delay / step, gains) for delay, gains in zip(self._delays, self._k, strict=True)]
+        drive = np.zeros(m)
+        own = [one for one in self.links if one.connection == connection]
+        drive[[one.target for one in own]] = 1.0
+        # What acts within the step: K0 and the share of delays shorter than it.
+        now = sum((max(0.0, 1.0 - lag) * gains for lag, gains in late), np.zeros((m, len(self.outputs))))
+        solved = np.linalg.inv(np.eye(m) - now @ (self.c @ ramp + self.d))
+        x, outputs, found = np.zeros(n), np.zeros((len(time), len(self.outputs))), np.zeros(len(time))
+        u = np.linalg.solve(np.eye(m) - self._at_once @ self.d, drive)
+        outputs[0] = self.d @ u
+        first = min(one.target for one in own)
+        for index in range(len(time)):
+            if index:
+                fed = drive.copy()
+                for lag, gains in late:
+                    low = int(lag)
+                    share = lag - low
+                    for place, weight in ((index - low, 1.0 - share), (index - low - 1, share)):
+                        if 0 <= place < index and weight:
+                            fed = fed + weight * gains @ outputs[place]
+                moved = forward @ x + hold @ u
+                u = solved @ (fed + now @ (self.c @ moved))
+                x = moved + ramp @ u
+                outputs[index] = self.c @ x + self.d @ u
+            for one in own:
+                if one.target == first:
+                    low = int(one.delay / step)
+                    share = one.delay / step - low
+                    for place, weight in ((index - low, 1.0 - share), (index - low - 1, share)):
+                        if place >= 0:
+                            found[index] -= weight * one.gain * outputs[place, one.source]
+        return found
+
     def margins(self, connection: str, modes: Modes | None = None) -> Margins:
         """Margins of the loop through one connection, all crossovers considered."""
         unstable = (modes or self.modes()).unstable
         omega = self.frequencies(modes)
 
         def response(s: Complex) -> Complex:
-            return self._open(connection, np.atleast_1d(s).ravel()).reshape(np.shape(s))
+            return self.response(connection, s)
 
         crossovers = []
         for w, falling in gain_crossovers(response, omega):
@@ -580,19 +690,16 @@ class DelaySystem:
             crossovers.append(Crossover(w, np.degrees(angle), float(np.mod(angle, 2.0 * np.pi)) / w, falling))
         value = response(1j * omega)
         real = _real_crossings(response, omega, value)
+        # Where L does not integrate, the locus begins on the real axis: its first crossing is at no
+        # frequency.
+        still, lower = response(1j * omega[0] * np.array([1e-3, 1e-6]))
+        if still.real < -_NO_GAIN and abs(lower - still) < 1e-6 * abs(still):
+            real.insert(0, (0.0, float(-1.0 / still.real)))
         distance = abs(1.0 + value)
-        least = int(np.argmin(distance))
         peak = abs(value) / np.maximum(distance, 1e-300)
-        most = int(np.argmax(peak))
-        return Margins(
-            unstable,
-            tuple(crossovers),
-            tuple(real),
-            float(distance[least]),
-            float(omega[least]),
-            float(peak[most]),
-            float(omega[most]),
-        )
+        near, least = _lowest(lambda w: abs(1.0 + response(1j * w)), omega, distance)
+        top, most = _lowest(lambda w: -abs(1.0 - 1.0 / (1.0 + response(1j * w))), omega, -peak)
+        return Margins(unstable, tuple(crossovers), tuple(real), least, near, -most, top)
 
     def frequencies(self, modes: Modes | None) -> Array:
         """Frequencies that show all of a loop, shape (k,) [rad/s]."""
@@ -604,10 +711,33 @@ class DelaySystem:
         grid = [np.geomspace(1e-3 * low, 1e2 * high, 1500)]
         for one in poles:
             if abs(one.imag) > 0.0:
-                width = max(abs(one.real), 1e-6 * abs(one))
-                grid.append(abs(one.imag) + width * np.linspace(-8.0, 8.0, 81))
+                # Close together around resonances, from their width out to the grid's distance.
+                width = max(abs(one.real) / abs(one.imag), 1e-12)
+                away = np.geomspace(
+                    0.03 * width, max(0.1, width), 12 * int(np.ceil(np.log10(3.0 / width) + 2.0))
+                )
+                grid += [abs(one.imag) * (1.0 - away[away < 1.0]), abs(one.imag) * (1.0 + away)]
         every = np.concatenate(grid)
         return np.unique(every[every > 0.0])
+
+
+def _lowest(function: Callable[[Any], Any], omega: Array, values: Array) -> tuple[float, float]:
+    """Where a function is least and its value, near the lowest dips of its values on a grid."""
+    from scipy.optimize import minimize_scalar
+
+    place = int(np.argmin(values))
+    best = (float(omega[place]), float(values[place]))
+    inner = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:])) + 1
+    for index in inner[np.argsort(values[inner])][:_DIPS]:
+        bounds = (omega[index - 1], omega[index + 1])
+        found = minimize_scalar(
+            lambda w: float(function(np.array(w))),
+            bounds=bounds,
+            method="bounded",
+            options={"xatol": 1e-9 * omega[index]},
+        )
+        best = min(best, (float(found.x), float(found.fun)), key=lambda one: one[1])
+    return best
 
 
 def _contracts(matrix: Array) -> bool:

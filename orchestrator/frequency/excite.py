@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import Problem, listed, nearest
 from ..effects import Effect
@@ -26,9 +26,10 @@ from ..system.connection import Connection, Leg, Link, Port, Wire
 from ..system.signal_vector import Layout, Signals
 from ..system.system import System
 from .tones import Measured, Tones
-from .transfer import Array
 
 __all__ = ["sweep_system"]
+
+Array = NDArray[np.float64]
 
 
 class _Multisine(Effect):

@@ -1,15 +1,16 @@
 """A configured system -> the linear system with delays that it is around its start.
 
-Each FMU by its directional derivatives. An input that acts on nothing at once stands behind a delay within
-the FMU: the delay is measured, by two runs of the FMU that differ in a step of the input. Delays of
-connections are exact, low-pass filters become states, sample and hold counts as a delay of half its period,
-and effects that are not linear count as one and are named.
+Each FMU by its directional derivatives, or without them by its measured step responses. An input that acts
+on nothing at once stands behind a delay within the FMU: the delay is measured, by two runs of the FMU that
+differ in a step of the input. Delays of connections are exact, low-pass filters become states, sample and
+hold counts as a delay of half its period, and effects that are not linear count as one and are named. What
+the config's measures know beyond that, a point and laws of instances, is asked of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from ..base.errors import ConfigError, OrchestratorError, Problem, listed
-from ..fmi import FmuInstance, Point, StepStatus
 from ..master.running_instances import Instances, instantiate
+from ..results.measures import choose_measures
 from ..simulation.run import Prepared, prepare
 from ..system.connection import Connection
 from ..system.signal_vector import Signals
@@ -28,9 +29,10 @@ from ..system.system import Instance
 from .connections import effect_note, effect_path, known_effects
 from .delay_system import FILTER, DelaySystem, Link, Modes
 from .margins import Margins
+from .measured_part import answer, measured_part, passage
 from .statespace import StateSpace, linearised, real_ports
 
-__all__ = ["Chain", "LateInput", "Linearised", "chains_of", "linearise", "refusal"]
+__all__ = ["Chain", "LateInput", "Law", "LinearPoint", "Linearised", "chains_of", "linearise", "refusal"]
 
 Array = NDArray[np.float64]
 
@@ -43,15 +45,50 @@ _LEFT = 2e-3
 
 @dataclass(frozen=True)
 class LateInput:
-    """A measured path from an input through a delay to the states.
+    """A measured path from an input through a delay to states and outputs.
 
     Attributes:
         delay: [s].
         gains: what the input's delayed value adds to each state's derivative, shape (n,).
+        through: what it adds to each output, shape (p,).
     """
 
     delay: float
     gains: Array
+    through: Array
+
+
+@dataclass(frozen=True)
+class Law:
+    """Linear equations of an instance whose FMU does not tell them, such as of a sampled controller.
+
+    Attributes:
+        space: in the limit of short samples, with the names of the FMU's variables.
+        hold: by how much later its inputs act there, as half a sample period [s].
+        sampled: at samples x+ = A x + B u, y = C x + D u, held between them; None: `space` holds in steps,
+            too.
+        period: of the samples [s].
+        notes: what the equations leave out, one sentence each.
+    """
+
+    space: StateSpace
+    hold: float = 0.0
+    sampled: StateSpace | None = None
+    period: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class LinearPoint:
+    """What a measure knows of a system that is to be linearised.
+
+    Attributes:
+        start: start values of its operating point by instance and variable, FMU's units.
+        laws: by instance.
+    """
+
+    start: Mapping[str, Mapping[str, Any]]
+    laws: Mapping[str, Law]
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,6 +101,7 @@ class Linearised:
         notes: what was measured, assumed or left out, one sentence each.
         parts: the state space of each instance, by its name.
         late: inputs that act after a delay within their FMU, as "robot.command".
+        laws: of instances whose equations a measure of the config knows.
     """
 
     system: DelaySystem
@@ -71,6 +109,7 @@ class Linearised:
     notes: tuple[str, ...]
     parts: Mapping[str, StateSpace]
     late: Mapping[str, LateInput]
+    laws: Mapping[str, Law] = field(default_factory=dict)
 
     def modes(self, count: int = 6) -> Modes:
         """The rightmost modes; see `DelaySystem.modes`."""
@@ -98,16 +137,45 @@ def linearise(
     overrides: Iterable[str] = (),
     *,
     at_time: float | None = None,
+    point: LinearPoint | None = None,
 ) -> Linearised:
     """The linear system with delays of a configured system, without communication steps.
 
     Args:
         config, overrides: as `orchestrator.simulation.run.prepare`.
         at_time: the point of a run that it is linear around [s]; None: its start.
-    Raises: ConfigError with all FMUs that offer no directional derivatives or whose input acts on their
-        states in no way that is known here, and all effects without a transfer function.
+        point: start values and laws in place of those that the config's measures know.
+    Raises: ConfigError with all FMUs that can neither be differentiated nor measured or whose input acts on
+        their states in no way that is known here, and all effects without a transfer function.
     """
     prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
+    point = point or _known_point(prepared)
+    if at_time is None:
+        prepared = _started(prepared, point.start)
+    return _linearised(prepared, at_time, point.laws)
+
+
+def _known_point(prepared: Prepared) -> LinearPoint:
+    """What the measures of a config know."""
+    start: dict[str, Mapping[str, Any]] = {}
+    laws: dict[str, Law] = {}
+    for chosen in choose_measures(prepared.config):
+        known = getattr(chosen.measure, "linear_point", None)
+        if known is not None:
+            one = known(prepared, chosen.options)
+            start, laws = start | one.start, laws | one.laws
+    return LinearPoint(start, laws)
+
+
+def _started(prepared: Prepared, start: Mapping[str, Mapping[str, Any]]) -> Prepared:
+    """The system with other start values."""
+    instances = tuple(
+        replace(one, start={**one.start, **start.get(one.name, {})}) for one in prepared.system.instances
+    )
+    return replace(prepared, system=replace(prepared.system, instances=instances))
+
+
+def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, Law]) -> Linearised:
     system = prepared.system
     problems: list[Problem] = []
     notes: list[str] = []
@@ -115,6 +183,7 @@ def linearise(
     hidden: dict[str, LateInput] = {}
     point: dict[str, float] = {}
     fed = {str(connection.target) for connection in system.connections}
+    seen = {str(leg) for connection in system.connections for leg in _sources(connection)}
     with instantiate(system) as instances:
         signals = instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
         if at_time is not None:
@@ -122,11 +191,52 @@ def linearise(
                 f"linear around t = {_advanced(instances, prepared, signals, at_time):.9g} s of the run"
             )
         for one, running in zip(system.instances, instances.running, strict=True):
-            if (refused := refusal(one)) is not None:
-                problems.append(refused)
-                continue
             inputs = tuple(name for name, _ in real_ports(one.fmu) if f"{one.name}.{name}" in fed)
             outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
+            if one.name in laws:
+                parts[one.name] = laws[one.name].space
+                names = [name for name in parts[one.name].states if name in one.fmu.description.variables]
+                values = running.get_values([*names, *inputs])
+                point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
+                notes += [f"{one.name}: {note}" for note in laws[one.name].notes]
+                continue
+            if refusal(one) is not None:
+                read = tuple(name for name in outputs if f"{one.name}.{name}" in seen)
+                values = running.get_values(inputs)
+                point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
+                told = measured_part(one, inputs, read, values, prepared)
+                if isinstance(told, str):
+                    problems.append(
+                        Problem(one.name, f"it offers no directional derivatives, and {told}", "", _REMEDY)
+                    )
+                    continue
+                part, delays, error = told
+                parts[one.name] = part
+                hidden |= {
+                    f"{one.name}.{name}": LateInput(
+                        delay, part.b[:, inputs.index(name)].copy(), part.d[:, inputs.index(name)].copy()
+                    )
+                    for name, delay in delays.items()
+                }
+                for name in delays:
+                    part.b[:, inputs.index(name)], part.d[:, inputs.index(name)] = 0.0, 0.0
+                within = (
+                    f", after delays of {listed(f'{delay:.6g} s' for delay in delays.values())}"
+                    if delays
+                    else ""
+                )
+                count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
+                if not inputs:
+                    notes.append(
+                        f"{one.name} offers no directional derivatives and has no connected input: "
+                        "its own motion is left out"
+                    )
+                elif read:
+                    notes.append(
+                        f"{one.name} offers no directional derivatives; its step response was measured: "
+                        f"{count}{within}, error {100 * error:.2g} %"
+                    )
+                continue
             part = linearised(one.fmu, running, inputs, outputs)
             values = running.get_values([*part.states, *inputs])
             point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
@@ -156,8 +266,24 @@ def linearise(
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
+    chains = [
+        replace(one, delay=one.delay + laws[name].hold)
+        if (name := one.target.partition(".")[0]) in laws
+        else one
+        for one in chains
+    ]
     closed = _closed([part.named(name) for name, part in parts.items()], chains, hidden)
-    return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden)
+    return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden, laws)
+
+
+def _sources(connection: Connection) -> list[Any]:
+    return [connection.source] if connection.wire is None else [leg.port for leg in connection.wire.legs]
+
+
+_REMEDY = (
+    "Export it with providesDirectionalDerivative, or measure the loop with "
+    "orchestrator.frequency.sweep_system."
+)
 
 
 def refusal(one: Instance) -> Problem | None:
@@ -168,8 +294,7 @@ def refusal(one: Instance) -> Problem | None:
         one.name,
         "it offers no directional derivatives",
         "they give its linear equations",
-        "Export it with providesDirectionalDerivative, or measure the loop with "
-        "orchestrator.frequency.sweep_system.",
+        _REMEDY,
     )
 
 
@@ -217,19 +342,15 @@ def chains_of(connections: Iterable[Connection], notes: list[str]) -> tuple[list
             total, delay, lags = gain * connection.gain, 0.0, []
             for link in (*own, *(wire.links if wire is not None else ())):
                 path = effect_path(link.effect)
-                if path is None or len(path.terms) > 1:
+                if path is None:
                     what = f"the effect {link.name} has no transfer function that is known here"
                     allowed = f"effects with one: {listed(known_effects())}"
                     problems.append(Problem(name, what, allowed, "Leave it out, or measure the loop."))
                     continue
                 if note := effect_note(link.effect):
                     notes.append(f"{name}: {link.name} {note}")
-                for term in path.terms:
-                    total *= float(np.ravel(term.numerator)[0])
-                    delay += float(np.max(term.delay))
-                    lags += [float(np.ravel(factor)[1]) for factor in term.factors]
-                if not path.terms:
-                    total = 0.0
+                total, delay = total * path.gain, delay + path.delay
+                lags += [path.lag] if path.lag else []
             chains.append(Chain(name, str(port), str(connection.target), total, delay, tuple(lags)))
     return chains, problems
 
@@ -250,7 +371,7 @@ def _closed(parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, L
     a, b, c, d = (scipy.linalg.block_diag(*(one[n] for one in blocks)) for n in range(4))
     if not blocks:
         a = b = c = d = np.zeros((0, 0))
-    first = 0
+    first, row = 0, 0
     # A delayed path into an FMU is an input of its own.
     behind: dict[str, int] = {}
     for part in parts:
@@ -260,9 +381,11 @@ def _closed(parts: list[StateSpace], chains: list[Chain], hidden: Mapping[str, L
                 column[first : first + len(part.states), 0] = hidden[name].gains
                 behind[name] = b.shape[1]
                 b = np.hstack([b, column])
-                d = np.hstack([d, np.zeros((len(d), 1))])
+                through = np.zeros((len(d), 1))
+                through[row : row + len(part.outputs), 0] = hidden[name].through
+                d = np.hstack([d, through])
                 inputs.append(f"{name} delayed")
-        first += len(part.states)
+        first, row = first + len(part.states), row + len(part.outputs)
     links = []
     for index, one in enumerate(chains):
         if one.source not in outputs:
@@ -289,32 +412,40 @@ def _measured(
     Returns: "idle" if nothing answers, None if what answers is no pure delay before the states.
     """
     step = float(prepared.grid.step_size)
-    variable = one.variable(name)
-    height = 1e-3 * (abs(float(values[name])) or float(variable.nominal or 1.0))
+    watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
     try:
-        answer = _answer(one, part, name, values, height, prepared)
+        found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES)
     except OrchestratorError:  # it refuses to run on its own
         return None
-    length = len(answer)
-    size = np.max(abs(answer), axis=0)
+    size = np.max(abs(found), axis=0)
     scale = np.where(size > 0.0, size, 1.0)
-    moved = np.flatnonzero(np.max(abs(answer) / scale, axis=1) > 1e-9)
+    moved = np.flatnonzero(np.max(abs(found) / scale, axis=1) > 1e-9)
     if not moved.size:
         return "idle"
     states = len(part.states)
-    if not size[:states].any():
-        return None
-    answer, scale = answer[:, :states], scale[:states]
-    moved = np.flatnonzero(np.max(abs(answer) / scale, axis=1) > 1e-9)
     onset = int(moved[0])
-    rows = np.arange(onset, min(onset + _SAMPLES, length))
+    rows = np.arange(onset, min(onset + _SAMPLES, len(found)))
     if len(rows) < 4:
         return None
-    wanted = answer[rows] / scale
+    outputs = np.array([watched.index(key) for key in part.outputs], np.intp)
+    through = np.zeros(len(part.outputs))
+    if not size[:states].any():
+        # Nothing but the delay lies between input and outputs: they jump when it is over.
+        jump = found[rows[-1]]
+        if np.max(abs(found[rows] - jump) / scale) > _LEFT:
+            return None
+        which = int(np.argmax(size))
+        delay = passage(one, name, values, watched[which], prepared, step * max(onset - 1, 0))
+        return LateInput(delay, np.zeros(states), jump[outputs])
+    wanted = found[rows, :states] / scale[:states]
+    transition, whole = scipy.linalg.expm(part.a * step), _integral(part.a, step)
 
     def fitted(delay: float) -> tuple[float, Array]:
         since = step * rows - delay
-        design = np.concatenate([_integral(part.a, max(t, 0.0)) / scale[:, None] for t in since])
+        parts = [_integral(part.a, max(since[0], 0.0)), _integral(part.a, max(since[1], 0.0))]
+        while len(parts) < len(rows):
+            parts.append(whole + transition @ parts[-1])
+        design = np.concatenate([one / scale[:states, None] for one in parts])
         gains, *_ = np.linalg.lstsq(design, wanted.ravel(), rcond=None)
         return float(np.linalg.norm(design @ gains - wanted.ravel())), gains
 
@@ -326,7 +457,12 @@ def _measured(
     misfits = [fitted(delay)[0] for delay in delays]
     delay = delays[int(np.argmin(misfits))]
     misfit, gains = fitted(delay)
-    return LateInput(delay, gains) if misfit <= _LEFT * np.linalg.norm(wanted) else None
+    if misfit > _LEFT * np.linalg.norm(wanted):
+        return None
+    if states < len(watched):
+        left = found[rows][:, outputs] - found[rows, :states] @ part.c.T
+        through = left[-1] if np.max(abs(left[-1]) / scale[outputs]) > 1e-6 else through
+    return LateInput(delay, gains, through)
 
 
 def _integral(a: Array, time: float) -> Array:
@@ -335,49 +471,3 @@ def _integral(a: Array, time: float) -> Array:
     whole = np.zeros((2 * n, 2 * n))
     whole[:n, :n], whole[:n, n:] = a, np.eye(n)
     return scipy.linalg.expm(whole * time)[:n, n:]
-
-
-def _answer(
-    one: Instance, part: StateSpace, name: str, values: Mapping[str, Any], height: float, prepared: Prepared
-) -> Array:
-    """By how much states and outputs of two runs differ after each step, shape (steps + 1, n), relative to
-    the height by which an input differs from the first step on.
-    """
-    begin, step = float(prepared.grid.start), float(prepared.grid.step_size)
-    start = {**one.start, **{key: values[key] for key in part.inputs}}
-    watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
-    inputs = [np.array([float(values[name])]) for _ in range(2)]
-    instances: list[FmuInstance] = []
-    try:
-        for u in inputs:
-            instance = one.fmu.instantiate(f"{one.name} linearised")
-            instances.append(instance)
-            instance.bind([name], u, [], np.zeros(0))
-            # On its own it may run longer than the system.
-            instance.enter_initialisation(begin, start, begin + (_MOST_STEPS + 1) * step)
-            instance.exit_initialisation()
-
-        def difference() -> Array:
-            still, changed = (
-                np.array([float(value) for value in instance.get_values(watched).values()])
-                for instance in instances
-            )
-            return (changed - still) / height
-
-        inputs[1] += height
-        answer, moved = [difference()], 0
-        for index in range(_MOST_STEPS):
-            status = StepStatus.OK
-            for instance in instances:
-                instance.write_inputs()
-                status = max(status, instance.do_step(Point(index, begin + index * step, step)))
-            if status > StepStatus.WARNING:
-                break
-            answer.append(difference())
-            moved += bool(np.max(abs(answer[-1]), initial=0.0) > 0.0)
-            if moved > 4 * _SAMPLES:
-                break
-    finally:
-        for instance in instances:
-            instance.free()
-    return np.array(answer)

@@ -6,14 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import ConfigError, Problem, StepError, listed, nearest
 from ..fmi import Fmu, Point, StepStatus, Value, bundled, load_fmu
 from .tones import Measured, Tones
-from .transfer import Array
 
 __all__ = ["direct_gains", "load", "sweep"]
+
+Array = NDArray[np.float64]
 
 
 def sweep(

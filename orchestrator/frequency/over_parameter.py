@@ -18,16 +18,16 @@ from ..simulation.run import Prepared, prepare
 from .delay_system import Modes
 from .from_system import linearise
 from .sampled_system import SampledSystem, sampled_system
-from .step_report import at_step, resting_roots
+from .step_report import resting_roots, with_step
 from .trim import trim
 
-__all__ = ["ParameterRange", "over_figure", "over_text", "parameter_range", "stability_over"]
+__all__ = ["STEP", "ParameterRange", "over_figure", "over_text", "parameter_range", "stability_over"]
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})\s*([^\d.\s][^=]*?)?\s*\.\.\s*({_NUMBER})\s*(.*)\Z")
 # A border is found to this share of the range.
 _BORDER = 2e-4
-_STEP = "run.step_size"
+STEP = "run.step_size"
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def stability_over(
     Raises: ConfigError for a value that the config does not take.
     """
     overrides = tuple(overrides)
-    common = _at_point(prepare(config, overrides), trimmed) if over.path == _STEP else None
+    common = _at_point(prepare(config, overrides), trimmed) if over.path == STEP else None
     same = linearise(common, at_time=at_time) if common is not None else None
 
     @cache
@@ -147,7 +147,7 @@ def _with_step(common: Prepared, over: ParameterRange, value: float) -> Prepared
     found = quantity("", Measure("s", parse_unit("s")), f"{value!r} {over.unit}".rstrip(), over.path)
     if isinstance(found, Problem):
         raise ConfigError([found])
-    return prepare(common.config, at_step(common, found)[1])
+    return with_step(common, found)
 
 
 def _followed(

@@ -29,7 +29,7 @@ from ..simulation.run import Prepared
 from ..system.signal_vector import Layout
 from .connections import Feed
 from .delay_system import Mode
-from .from_system import LateInput, Linearised
+from .from_system import LateInput, Law, Linearised
 from .statespace import StateSpace
 
 __all__ = ["Late", "SampledSystem", "sampled_system"]
@@ -255,7 +255,7 @@ class _Part:
             kept = whole + (1 if rest else 0)
             rows = slice(self.size, self.size + kept * (order + 1))
             self.size = rows.stop
-            self.late.append((index, whole, rest, first, second, rows))
+            self.late.append((index, whole, rest, first, second, rows, one.through[:, None]))
 
     def advance(self, z: Array, course: Sequence[Array]) -> tuple[Array, Array]:
         """State and outputs at the step's end; `course`: inputs and their derivatives at its begin."""
@@ -263,8 +263,8 @@ class _Part:
         x = self.transition @ z[:n]
         for gain, value in zip(self.fed, course, strict=False):
             x = x + gain @ value
-        kept = z.copy()
-        for index, whole, rest, first, second, rows in self.late:
+        kept, passed = z.copy(), np.zeros((len(self.space.outputs), columns))
+        for index, whole, rest, first, second, rows, through in self.late:
             now = np.zeros((1, self.order + 1, columns))
             for place, value in enumerate(course):
                 now[0, place] = value[index]
@@ -274,9 +274,31 @@ class _Part:
             if rest:
                 for gain, value in zip(first, _ahead(line[whole + 1], self.step - rest), strict=False):
                     x = x + gain @ value[None]
+            if through.any():
+                # A delay of whole steps ends where the input may jump: the value after the jump comes out.
+                early = whole and not rest
+                end = line[whole - 1] if early else line[whole]
+                passed = passed + through @ _ahead(end, 0.0 if early else self.step - rest)[0][None]
             kept[rows] = line[: len(line) - 1].reshape(-1, columns)
         kept[:n] = x
-        return kept, self.space.c @ x + self.space.d @ _ahead(course, self.step)[0]
+        return kept, self.space.c @ x + self.space.d @ _ahead(course, self.step)[0] + passed
+
+
+class _SampledPart:
+    """A law that samples: x+ = A x + B u, y = C x + D u at its instants, held between them."""
+
+    def __init__(self, law: StateSpace, every: int) -> None:
+        self.space, self.every, self.late = law, every, ()
+        self.size = len(law.states) + len(law.outputs)
+
+    def advance(self, z: Array, course: Sequence[Array], phase: int) -> tuple[Array, Array]:
+        """State and outputs at the end of the step `phase`, where it samples if one is due."""
+        n = len(self.space.states)
+        if (phase + 1) % self.every:
+            return z, z[n:]
+        x, u = z[:n], course[0]
+        outputs = self.space.c @ x + self.space.d @ u
+        return np.concatenate([self.space.a @ x + self.space.b @ u, outputs]), outputs
 
 
 def _ahead(course: Sequence[Array] | Array, time: float) -> list[Array]:
@@ -319,9 +341,10 @@ class _Steps:
             raise ConfigError([Problem("run.master", what, "jacobi, gauss-seidel and iterative are covered")])
         self.order = master.interpolation if isinstance(master, Iterative) else master.extrapolation
         self.every = [one.ratio.numerator for one in system.instances]
+        self.samples = {name: self._samples(name, law) for name, law in linear.laws.items() if law.sampled}
         self.count = self._count()
         layout, size = self.layout, 0
-        self.parts: list[_Part] = []
+        self.parts: list[_Part | _SampledPart] = []
         self.rows: list[slice] = []
         states: list[str] = []
         for one, every in zip(system.instances, self.every, strict=True):
@@ -331,7 +354,12 @@ class _Steps:
                 for name in space.inputs
                 if f"{one.name}.{name}" in linear.late
             }
-            part = _Part(space, own, every * self.step_size, self.order)
+            law = linear.laws.get(one.name)
+            if law is not None and law.sampled is not None:
+                part: _Part | _SampledPart = _SampledPart(law.sampled, self.samples[one.name])
+                space = law.sampled
+            else:
+                part = _Part(space, own, every * self.step_size, self.order)
             self.parts.append(part)
             self.rows.append(slice(size, size + part.size))
             states += [f"{one.name}.{name}" for name in space.states]
@@ -366,9 +394,17 @@ class _Steps:
             raise ConfigError([Problem("run.step_size", what, f"at most {_MOST_ROWS}", remedy)])
         self.inputs = [self._input(index) for index in range(len(system.instances))]
 
+    def _samples(self, name: str, law: Law) -> int:
+        """Communication steps in a sample period of a law."""
+        ratio = law.period / self.step_size
+        if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
+            what = f"the sample period of {law.period:g} s is {ratio:.6g} communication steps"
+            raise ConfigError([Problem(name, what, "a whole number of steps is needed")])
+        return round(ratio)
+
     def _count(self) -> int:
         """Communication steps after which everything repeats."""
-        count = math.lcm(*self.every)
+        count = math.lcm(*self.every, *self.samples.values())
         for one in self.layout.wired:
             for effect, _ in one.links:
                 if not isinstance(effect, SampleAndHold) or not effect.period:
@@ -421,10 +457,14 @@ class _Steps:
         slopes = [(end - begin - bend) / self.step_size, 2.0 * bend / self.step_size**2][: self.order]
         return [placed(value), *(placed(np.where(follow, one, 0.0)) for one in slopes)]
 
-    def advance(self, index: int, z: Array, course: list[Array], signals: Array) -> None:
+    def advance(self, index: int, z: Array, course: list[Array], signals: Array, phase: int) -> None:
         """Step an instance: its state into z, its outputs into the signals."""
         part, span = self.parts[index], self.layout.spans[index]
-        z[self.rows[index]], outputs = part.advance(z[self.rows[index]], course)
+        begin = z[self.rows[index]]
+        if isinstance(part, _SampledPart):
+            z[self.rows[index]], outputs = part.advance(begin, course, phase)
+        else:
+            z[self.rows[index]], outputs = part.advance(begin, course)
         signals[span] = 0.0
         for name, value in zip(part.space.outputs, outputs, strict=True):
             if name in self.layout.outputs[index]:
@@ -460,11 +500,11 @@ class _Steps:
                     given[index] = self.course(index, signals, run)
             for index in indices:
                 if (phase + 1) % self.every[index] == 0:
-                    self.advance(index, z, given[index], signals)
+                    self.advance(index, z, given[index], signals, phase)
         else:
             for index in self.system.order:
                 if (phase + 1) % self.every[index] == 0:
-                    self.advance(index, z, self.course(index, signals, run), signals)
+                    self.advance(index, z, self.course(index, signals, run), signals, phase)
                 self.follow(index, phase, before, signals)
                 if run is not None:
                     self.settle(index, phase, before, signals, run)
@@ -545,7 +585,7 @@ class _Steps:
             run = _Course(begin, np.where(smooth, 0.5 * (begin + signals), signals), signals)
         made = signals.copy()
         for index in range(len(self.parts)):
-            self.advance(index, z, self.course(index, signals, run), made)
+            self.advance(index, z, self.course(index, signals, run), made, phase)
         return self.committed(before, z, phase, made)
 
     def lines(self) -> list[tuple[int, int, int, int, int]]:
@@ -558,10 +598,12 @@ class _Steps:
                 found.append((memory.start + low, 1, length, self.count, length - 3 - self.count))
         for part, rows, every in zip(self.parts, self.rows, self.every, strict=True):
             shift = self.count // every
-            for _, whole, _, _, _, own in part.late:
+            for _, whole, _, _, _, own, through in part.late:
                 width = self.order + 1
                 blocks = (own.stop - own.start) // width
-                found.append((rows.start + own.start, width, blocks, shift, whole - 1 - shift))
+                found.append(
+                    (rows.start + own.start, width, blocks, shift, whole - 1 - int(through.any()) - shift)
+                )
         return found
 
     def assembled(self, resting: int) -> SampledSystem:

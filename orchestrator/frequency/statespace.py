@@ -12,14 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import ConfigError, Problem, listed
 from ..fmi import Causality, Fmu, FmuInstance, Kind, Value
-from ..master.running_instances import instantiate
-from ..simulation.run import Prepared, prepare
-from ..system.connection import Connection, Port
-from .connections import static_gain
+from ..system.connection import Port
 from .linearise import load
-from .transfer import Array
 
-__all__ = ["StateSpace", "linearised", "real_ports", "state_names", "state_space", "system_state_space"]
+__all__ = ["StateSpace", "linearised", "real_ports", "state_names", "state_space"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -105,90 +103,6 @@ def state_space(
     return found
 
 
-def system_state_space(
-    config: str | Path | Mapping[str, Any] | Prepared,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    overrides: Iterable[str] = (),
-) -> StateSpace:
-    """The state space of a configured system at its start, without communication steps.
-
-    Args:
-        config, overrides: as `orchestrator.simulation.run.prepare`.
-        inputs: as "robot.command"; what drives an input adds to what is connected to it.
-        outputs: as "contact.force".
-    Raises: ConfigError with all instances that offer no directional derivatives or hide a delay, and all
-        connections whose effects have memory: `sweep_system` measures those.
-    """
-    prepared = config if isinstance(config, Prepared) else prepare(config, overrides)
-    system, place = prepared.system, prepared.config.name
-    problems = [problem for one in system.instances for problem in _cannot(one.name, one.fmu)]
-    gains = {}
-    for connection in system.connections:
-        gain = _gain(connection)
-        if gain is None:
-            what = f"{connection}: its effects are not a mere gain"
-            problems.append(Problem(place, what, "", "Measure the response with sweep_system."))
-        gains[connection] = gain or 0.0
-    for names, kind in ((inputs, Causality.INPUT), (outputs, Causality.OUTPUT)):
-        there = [f"{one.name}.{name}" for one in system.instances for name in _real(one.fmu, kind)]
-        for name in names:
-            if name not in there:
-                allowed = f"{kind.value}s: {listed(there)}"
-                problems.append(Problem(place, f"no real {kind.value} {name}", allowed))
-    if problems:
-        raise ConfigError(problems)
-    parts: list[StateSpace] = []
-    fed = {str(connection.target) for connection in system.connections} | set(inputs)
-    seen = {str(leg) for connection in system.connections for leg, _ in _legs(connection)} | set(outputs)
-    with instantiate(system) as instances:
-        instances.initialise(float(prepared.grid.start), float(prepared.grid.stop))
-        for one, running in zip(system.instances, instances.running, strict=True):
-            own = tuple(name for name in _real(one.fmu, Causality.INPUT) if f"{one.name}.{name}" in fed)
-            part = linearised(one.fmu, running, own, _real(one.fmu, Causality.OUTPUT))
-            problems += _hidden(
-                one.name, part, [name for name in part.outputs if f"{one.name}.{name}" in seen]
-            )
-            parts.append(part.named(one.name))
-    if problems:
-        raise ConfigError(problems)
-    return _joined(parts, gains, inputs, outputs, place)
-
-
-def _joined(
-    parts: Sequence[StateSpace],
-    gains: Mapping[Connection, float],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    place: str,
-) -> StateSpace:
-    """With u = K y + E r: x' = (A + B S K C) x + B S E r, where S = (1 - K D)^-1."""
-    import scipy.linalg
-
-    a, b, c, d = (scipy.linalg.block_diag(*(getattr(one, name) for one in parts)) for name in "abcd")
-    states, every_input, every_output = (
-        tuple(name for one in parts for name in getattr(one, kind))
-        for kind in ("states", "inputs", "outputs")
-    )
-    k = np.zeros((len(every_input), len(every_output)))
-    for connection, gain in gains.items():
-        for source, share in _legs(connection):
-            if str(source) in every_output:
-                place_of = every_input.index(str(connection.target)), every_output.index(str(source))
-                k[place_of] += gain * share
-    e = np.array([[float(one == name) for name in inputs] for one in every_input])
-    e = e.reshape(len(every_input), len(inputs))
-    loop = np.eye(len(every_input)) - k @ d
-    if every_input and np.linalg.cond(loop) > 1e12:
-        raise ConfigError([Problem(place, "an algebraic loop has no solution at the start", "")])
-    s = np.linalg.inv(loop)
-    rows = [every_output.index(name) for name in outputs]
-    y_x, y_r = c + d @ s @ k @ c, d @ s @ e
-    return StateSpace(
-        a + b @ s @ k @ c, b @ s @ e, y_x[rows], y_r[rows], states, tuple(inputs), tuple(outputs)
-    )
-
-
 def _real(fmu: Fmu, causality: Causality) -> tuple[str, ...]:
     return tuple(
         name
@@ -270,21 +184,3 @@ def _hidden(name: str, part: StateSpace, outputs: Iterable[str]) -> list[Problem
         )
         for one in unmoved
     ]
-
-
-def _legs(connection: Connection) -> list[tuple[Port, float]]:
-    """The outputs that a connection adds up, each with what it is multiplied by."""
-    if connection.wire is None:
-        return [(connection.source, 1.0)]
-    return [(leg.port, leg.gain) for leg in connection.wire.legs]
-
-
-def _gain(connection: Connection) -> float | None:
-    """What a connection multiplies its sum by; None if it does more."""
-    total = connection.gain
-    for link in connection.wire.links if connection.wire is not None else ():
-        factor = static_gain(link.effect)
-        if factor is None:
-            return None
-        total *= factor
-    return total

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from decimal import Context, Decimal
 from fractions import Fraction
 from typing import Any
@@ -11,12 +12,22 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import ConfigError
+from ..simulation.grid import Grid
 from ..simulation.run import Prepared, prepare
 from .delay_system import Mode, Modes
 from .from_system import Linearised
 from .sampled_system import SampledSystem, sampled_system
 
-__all__ = ["at_step", "largest_step", "moving_modes", "pairs", "resting_roots", "step_report", "step_text"]
+__all__ = [
+    "at_step",
+    "largest_step",
+    "moving_modes",
+    "pairs",
+    "resting_roots",
+    "step_report",
+    "step_text",
+    "with_step",
+]
 
 # Ratio of neighbouring steps that are looked at, and to what share the border is found.
 _RATIO = 2.0**0.25
@@ -37,6 +48,13 @@ def at_step(prepared: Prepared, size: float, steps: int = _FEW) -> tuple[float, 
     stop = prepared.grid.start + -(-steps // whole) * whole * short
     exact = Context(prec=60).divide(Decimal(stop.numerator), Decimal(stop.denominator))
     return float(short), (f"run.step_size={text} s", f"run.stop_time={exact} s")
+
+
+def with_step(prepared: Prepared, size: float) -> Prepared:
+    """The system with a communication step near a size [s], for a run of a few steps."""
+    if all(one.ratio == 1 for one in prepared.system.instances):
+        return replace(prepared, grid=Grid(prepared.grid.start, Fraction(f"{size:.7g}"), _FEW))
+    return prepare(prepared.config, at_step(prepared, size)[1])
 
 
 def moving_modes(modes: Modes) -> list[Mode]:
@@ -132,8 +150,7 @@ def largest_step(
         return None
 
     def look(size: float) -> SampledSystem:
-        _, changes = at_step(prepared, size)
-        return sampled_system(prepare(prepared.config, changes), linear, resting)
+        return sampled_system(with_step(prepared, size), linear, resting)
 
     begin = float(prepared.grid.step_size)
     longest = float(prepared.grid.stop - prepared.grid.start)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..base.errors import ConfigError, Problem, listed, nearest
 from ..simulation.run import Prepared
+from . import figures
 from .delay_system import Modes
 from .disk import DiskMargin, disk_margin, sensitivity
 from .from_system import Linearised, linearise
@@ -17,8 +18,9 @@ from .step_report import step_report, step_text
 
 __all__ = ["system_figures", "system_stability", "system_text"]
 
-# A root this near to the imaginary axis, relative to its size or to the largest, counts as on it.
-_BORDER = 1e-9
+# A root this near to the imaginary axis, relative to its size or to the largest, counts as on it: measured
+# delays are no more exact than that.
+_BORDER = 1e-7
 _MOST_SHOWN = 3
 
 
@@ -136,7 +138,11 @@ def system_text(report: dict[str, Any]) -> str:
         root = f"{real:.6g}" + (f" +-{imaginary:.6g}j" if imaginary else "")
         share = ", ".join(f"{name} {100 * part:.0f} %" for name, part in one["participation"].items())
         size = f"{one['frequency']:.4g} Hz, damping {one['damping']:.4g}" if imaginary else "real"
-        lines.append(f"  {root} 1/s: {size}; {share}")
+        line = f"  {root} 1/s: {size}; {share}"
+        if line != lines[-1]:
+            lines.append(line)
+            times = sum(other["root"] == one["root"] for other in report["modes"])
+            lines[-1] += f"; {times} times" if times > 1 else ""
     if report["margins"]:
         lines.append("margins of connections in feedback loops, the weakest first:")
     for name, one in report["margins"].items():
@@ -174,56 +180,38 @@ def _disk_in_words(one: dict[str, Any]) -> str:
 
 
 def system_figures(report: dict[str, Any], linear: Linearised) -> dict[str, Any]:
-    """Bode and Nyquist figures of the weakest connection, and a map of the roots, by name."""
-    from matplotlib.figure import Figure
-
-    roots = Figure(figsize=(5.5, 4.5), layout="constrained")
-    axes = roots.subplots()
-    for one in report["modes"]:
-        real, imaginary = one["root"]
-        axes.plot([real, real], [imaginary, -imaginary], "x", color="#D55E00" if real > 0 else "#0072B2")
-    shown = axes.get_ylim()
-    for one in report["sampled"].get("modes", ()):
-        real, imaginary = one["root"]
-        if one["machine"] is not None:
-            axes.plot([real, real], [imaginary, -imaginary], "o", color="#009E73", fillstyle="none")
-            shown = min(shown[0], -abs(imaginary) * 1.1), max(shown[1], abs(imaginary) * 1.1)
-    axes.set_ylim(*shown)
-    axes.set_title("x machine, o as co-simulated")
-    axes.axvline(0.0, color="black", linewidth=0.8)
-    axes.set_xlabel("real part [1/s]")
-    axes.set_ylabel("imaginary part [rad/s]")
-    axes.grid(alpha=0.3)
-    made = {"roots": roots}
+    """Figures by name: roots and participation; of the weakest connection Bode, Nyquist, Nichols, step."""
+    made = {
+        "roots": figures.root_map(report["modes"], report["sampled"].get("modes", ())),
+        "participation": figures.participation(report["modes"]),
+    }
+    omega = np.geomspace(*_shown(report), 1500)
     if report["margins"]:
         name = next(iter(report["margins"]))
-        omega = np.geomspace(*_shown(report), 1500)
-        made |= _responses(name, omega, linear.system.open_loop(name, omega))
+        value = linear.system.open_loop(name, omega)
+        made |= {
+            "bode": figures.bode(name, omega, value),
+            "nyquist": figures.nyquist(name, omega, value),
+            "nichols": figures.nichols(name, omega, value),
+        }
+        time = _step_times(report)
+        made["step"] = figures.step_figure(name, time, linear.system.step_response(name, time))
     if report["together"] is not None:
         names = report["together"]["connections"]
-        made["sigma"] = _sigma(omega, sensitivity(linear.system, names, omega))
+        made["sigma"] = figures.sigma(names, omega, sensitivity(linear.system, names, omega))
     return made
 
 
-def _sigma(omega: Any, value: Any) -> Any:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-    axes = figure.subplots()
-    other = np.eye(value.shape[-1]) - value
-    for name, matrix, color in (("sensitivity", value, "#0072B2"), ("complementary", other, "#D55E00")):
-        singular = np.linalg.svd(matrix, compute_uv=False)
-        for place in range(singular.shape[1]):
-            decibels = 20 * np.log10(np.maximum(singular[:, place], 1e-300))
-            axes.semilogx(omega / (2 * np.pi), decibels, color=color, label=None if place else name)
-    axes.axhline(0.0, color="black", linewidth=0.8)
-    axes.set_ylim(bottom=max(axes.get_ylim()[0], -80.0))
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel("singular values [dB]")
-    axes.set_title(f"{value.shape[-1]} loops opened at once")
-    axes.legend()
-    axes.grid(alpha=0.3)
-    return figure
+def _step_times(report: dict[str, Any]) -> Any:
+    """Instants that show how the slowest mode of the loops goes on [s]."""
+    roots = [complex(*one["root"]) for one in report["modes"]]
+    size = max((abs(one) for one in roots), default=1.0)
+    moving = [one for one in roots if abs(one) > 1e-6 * size] or [complex(-1.0)]
+    rate = max(abs(moving[0].real), 0.02 * abs(moving[0]))
+    # What grows is shown up to a factor of some hundred, what decays to a hundredth.
+    length = min(5.0 / rate, 30.0 * 2.0 * np.pi / abs(moving[0]))
+    count = int(np.clip(20.0 * length * abs(moving[0]) / (2.0 * np.pi), 1000, 4000))
+    return np.linspace(0.0, length, count + 1)
 
 
 def _shown(report: dict[str, Any]) -> tuple[float, float]:
@@ -232,28 +220,3 @@ def _shown(report: dict[str, Any]) -> tuple[float, float]:
     sizes = [one for one in sizes if one > 1e-9] or [1.0]
     crossings = [each["omega"] for one in report["margins"].values() for each in one["crossovers"]]
     return 0.05 * min([*sizes, *crossings]), 20.0 * max([*sizes, *crossings])
-
-
-def _responses(name: str, omega: Any, value: Any) -> dict[str, Any]:
-    from matplotlib.figure import Figure
-
-    bode = Figure(figsize=(7.5, 5.0), layout="constrained")
-    upper, lower = bode.subplots(2, 1, sharex=True)
-    upper.semilogx(omega / (2 * np.pi), 20 * np.log10(np.maximum(abs(value), 1e-300)))
-    upper.axhline(0.0, color="black", linewidth=0.8)
-    upper.set_ylabel("gain [dB]")
-    upper.set_title(f"open at {name}")
-    lower.semilogx(omega / (2 * np.pi), np.degrees(np.unwrap(np.angle(value))))
-    lower.set_ylabel("phase [deg]")
-    lower.set_xlabel("frequency [Hz]")
-    nyquist = Figure(figsize=(5.0, 5.0), layout="constrained")
-    axes = nyquist.subplots()
-    near = abs(value) < 10.0
-    axes.plot(value.real[near], value.imag[near])
-    axes.plot([-1.0], [0.0], "+", color="#D55E00", markersize=12)
-    axes.set_xlabel("Re L")
-    axes.set_ylabel("Im L")
-    axes.set_aspect("equal", adjustable="datalim")
-    for one in (upper, lower, axes):
-        one.grid(alpha=0.3)
-    return {"bode": bode, "nyquist": nyquist}

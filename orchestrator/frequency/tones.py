@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import ConfigError, Problem
-from .transfer import Array
 
 __all__ = ["Measured", "Tones"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

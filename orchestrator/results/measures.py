@@ -56,6 +56,16 @@ class Measure(Protocol):
     def scene(self, results: Results, options: Any) -> dict[str, Any] | None:
         """What moves, for the view of motion in a report: see `orchestrator.docking.scene`."""
 
+    # Only where it knows more of the linear system than the FMUs tell:
+
+    def linear_point(self, prepared: Any, options: Any) -> Any:
+        """Operating point and laws of instances: see `orchestrator.frequency.from_system.LinearPoint`."""
+
+    def stability(
+        self, prepared: Any, linear: Any, report: Mapping[str, Any], options: Any
+    ) -> tuple[dict[str, Any], list[str]]:
+        """What it adds to the report of `orchestrator stability`: numbers, and lines for terminals."""
+
     # Only where several runs can be compared:
 
     def comparison(self, runs: Mapping[str, tuple[Results, Any]]) -> dict[str, Figure]:

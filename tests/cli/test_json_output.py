@@ -71,7 +71,7 @@ def test_check_list_stability_and_export_tell_what_they_print(capsys, tmp_path):
     assert main(["stability", "docking-1d-uncompensated", "--json"]) == 0
     (answer,) = told(capsys)
     assert answer["margins"]["stable"] is False
-    assert answer["growth_per_contact"] == pytest.approx(1.23555, abs=2e-5)
+    assert answer["docking"]["growth_per_contact"] == pytest.approx(1.23555, abs=2e-5)
     out = str(tmp_path / "run")
     assert (
         main(["run", "docking-1d", *SHORT, "--quiet", "--no-figures", "--format", "arrow", "--out", out]) == 0

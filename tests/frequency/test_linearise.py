@@ -7,7 +7,6 @@ import pytest
 from orchestrator.base.errors import ConfigError
 from orchestrator.fmi import RunOptions, load_fmu
 from orchestrator.frequency import direct_gains, sweep
-from orchestrator.frequency.plant import docking_contact, force_sensor, robot_response
 
 FREQUENCIES = np.geomspace(0.1, 200, 30)
 
@@ -22,8 +21,10 @@ def test_robot_response():
     measured = sweep(
         "RobotResponse", "command", "position", FREQUENCIES, step_size=2e-4, amplitude=0.01, periods=1
     )
-    p = {"omega_n": 471.23889803846896, "xi_n": 0.8, "tau_m": 2e-3}
-    magnitude, phase = deviation(measured, robot_response(p)["command", "position"])
+    w, xi, tau = 471.23889803846896, 0.8, 2e-3
+    magnitude, phase = deviation(
+        measured, lambda s: w * w * np.exp(-tau * s) / (s * s + 2.0 * xi * w * s + w * w)
+    )
     assert magnitude < 0.01 and phase < 0.1
     assert measured.coherence.min() > 0.9999
 
@@ -39,7 +40,7 @@ def test_force_sensor_with_delay_and_low_pass():
         amplitude=10,
         start=start,
     )
-    magnitude, phase = deviation(measured, force_sensor(start)["force", "measured_force"])
+    magnitude, phase = deviation(measured, lambda s: np.exp(-1.5e-3 * s) / (1.0 + s / (300.0 * np.pi)))
     assert magnitude < 0.01 and phase < 0.1
 
 
@@ -66,7 +67,7 @@ def test_a_model_exchange_fmu_follows_the_sines_within_steps(tmp_path):
 
 def test_coherence_tells_a_contact_that_is_lost():
     held = contact(0.5e-3)
-    magnitude, _ = deviation(held, docking_contact({"stiffness": 176e3, "damping": 0.0})["position", "force"])
+    magnitude, _ = deviation(held, lambda s: -176e3 + 0.0 * s)
     assert magnitude < 1e-3 and held.coherence.min() > 0.9999
     assert contact(3e-3).coherence.min() < 0.9
 

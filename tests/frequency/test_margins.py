@@ -4,12 +4,22 @@ import control
 import numpy as np
 import pytest
 
-from orchestrator.frequency import Loop, Transfer, characteristic, count_right_of, critical_delays, margins
+from orchestrator.docking.stability import ContactLoop
+from orchestrator.frequency import DelaySystem, Margins
+
+
+def loop(above, below, delay: float = 0.0) -> DelaySystem:
+    """Negative feedback around above/below, descending powers, behind a delay."""
+    return DelaySystem.loop(control.tf(above, below), delay)
+
+
+def margins(above, below, delay: float = 0.0) -> Margins:
+    return loop(above, below, delay).margins("loop")
 
 
 def test_rational_loop_as_python_control():
     system = control.tf([8.0], np.poly([-1.0, -2.0, -3.0]))
-    told = margins(Transfer.of_control(system))
+    told = DelaySystem.loop(system).margins("loop")
     gain, phase, modulus, at_phase, at_gain, at_modulus = control.stability_margins(system)
     assert told.stable
     assert told.gain_margin == (0.0, pytest.approx(gain, rel=1e-9))
@@ -24,50 +34,55 @@ def test_rational_loop_as_python_control():
 def test_integrator_with_delay():
     """L = g exp(-tau s)/s: crossover at g, unstable from tau = pi/(2 g), gain margin pi/(2 g tau)."""
     gain, tau = 3.0, 0.1
-    told = margins(Transfer.rational([gain], [1.0, 0.0], tau))
+    told = margins([gain], [1.0, 0.0], tau)
     assert told.phase_margin == pytest.approx(90 - np.degrees(gain * tau), rel=1e-10)
     assert told.delay_margin == pytest.approx(np.pi / 2 / gain - tau, rel=1e-10)
     assert told.gain_margin[1] == pytest.approx(np.pi / 2 / gain / tau, rel=1e-10)
-    assert not margins(Transfer.rational([gain], [1.0, 0.0], 0.53)).stable
-    assert np.isnan(margins(Transfer.rational([gain], [1.0, 0.0], 0.53)).delay_margin)
+    assert not margins([gain], [1.0, 0.0], 0.53).stable
+    assert np.isnan(margins([gain], [1.0, 0.0], 0.53).delay_margin)
 
 
 def test_every_crossover_is_considered():
     """A lightly damped mode behind an integrator crosses three times."""
-    loop = Transfer.rational([1.0 * 100.0], np.polymul([1.0, 0.0], [1.0, 0.05, 100.0]))
-    told = margins(loop)
+    told = margins([100.0], np.polymul([1.0, 0.0], [1.0, 0.05, 100.0]))
     assert [one.falling for one in told.crossovers] == [True, False, True]
-    told = margins(Transfer.rational([3.0, 0.0], [1.0, 0.04, 100.0]))
+    told = margins([3.0, 0.0], [1.0, 0.04, 100.0])
     assert told.stable and [one.falling for one in told.crossovers] == [False, True]
     assert told.delay_margin == min(one.delay_margin for one in told.crossovers)
 
 
 def test_delay_margin_is_where_the_count_changes():
-    loop = Loop.of("docking-1d-uncompensated", ["contact.damping=1500 N.s/m"])
-    margin = margins(loop.gain()).delay_margin
+    linear = ContactLoop.of("docking-1d-uncompensated", ["contact.damping=1500 N.s/m"]).linear
+    name = "satellite.position -> robot.command"
+    margin = linear.margins(names=[name])[name].delay_margin
+    assert margin == pytest.approx(3e-3, rel=2e-3)
     for factor, unstable in ((0.999, 0), (1.001, 2)):
-        later = loop.with_parameters({"robot.tau_m": 2e-3 + factor * margin})
-        assert count_right_of(later.characteristic()) == unstable
-
-
-def test_critical_delays_with_directions():
-    """A resonance that delay destabilises and stabilises in turn; counts agree between all of them."""
-    plant = Transfer.rational([-0.4], [1.0, 0.1, 1.0])
-    begin, found = critical_delays(Transfer(), plant, 30.0)
-    assert begin == 0
-    assert {one.to_right for one in found} == {True, False}
-    delays = [one.delay for one in found]
-    assert delays == sorted(delays)
-    edges = [0.0, *delays, 30.0]
-    counts = [0, *(one.unstable_beyond for one in found)]
-    for low, high, count in zip(edges[:-1], edges[1:], counts, strict=True):
-        late = Transfer.rational([-0.4], [1.0, 0.1, 1.0], 0.5 * (low + high))
-        assert count_right_of(characteristic(late)) == count
+        assert linear.system.later(name, factor * margin).count_right_of(0.0) == unstable
 
 
 def test_active_loop_bears_any_robot_delay_where_estimates_are_right():
-    loop = Loop.of("docking-1d", ["contact.damping=300 N.s/m"])
-    for tau in (1e-3, 1e-2, 5e-2):
-        assert margins(loop.with_parameters({"robot.tau_m": tau}).gain()).stable
-    wrong = loop.with_parameters({"controller.stiffness_estimate": 100e3, "robot.tau_m": 1e-2})
-    assert not margins(wrong.gain()).stable
+    damped = ["contact.damping=300 N.s/m"]
+    for tau in (1, 10, 50):
+        later = ContactLoop.of("docking-1d", [*damped, f"robot.tau_m={tau} ms"])
+        assert later.linear.modes(2).stable
+    wrong = ContactLoop.of("docking-1d", [*damped, "robot.tau_m=10 ms"], stiffness_estimate=100e3)
+    assert not wrong.linear.modes(2).stable
+
+
+def test_a_system_of_scipy_is_taken_in():
+    from scipy import signal
+
+    told = DelaySystem.loop(signal.TransferFunction([8.0], np.poly([-1.0, -2.0, -3.0]))).margins("loop")
+    assert told.gain_margin[1] == pytest.approx(margins([8.0], np.poly([-1.0, -2.0, -3.0])).gain_margin[1])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.13])
+def test_the_step_response_is_that_of_python_control(delay):
+    """With a delay against a closed loop with Pade's approximation of order 12."""
+    plant = control.tf([4.0, 2.0], [1.0, 2.0, 3.0, 0.0])
+    time = np.linspace(0.0, 12.0, 2401)
+    found = loop([4.0, 2.0], [1.0, 2.0, 3.0, 0.0], delay).step_response("loop", time)
+    late = control.tf(*control.pade(delay, 12)) if delay else 1.0
+    expected = control.step_response(control.feedback(control.ss(plant * late), 1), time).outputs
+    late_enough = time > 2.0 * delay
+    np.testing.assert_allclose(found[late_enough], expected[late_enough], atol=4e-4)

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
+from math import isfinite
 
 from scipy.optimize import brentq
 
 from ...base.errors import OrchestratorError
-from ...frequency.gain import contact_root, growth_per_contact, predict_contact
-from ...frequency.loop import Loop
-from ...frequency.roots import rightmost_roots
+from ..stability import ContactLoop, predict_contact
 
 __all__ = ["delay_for_growth", "growth_of_roots"]
 
 _LONGEST = 0.05
 _MICROSECOND = 1e-6
-# Six roots give the ratio to 1e-12, in a twentieth of the time of twelve.
-_ROOTS = 6
 
 
 @cache
@@ -26,10 +22,10 @@ def growth_of_roots(system: str, overrides: tuple[str, ...] = ()) -> float:
 
     Raises: OrchestratorError if no root oscillates.
     """
-    root = contact_root(rightmost_roots(Loop.of(system, overrides).characteristic()))
-    if root is None:
+    growth = ContactLoop.of(system, overrides).growth
+    if not isfinite(growth):
         raise OrchestratorError(f"{system}: no root oscillates, so there are no contacts that end")
-    return growth_per_contact(root)
+    return growth
 
 
 @cache
@@ -45,11 +41,10 @@ def delay_for_growth(system: str, growth: float, overrides: tuple[str, ...] = ()
         overrides: of the system; its own `robot.tau_m` does not matter.
     Raises: OrchestratorError if no delay up to 50 ms gives this growth.
     """
-    loop = Loop.of(system, overrides)
 
     def excess(delay: float) -> float:
-        changed = replace(loop, parameters={**loop.parameters, "robot.tau_m": delay})
-        return predict_contact(changed, _ROOTS).velocity_ratio - growth
+        changed = ContactLoop.of(system, (*overrides, f"robot.tau_m={delay!r} s"))
+        return predict_contact(changed).velocity_ratio - growth
 
     low, high = excess(0.0), excess(_LONGEST)
     if not low <= 0.0 <= high:

@@ -3,18 +3,9 @@
 import numpy as np
 import pytest
 
-from orchestrator.base.errors import ConfigError
-from orchestrator.frequency import (
-    Loop,
-    chart,
-    contact_root,
-    growth_per_contact,
-    predict_contact,
-    rightmost_roots,
-    sample,
-)
-from orchestrator.frequency.charts import unstable_roots
-from orchestrator.simulation.run import run
+from orchestrator.docking.stability import ContactLoop, predict_contact
+from orchestrator.frequency import DelaySystem, Link, chart_of, sampled_system
+from orchestrator.simulation.run import prepare, run
 
 PLAIN = "docking-1d-uncompensated"
 
@@ -24,26 +15,31 @@ def restitutions(name: str, overrides: list[str]) -> list[float]:
     return [abs(contact["cor"]) for contact in summary["contacts"]]
 
 
+def stepped(name: str, overrides: list[str]) -> float:
+    """Growth of the dominant root that the master and its step make."""
+    prepared = prepare(name, overrides)
+    modes = sampled_system(prepared, ContactLoop.of(prepared).linear).modes()
+    root = next(one.root for one in modes if one.root.imag > 1e-3 * abs(one.root))
+    return float(np.exp(np.pi * root.real / root.imag))
+
+
 @pytest.mark.parametrize(
     "rig", [("75 Hz", "2 ms"), ("75 Hz", "4 ms"), ("75 Hz", "6 ms"), ("25 Hz", "2 ms"), ("100 Hz", "2 ms")]
 )
 def test_growth_of_the_uncompensated_system(rig):
     overrides = [f"robot.omega_n={rig[0]}", f"robot.tau_m={rig[1]}"]
-    loop = Loop.of(PLAIN, overrides)
-    root = contact_root(rightmost_roots(loop.characteristic()))
+    loop = ContactLoop.of(PLAIN, overrides)
     found = restitutions(PLAIN, overrides)[0]
-    assert growth_per_contact(root) == pytest.approx(found, rel=1e-3)
+    assert loop.growth == pytest.approx(found, rel=1e-3)
     assert predict_contact(loop).velocity_ratio == pytest.approx(found, rel=1e-5)
 
 
 def test_damped_contact_ends_before_half_an_oscillation():
     overrides = ["contact.damping=500 N.s/m", "run.step_size=50 us"]
-    predicted = predict_contact(Loop.of(PLAIN, overrides))
+    predicted = predict_contact(ContactLoop.of(PLAIN, overrides))
     assert predicted.velocity_ratio == pytest.approx(np.mean(restitutions(PLAIN, overrides)), rel=1e-4)
-    border = Loop.of(PLAIN, ["contact.damping=955.73 N.s/m"])
-    assert growth_per_contact(contact_root(rightmost_roots(border.characteristic()))) == pytest.approx(
-        1, abs=1e-5
-    )
+    border = ContactLoop.of(PLAIN, ["contact.damping=955.73 N.s/m"])
+    assert border.growth == pytest.approx(1, abs=1e-5)
     assert predict_contact(border).velocity_ratio > 1.009
 
 
@@ -63,11 +59,10 @@ STILL = [
 @pytest.mark.parametrize("estimate", [150e3, 176e3, 200e3])
 def test_active_controller_with_a_wrong_estimate(estimate):
     overrides = [*STILL, f"controller.initial_stiffness={estimate} N/m"]
-    loop = Loop.of("docking-1d", overrides).with_parameters({"controller.stiffness_estimate": estimate})
+    loop = ContactLoop.of("docking-1d", overrides, stiffness_estimate=estimate)
     predicted = predict_contact(loop).velocity_ratio
     assert predicted == pytest.approx(restitutions("docking-1d", overrides)[0], abs=1e-3)
-    error = growth_per_contact(contact_root(rightmost_roots(loop.characteristic()))) - 1
-    assert np.sign(round(error, 6)) == np.sign(176e3 - estimate)
+    assert np.sign(round(loop.growth - 1, 6)) == np.sign(176e3 - estimate)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +76,9 @@ def test_active_controller_with_a_wrong_estimate(estimate):
 )
 def test_the_step_of_each_master_is_part_of_the_loop(master, step, growth):
     """Growth as docs/masters.md has it from co-simulation."""
-    assert sample(Loop.of(PLAIN), master, step).growth() == pytest.approx(growth, rel=2e-4)
+    assert stepped(PLAIN, [f"run.master={master}", f"run.step_size={step} s"]) == pytest.approx(
+        growth, rel=2e-4
+    )
 
 
 @pytest.mark.parametrize(
@@ -94,46 +91,30 @@ def test_the_step_of_each_master_is_part_of_the_loop(master, step, growth):
 def test_the_iterative_master_agrees_with_the_step_s_end(step, more):
     """Every input holds the value of the step's end: early, so that contacts gain less."""
     overrides = [*more, "run.master={name: iterative, tolerance: 1e-9}", f"run.step_size={step}"]
-    loop = Loop.of(PLAIN, overrides)
-    predicted = sample(loop, "iterative", float(step[:-3]) * 1e-3).growth()
+    predicted = stepped(PLAIN, overrides)
     assert predicted == pytest.approx(restitutions(PLAIN, overrides)[0], rel=2e-4)
-    assert predicted < 0.99 * growth_per_contact(contact_root(rightmost_roots(loop.characteristic())))
+    assert predicted < 0.99 * ContactLoop.of(PLAIN, overrides).growth
 
 
 def test_sampled_loop_with_sensor_and_controller():
     overrides = ["controller.mode=off", "sensor.tau_s=2 ms", "run.step_size=50 us"]
-    predicted = sample(Loop.of("docking-1d", overrides), "gauss-seidel", 5e-5).growth()
+    predicted = stepped("docking-1d", overrides)
     assert predicted == pytest.approx(restitutions("docking-1d", overrides)[0], rel=3e-4)
 
 
 def test_sampled_loop_tends_to_the_continuous_one():
-    loop = Loop.of(PLAIN, ["contact.damping=1500 N.s/m", "robot.tau_m=2.3 ms"])
-    limit = growth_per_contact(contact_root(rightmost_roots(loop.characteristic())))
+    rig = ["contact.damping=1500 N.s/m", "robot.tau_m=2.3 ms"]
+    limit = ContactLoop.of(PLAIN, rig).growth
     errors = {
-        master: [sample(loop, master, step).growth() - limit for step in (4e-4, 2e-4, 1e-4)]
+        master: [
+            stepped(PLAIN, [*rig, f"run.master={master}", f"run.step_size={step} ms"]) - limit
+            for step in (0.4, 0.2, 0.1)
+        ]
         for master in ("jacobi", "gauss-seidel")
     }
     assert errors["jacobi"][1] / errors["jacobi"][2] == pytest.approx(2.0, rel=0.05)
     # The contact's damping acts on a velocity that is not the step's mean: of first order, too, but small.
     assert abs(errors["gauss-seidel"][2]) < 0.1 * abs(errors["jacobi"][2])
-
-
-def test_sampled_gain_closes_to_the_same_roots():
-    """1 + L(z) = 0 at the closed loop's eigenvalues."""
-    loop = sample(Loop.of(PLAIN), "jacobi", 1e-3)
-    root = loop.roots()[0]
-    z = np.exp(root * loop.period)
-    gain = -loop.c @ np.linalg.solve(z * np.eye(len(loop.a)) - loop.a, loop.b)
-    assert gain == pytest.approx(-1.0, abs=1e-6)
-
-
-def test_refusals_of_sampled_loops():
-    with pytest.raises(ConfigError) as caught:
-        sample(Loop.of(PLAIN), "adaptive", 0.0)
-    assert str(caught.value) == (
-        f"{PLAIN}: master 'adaptive' is not analysed\n  known: jacobi, gauss-seidel, iterative\n"
-        f"{PLAIN}: step size is 0.0 s\n  allowed: finite and positive"
-    )
 
 
 def grows(mass, stiffness, damping, omega_n, xi_n, tau) -> np.ndarray:
@@ -180,6 +161,45 @@ def grows(mass, stiffness, damping, omega_n, xi_n, tau) -> np.ndarray:
     return size[:, late].max(axis=1) > size[:, early].max(axis=1)
 
 
+def rig(mass, stiffness, damping, omega_n, xi_n, tau) -> DelaySystem:
+    """The equations of a rig in contact, written down here."""
+    a = np.zeros((4, 4))
+    a[0, 1] = a[2, 3] = 1.0
+    a[3, 2:] = [-(omega_n**2), -2.0 * xi_n * omega_n]
+    b = np.zeros((4, 2))
+    b[1, 0], b[3, 1] = 1.0 / mass, omega_n**2
+    c = np.array([[1.0, 0, 0, 0], [0, 0, -stiffness, -damping]])
+    links = (Link("command", 0, 1, 1.0, tau), Link("force", 1, 0, 1.0))
+    names = ("s.x", "s.v", "r.x", "r.v"), ("s.force", "r.command"), ("s.position", "r.force")
+    return DelaySystem(a, b, c, np.zeros((2, 2)), *names, links)
+
+
+def test_the_equations_of_a_rig_are_those_of_its_config():
+    found = ContactLoop.of(PLAIN, ["contact.damping=300 N.s/m"]).linear.modes().modes
+    mass = 300.0 * 4000.0 / 4300.0
+    expected = rig(mass, 176e3, 300.0, 150.0 * np.pi, 0.8, 2e-3).modes().modes
+    for one, other in zip(found[:2], expected[:2], strict=True):
+        assert one.root == pytest.approx(other.root, rel=1e-6)
+
+
+def test_the_border_of_a_chart_is_where_the_damping_stops_the_growth():
+    """955.7 N.s/m at 2 ms, 1686.1 at 6 ms."""
+    mass = 300.0 * 4000.0 / 4300.0
+
+    def made(tau: float, damping: float) -> DelaySystem:
+        return rig(mass, 176e3, damping, 150.0 * np.pi, 0.8, tau)
+
+    drawn = chart_of(made, (1e-3, 8e-3), (100.0, 3000.0))
+    assert drawn.unstable.shape == (201, 201)
+    (line,) = drawn.border
+    line = line[np.argsort(line[:, 0])]
+    assert np.interp([2e-3, 6e-3], line[:, 0], line[:, 1]) == pytest.approx([955.73, 1686.1], rel=1e-4)
+    draw = np.random.default_rng(1)
+    for row, column in draw.integers(201, size=(40, 2)):
+        system = made(drawn.x[column], drawn.y[row])
+        assert drawn.unstable[row, column] == system.count_right_of(0.0)
+
+
 def test_sign_of_stability_of_200_random_rigs():
     random = np.random.default_rng(20261121)
     count = 200
@@ -197,15 +217,10 @@ def test_sign_of_stability_of_200_random_rigs():
         "robot.xi_n": xi_n,
         "robot.tau_m": tau,
     }
-    loop = Loop.of(PLAIN)
 
     def unstable(factor: float) -> np.ndarray:
-        return (
-            unstable_roots(
-                loop.with_parameters({**rigs, "contact.damping": factor * damping}).characteristic()
-            )
-            > 0
-        )
+        rows = zip(*(rigs | {"contact.damping": factor * damping}).values(), strict=True)
+        return np.array([rig(*row).count_right_of(0.0) > 0 for row in rows])
 
     judged = unstable(1.0)
     assert 40 < judged.sum() < 160
@@ -223,57 +238,9 @@ def test_active_controller_with_a_wrong_damping(estimate):
         f"controller.initial_damping={estimate} N.s/m",
         "contact.damping=500 N.s/m",
     ]
-    loop = Loop.of("docking-1d", overrides).with_parameters({"controller.damping_estimate": estimate})
+    loop = ContactLoop.of("docking-1d", overrides, damping_estimate=estimate)
     predicted = predict_contact(loop).velocity_ratio
     assert predicted == pytest.approx(restitutions("docking-1d", overrides)[0], abs=4e-4)
-
-
-def test_chart_agrees_with_certified_roots_and_the_rule():
-    loop = Loop.of(PLAIN)
-    drawn = chart(
-        loop, ("robot.tau_m", np.linspace(0, 0.04, 60)), ("contact.damping", np.linspace(0, 4000, 50))
-    )
-    assert drawn.unstable.shape == drawn.growth.shape == drawn.rule.shape == (50, 60)
-    random = np.random.default_rng(1)
-    for row, column in zip(random.integers(50, size=25), random.integers(60, size=25), strict=True):
-        values = {"robot.tau_m": drawn.x[column], "contact.damping": drawn.y[row]}
-        roots = rightmost_roots(loop.with_parameters(values).characteristic(), 4)
-        assert (roots.unstable > 0) == (drawn.unstable[row, column] > 0)
-        if np.isfinite(drawn.growth[row, column]):
-            near = np.exp(
-                np.pi * roots.values.real / np.where(roots.values.imag > 0, roots.values.imag, np.nan)
-            )
-            assert np.nanmin(np.abs(near - drawn.growth[row, column])) < 1e-8
-    assert drawn.rule[0, 0] == pytest.approx(-176e3 * 2 * 0.8 / 471.23889803846896)
-    short = drawn.x < 1e-3
-    assert np.mean((drawn.rule[:, short] > 0) == drawn.stable[:, short]) > 0.97
-
-
-@pytest.mark.parametrize(
-    ("x", "y"),
-    [
-        ("controller.stiffness_estimate", "robot.tau_m"),
-        ("satellite.mass", "contact.stiffness"),
-        ("robot.xi_n", "sensor.cutoff"),
-    ],
-)
-def test_charts_over_other_parameters_of_the_active_loop(x, y):
-    spans = {
-        "controller.stiffness_estimate": np.linspace(100e3, 250e3, 5),
-        "robot.tau_m": np.linspace(1e-3, 1e-2, 4),
-        "satellite.mass": np.linspace(50, 500, 5),
-        "contact.stiffness": np.geomspace(1e4, 1e6, 4),
-        "robot.xi_n": np.linspace(0.3, 1.2, 5),
-        "sensor.cutoff": np.array([0.0, 50.0, 100.0, 300.0]),
-    }
-    loop = Loop.of("docking-1d", ["contact.damping=100 N.s/m", "sensor.tau_s=1 ms", "controller.tau_s=1 ms"])
-    drawn = chart(loop, (x, spans[x]), (y, spans[y]))
-    for row, column in ((0, 0), (3, 4), (2, 1)):
-        values = {x: spans[x][column], y: spans[y][row]}
-        if values.get("sensor.cutoff") == 0.0:
-            continue
-        roots = rightmost_roots(loop.with_parameters(values).characteristic(), 4)
-        assert drawn.unstable[row, column] == roots.unstable
 
 
 @pytest.mark.parametrize("master", ["jacobi", "gauss-seidel"])
@@ -284,17 +251,11 @@ def test_effects_are_part_of_the_sampled_loop(master):
         f"run.master={master}",
         "run.step_size=0.5 ms",
     ]
-    predicted = sample(Loop.of(PLAIN, overrides), master, 5e-4).growth()
+    predicted = stepped(PLAIN, overrides)
     assert predicted == pytest.approx(restitutions(PLAIN, overrides)[0], rel=1e-4)
 
 
 def test_a_gain_in_the_path_back_counts_in_the_impulse():
     overrides = ["connections[satellite.force].through=[{gain: 0.5}]"]
-    predicted = predict_contact(Loop.of(PLAIN, overrides)).velocity_ratio
+    predicted = predict_contact(ContactLoop.of(PLAIN, overrides)).velocity_ratio
     assert predicted == pytest.approx(restitutions(PLAIN, overrides)[0], rel=1e-5)
-
-
-def test_effects_with_instants_of_their_own_are_refused():
-    loop = Loop.of(PLAIN, ["connections[satellite.force].through=[{sample-and-hold: 4 ms}]"])
-    with pytest.raises(ConfigError, match="sample-and-hold samples at instants of its own"):
-        sample(loop, "jacobi", 1e-3)
