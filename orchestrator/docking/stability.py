@@ -189,8 +189,8 @@ def _controller(p: Mapping[str, Any], stiffness: float, damping: float) -> Law:
         outputs,
     )
     notes = [
-        "its law is that in contact; its sample hold counts as a delay of half a period; estimates stand still, by default at the true "
-        "values"
+        "its law is that in contact; its sample hold counts as a delay of half a period; estimates stand "
+        "still, by default at the true values"
     ]
     if mode == _ACTIVE and p["switching_compensation"]:
         notes.append("switching_compensation is not linear and is left out")

@@ -678,7 +678,7 @@ class DelaySystem:
 
     def margins(self, connection: str, modes: Modes | None = None) -> Margins:
         """Margins of the loop through one connection, all crossovers considered."""
-        unstable = (modes or self.modes()).unstable
+        modes = modes or self.modes()
         omega = self.frequencies(modes)
 
         def response(s: Complex) -> Complex:
@@ -699,7 +699,7 @@ class DelaySystem:
         peak = abs(value) / np.maximum(distance, 1e-300)
         near, least = _lowest(lambda w: abs(1.0 + response(1j * w)), omega, distance)
         top, most = _lowest(lambda w: -abs(1.0 - 1.0 / (1.0 + response(1j * w))), omega, -peak)
-        return Margins(unstable, tuple(crossovers), tuple(real), least, near, -most, top)
+        return Margins(modes.unstable, tuple(crossovers), tuple(real), least, near, -most, top)
 
     def frequencies(self, modes: Modes | None) -> Array:
         """Frequencies that show all of a loop, shape (k,) [rad/s]."""

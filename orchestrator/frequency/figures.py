@@ -31,7 +31,7 @@ def bode(name: str, omega: Array, value: Complex) -> Figure:
     lower.semilogx(hertz, _phase(value))
     lower.axhline(-180.0, color="black", linewidth=0.8)
     low, high = lower.get_ylim()
-    lower.set_ylim(min(low, -190.0), max(high, -170.0))
+    lower.set_ylim(max(min(low, -190.0), -900.0), max(high, -170.0))
     lower.set_ylabel("phase [deg]")
     lower.set_xlabel("frequency [Hz]")
     level = abs(value)
@@ -77,11 +77,9 @@ def nichols(name: str, omega: Array, value: Complex) -> Figure:
         angle = np.degrees(np.angle(-opened)) + center
         angle = np.where(abs(np.diff(angle, append=angle[-1])) > 90.0, np.nan, angle)
         axes.plot(angle, 20.0 * np.log10(abs(opened)), color=_GREY, linewidth=0.6, linestyle=":")
+        place = int(np.nanargmin(angle))
         axes.annotate(
-            f"{peak:g} dB",
-            (angle[len(angle) // 2], 20.0 * np.log10(abs(opened[len(angle) // 2]))),
-            fontsize=7,
-            color=_GREY,
+            f"{peak:g} dB", (angle[place], 20.0 * np.log10(abs(opened[place]))), fontsize=7, color=_GREY
         )
     axes.plot(phase, 20.0 * np.log10(np.maximum(abs(value), 1e-300)), color=COLORS[0])
     axes.plot([center], [0.0], "+", color="#D55E00", markersize=10)

@@ -216,7 +216,8 @@ def _step_times(report: dict[str, Any]) -> Any:
 
 def _shown(report: dict[str, Any]) -> tuple[float, float]:
     """Lowest and highest frequency that figures show [rad/s]."""
+    # Roots that a delay adds far to the left would widen it.
     sizes = [abs(complex(*one["root"])) for one in report["modes"]]
-    sizes = [one for one in sizes if one > 1e-9] or [1.0]
+    sizes = [one for one in sizes if one > 1e-9][:2] or [1.0]
     crossings = [each["omega"] for one in report["margins"].values() for each in one["crossovers"]]
     return 0.05 * min([*sizes, *crossings]), 20.0 * max([*sizes, *crossings])

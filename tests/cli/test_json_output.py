@@ -70,7 +70,7 @@ def test_check_list_stability_and_export_tell_what_they_print(capsys, tmp_path):
     assert "docking-1d" in answer["systems"] and "gauss-seidel" in answer["masters"]
     assert main(["stability", "docking-1d-uncompensated", "--json"]) == 0
     (answer,) = told(capsys)
-    assert answer["margins"]["stable"] is False
+    assert answer["verdict"].startswith("unstable: 2 roots")
     assert answer["docking"]["growth_per_contact"] == pytest.approx(1.23555, abs=2e-5)
     out = str(tmp_path / "run")
     assert (

@@ -110,7 +110,7 @@ def test_the_command_reports_and_draws(tmp_path, capsys):
 def test_what_cannot_be_opened_or_linearised_is_named(capsys):
     assert main(["stability", "emps", "--open", "drive.volt"]) == 2
     assert "nothing is connected to drive.volt" in capsys.readouterr().err
-    held = "connections[3].through=[{jitter: 1 ms, seed: 1}]"
+    held = "connections[3].through=[{jitter: 1 ms, period: 2 ms, seed: 1}]"
     assert main(["stability", "emps", "--set", held]) == 2
     assert "the effect jitter has no transfer function" in capsys.readouterr().err
 

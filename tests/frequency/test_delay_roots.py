@@ -144,10 +144,10 @@ def test_effects_on_connections_are_part_of_the_loop():
     held = through("[{saturate: {low: -9 N, high: 9 N}}, {sample-and-hold: 4 ms}]")
     found = held.linear.system.response(held.back, s)
     np.testing.assert_allclose(found, np.exp(-2e-3 * s) * plain(s), rtol=1e-6)
-    assert held.linear.notes[-2:] == (
-        "contact.force -> saturate -> sample-and-hold -> satellite.force: saturate is not linear and is left out",
-        "contact.force -> saturate -> sample-and-hold -> satellite.force: sample-and-hold counts as a delay of half a period",
-    )
+    assert [one.rpartition(": ")[2] for one in held.linear.notes[-2:]] == [
+        "saturate is not linear and is left out",
+        "sample-and-hold counts as a delay of half a period",
+    ]
     # A delay in the path back acts as one of the robot.
     one, two = through("[{delay: 4 ms}]"), ContactLoop.of(PLAIN, ["robot.tau_m=6 ms"])
     for mode, other in zip(one.linear.modes(4).modes[:2], two.linear.modes(4).modes[:2], strict=True):
@@ -173,4 +173,4 @@ def test_effects_without_a_law_here_are_known_to_runs_alone():
     assert effect_path(Unknown()) is None
     assert not {"drift", "dropout", "jitter", "map"} & set(known_effects())
     with pytest.raises(ConfigError, match="the effect jitter has no transfer function that is known here"):
-        through("[{jitter: 1 ms, seed: 1}]")
+        through("[{jitter: 1 ms, period: 2 ms, seed: 1}]")
