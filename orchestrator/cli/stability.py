@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         help="values of --over (default: 25; of a chart 200 a side, 50 with the communication step)",
     )
-    parser.add_argument("--out", metavar="DIR", help="write stability.json and figures to this folder")
+    parser.add_argument(
+        "--out", metavar="DIR", help="write stability.html, stability.json and figures to this folder"
+    )
     add_json(parser)
 
 
@@ -83,7 +85,12 @@ def main(args: argparse.Namespace) -> int:
         content = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
         (folder / "stability.json").write_text(content + "\n", encoding="utf-8")
         files.append("stability.json")
-        for name, figure in draw().items():
+        figures = draw()
+        from ..frequency.page import stability_page
+
+        (folder / "stability.html").write_text(stability_page(report, figures, words), encoding="utf-8")
+        files.append("stability.html")
+        for name, figure in figures.items():
             save(figure, folder / f"{name}.png")
             files.append(f"{name}.png")
         if not args.json:

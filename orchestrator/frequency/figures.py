@@ -105,7 +105,12 @@ def root_map(modes: Sequence[Mapping[str, Any]], sampled: Sequence[Mapping[str, 
         if one["machine"] is not None:
             axes.plot([real, real], [imaginary, -imaginary], "o", color="#009E73", fillstyle="none")
             shown = min(shown[0], -abs(imaginary) * 1.1), max(shown[1], abs(imaginary) * 1.1)
-    axes.set_ylim(*shown)
+    # Roots that a delay adds far away would hide those that matter.
+    sizes = sorted(abs(complex(*one["root"])) for one in modes)
+    near = 8.0 * next((one for one in sizes if one > 1e-9 * sizes[-1]), 1.0)
+    axes.set_ylim(max(shown[0], -near), min(shown[1], near))
+    low, high = axes.get_xlim()
+    axes.set_xlim(max(low, -near), min(high, near))
     axes.set_title("x machine, o as co-simulated")
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_xlabel("real part [1/s]")
@@ -163,6 +168,7 @@ def sigma(names: Sequence[str], omega: Array, matrices: Complex) -> Figure:
             decibel = 20.0 * np.log10(np.maximum(found[:, row], 1e-300))
             axes.semilogx(hertz, decibel, color=color, label=None if row else f"singular values of {label}")
     axes.axhline(0.0, color="black", linewidth=0.8)
+    axes.set_ylim(bottom=max(axes.get_ylim()[0], -80.0))
     axes.set_title(", ".join(name.rpartition("-> ")[2] for name in names))
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel("magnitude [dB]")
