@@ -1,0 +1,191 @@
+"""Limit cycles that an effect which is not linear predicts, by its describing function.
+
+A sine of amplitude A goes through the effect as a run has it; N(A) is the first harmonic of what comes out
+over that of the sine (Gelb, Vander Velde, Multiple-Input Describing Functions, 1968). The loop oscillates
+where 1 + N(A) L(j omega) = 0, with L the loop opened at the connection. Harmonics are neglected: the loop is
+to be a low-pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import root
+
+from ..effects import Effect
+from ..effects.backlash import Backlash
+from ..effects.dead_band import DeadBand
+from ..effects.quantise import Quantise
+from ..effects.rate_limit import RateLimit
+from ..effects.saturate import Saturate
+from ..simulation.run import Prepared
+from .delay_system import Modes
+from .from_system import Linearised
+
+__all__ = ["LimitCycle", "describing_function", "limit_cycles", "limit_cycles_text"]
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+_KINDS = (Saturate, DeadBand, Backlash, Quantise, RateLimit)
+# Samples of a period, and periods until a memory has settled.
+_SAMPLES, _SETTLED = 2048, 2
+# Amplitudes over the size of the effect, from and to, and how many.
+_AMPLITUDES = np.geomspace(0.05, 1e3, 240)
+_FREQUENCIES = 600
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """An oscillation that a describing function predicts.
+
+    Attributes:
+        connection, effect: which effect, and where.
+        amplitude: of the signal that enters the effect, in the unit of the connection's target.
+        omega: [rad/s].
+        stable: whether oscillations beside it come back to it; else it parts those that grow from those that
+            decay.
+    """
+
+    connection: str
+    effect: str
+    amplitude: float
+    omega: float
+    stable: bool
+
+    @property
+    def frequency(self) -> float:
+        """[Hz]."""
+        return self.omega / (2.0 * np.pi)
+
+
+def describing_function(effect: Effect, amplitude: float, omega: float = 1.0, mean: float = 0.0) -> complex:
+    """N(A): first harmonic of what comes out over that of a sine.
+
+    Args:
+        effect: without a delay of its own.
+        amplitude: of the sine; omega: its frequency [rad/s], which counts for limits of a rate.
+        mean: that the sine swings around.
+    """
+    options = effect.numbers()
+    memory = np.zeros(max(effect.room(2.0 * np.pi / omega / _SAMPLES), 1))
+    phase = 2.0 * np.pi * np.arange(_SAMPLES * (_SETTLED + 1)) / _SAMPLES
+    values = mean + amplitude * np.sin(phase)
+    answer = np.array(
+        [
+            type(effect).kernel(float(angle) / omega, [float(value)], options, memory, True)
+            for angle, value in zip(phase, values, strict=True)
+        ]
+    )
+    last = slice(_SAMPLES * _SETTLED, None)
+    return complex(2j * np.mean(answer[last] * np.exp(-1j * phase[last])) / amplitude)
+
+
+def limit_cycles(prepared: Prepared, linear: Linearised, modes: Modes | None = None) -> list[LimitCycle]:
+    """All limit cycles that effects which are not linear predict, each with the others as in the linear
+    system.
+
+    Args:
+        prepared: the checked system; linear: what `linearise` gave for it.
+        modes: its modes.
+    """
+    found = []
+    for connection in prepared.system.connections:
+        wire, name = connection.wire, str(connection)
+        if wire is None or name not in linear.system.loops():
+            continue
+        # What the target gets is gain times what the effects give.
+        mean = (linear.point.get(str(connection.target), 0.0) - connection.offset) / connection.gain
+        for link in wire.links:
+            if isinstance(link.effect, _KINDS):
+                found += _of(linear, name, link.name, link.effect, mean, modes)
+    return found
+
+
+def _size(effect: Any) -> float:
+    """What amplitudes are measured by."""
+    numbers = [abs(one) for one in effect.numbers() if np.isfinite(one) and one]
+    return max(numbers, default=0.0)
+
+
+def _of(
+    linear: Linearised, connection: str, name: str, effect: Effect, mean: float, modes: Modes | None
+) -> list[LimitCycle]:
+    size = _size(effect)
+    if not size:
+        return []
+    limited = isinstance(effect, RateLimit)
+    # A limit of the rate acts on amplitude times frequency.
+    mean = mean if isinstance(effect, Saturate) else 0.0
+    amplitudes = size * _AMPLITUDES
+    function = np.array([describing_function(effect, one, 1.0, mean) for one in amplitudes])
+    grid = linear.system.frequencies(modes or linear.modes())
+    omega = np.geomspace(grid[0], grid[-1], _FREQUENCIES)
+    omega = np.unique(np.concatenate([omega, grid[:: max(1, len(grid) // 1500)]]))
+    response = linear.system.open_loop(connection, omega)
+    logs = np.log(amplitudes)
+
+    def n(log: float) -> complex:
+        return complex(np.interp(log, logs, function.real), np.interp(log, logs, function.imag))
+
+    value = 1.0 + function[:, None] * response
+    found: list[LimitCycle] = []
+    for row, column in _cells(value):
+        at = np.log(omega)
+        begin = np.array([logs[row] + 0.5 * (logs[1] - logs[0]), 0.5 * (at[column] + at[column + 1])])
+
+        def miss(x: Array) -> Array:
+            one = 1.0 + n(x[0]) * complex(linear.system.open_loop(connection, np.exp(x[1]))[0])
+            return np.array([one.real, one.imag])
+
+        solved = root(miss, begin, method="hybr", options={"xtol": 1e-10})
+        if not (np.max(abs(miss(solved.x))) < 1e-6 and logs[0] < solved.x[0] < logs[-1]):
+            continue
+        amplitude, frequency = np.exp(solved.x)
+        exact = describing_function(effect, float(amplitude), 1.0, mean)
+        loop = complex(linear.system.open_loop(connection, frequency)[0])
+        if abs(1.0 + exact * loop) > 0.05:  # the function jumps between two amplitudes
+            continue
+        amplitude = amplitude / frequency if limited else amplitude
+        if any(
+            abs(one.omega / frequency - 1.0) < 1e-4 and abs(one.amplitude / amplitude - 1.0) < 1e-3
+            for one in found
+        ):
+            continue
+        stable = _comes_back(linear, connection, n, solved.x)
+        found.append(LimitCycle(connection, name, float(amplitude), float(frequency), stable))
+    return found
+
+
+def _cells(value: Complex) -> list[tuple[int, int]]:
+    """Cells of a grid in whose corners both parts change their sign."""
+    corners = np.array([value[:-1, :-1], value[1:, :-1], value[:-1, 1:], value[1:, 1:]])
+    changes = [(part.min(axis=0) <= 0.0) & (part.max(axis=0) >= 0.0) for part in (corners.real, corners.imag)]
+    rows, columns = np.nonzero(changes[0] & changes[1])
+    return list(zip(rows.tolist(), columns.tolist(), strict=True))
+
+
+def _comes_back(linear: Linearised, connection: str, n: Any, x: Array) -> bool:
+    """Whether the root of 1 + N(A) L(s) moves to the left with a larger amplitude."""
+    log, s = x[0], 1j * np.exp(x[1])
+    step = 1e-5 * abs(s)
+    loop, ahead = linear.system.response(connection, np.array([s, s + step]))
+    slope = (ahead - loop) / step
+    change = (n(log + 0.02) - n(log - 0.02)) / 0.04
+    return bool((-(change * loop) / (n(log) * slope)).real < 0.0)
+
+
+def limit_cycles_text(cycles: Sequence[LimitCycle]) -> str:
+    """Limit cycles in lines for terminals."""
+    if not cycles:
+        return "no effect predicts a limit cycle"
+    lines = ["limit cycles by describing functions, harmonics neglected:"]
+    for one in cycles:
+        kind = "stable" if one.stable else "unstable: larger ones grow, smaller ones decay"
+        place = f"{one.effect} on {one.connection}"
+        lines.append(f"  {place}: {one.frequency:.4g} Hz, amplitude {one.amplitude:.4g} before it; {kind}")
+    return "\n".join(lines)
