@@ -14,7 +14,7 @@ from time import time
 
 from .folder_lock import NAME, take
 
-__all__ = ["remove_scratch", "scratch_folder", "scratch_root"]
+__all__ = ["cache_folder", "remove_scratch", "scratch_folder", "scratch_root"]
 
 _PREFIX = "orchestrator-"
 # A folder without a lock is being made, or its maker was killed meanwhile: that is not this young [s].
@@ -36,6 +36,12 @@ def scratch_root() -> Path:
 def scratch_folder(prefix: str) -> Path:
     """A new folder within `scratch_root`."""
     return Path(tempfile.mkdtemp(prefix=prefix, dir=scratch_root()))
+
+
+def cache_folder(name: str) -> Path:
+    """Where this machine keeps files of a kind between runs, for this user; may not exist yet."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    return (Path(base) if base else Path.home() / ".cache") / "orchestrator" / name
 
 
 def remove_scratch() -> None:

@@ -233,12 +233,14 @@ class Spans:
         files: compiler's number of a file -> its path within the tree, or its full path; its text.
         renamed: whether the compiler saw other names; see `SourceTree.marked_copy`.
         inserted: bytes put in before the class of the model.
+        adapted: paths of files that the compiler saw with other texts, but the same lines.
     """
 
     tree: SourceTree | None = None
     files: Mapping[int, tuple[str, str]] = field(default_factory=dict)
     renamed: bool = False
     inserted: tuple[str, int, int] = ("", 0, 0)
+    adapted: frozenset[str] = frozenset()
 
     def __call__(self, provenance: Mapping[str, Any]) -> Location | None:
         """The place of a span, or of what holds one; None if the file is not known."""
@@ -249,6 +251,12 @@ class Spans:
         start = span["start"]
         if path == self.inserted[0] and start > self.inserted[1]:
             start -= self.inserted[2]
+        if self.tree is not None and path in self.adapted:
+            line = text.encode()[: span["start"]].count(b"\n")
+            lines = self.tree.texts[path].encode().split(b"\n")
+            if line < len(lines):
+                blank = len(lines[line]) - len(lines[line].lstrip())
+                return self.tree.place(path, sum(len(one) + 1 for one in lines[:line]) + blank)
         if self.tree is not None and path in self.tree.texts:
             return self.tree.place(path, self.tree.restore_offset(path, start) if self.renamed else start)
         return location(path, text, len(text.encode()[:start].decode(errors="ignore")))

@@ -36,14 +36,14 @@ def tried(path: Path, libraries: list[Path]) -> None:
     from orchestrator.translate.audit import experiment
     from orchestrator.translate.build import compiled, model_identifier
     from orchestrator.translate.hybrid import build as hybrid
-    from orchestrator.translate.hybrid.front_end import modernised
+    from orchestrator.translate.hybrid.front_end import prepared
     from orchestrator.translate.package import this_platform, write_fmu
     from orchestrator.translate.sources import load_sources
 
     tree = load_sources(path)
     with tree.marked_copy(renamed=False) as folder, tempfile.TemporaryDirectory() as scratch:
-        modernised(folder)
-        session = rumoca.Session(roots=[str(folder), *(str(one) for one in libraries)])
+        roots = prepared(folder, libraries)
+        session = rumoca.Session(roots=[str(folder), *map(str, roots)])
         for line in sys.stdin:
             name, stage = line.strip(), "compiler"
             answer: dict[str, Any] = {}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from ...base.atomic_files import whole_file
 from ...base.digests import digest_of, file_digest
 from ...base.errors import OrchestratorError
+from ...base.temporary_folders import cache_folder as kept_folder
 
 __all__ = ["cache_folder", "place_of", "put_file"]
 
@@ -19,8 +19,7 @@ def place_of(data: bytes, name: str) -> str:
 
 def cache_folder() -> Path:
     """Where a machine keeps files that were sent to it."""
-    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
-    return (Path(base) if base else Path.home() / ".cache") / "orchestrator" / "files"
+    return kept_folder("files")
 
 
 def put_file(folder: Path, place: str, data: bytes) -> Path:

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from orchestrator.base.digests import digest_of, file_digest
 from orchestrator.base.errors import BuildError
+from orchestrator.base.temporary_folders import cache_folder
 
 from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of
 from ..sources import SourceTree, Spans
+from . import adapted as rules
+from .adapted import ANY, ANY_MODEL, Objects, adapted, external_objects
 
-__all__ = ["dae_form", "flat_form", "library_paths", "modernised"]
+__all__ = ["dae_form", "flat_form", "library_paths", "modernised", "prepared"]
 
 # The compiler has models that it never ends with.
 _TIME_LIMIT = 120.0
@@ -96,11 +102,10 @@ def _forms(
     # Names of a library cannot be changed, so those of the model stay as well.
     with tree.marked_copy(renamed=not libraries) as folder:
         restored = tree.restored if not libraries else str
-        if libraries:
-            modernised(folder)
+        roots, changed = prepared(folder, libraries)
         inserted = called_partial(tree, model, folder) if partial else ("", 0, 0)
         asked = {
-            "roots": [str(folder), *(str(one.resolve()) for one in libraries)],
+            "roots": [str(folder), *map(str, roots)],
             "file": str(folder / tree.main),
             "model": model,
             "stages": stages,
@@ -131,7 +136,7 @@ def _forms(
         }
     while len(_answers) >= _MOST_ANSWERS:
         _answers.pop(next(iter(_answers)))
-    _answers[key] = forms, Spans(tree, files, renamed=not libraries, inserted=inserted)
+    _answers[key] = forms, Spans(tree, files, not libraries, inserted, changed)
     return _answers[key]
 
 
@@ -147,6 +152,56 @@ def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
         if any(name.partition(" ")[0] in words for name in inside):
             found.append(folder)
     return found
+
+
+def prepared(folder: Path, libraries: Sequence[Path]) -> tuple[list[Path], frozenset[str]]:
+    """Rewrite the copy of a model's sources as the compiler takes them.
+
+    Returns: the folders of libraries as it takes them; files of the model that differ from before.
+    """
+    roots, objects = [], {}
+    for library in libraries:
+        root, found = _adapted_library(library)
+        roots.append(root)
+        objects |= found
+    before = {path: path.read_bytes() for path in folder.rglob("*.mo")}
+    if libraries:
+        modernised(folder)
+    texts = {path: path.read_bytes().decode() for path in before}
+    objects |= external_objects(texts.values())
+    common = any("redeclare" in text for text in texts.values())
+    for path, text in texts.items():
+        if (new := adapted(text, path.name, objects, common)) != text:
+            path.write_bytes(new.encode())
+    if common:
+        (folder / f"{ANY}.mo").write_text(ANY_MODEL)
+    changed = [path for path, content in before.items() if path.read_bytes() != content]
+    return roots, frozenset(path.relative_to(folder).as_posix() for path in changed)
+
+
+def _adapted_library(library: Path) -> tuple[Path, Objects]:
+    """A library's folder as the compiler takes it, and its external objects.
+
+    The compiler reads a folder that it knows several times as fast, so that copies are kept.
+    """
+    paths = sorted(library.rglob("*.mo"))
+    stats = [(str(one.relative_to(library)), one.stat()) for one in paths]
+    state = [(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats]
+    kept = cache_folder("libraries") / digest_of(
+        json.dumps([file_digest(Path(rules.__file__)), str(library.resolve()), state]).encode()
+    )
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    texts = {path: path.read_text(encoding="utf-8") for path in paths}
+    objects = external_objects(texts.values())
+    if not kept.is_dir():
+        with tempfile.TemporaryDirectory(dir=kept.parent) as scratch:
+            for path, text in texts.items():
+                target = Path(scratch) / "root" / path.relative_to(library)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_bytes(adapted(text, str(path), objects).encode())
+            with contextlib.suppress(OSError):  # another process was first
+                (Path(scratch) / "root").rename(kept)
+    return kept, objects
 
 
 def modernised(folder: Path) -> None:

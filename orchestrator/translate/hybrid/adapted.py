@@ -1,0 +1,330 @@
+"""Sources as the compiler takes them: constructs that it refuses, written in others of the same meaning.
+
+Names that start with `MARK` are made here; `dae` knows what they stand for.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from ..lexer import Token, tokenise
+
+Objects = Mapping[str, Sequence[tuple[str, str, str]]]
+__all__ = ["ANY", "ANY_MODEL", "MARK", "adapted", "external_objects"]
+
+MARK = "adapted_"
+ANY = f"{MARK}any"
+ANY_MODEL = f"partial model {ANY}\nend {ANY};\n"
+"""What every model extends: the compiler asks for a common ancestor where Modelica asks for equal parts."""
+
+_KINDS = frozenset("class model block connector type package function record".split())
+_OBJECT = re.compile(
+    r"\b(?:class|type|model)\s+(\w+)(?:\s*\"(?:[^\"\\]|\\.)*\")*\s*extends\s+ExternalObject\s*;"
+)
+
+_INPUT = re.compile(r"\binput\s+([\w.]+)\s+(\w+)\s*(\[[^\]]*\])?")
+
+
+@dataclass
+class _Class:
+    """A class with a body: indices of tokens."""
+
+    name: str
+    kind: str
+    start: int
+    body: int
+    end: int = 0
+    inner: list[_Class] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Edit:
+    """Text in place of that between two offsets."""
+
+    start: int
+    end: int
+    text: str
+
+
+def external_objects(texts: Iterable[str]) -> dict[str, list[tuple[str, str, str]]]:
+    """Classes that extend ExternalObject -> name, type and dimensions of what their constructors get."""
+    found = {}
+    for text in texts:
+        for match in _OBJECT.finditer(text) if "ExternalObject" in text else ():
+            body = text[match.end() : text.index("end constructor", match.end())]
+            found[match[1]] = [(name, kind, size) for kind, name, size in _INPUT.findall(body)]
+    return found
+
+
+def adapted(text: str, file: str, objects: Objects | None = None, common: bool = False) -> str:
+    """A file as the compiler takes it.
+
+    Args:
+        file: its name, for messages.
+        objects: what `external_objects` found.
+        common: whether its models extend `ANY`.
+    """
+    rewrites: list[tuple[bool, Callable[[str, Sequence[Token], list[_Class]], Iterator[_Edit]]]] = [
+        (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
+        (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
+        (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
+        (bool(re.search(r"\bencapsulated\s+partial\s+model\b", text)), _lifted),
+        (common, _related),
+    ]
+    for wanted, rewrite in rewrites:
+        if wanted:
+            tokens = tokenise(text, file)
+            edits = sorted(rewrite(text, tokens, _classes(tokens)), key=lambda one: one.start)
+            for one in reversed(edits):
+                text = text[: one.start] + one.text + text[one.end :]
+    return text
+
+
+def _classes(tokens: Sequence[Token]) -> list[_Class]:
+    """The classes with a body, outermost first, with those within them."""
+    found: list[_Class] = []
+    stack: list[_Class] = []
+    for place, token in enumerate(tokens[:-2]):
+        after = tokens[place + 1]
+        if token.text == "end" and stack and after.text == stack[-1].name:
+            stack.pop().end = place
+        if token.kind != "keyword" or token.text not in _KINDS:
+            continue
+        at = place + (2 if after.text == "extends" else 1)
+        if tokens[at].kind != "name" or tokens[at + 1].text in ("=", ";", "(") and after.text != "extends":
+            continue
+        body = at + 1
+        if tokens[body].text == "(":
+            body = _closing(tokens, body) + 1
+        while tokens[body].kind == "string" or tokens[body].text == "+":
+            body += 1
+        made = _Class(tokens[at].text, token.text, place, body)
+        (stack[-1].inner if stack else found).append(made)
+        stack.append(made)
+    return found
+
+
+def _all(classes: Iterable[_Class]) -> Iterator[_Class]:
+    for one in classes:
+        yield one
+        yield from _all(one.inner)
+
+
+def _own(one: _Class) -> Iterator[int]:
+    """Indices of a class's tokens without those of classes within it."""
+    place = one.body
+    for inner in [*one.inner, None]:
+        yield from range(place, inner.start if inner else one.end)
+        place = inner.end + 2 if inner else one.end
+
+
+def _closing(tokens: Sequence[Token], place: int) -> int:
+    """Index of what closes the bracket at `place`."""
+    depth = 0
+    for at in range(place, len(tokens)):
+        depth += (tokens[at].text in "([{") - (tokens[at].text in ")]}") if tokens[at].kind == "sign" else 0
+        if not depth:
+            return at
+    return len(tokens) - 1
+
+
+def _arguments(tokens: Sequence[Token], opening: int) -> list[tuple[int, int]]:
+    """First and last token of each argument of a call."""
+    end, found, begin, place = _closing(tokens, opening), [], opening + 1, opening + 1
+    while place <= end:
+        text = tokens[place].text
+        if place == end or text == ",":
+            if place > begin:
+                found.append((begin, place - 1))
+            begin = place + 1
+        elif tokens[place].kind == "sign" and text in "([{":
+            place = _closing(tokens, place)
+        place += 1
+    return found
+
+
+def _end_of(token: Token) -> int:
+    return token.start + len(token.text)
+
+
+def _slice(text: str, tokens: Sequence[Token], first: int, last: int) -> str:
+    return text[tokens[first].start : _end_of(tokens[last])]
+
+
+# der() of expressions
+
+
+def _derivatives(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """der(expression) -> der(v), where v is a new variable with v = expression."""
+    for one in _all(classes):
+        count, section, loops = 0, None, 0
+        added: dict[int, list[str]] = {}
+        for place in _own(one):
+            token, before = tokens[place], tokens[place - 1]
+            if token.text in ("equation", "algorithm"):
+                kind = token.text
+                section = place - 1 if before.text == "initial" else place
+                loops = 0
+            if token.text == "for" and section is not None:
+                loops += -1 if before.text == "end" else 1
+            if token.text != "der" or tokens[place + 1].text != "(" or section is None or loops:
+                continue
+            last = _closing(tokens, place + 1)
+            inside = tokens[place + 2 : last]
+            if kind == "algorithm" or _is_reference(inside):
+                continue
+            count += 1
+            name = f"{MARK}{count}_of_{one.name}"
+            value = _slice(text, tokens, place + 2, last - 1)
+            added.setdefault(section, []).append(f"protected Real {name}; equation {name} = {value};")
+            yield _Edit(inside[0].start, _end_of(inside[-1]), name)
+        for place, lines in added.items():
+            yield _Edit(tokens[place].start, tokens[place].start, " ".join([*lines, ""]))
+
+
+def _is_reference(tokens: Sequence[Token]) -> bool:
+    depth = 0
+    for one in tokens:
+        depth += (one.text == "[") - (one.text == "]")
+        if not depth and one.kind != "name" and one.text not in (".", "]"):
+            return False
+    return True
+
+
+# External objects
+
+
+def _objects(text: str, tokens: Sequence[Token], classes: list[_Class], names: Objects) -> Iterator[_Edit]:
+    """An object becomes the number 0, and what its constructor gets parameters beside it.
+
+    The class itself becomes the constructor, so that imports of its name still hold.
+    """
+    inside: list[range] = []
+    for one in _all(classes):
+        if one.name in names and any(tokens[place].text == "ExternalObject" for place in _own(one)):
+            made = next((inner for inner in one.inner if inner.name == "constructor"), None)
+            if made is None:
+                continue
+            inside.append(range(one.start, one.end + 3))
+            body = _slice(text, tokens, made.body, made.end - 1)
+            body = re.sub(rf"\boutput\s+{one.name}\b", "output Real", body)
+            content = f"function {one.name} {body} end {one.name};"
+            yield _Edit(tokens[one.start].start, _end_of(tokens[one.end + 2]), _lines_kept(
+                _slice(text, tokens, one.start, one.end + 2), content))  # fmt: skip
+    for place, token in enumerate(tokens[:-2]):
+        if token.text not in names or any(place in one for one in inside):
+            continue
+        name = tokens[place + 1]
+        if name.kind != "name" or tokens[place - 1].text == "end":
+            continue
+        first = place
+        while tokens[first - 1].text == ".":
+            first -= 2
+        opening = place + 3
+        while tokens[place + 2].text == "=" and tokens[opening].text == ".":
+            opening += 1
+        begin, end = tokens[first].start, _end_of(name)
+        if tokens[place + 2].text != "=":
+            yield _Edit(begin, end, f"Real {name.text}")
+            continue
+        while tokens[opening].text != "(":
+            opening += 1
+        closing = _closing(tokens, opening)
+        start = first
+        while tokens[start - 1].text in ("final", "parameter", "constant"):
+            start -= 1
+        inputs = {one[0]: one for one in names[token.text]}
+        lines = [f"final parameter Real {name.text} = 0"]
+        for (label, _, _), (a, b) in zip(names[token.text], _arguments(tokens, opening), strict=False):
+            if tokens[a].kind == "name" and tokens[a + 1].text == "=":
+                label, a = tokens[a].text, a + 2
+            _, kind, size = inputs[label]
+            value = _slice(text, tokens, a, b)
+            if kind != "String":
+                lines.append(f"final parameter {kind} {MARK}{name.text}_{label}{size} = {value}")
+        old = _slice(text, tokens, start, closing)
+        yield _Edit(tokens[start].start, _end_of(tokens[closing]), _lines_kept(old, "; ".join(lines)))
+
+
+def _lines_kept(old: str, new: str) -> str:
+    """A text with the line breaks that it replaces."""
+    return new + "\n" * max(0, old.count("\n") - new.count("\n"))
+
+
+# Derivatives of functions
+
+
+def _annotated(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """Drop what names the derivative of a function: that follows from its statements or its table."""
+    for one in _all(classes):
+        for place in range(one.body, one.end) if one.kind == "function" else ():
+            if tokens[place].text != "derivative" or tokens[place - 1].text not in ("(", ","):
+                continue
+            last = place + 1
+            while tokens[last].text not in (",", ")"):
+                last = (_closing(tokens, last) if tokens[last].text == "(" else last) + 1
+            said = {token.text for token in tokens[place:last]}
+            if said & {"noDerivative", "zeroDerivative"}:
+                continue
+            first = tokens[place].start
+            if tokens[last].text == ",":
+                yield _Edit(first, _end_of(tokens[last]), "")
+            elif tokens[place - 1].text == ",":
+                yield _Edit(tokens[place - 1].start, _end_of(tokens[last - 1]), "")
+            else:
+                yield _Edit(first, _end_of(tokens[last - 1]), "")
+
+
+# Classes within classes that extend them
+
+
+def _lifted(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """A class that the class around it extends moves up beside that: it sees nothing of it anyway."""
+    for outer in _all(classes):
+        words = [tokens[place] for place in _own(outer)]
+        extended = {after.text for one, after in pairwise(words) if one.text == "extends"}
+        for inner in outer.inner:
+            first = inner.start
+            while tokens[first - 1].text in ("encapsulated", "partial"):
+                first -= 1
+            if inner.name not in extended or tokens[first].text != "encapsulated":
+                continue
+            name = f"{MARK}{inner.name}_of_{outer.name}"
+            old = _slice(text, tokens, first, inner.end + 2)
+            yield _Edit(tokens[first].start, _end_of(tokens[inner.end + 2]), "\n" * old.count("\n"))
+            start = outer.start
+            while tokens[start - 1].text in ("encapsulated", "partial", "replaceable", "redeclare", "final"):
+                start -= 1
+            body = " ".join(token.text.replace("\n", " ") for token in tokens[inner.body : inner.end])
+            moved = f"partial model {name} {body} end {name}; "
+            yield _Edit(tokens[start].start, tokens[start].start, moved)
+            for one, after in pairwise(words):
+                if one.text == "extends" and after.text == inner.name:
+                    yield _Edit(after.start, _end_of(after), name)
+
+
+# Common ancestors
+
+
+def _related(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """Let models extend `ANY`, and replaceable components be constrained by it."""
+    for one in _all(classes):
+        if one.kind in ("model", "block", "class"):
+            yield _Edit(tokens[one.body].start, tokens[one.body].start, f"extends .{ANY}; ")
+        for place in _own(one):
+            if tokens[place].text != "replaceable" or tokens[place + 1].kind != "name":
+                continue
+            at = place + 2
+            while tokens[at].text == ".":
+                at += 2
+            if tokens[at].kind != "name":
+                continue
+            at += 1
+            while tokens[at].text in ("(", "["):
+                at = _closing(tokens, at) + 1
+            if tokens[at].text != "constrainedby":
+                end = _end_of(tokens[at - 1])
+                yield _Edit(end, end, f" constrainedby .{ANY}")
