@@ -1,10 +1,12 @@
 """How many models of a Modelica package become FMUs, simulate, and agree with the compiler's own simulator.
 
     python -m tests.benchmarks.modelica_models PACKAGE.mo [--library DIR] [--models FILE] [--match TEXT]
+    python -m tests.benchmarks.modelica_models LIBRARY_FOLDER --models FILE [--references DIR]
 
-Without --models all models of the package that are not partial are tried. Each is built for this machine, run
-over its experiment (1 s without one) by fmpy, and compared with rumoca's simulator at 100 points. The package
-and the library stay where they are; nothing of them is written.
+Without --models all models of the package that are not partial are tried; of a library's folder those that the
+file names. Each is built for this machine, run over its experiment (1 s without one) by fmpy, and compared at
+100 points: with the CSV file of the library's reference results, where DIR has one, else with rumoca's simulator.
+The package and the library stay where they are; nothing of them is written.
 """
 
 from __future__ import annotations
@@ -27,7 +29,49 @@ LIMIT = 90.0
 WITHIN = 1e-3
 
 
-def tried(path: Path, libraries: list[Path]) -> None:
+def wrapped(library: Path, names: list[str], folder: Path) -> Path:
+    """A package with one model for each of a library's, which extends it."""
+    lines = ["package Tried"]
+    for name in names:
+        parts, stop = name.split("."), "1"
+        for depth in range(len(parts), 0, -1):
+            place = library.joinpath(*parts[:depth])
+            file = next(
+                (one for one in (place.with_suffix(".mo"), place / "package.mo") if one.is_file()), None
+            )
+            if file is None:
+                continue
+            text = file.read_text()
+            begin = re.search(rf"\bmodel\s+{parts[-1]}\b", text)
+            body = text[begin.start() :] if begin else text
+            body = body[: body.find(f"end {parts[-1]};")]
+            found = re.search(r"experiment\s*\([^)]*StopTime\s*=\s*([^,)\s]+)", body)
+            stop = found[1] if found else "1"
+            break
+        lines.append(
+            f"model {name.replace('.', '_')} extends {name}; annotation(experiment(StopTime={stop})); "
+            f"end {name.replace('.', '_')};"
+        )
+    package = folder / "Tried.mo"
+    package.write_text("\n".join([*lines, "end Tried;", ""]))
+    return package
+
+
+def referenced(found: Any, csv: Path) -> dict[str, Any]:
+    """As `compared`, with a CSV file."""
+
+    class Reference:
+        table = np.genfromtxt(csv, delimiter=",", names=None, skip_header=1)
+        names = [one.strip().strip('"') for one in re.findall(r'"[^"]*"|[^,]+', csv.open().readline())]
+        time = table[:, 0]
+
+        def to_numpy(self, names: list[str]) -> list[np.ndarray]:
+            return [self.table[:, self.names.index(one)] for one in names]
+
+    return compared(found, Reference()) | {"by": "reference"}
+
+
+def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
     """Read names from standard input, and print what became of each as JSON."""
     import fmpy
     import rumoca
@@ -47,6 +91,7 @@ def tried(path: Path, libraries: list[Path]) -> None:
         for line in sys.stdin:
             name, stage = line.strip(), "compiler"
             answer: dict[str, Any] = {}
+            messages: list[str] = []
             try:
                 model = session.load(str(folder / tree.main), model=name)
                 document = json.loads(model.to_json("dae"))
@@ -54,7 +99,7 @@ def tried(path: Path, libraries: list[Path]) -> None:
                 # Read once, by the session that holds the library.
                 hybrid.dae_form = lambda *_, read=document: read
                 identifier = model_identifier(name)
-                members, counts, _ = hybrid.translate_hybrid(tree, name, identifier, "2.0")
+                members, counts, _ = hybrid.translate_hybrid(tree, name, identifier, "2.0", libraries)
                 stage = "binary"
                 members |= compiled(members, identifier, "2.0", (this_platform(),))
                 fmu = Path(scratch) / "model.fmu"
@@ -64,15 +109,28 @@ def tried(path: Path, libraries: list[Path]) -> None:
                 found = fmpy.simulate_fmu(
                     str(fmu), stop_time=stop, output_interval=stop / 100, step_size=stop / 100,
                     output=[one.name for one in fmpy.read_model_description(str(fmu)).modelVariables][1:],
-                    logger=lambda *_: None,
+                    logger=lambda *said: messages.append(said[-1].decode()),
                 )  # fmt: skip
                 stage = "comparison"
+                csvs = (
+                    {
+                        str(one.parent.relative_to(references)).replace("/", ".").replace(".", "_"): one
+                        for one in references.rglob("*.csv")
+                    }
+                    if references
+                    else {}
+                )
+                if (csv := csvs.get(name.removeprefix("Tried."))) is not None:
+                    answer = referenced(found, csv) | {"states": counts["states"]}
+                    print("@" + json.dumps({"stage": stage, **answer}), flush=True)
+                    continue
                 config = rumoca.SimConfig(rtol=1e-8, atol=1e-9, dt=stop / 100, max_wall_seconds=20.0)
                 answer = compared(found, model.simulate(stop, config=config)) | {"states": counts["states"]}
             except BuildError as error:
                 answer = {"what": str(error)}
             except Exception as error:
-                answer = {"what": f"{type(error).__name__} {error}"}
+                said = "; ".join([f"{type(error).__name__} {error}", *messages[-1:]])
+                answer = {"what": said}
             print("@" + json.dumps({"stage": stage, **answer}), flush=True)
 
 
@@ -107,13 +165,25 @@ def main() -> int:
     parser.add_argument("--library", type=Path, action="append", default=[])
     parser.add_argument("--models", type=Path, help="a file with one name a line")
     parser.add_argument("--match", default="", help="only models whose names match")
+    parser.add_argument("--references", type=Path, help="folder of reference results of the library")
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.worker:
-        tried(args.package, args.library)
+        tried(args.package, args.library, args.references)
         return 0
     from orchestrator.translate.sources import load_sources
 
+    rest = sys.argv[2:]
+    if args.package.is_dir():
+        assert args.models is not None
+        library, folder = args.package, Path(tempfile.mkdtemp())
+        args.package = wrapped(library, args.models.read_text().split(), folder)
+        rest = [
+            "--library",
+            str(library),
+            *(["--references", str(args.references)] if args.references else []),
+        ]
+        args.models = None
     tree = load_sources(args.package)
     if args.models:
         names = args.models.read_text().split()
@@ -127,7 +197,7 @@ def main() -> int:
             )
         ]
     names = [one for one in names if re.search(args.match, one)]
-    command = [sys.executable, "-m", "tests.benchmarks.modelica_models", *sys.argv[1:], "--worker"]
+    command = [sys.executable, "-m", "tests.benchmarks.modelica_models", str(args.package), *rest, "--worker"]
 
     def started() -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -159,6 +229,7 @@ def main() -> int:
         if "gap" in answer:
             agrees = answer["gap"] <= WITHIN
             outcome = "agrees" if agrees else "differs"
+            outcome += f" ({answer['by']})" if "by" in answer else ""
             text = (
                 f"{outcome}: {answer['gap']:.1e} in {answer['where'] or '-'} of {answer['signals']} signals"
             )

@@ -94,7 +94,7 @@ def _classes(tokens: Sequence[Token]) -> list[_Class]:
         if token.kind != "keyword" or token.text not in _KINDS:
             continue
         at = place + (2 if after.text == "extends" else 1)
-        if tokens[at].kind != "name" or tokens[at + 1].text in ("=", ";", "(") and after.text != "extends":
+        if tokens[at].kind != "name" or (tokens[at + 1].text in ("=", ";", "(") and after.text != "extends"):
             continue
         body = at + 1
         if tokens[body].text == "(":

@@ -34,13 +34,18 @@ def solved(tree: SourceTree, name: str, libraries: Sequence[Path] = ()) -> Syste
     except CompilerRefusal as refusal:
         raise counted(tree, name, libraries, refusal) from None
     with understood(name):
-        return solve_order(read_dae(document, name))
+        return solve_order(read_dae(document, name, _folders(tree, libraries)))
+
+
+def _folders(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
+    """Where files that a model names may stand."""
+    return [(tree.root / tree.main).parent, tree.root, *libraries]
 
 
 def read(tree: SourceTree, name: str, libraries: Sequence[Path], *, partial: bool) -> DaeModel:
     """A model in scalars; see `dae_form`. Raises: BuildError for what is not supported."""
     with understood(name):
-        return read_dae(dae_form(tree, name, libraries, partial=partial), name)
+        return read_dae(dae_form(tree, name, libraries, partial=partial), name, _folders(tree, libraries))
 
 
 def counted(tree: SourceTree, name: str, libraries: Sequence[Path], refusal: CompilerRefusal) -> BuildError:
@@ -49,7 +54,7 @@ def counted(tree: SourceTree, name: str, libraries: Sequence[Path], refusal: Com
         return refusal
     try:
         with understood(name):
-            model = read_dae(dae_form(tree, name, libraries, partial=True), name)
+            model = read(tree, name, libraries, partial=True)
             states = [one.value for one in model.variables if one.role == "state"]
             algebraics = [one.value for one in model.variables if one.role == "algebraic"]
     except BuildError:

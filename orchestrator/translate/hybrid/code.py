@@ -10,6 +10,7 @@ from . import expression as ex
 from .dae import Scalar
 from .expression import Expr
 from .structure import Block, System
+from .tables import table_code
 
 __all__ = ["Layout", "Port", "generate_hybrid_c", "layout_of", "margins_of"]
 
@@ -159,6 +160,7 @@ class _Writer:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
+        self.others: dict[Expr, None] = {}
 
     def reference(self, one: Expr) -> str:
         layout, kind = self._layout, one.args[0]
@@ -204,6 +206,9 @@ class _Writer:
         if one.op == "sym":
             return self.reference(one)
         args = [texts[id(a)] for a in one.args if isinstance(a, Expr)]
+        if (other := ex.OTHERS.get(one.op.partition(":")[0])) is not None:
+            self.others[one] = None
+            return other.written(one, args)
         if one.op in _INFIX:
             return f"({args[0]} {_INFIX[one.op]} {args[1]})"
         match one.op:
@@ -251,6 +256,7 @@ def generate_hybrid_c(layout: Layout, identifier: str) -> str:
             "w",
         ),
     ]
+    parts = [*table_code(writer.others), *parts]
     token = c_string(TOKEN_MARK)
     counts = (len(layout.ports), layout.n_z, len(layout.inputs), len(layout.parameters), len(layout.computed))
     lines = "\n".join(f"    {_entry(one)}," for one in layout.ports)

@@ -6,9 +6,11 @@ Arrays become scalars, functions are evaluated into the expressions that call th
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,9 @@ from orchestrator.base.errors import BuildError
 from ..faults import PlacedError, placed
 from ..sources import DELAY, Location, Spans
 from . import expression as ex
+from .adapted import MARK
 from .expression import Expr
+from .tables import Table, read_table
 
 __all__ = ["Action", "Branch", "Condition", "DaeModel", "Discrete", "Scalar", "read_dae"]
 
@@ -124,6 +128,7 @@ class DaeModel:
         valueless: parameters without a value.
         origins, initial_origins: places of the equations and initial equations.
         declared: places of the variables, by their number.
+        built_in: parameters whose value cannot be set any more.
     """
 
     name: str
@@ -138,6 +143,7 @@ class DaeModel:
     clocks: list[tuple[float, float]]
     instants: list[float]
     valueless: tuple[str, ...] = ()
+    built_in: tuple[str, ...] = ()
     origins: list[Location | None] = field(default_factory=list)
     initial_origins: list[Location | None] = field(default_factory=list)
     declared: list[Location | None] = field(default_factory=list)
@@ -157,9 +163,11 @@ class DaeModel:
         return "der(" * one.args[2] + name + ")" * one.args[2] if one.args[0] == "der" else name
 
 
-def read_dae(document: Json, name: str) -> DaeModel:
+def read_dae(document: Json, name: str, folders: Sequence[Path] = ()) -> DaeModel:
     """Read the DAE form.
 
+    Args:
+        folders: where files of tables may stand: that of the model, those of libraries.
     Raises: BuildError for what has no scalar form, by the construct's name.
     """
     storage = document["storage"]
@@ -172,7 +180,7 @@ def read_dae(document: Json, name: str) -> DaeModel:
     ):
         if storage.get(key):
             raise placed(_refuse(name, what), _first_place(storage[key], spans))
-    reader = _Reader(storage, name, spans)
+    reader = _Reader(storage, name, spans, folders)
     try:
         return reader.model()
     except BuildError as error:
@@ -212,10 +220,15 @@ def _refuse(name: str, what: str) -> BuildError:
 
 
 class _Reader:
-    def __init__(self, storage: Json, name: str, spans: Spans) -> None:
+    def __init__(self, storage: Json, name: str, spans: Spans, folders: Sequence[Path]) -> None:
         self._s = storage
         self._spans = spans
         self.here: Json = {}  # of what is read
+        self._folders = folders
+        self._scalars: list[Scalar] = []
+        self._tables: dict[Expr, Table] = {}
+        self._built_in: list[str] = []
+        self._strings: set[Expr] = set()
         self._name = name
         self._modes: list[Expr] = []
         self._mode_of: dict[Expr, int] = {}
@@ -249,7 +262,7 @@ class _Reader:
         self._elements: list[np.ndarray] = []
         self._derivatives: list[np.ndarray] = []
         self._pre: list[np.ndarray] = []
-        scalars: list[Scalar] = []
+        scalars = self._scalars
         declared: list[Location | None] = []
         for variable in self._s["variables"]:
             self.here = variable["declaration"]
@@ -267,6 +280,8 @@ class _Reader:
                     self._scalar(variable, f"{variable['name']}[{inside}]" if index else variable["name"])
                 )
                 scalars[-1].value = places[index]
+                if scalars[-1].type == "string":
+                    self._strings.add(places[index])
             self._elements.append(places)
             self._derivatives.append(slopes)
             self._pre.append(before)
@@ -289,10 +304,12 @@ class _Reader:
                 values += list(zip(target, self._flat(one["value"], len(target)), strict=True))
         clocks = [self._clock(one["kind"]) for one in self._s["clocks"]]
         instants = [self._ratio(one["instant"]) for one in self._s["time_events"] if "instant" in one]
+        expand_derivatives(self._name, scalars, equations)
         return DaeModel(
             self._name, scalars, equations, initial, values, discretes, actions, conditions, self._modes,
             clocks,
-            sorted(set(instants)), tuple(self._valueless), origins, initial_origins, declared,
+            sorted(set(instants)), tuple(self._valueless), tuple(dict.fromkeys(self._built_in)), origins,
+            initial_origins, declared,
         )  # fmt: skip
 
     def _scalar(self, variable: Json, name: str) -> Scalar:
@@ -481,6 +498,12 @@ class _Reader:
             return str(content["string"])
         if kind == "binary" and content["operator"] == "add":
             return self._text(content["lhs"]) + self._text(content["rhs"])
+        if kind == "coordinate" and isinstance(content, dict) and "parameter" in content:
+            binding = self._s["variables"][content["parameter"]]["attributes"].get("binding")
+            if binding is not None and self._elements[content["parameter"]].item() in self._strings:
+                return self._text(binding)
+        if kind == "call" and self._s["functions"][content["function"]]["name"].endswith("loadResource"):
+            return self._text(self._nodes[content["owner"]][2][0])
         return "(a value)"
 
     @staticmethod
@@ -761,7 +784,7 @@ class _Reader:
         if function["external"]:
             if function["name"] == DELAY:
                 raise _refuse(self._name, "delay()")
-            raise _refuse(self._name, f"the external function {function['name']}()")
+            return self._external(function, operands, bound)
         if content.get("derivative"):
             raise _refuse(self._name, f"a derivative of the function {function['name']}()")
         self._depth += 1
@@ -782,6 +805,95 @@ class _Reader:
             self._events = before
             self._depth -= 1
 
+    def _external(self, function: Json, operands: list[int], bound: Mapping[Any, Any]) -> Any:
+        symbol = function["external"]["symbol"]
+        if not symbol.startswith("ModelicaStandardTables_Combi"):
+            raise _refuse(self._name, f"the external function {function['name']}()")
+        values = [self._at(one, bound) for one in operands]
+        table = self._table(values[0])
+        kind, _, what = symbol.removeprefix("ModelicaStandardTables_Combi").partition("_")
+        first = table.rows[:, 0]
+        match what:
+            case "getValue" if kind == "Table1D":
+                return table.value(values[1], values[2])
+            case "getValue" if kind == "Table2D":
+                return table.surface(values[1], values[2])
+            case "getValue":
+                return table.at_time(values[1], values[2], values[3])
+            case "nextTimeEvent":
+                return table.next_event(values[1])
+            case "minimumAbscissa" | "minimumTime" if kind != "Table2D":
+                return ex.number(first[0])
+            case "maximumAbscissa" | "maximumTime" if kind != "Table2D":
+                return ex.number(first[-1])
+        raise _refuse(self._name, f"the function {function['name']}() of a table")
+
+    def _table(self, handle: Expr) -> Table:
+        """The table that a variable stands for; see `adapted`."""
+        if handle in self._tables:
+            return self._tables[handle]
+        if handle.op != "sym":
+            raise _refuse(self._name, "a table that depends on a condition")
+        head, dot, last = self._scalars[handle.args[1]].name.rpartition(".")
+        found = {}
+        for number, variable in enumerate(self._s["variables"]):
+            name = variable["name"]
+            if name.startswith(f"{head}{dot}"):
+                found[name.removeprefix(f"{head}{dot}")] = number
+
+        def numbers(name: str) -> np.ndarray | None:
+            place = found.get(f"{MARK}{last}_{name}")
+            if place is None or (binding := self._s["variables"][place]["attributes"].get("binding")) is None:
+                return None
+            value = np.asarray(self._at(binding, {}), dtype=object)
+            return np.vectorize(lambda one: self._number(one, f"{head}{dot}{last}"), otypes=[float])(value)
+
+        def one(name: str, otherwise: float) -> float:
+            value = numbers(name)
+            return otherwise if value is None else float(value)
+
+        def said(name: str) -> int | None:
+            place = found.get(name)
+            return None if place is None else self._s["variables"][place]["attributes"].get("binding")
+
+        rows = numbers("table")
+        on_file = said("tableOnFile")
+        if on_file is not None and self._number(self._one(on_file), f"{head}.tableOnFile"):
+            path, name = (self._text(said(key) or 0) for key in ("fileName", "tableName"))
+            rows = read_table(self._path_of(path), name)
+        if rows is None or rows.ndim != 2 or not rows.size:
+            raise BuildError(f"{self._name}: the table of {head}{dot}{last} has no value")
+        columns = numbers("columns")
+        self._tables[handle] = made = Table(
+            rows, [2] if columns is None else [int(n) for n in np.ravel(columns)], int(one("smoothness", 1)),
+            int(one("extrapolation", 2)), int(one("timeEvents", 3)), one("startTime", -np.inf),
+            one("shiftTime", 0.0),
+        )  # fmt: skip
+        return made
+
+    def _number(self, value: Expr, what: str) -> float:
+        """What an expression of parameters comes to; they are built in from now on."""
+        by = {}
+        for one in value.free:
+            scalar = self._scalars[one.args[1]] if one.args[0] == "p" else None
+            if scalar is None or scalar.role not in ("parameter", "dependent") or not scalar.fixed:
+                raise BuildError(f"{self._name}: {what} depends on what is not known when the model is built")
+            if scalar.role == "parameter":
+                scalar.role, scalar.binding = "dependent", scalar.start
+                self._built_in.append(scalar.name)
+            by[one] = ex.number(self._number(scalar.binding or _ZERO, what))
+        found = ex.substituted(value, by)
+        if found.op != "num":
+            raise BuildError(f"{self._name}: {what} has no value that is known when the model is built")
+        return float(found.args[0])
+
+    def _path_of(self, text: str) -> Path:
+        if text.startswith("modelica://"):
+            library, _, rest = text.removeprefix("modelica://").partition("/")
+            places = [folder / library.replace(".", "/") / rest for folder in self._folders]
+            return next((one for one in places if one.is_file()), places[0])
+        return next((one for one in (folder / text for folder in self._folders) if one.is_file()), Path(text))
+
     def _statements(self, statements: Iterable[Json], inside: dict[Any, Any]) -> None:
         for statement in statements:
             ((kind, content),) = statement.items()
@@ -797,6 +909,50 @@ class _Reader:
                     self._statements(content["statements"], inside)
             else:
                 raise _refuse(self._name, f"a statement of the kind {kind} in a function")
+
+
+def expand_derivatives(name: str, scalars: list[Scalar], equations: list[Expr]) -> None:
+    """Write der(v) of a variable v that stands for an expression as the derivative of that expression.
+
+    Else v would be a state with a start value of its own. Changes both lists.
+    """
+
+    def seeds(one: Expr) -> Expr:
+        kind = one.args[0]
+        if kind == "t":
+            return ex.ONE
+        if kind == "u":
+            raise ex.NoDerivative(
+                f"{name}: the input {scalars[one.args[1]].name} would have to be differentiated"
+            )
+        if kind != "v" or scalars[one.args[1]].role not in ("state", "algebraic"):
+            return _ZERO
+        changing.add(one.args[1])
+        return ex.symbol("der", one.args[1], 1)
+
+    by: dict[Expr, Expr] = {}
+    for number, one in enumerate(scalars):
+        if one.role != "state" or not re.match(rf"{MARK}\d+_of_", one.name.rpartition(".")[2]):
+            continue
+        value = next(
+            (
+                b
+                for a, b in (e.args for e in equations if e.op == "sub")
+                if a is one.value and a not in b.free
+            ),
+            None,
+        )
+        if value is None or any(s.args[0] == "der" for s in value.free):
+            continue
+        changing: set[int] = set()
+        by[ex.symbol("der", number, 1)] = ex.derivative(value, seeds)
+        one.role = "algebraic"
+        for place in changing:
+            scalars[place].role = "state"
+    for place, equation in enumerate(equations):
+        for _ in range(len(by)):  # one may stand in another
+            equation = ex.substituted(equation, by)
+        equations[place] = equation
 
 
 def _each(make: Callable[..., Expr], *values: Any) -> Any:

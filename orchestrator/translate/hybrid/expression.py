@@ -6,7 +6,7 @@ Nodes are made by `make` alone, so that equal expressions are one object, and co
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,6 +41,20 @@ class Expr:
         return f"{self.op}({', '.join(map(repr, self.args))})"
 
 
+@dataclass(frozen=True)
+class Other:
+    """A kind of operators that another module knows: those whose name begins with the kind and a colon.
+
+    Attributes:
+        derived: variation of a node from those of its operands.
+        written: the node in C, from its operands in C.
+    """
+
+    derived: Callable[[Expr, Sequence[Expr]], Expr]
+    written: Callable[[Expr, Sequence[str]], str]
+
+
+OTHERS: dict[str, Other] = {}
 _TABLE: dict[tuple[Any, ...], Expr] = {}
 _EMPTY: frozenset[Expr] = frozenset()
 
@@ -328,6 +342,8 @@ def _varied(one: Expr, made: dict[int, Expr]) -> Expr:
             return conditional(first, d[0], d[1])
         case "fn:floor" | "fn:ceil" | "fn:trunc" | "fn:sign":
             return ZERO
+    if (other := OTHERS.get(op.partition(":")[0])) is not None:
+        return other.derived(one, d)
     if op in _SLOPES:
         return mul(_SLOPES[op](args[0], one), d[0])
     raise NoDerivative(f"{op.partition(':')[2]} has no derivative that can be written")
