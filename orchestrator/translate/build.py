@@ -155,14 +155,14 @@ def _translated(
     tree: SourceTree, model: str | None, fmi_version: str, libraries: Sequence[Path]
 ) -> tuple[dict[str, bytes], TranslationReport]:
     from .hybrid.build import counted, translate_hybrid
-    from .hybrid.front_end import library_paths
+    from .hybrid.front_end import adapts, library_paths
 
     name = tree.model_name(model)
     folders = library_paths(libraries)
     try:
         return _explicit(tree, name, fmi_version)
     except BuildError as refusal:
-        if not other_route(refusal, bool(folders)):
+        if not other_route(refusal, bool(folders) or adapts(tree)):
             raise (
                 counted(tree, name, folders, refusal) if isinstance(refusal, CompilerRefusal) else refusal
             ) from None
@@ -185,7 +185,7 @@ def other_route(refusal: BuildError, libraries: bool) -> bool:
     """Whether the hybrid route may take what the explicit one refuses.
 
     Args:
-        libraries: whether there are any; the explicit route reads none.
+        differs: whether the compiler reads something else there: libraries, or sources adapted for it.
     """
     if isinstance(refusal, CompilerRefusal):
         return libraries

@@ -10,12 +10,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from ..classes import within_clause
 from ..lexer import Token, tokenise
 
 Objects = Mapping[str, Sequence[tuple[str, str, str]]]
-__all__ = ["ANY", "ANY_MODEL", "MARK", "adapted", "external_objects"]
+__all__ = ["ANY", "ANY_MODEL", "CALL", "MARK", "adapted", "class_texts", "external_objects", "function_body"]
 
 MARK = "adapted_"
+CALL = f"{MARK}call"
+"""The external function that stands for one whose statements the compiler refuses."""
 ANY = f"{MARK}any"
 ANY_MODEL = f"partial model {ANY}\nend {ANY};\n"
 """What every model extends: the compiler asks for a common ancestor where Modelica asks for equal parts."""
@@ -71,6 +74,7 @@ def adapted(text: str, file: str, objects: Objects | None = None, common: bool =
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
         (any(one in text for one in objects or ()), lambda *all_of: _objects(*all_of, objects or {})),
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
+        (bool(re.search(r"\b(while|break|return)\b", text)) and "function" in text, _functions),
         (bool(re.search(r"\bencapsulated\s+partial\s+model\b", text)), _lifted),
         (common, _related),
     ]
@@ -81,6 +85,28 @@ def adapted(text: str, file: str, objects: Objects | None = None, common: bool =
             for one in reversed(edits):
                 text = text[: one.start] + one.text + text[one.end :]
     return text
+
+
+def function_body(tokens: Sequence[Token], at: int = 0) -> tuple[int, int]:
+    """Indices of the first token of the body, and of the `end`, of the class that begins at or after one."""
+    found = min((one for one in _all(_classes(tokens)) if one.start >= at), key=lambda one: one.start)
+    return found.body, found.end
+
+
+def class_texts(text: str, file: str, kind: str) -> dict[str, str]:
+    """The text of each class of a kind in a file by its qualified name."""
+    tokens = tokenise(text, file)
+    found: dict[str, str] = {}
+
+    def add(classes: Iterable[_Class], prefix: str) -> None:
+        for one in classes:
+            name = f"{prefix}.{one.name}" if prefix else one.name
+            if one.kind == kind:
+                found[name] = _slice(text, tokens, one.start, one.end + 2)
+            add(one.inner, name)
+
+    add(_classes(tokens), within_clause(tokens))
+    return found
 
 
 def _classes(tokens: Sequence[Token]) -> list[_Class]:
@@ -178,9 +204,10 @@ def _derivatives(text: str, tokens: Sequence[Token], classes: list[_Class]) -> I
                 continue
             count += 1
             name = f"{MARK}{count}_of_{one.name}"
-            value = _slice(text, tokens, place + 2, last - 1)
+            value = " ".join(one.text for one in inside)
             added.setdefault(section, []).append(f"protected Real {name}; equation {name} = {value};")
-            yield _Edit(inside[0].start, _end_of(inside[-1]), name)
+            old = _slice(text, tokens, place + 2, last - 1)
+            yield _Edit(inside[0].start, _end_of(inside[-1]), _lines_kept(old, name))
         for place, lines in added.items():
             yield _Edit(tokens[place].start, tokens[place].start, " ".join([*lines, ""]))
 
@@ -252,6 +279,70 @@ def _objects(text: str, tokens: Sequence[Token], classes: list[_Class], names: O
 def _lines_kept(old: str, new: str) -> str:
     """A text with the line breaks that it replaces."""
     return new + "\n" * max(0, old.count("\n") - new.count("\n"))
+
+
+# Functions
+
+
+def _functions(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
+    """A function with while, break or return becomes an external one; see `functions`."""
+    for one in _all(classes):
+        own = list(_own(one)) if one.kind == "function" else []
+        words = [tokens[place].text for place in own]
+        if "algorithm" not in words or not {"while", "break", "return"} & set(
+            words[words.index("algorithm") :]
+        ):
+            continue
+        kept: dict[str, list[str]] = {"input": [], "output": []}
+        lines = []
+        place = own[0]
+        while tokens[place].text != "algorithm":
+            begin = place
+            while tokens[place].text != ";" and place in own:
+                place = _closing(tokens, place) if tokens[place].text in ("(", "[", "{") else place
+                place += 1
+            word = tokens[begin].text
+            if word in kept:
+                last = next((k for k in range(begin, place) if tokens[k].text == "annotation"), place)
+                lines.append(f"{_slice(text, tokens, begin, last - 1)};")
+                kept[word] += _names(tokens, begin, last)
+            elif word in ("extends", "import"):
+                lines.append(f"{_slice(text, tokens, begin, place)}")
+            elif word in ("protected", "public"):
+                place = begin
+            elif tokens[begin].text in _KINDS or place not in own:
+                place = next(inner.end + 2 for inner in one.inner if inner.end > begin)
+            place += 1
+        inputs, outputs = ", ".join(kept["input"]), kept["output"]
+        single = len(outputs) == 1 and not re.search(
+            rf"\b{outputs[0]}\s*\[|\]\s*{outputs[0]}\b", " ".join(lines)
+        )
+        call = (
+            f"{outputs[0]} = {CALL}({inputs})"
+            if single
+            else f"{CALL}({', '.join([*kept['input'], *outputs])})"
+        )
+        content = f'{" ".join(lines)} external "C" {call};'
+        if tokens[one.start - 1].text not in ("pure", "impure"):
+            yield _Edit(tokens[one.start].start, tokens[one.start].start, "pure ")
+        old = _slice(text, tokens, one.body, one.end - 1)
+        yield _Edit(tokens[one.body].start, _end_of(tokens[one.end - 1]), _lines_kept(old, content))
+
+
+def _names(tokens: Sequence[Token], begin: int, end: int) -> list[str]:
+    """The names that a declaration declares."""
+    place = begin + 2
+    while tokens[place].text == ".":
+        place += 2
+    if tokens[place].text == "[":
+        place = _closing(tokens, place) + 1
+    found = [tokens[place].text]
+    while place < end:
+        place = _closing(tokens, place) if tokens[place].text in ("(", "[", "{") else place
+        if tokens[place].text == ",":
+            found.append(tokens[place + 1].text)
+        place += 1
+    return found
 
 
 # Derivatives of functions

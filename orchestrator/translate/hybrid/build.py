@@ -19,7 +19,7 @@ from ..sources import SourceTree
 from .code import generate_hybrid_c, layout_of
 from .dae import DaeModel, read_dae
 from .description import describe_hybrid
-from .front_end import dae_form
+from .front_end import FunctionTexts, dae_form
 from .structure import System, solve_order, unbalanced
 
 __all__ = ["counted", "read", "solved", "translate_hybrid", "understood"]
@@ -34,18 +34,18 @@ def solved(tree: SourceTree, name: str, libraries: Sequence[Path] = ()) -> Syste
     except CompilerRefusal as refusal:
         raise counted(tree, name, libraries, refusal) from None
     with understood(name):
-        return solve_order(read_dae(document, name, _folders(tree, libraries)))
+        return solve_order(read_dae(document, name, *_beside(tree, libraries)))
 
 
-def _folders(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
-    """Where files that a model names may stand."""
-    return [(tree.root / tree.main).parent, tree.root, *libraries]
+def _beside(tree: SourceTree, libraries: Sequence[Path]) -> tuple[list[Path], FunctionTexts]:
+    """Where files that a model names may stand, and the text of functions."""
+    return [(tree.root / tree.main).parent, tree.root, *libraries], FunctionTexts(tree, libraries)
 
 
 def read(tree: SourceTree, name: str, libraries: Sequence[Path], *, partial: bool) -> DaeModel:
     """A model in scalars; see `dae_form`. Raises: BuildError for what is not supported."""
     with understood(name):
-        return read_dae(dae_form(tree, name, libraries, partial=partial), name, _folders(tree, libraries))
+        return read_dae(dae_form(tree, name, libraries, partial=partial), name, *_beside(tree, libraries))
 
 
 def counted(tree: SourceTree, name: str, libraries: Sequence[Path], refusal: CompilerRefusal) -> BuildError:

@@ -9,6 +9,7 @@ from ..generate import TOKEN_MARK, c_string
 from . import expression as ex
 from .dae import Scalar
 from .expression import Expr
+from .functions import function_code
 from .structure import Block, System
 from .tables import table_code
 
@@ -256,7 +257,7 @@ def generate_hybrid_c(layout: Layout, identifier: str) -> str:
             "w",
         ),
     ]
-    parts = [*table_code(writer.others), *parts]
+    parts = [*table_code(writer.others), *function_code(writer.others), *parts]
     token = c_string(TOKEN_MARK)
     counts = (len(layout.ports), layout.n_z, len(layout.inputs), len(layout.parameters), len(layout.computed))
     lines = "\n".join(f"    {_entry(one)}," for one in layout.ports)

@@ -20,8 +20,9 @@ from orchestrator.base.errors import BuildError
 from ..faults import PlacedError, placed
 from ..sources import DELAY, Location, Spans
 from . import expression as ex
-from .adapted import MARK
+from .adapted import CALL, MARK
 from .expression import Expr
+from .functions import Source, call
 from .tables import Table, read_table
 
 __all__ = ["Action", "Branch", "Condition", "DaeModel", "Discrete", "Scalar", "read_dae"]
@@ -163,10 +164,13 @@ class DaeModel:
         return "der(" * one.args[2] + name + ")" * one.args[2] if one.args[0] == "der" else name
 
 
-def read_dae(document: Json, name: str, folders: Sequence[Path] = ()) -> DaeModel:
+def read_dae(
+    document: Json, name: str, folders: Sequence[Path] = (), functions: Source = lambda _: None
+) -> DaeModel:
     """Read the DAE form.
 
     Args:
+        functions: text of a function by its qualified name.
         folders: where files of tables may stand: that of the model, those of libraries.
     Raises: BuildError for what has no scalar form, by the construct's name.
     """
@@ -180,7 +184,7 @@ def read_dae(document: Json, name: str, folders: Sequence[Path] = ()) -> DaeMode
     ):
         if storage.get(key):
             raise placed(_refuse(name, what), _first_place(storage[key], spans))
-    reader = _Reader(storage, name, spans, folders)
+    reader = _Reader(storage, name, spans, folders, functions)
     try:
         return reader.model()
     except BuildError as error:
@@ -220,8 +224,11 @@ def _refuse(name: str, what: str) -> BuildError:
 
 
 class _Reader:
-    def __init__(self, storage: Json, name: str, spans: Spans, folders: Sequence[Path]) -> None:
+    def __init__(
+        self, storage: Json, name: str, spans: Spans, folders: Sequence[Path], functions: Source
+    ) -> None:
         self._s = storage
+        self._functions = functions
         self._spans = spans
         self.here: Json = {}  # of what is read
         self._folders = folders
@@ -784,7 +791,7 @@ class _Reader:
         if function["external"]:
             if function["name"] == DELAY:
                 raise _refuse(self._name, "delay()")
-            return self._external(function, operands, bound)
+            return self._external(content["output"], function, operands, bound)
         if content.get("derivative"):
             raise _refuse(self._name, f"a derivative of the function {function['name']}()")
         self._depth += 1
@@ -805,13 +812,20 @@ class _Reader:
             self._events = before
             self._depth -= 1
 
-    def _external(self, function: Json, operands: list[int], bound: Mapping[Any, Any]) -> Any:
+    def _external(self, output: int, function: Json, operands: list[int], bound: Mapping[Any, Any]) -> Any:
         symbol = function["external"]["symbol"]
+        if symbol == CALL and (source := self._functions(function["name"])) is not None:
+            before, self._events = self._events, False
+            try:
+                found = call(source, self._functions, [self._at(one, bound) for one in operands])[output]
+            finally:
+                self._events = before
+            return found if found.shape else found.item()
         if not symbol.startswith("ModelicaStandardTables_Combi"):
             raise _refuse(self._name, f"the external function {function['name']}()")
         values = [self._at(one, bound) for one in operands]
-        table = self._table(values[0])
         kind, _, what = symbol.removeprefix("ModelicaStandardTables_Combi").partition("_")
+        table = self._table(values[0], kind == "Table2D")
         first = table.rows[:, 0]
         match what:
             case "getValue" if kind == "Table1D":
@@ -828,7 +842,7 @@ class _Reader:
                 return ex.number(first[-1])
         raise _refuse(self._name, f"the function {function['name']}() of a table")
 
-    def _table(self, handle: Expr) -> Table:
+    def _table(self, handle: Expr, surface: bool) -> Table:
         """The table that a variable stands for; see `adapted`."""
         if handle in self._tables:
             return self._tables[handle]
@@ -867,7 +881,7 @@ class _Reader:
         self._tables[handle] = made = Table(
             rows, [2] if columns is None else [int(n) for n in np.ravel(columns)], int(one("smoothness", 1)),
             int(one("extrapolation", 2)), int(one("timeEvents", 3)), one("startTime", -np.inf),
-            one("shiftTime", 0.0),
+            one("shiftTime", 0.0), surface,
         )  # fmt: skip
         return made
 

@@ -21,9 +21,10 @@ from ..complaints import CompilerRefusal, explained
 from ..flatten import called_partial, flatten, message_of
 from ..sources import SourceTree, Spans
 from . import adapted as rules
-from .adapted import ANY, ANY_MODEL, Objects, adapted, external_objects
+from .adapted import ANY, ANY_MODEL, Objects, adapted, class_texts, external_objects
+from .functions import FunctionSource
 
-__all__ = ["dae_form", "flat_form", "library_paths", "modernised", "prepared"]
+__all__ = ["FunctionTexts", "adapts", "dae_form", "flat_form", "library_paths", "modernised", "prepared"]
 
 # The compiler has models that it never ends with.
 _TIME_LIMIT = 120.0
@@ -179,6 +180,13 @@ def prepared(folder: Path, libraries: Sequence[Path]) -> tuple[list[Path], froze
     return roots, frozenset(path.relative_to(folder).as_posix() for path in changed)
 
 
+def adapts(tree: SourceTree) -> bool:
+    """Whether the compiler does not see a model's sources as they are."""
+    objects = external_objects(tree.texts.values())
+    common = any("redeclare" in text for text in tree.texts.values())
+    return any(adapted(text, file, objects, common) != text for file, text in tree.texts.items())
+
+
 def _adapted_library(library: Path) -> tuple[Path, Objects]:
     """A library's folder as the compiler takes it, and its external objects.
 
@@ -202,6 +210,38 @@ def _adapted_library(library: Path) -> tuple[Path, Objects]:
             with contextlib.suppress(OSError):  # another process was first
                 (Path(scratch) / "root").rename(kept)
     return kept, objects
+
+
+class FunctionTexts:
+    """The text of functions by their qualified names, in a model's sources and in libraries."""
+
+    def __init__(self, tree: SourceTree, libraries: Sequence[Path]) -> None:
+        self._tree = tree
+        self._libraries = libraries
+        self._found: dict[str, dict[str, str]] = {}
+
+    def __call__(self, name: str) -> FunctionSource | None:
+        # The compiler writes the name of a function of the model itself without that of the model.
+        ends = [one for one in self._tree.classes if f".{one}".endswith(f".{name}")]
+        if name not in self._tree.classes and len(ends) == 1:
+            name = ends[0]
+        if name in self._tree.classes:
+            file = self._tree.classes[name].file
+            text = self._of(file, self._tree.texts[file]).get(name)
+            return FunctionSource(name, text) if text else None
+        for library in self._libraries:
+            parts = name.split(".")
+            for depth in range(len(parts), 0, -1):
+                place = library.joinpath(*parts[:depth])
+                for file in (place.with_suffix(".mo"), place / "package.mo"):
+                    if file.is_file() and (text := self._of(str(file), file.read_text()).get(name)):
+                        return FunctionSource(name, text)
+        return None
+
+    def _of(self, file: str, text: str) -> dict[str, str]:
+        if file not in self._found:
+            self._found[file] = class_texts(text, file, "function")
+        return self._found[file]
 
 
 def modernised(folder: Path) -> None:

@@ -37,6 +37,7 @@ class Table:
         columns: of each output, counted from 1.
         smoothness, extrapolation, events: as the library numbers them.
         start, shift: of time tables, in units of the first column.
+        surface_of: whether it has two variables: its first row holds the second.
     """
 
     rows: np.ndarray
@@ -46,11 +47,12 @@ class Table:
     events: int = _NO_EVENTS
     start: float = -math.inf
     shift: float = 0.0
+    surface_of: bool = False
 
     def __post_init__(self) -> None:
         self.number = next(_numbers)
         _KNOWN[self.number] = self
-        first = self.rows[:, 0]
+        first = self.rows[int(self.surface_of) :, 0]
         least = 0 if self.events != _NO_EVENTS or self.start > -math.inf else np.finfo(float).tiny
         if len(first) > 1 and not (np.diff(first) >= least).all():
             raise BuildError("the first column of a table has to increase")
@@ -244,7 +246,8 @@ def _c(value: float) -> str:
 
 
 TABLE_C = """/* Pieces of begin, reference point and four coefficients; periodic where `period` is not 0. */
-static inline double piecewise(const double *p, int n, double low, double period, int order, double u, double limit)
+static inline double piecewise(const double *p, int n, double low, double period, int order, double u,
+                               double limit)
 {
     /* Where the piece is looked up: up to an event, that before it. */
     double at = u >= limit ? limit - 1e-9 * (fabs(limit) > 1e-3 ? fabs(limit) : 1e-3) : u;
@@ -266,7 +269,8 @@ static inline double piecewise(const double *p, int n, double low, double period
     return order == 3 ? 6 * p[5] : 0;
 }
 
-static inline double next_instant(const double *at, int n, double period, double start, double shift, double t)
+static inline double next_instant(const double *at, int n, double period, double start, double shift,
+                                  double t)
 {
     double close = t + 1e-12 * (fabs(t) > 1 ? fabs(t) : 1), turns;
     if (close < start) return start;
@@ -310,7 +314,8 @@ static inline double interpolated(const double *cells, int rows, int columns, in
         if (by_a || by_b) return 0;
         return z[(share >= 1 ? columns : 0) + (part >= 1 ? 1 : 0)];
     }
-    if ((extrapolation == 1 && ((by_a && beyond[0]) || (by_b && beyond[1]))) || by_a > 1 || by_b > 1) return 0;
+    if (extrapolation == 1 && ((by_a && beyond[0]) || (by_b && beyond[1]))) return 0;
+    if (by_a > 1 || by_b > 1) return 0;
     if ((by_a && n < 2) || (by_b && m < 2)) return 0;
     da = n > 1 ? z[columns] - z[0] : 0;
     db = m > 1 ? z[1] - z[0] : 0;

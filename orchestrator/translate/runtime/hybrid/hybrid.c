@@ -629,7 +629,8 @@ static int project(Work *w, double t, double *x)
             if (!isfinite(by)) return OUTCOME(CONSTRAINTS, 0);
             if (by > most) most = by;
         }
-        if (most < 1e-11) return 0;
+        /* At a kink the differences mix two slopes, and the rest shrinks slowly. */
+        if (most < 1e-11 || (iteration > 4 && most < 1e-9)) return 0;
     }
     return OUTCOME(CONSTRAINTS, 0);
 }

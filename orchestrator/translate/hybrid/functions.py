@@ -1,0 +1,922 @@
+"""Functions with statements that the compiler refuses (while, break, return), as C.
+
+Each is written once for each set of sizes of its inputs.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from orchestrator.base.errors import BuildError
+
+from ..lexer import Token, tokenise
+from . import expression as ex
+from .adapted import function_body
+from .expression import Expr
+
+__all__ = ["FunctionSource", "call", "function_code"]
+
+Node = tuple[Any, ...]
+Source = Callable[[str], "FunctionSource | None"]
+
+_ENDS = {"end", "else", "elseif"}
+_MATHS = frozenset("sqrt sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10".split())
+_CONSTANTS = {
+    "pi": np.pi, "e": np.e, "eps": 2.220446049250313e-16, "small": 1e-60, "inf": 1.7976931348623157e308,
+    "D2R": np.pi / 180, "R2D": 180 / np.pi,
+}  # fmt: skip
+_RELATIONS = {"<": "<", "<=": "<=", ">": ">", ">=": ">=", "==": "==", "<>": "!="}
+
+
+@dataclass(frozen=True)
+class FunctionSource:
+    """A function's text and qualified name."""
+
+    name: str
+    text: str
+
+
+@dataclass
+class _Variable:
+    name: str
+    role: str
+    dimensions: list[Node | None]
+    binding: Node | None
+
+
+# Reading
+
+
+class _Parser:
+    def __init__(self, source: FunctionSource) -> None:
+        self._tokens: Sequence[Token] = tokenise(source.text, source.name)
+        self._at = 0
+        self._name = source.name
+
+    def function(self) -> tuple[list[_Variable], list[Node]]:
+        first, last = function_body(self._tokens)
+        self._at = first
+        variables: list[_Variable] = []
+        protected = False
+        while self._at < last and self._peek() != "algorithm":
+            text = self._peek()
+            if text in ("protected", "public"):
+                protected = text == "protected"
+                self._at += 1
+            elif text in ("extends", "import", "annotation"):
+                self._skip()
+            elif text in (
+                "function",
+                "encapsulated",
+                "pure",
+                "impure",
+                "partial",
+                "package",
+                "record",
+                "type",
+            ):
+                self._at = function_body(self._tokens, self._at)[1] + 2
+                self._take(";")
+            else:
+                variables += self._declared(protected)
+        if self._at >= last:
+            raise self._error("it has no algorithm")
+        self._take("algorithm")
+        return variables, self._statements()
+
+    def _peek(self, ahead: int = 0) -> str:
+        place = self._at + ahead
+        return self._tokens[place].text if place < len(self._tokens) else ""
+
+    def _take(self, text: str | None = None) -> str:
+        found = self._peek()
+        if text is not None and found != text:
+            raise self._error(f"`{text}` is expected before `{found}`")
+        self._at += 1
+        return found
+
+    def _error(self, what: str) -> BuildError:
+        line = self._tokens[min(self._at, len(self._tokens) - 1)].line
+        return BuildError(f"the function {self._name}() cannot be read at its line {line}: {what}")
+
+    def _skip(self) -> None:
+        depth = 0
+        while depth or self._peek() != ";":
+            depth += (self._peek() in ("(", "{", "[")) - (self._peek() in (")", "}", "]"))
+            self._at += 1
+        self._at += 1
+
+    def _declared(self, protected: bool) -> list[_Variable]:
+        role = "protected" if protected else "local"
+        while self._peek() in ("input", "output", "parameter", "constant", "final"):
+            word = self._take()
+            role = word if word in ("input", "output") else role
+        self._take()
+        while self._peek() == ".":
+            self._at += 2
+        shape = self._dimensions() if self._peek() == "[" else []
+        found = []
+        while True:
+            name = self._take()
+            own = self._dimensions() if self._peek() == "[" else []
+            if self._peek() == "(":
+                self._bracket()
+            binding = None
+            if self._peek() in ("=", ":="):
+                self._at += 1
+                binding = self.expression()
+            found.append(_Variable(name, role, own + shape, binding))
+            while self._at < len(self._tokens) and self._tokens[self._at].kind == "string":
+                self._at += 1
+            if self._peek() == "annotation":
+                self._at += 1
+                self._bracket()
+            if self._take() == ";":
+                return found
+
+    def _bracket(self) -> None:
+        depth = 0
+        while True:
+            depth += (self._peek() in ("(", "{", "[")) - (self._peek() in (")", "}", "]"))
+            self._at += 1
+            if not depth:
+                return
+
+    def _dimensions(self) -> list[Node | None]:
+        self._take("[")
+        found: list[Node | None] = []
+        while True:
+            if self._peek() == ":":
+                self._at += 1
+                found.append(None)
+            else:
+                found.append(self.expression())
+            if self._take() == "]":
+                return found
+
+    def _statements(self) -> list[Node]:
+        found = []
+        while self._peek() not in _ENDS and self._peek() not in ("annotation", "algorithm", "external"):
+            found.append(self._statement())
+            while self._tokens[self._at].kind == "string":
+                self._at += 1
+            if self._peek() == "annotation":
+                self._at += 1
+                self._bracket()
+            self._take(";")
+        return found
+
+    def _statement(self) -> Node:
+        match self._peek():
+            case "if":
+                return self._if()
+            case "for":
+                self._at += 1
+                iterators = self._iterators()
+                self._take("loop")
+                body = self._statements()
+                self._closed("for")
+                return ("for", iterators, body)
+            case "while":
+                self._at += 1
+                condition = self.expression()
+                self._take("loop")
+                body = self._statements()
+                self._closed("while")
+                return ("while", condition, body)
+            case "break" | "return":
+                return (self._take(),)
+            case "(":
+                self._at += 1
+                targets: list[Node | None] = []
+                while self._peek() != ")":
+                    if self._peek() == ",":
+                        targets.append(None)
+                    else:
+                        targets.append(self._reference())
+                    if self._peek() == ",":
+                        self._at += 1
+                self._take(")")
+                self._take(":=")
+                return ("assign", targets, self.expression())
+        target = self._reference()
+        if self._peek() == ":=":
+            self._at += 1
+            return ("assign", [target], self.expression())
+        return ("do", target)
+
+    def _closed(self, word: str) -> None:
+        self._take("end")
+        self._take(word)
+
+    def _if(self) -> Node:
+        cases, otherwise = [], []
+        word = self._take()
+        while word in ("if", "elseif"):
+            condition = self.expression()
+            self._take("then")
+            cases.append((condition, self._statements()))
+            word = self._take()
+        if word == "else":
+            otherwise = self._statements()
+            self._take("end")
+        self._take("if")
+        return ("if", cases, otherwise)
+
+    def _iterators(self) -> list[tuple[str, Node]]:
+        found = []
+        while True:
+            name = self._take()
+            self._take("in")
+            found.append((name, self.expression()))
+            if self._peek() != ",":
+                return found
+            self._at += 1
+
+    def expression(self) -> Node:
+        if self._peek() == "if":
+            self._at += 1
+            condition = self.expression()
+            self._take("then")
+            value = self.expression()
+            if self._peek() == "elseif":
+                return ("choice", condition, value, self.expression_of_elseif())
+            self._take("else")
+            return ("choice", condition, value, self.expression())
+        first = self._binary(0)
+        if self._peek() != ":":
+            return first
+        self._at += 1
+        second = self._binary(0)
+        if self._peek() != ":":
+            return ("range", first, ("number", 1.0), second)
+        self._at += 1
+        return ("range", first, second, self._binary(0))
+
+    def expression_of_elseif(self) -> Node:
+        self._at += 1
+        condition = self.expression()
+        self._take("then")
+        value = self.expression()
+        if self._peek() == "elseif":
+            return ("choice", condition, value, self.expression_of_elseif())
+        self._take("else")
+        return ("choice", condition, value, self.expression())
+
+    _LEVELS = (("or",), ("and",), tuple(_RELATIONS), ("+", "-", ".+", ".-"), ("*", "/", ".*", "./"))
+
+    def _binary(self, level: int) -> Node:
+        if level == 2 and self._peek() == "not":
+            self._at += 1
+            return ("not", self._binary(level))
+        if level == len(self._LEVELS):
+            base = self._primary()
+            if self._peek() in ("^", ".^"):
+                word = self._take()
+                return ("binary", word, base, self._primary())
+            return base
+        if level == 3 and self._peek() in ("-", "+"):
+            word = self._take()
+            found = self._binary(4)
+            found = ("negative", found) if word == "-" else found
+        else:
+            found = self._binary(level + 1)
+        while self._peek() in self._LEVELS[level]:
+            word = self._take()
+            found = ("binary", word, found, self._binary(level + 1))
+        return found
+
+    def _primary(self) -> Node:
+        token = self._tokens[self._at]
+        if token.kind == "number":
+            self._at += 1
+            return ("number", float(token.text))
+        if token.kind == "string":
+            self._at += 1
+            return ("text", token.text)
+        if token.text in ("true", "false"):
+            self._at += 1
+            return ("number", float(token.text == "true"))
+        if token.text == "end":
+            self._at += 1
+            return ("end",)
+        if token.text == "(":
+            self._at += 1
+            found = self.expression()
+            self._take(")")
+            return found
+        if token.text in "{[":
+            return self._array()
+        return self._reference()
+
+    def _array(self) -> Node:
+        opening = self._take()
+        rows: list[list[Node]] = [[]]
+        while self._peek() not in "}]":
+            rows[-1].append(self.expression())
+            if self._peek() == "for":
+                self._at += 1
+                found = ("comprehension", rows[-1][0], self._iterators())
+                self._take("}")
+                return found
+            if self._peek() in (",", ";"):
+                if self._take() == ";":
+                    rows.append([])
+        self._at += 1
+        if opening == "{":
+            return ("array", rows[0])
+        return ("matrix", rows)
+
+    def _reference(self) -> Node:
+        parts = [self._take()]
+        subscripts: list[Node | None] = []
+        while True:
+            if self._peek() == ".":
+                self._at += 1
+                parts.append(self._take())
+            elif self._peek() == "[":
+                subscripts += self._dimensions()
+            else:
+                break
+        name = ".".join(parts)
+        if self._peek() != "(":
+            return ("name", name, subscripts)
+        self._at += 1
+        positional: list[Node] = []
+        named: dict[str, Node] = {}
+        while self._peek() != ")":
+            if self._peek(1) == "=":
+                key = self._take()
+                self._at += 1
+                named[key] = self.expression()
+            else:
+                positional.append(self.expression())
+            if self._peek() == ",":
+                self._at += 1
+        self._at += 1
+        return ("call", name, positional, named)
+
+
+# Writing
+
+
+@dataclass
+class _Function:
+    """A function for inputs of certain sizes."""
+
+    number: int
+    name: str
+    outputs: list[tuple[int, ...]] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+    inputs: int = 0
+
+
+_MADE: dict[Any, _Function] = {}
+_numbers = itertools.count()
+Value = np.ndarray  # of C expressions
+
+
+class _Writer:
+    """The body of one function in C."""
+
+    def __init__(
+        self, source: FunctionSource, known: Source, shapes: Sequence[tuple[int, ...]], made: _Function
+    ):
+        self._name = source.name
+        self._known = known
+        self._made = made
+        self._variables, statements = _Parser(source).function()
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self._fixed: dict[str, float] = {}
+        self._lines: list[str] = []
+        self._loops: dict[str, str] = {}
+        self._temporary = itertools.count()
+        inputs = [one for one in self._variables if one.role == "input"]
+        place = 0
+        for one, shape in zip(inputs, shapes, strict=False):
+            self._shapes[one.name] = shape
+            size = int(np.prod(shape, dtype=int))
+            self._lines.append(f"double v_{one.name}[{max(size, 1)}] = {{0}};")
+            self._lines.append(
+                f"for (int k = 0; k < {size}; k++) v_{one.name}[k] = in[{place} + k];" if size else ""
+            )
+            place += size
+        made.inputs = place
+        for one in [*inputs[len(shapes) :], *(v for v in self._variables if v.role != "input")]:
+            self._declare(one)
+        made.outputs = [self._shapes[one.name] for one in self._variables if one.role == "output"]
+        self._write(statements)
+        self._lines.append("done: (void)0;")
+        place = 0
+        for one in self._variables:
+            if one.role == "output":
+                size = int(np.prod(self._shapes[one.name], dtype=int))
+                self._lines.append(
+                    f"for (int k = 0; k < {size}; k++) out[{place} + k] = bad ? NAN : v_{one.name}[k];"
+                )
+                place += size
+        made.lines = [one for one in self._lines if one]
+
+    def _error(self, what: str) -> BuildError:
+        return BuildError(
+            f"the function {self._name}(): {what} is not supported in functions with while or return"
+        )
+
+    def _declare(self, one: _Variable) -> None:
+        value = None
+        if one.binding is not None:
+            fixed = self._constant(one.binding)
+            if fixed is not None and not one.dimensions:
+                self._fixed[one.name] = fixed
+            value = self._value(one.binding)
+        shape = []
+        for place, dimension in enumerate(one.dimensions):
+            size = None if dimension is None else self._constant(dimension)
+            if size is None:
+                if value is None:
+                    raise self._error(f"the size of {one.name}, which is not known beforehand,")
+                size = value.shape[place]
+            shape.append(int(size))
+        self._shapes[one.name] = tuple(shape)
+        size = int(np.prod(shape, dtype=int))
+        # A variable without a value is none: NaN ends the run where it is used.
+        self._lines.append(f"double v_{one.name}[{max(size, 1)}];")
+        self._lines.append(f"for (int k = 0; k < {size}; k++) v_{one.name}[k] = NAN;")
+        if value is not None:
+            self._assign(one.name, [], np.broadcast_to(value, shape))
+
+    def _constant(self, node: Node) -> float | None:
+        match node[0]:
+            case "number":
+                return float(node[1])
+            case "name" if not node[2]:
+                return self._fixed.get(node[1], _named_constant(node[1]))
+            case "negative":
+                value = self._constant(node[1])
+                return None if value is None else -value
+            case "binary":
+                a, b = self._constant(node[2]), self._constant(node[3])
+                if a is None or b is None:
+                    return None
+                word = node[1].lstrip(".")
+                simple = {"+": a + b, "-": a - b, "*": a * b}
+                if word in simple:
+                    return simple[word]
+                if word == "/" and b:
+                    return a / b
+                return a**b if word == "^" else None
+            case "call" if node[1] == "size" and len(node[2]) == 2:
+                shape = self._value(node[2][0]).shape
+                axis = self._constant(node[2][1])
+                return None if axis is None else float(shape[int(axis) - 1])
+            case "call" if node[1] in ("integer", "div", "max", "min") and len(node[2]) < 3:
+                values = [self._constant(one) for one in node[2]]
+                if any(one is None for one in values):
+                    return None
+                known = [one for one in values if one is not None]
+                if node[1] == "integer":
+                    return float(np.floor(known[0]))
+                if len(known) == 2:
+                    return {"div": lambda a, b: float(np.trunc(a / b)), "max": max, "min": min}[node[1]](
+                        *known
+                    )
+        return None
+
+    # Statements
+
+    def _write(self, statements: Iterable[Node]) -> None:
+        for one in statements:
+            match one[0]:
+                case "assign":
+                    self._assigned(one[1], one[2])
+                case "if":
+                    self._branches(one[1], one[2])
+                case "for":
+                    self._loop(one[1], one[2])
+                case "while":
+                    self._lines.append("for (long turn = 0;; turn++) {")
+                    self._lines.append(f"if (!({self._scalar(one[1])})) break;")
+                    self._lines.append("if (turn > 10000000) { bad = 1; break; }")
+                    self._write(one[2])
+                    self._lines.append("}")
+                case "break":
+                    self._lines.append("break;")
+                case "return":
+                    self._lines.append("goto done;")
+                case "do":
+                    self._do(one[1])
+
+    def _do(self, node: Node) -> None:
+        if node[0] == "call" and node[1] == "assert":
+            self._lines.append(f"if (!({self._scalar(node[2][0])})) {{ bad = 1; goto done; }}")
+        elif node[0] == "call" and node[1].rpartition(".")[2] == "error":
+            self._lines.append("{ bad = 1; goto done; }")
+        else:
+            raise self._error(f"the statement {node[1]}")
+
+    def _branches(self, cases: Sequence[tuple[Node, list[Node]]], otherwise: list[Node]) -> None:
+        for condition, body in cases:
+            self._lines.append(f"if ({self._scalar(condition)}) {{")
+            self._write(body)
+            self._lines.append("} else {")
+        self._write(otherwise)
+        self._lines.append("}" * len(cases))
+
+    def _loop(self, iterators: Sequence[tuple[str, Node]], body: list[Node]) -> None:
+        (name, over), rest = iterators[0], iterators[1:]
+        before = self._loops.get(name)
+        number = next(self._temporary)
+        if over[0] == "range":
+            first, step, last = (self._scalar(one) for one in over[1:])
+            self._lines.append(f"double a{number} = {first}, s{number} = {step}, b{number} = {last};")
+            self._lines.append(
+                f"long n{number} = s{number} == 0 ? -1 "
+                f": (long)floor((b{number} - a{number}) / s{number} + 1e-10);"
+            )
+            self._lines.append(f"for (long k{number} = 0; k{number} <= n{number}; k{number}++) {{")
+            self._lines.append(f"const double i{number} = a{number} + (double)k{number} * s{number};")
+        else:
+            values = list(self._value(over))
+            self._lines.append(f"const double e{number}[] = {{{', '.join(map(str, values)) or '0'}}};")
+            self._lines.append(f"for (int k{number} = 0; k{number} < {len(values)}; k{number}++) {{")
+            self._lines.append(f"const double i{number} = e{number}[k{number}];")
+        self._loops[name] = f"i{number}"
+        if rest:
+            self._loop(rest, body)
+        else:
+            self._write(body)
+        self._lines.append("}")
+        if before is None:
+            del self._loops[name]
+        else:
+            self._loops[name] = before
+
+    def _assigned(self, targets: Sequence[Node | None], value: Node) -> None:
+        found = self._calls(value) if len(targets) > 1 else [self._value(value)]
+        for target, one in zip(targets, found, strict=False):
+            if target is not None:
+                self._assign(target[1], target[2], one)
+
+    def _assign(self, name: str, subscripts: Sequence[Node | None], value: Value) -> None:
+        if name not in self._shapes:
+            raise self._error(f"the assignment to {name}")
+        self._fixed.pop(name, None)
+        places = self._places(name, subscripts)
+        values = np.broadcast_to(value, places.shape).ravel()
+        if places.size == 1:
+            self._lines.append(f"{places.ravel()[0]} = {values[0]};")
+            return
+        number = next(self._temporary)
+        self._lines.append(f"{{ const double w{number}[] = {{{', '.join(map(str, values)) or '0'}}};")
+        self._lines += [f"{place} = w{number}[{k}];" for k, place in enumerate(places.ravel())]
+        self._lines.append("}")
+
+    def _places(self, name: str, subscripts: Sequence[Node | None]) -> Value:
+        shape = self._shapes[name]
+        if not subscripts and not shape:
+            return np.array(f"v_{name}[0]", dtype=object)
+        axes: list[list[str] | str] = []
+        for axis, size in enumerate(shape):
+            node = subscripts[axis] if axis < len(subscripts) else None
+            if node is None:
+                axes.append([str(k) for k in range(size)])
+                continue
+            value = self._value(node, size)
+            texts = [f"at_({one}, {size}, &bad)" for one in value.ravel()]
+            axes.append(texts[0] if not value.shape else texts)
+        strides = [int(np.prod(shape[axis + 1 :], dtype=int)) for axis in range(len(shape))]
+        wide = [one if isinstance(one, list) else [one] for one in axes]
+        places = np.empty([len(one) for one in wide], dtype=object)
+        for index in np.ndindex(*places.shape):
+            terms = [f"{wide[axis][k]} * {strides[axis]}" for axis, k in enumerate(index)]
+            places[index] = f"v_{name}[{' + '.join(terms)}]"
+        kept = tuple(len(one) for one in axes if isinstance(one, list))
+        return places.reshape(kept)
+
+    # Expressions
+
+    def _scalar(self, node: Node) -> str:
+        value = self._value(node)
+        if value.size != 1:
+            raise self._error(f"an array of {value.size} elements in place of one number")
+        return str(value.item())
+
+    def _value(self, node: Node, end: int | None = None) -> Value:
+        match node[0]:
+            case "number":
+                return _as_value(repr(node[1]) if node[1] >= 0 else f"({node[1]!r})")
+            case "end":
+                return _as_value(str(end))
+            case "text":
+                raise self._error("a text in an expression")
+            case "name":
+                return self._named(node[1], node[2])
+            case "negative":
+                return _map(lambda a: f"(-{a})", self._value(node[1], end))
+            case "not":
+                return _map(lambda a: f"(!{a})", self._value(node[1], end))
+            case "binary":
+                return self._operation(node[1], self._value(node[2], end), self._value(node[3], end))
+            case "choice":
+                return self._choice(node, end)
+            case "array":
+                return np.array([self._value(one, end) for one in node[1]], dtype=object)
+            case "matrix":
+                rows = [
+                    np.concatenate([np.atleast_2d(self._value(one)) for one in row], 1) for row in node[1]
+                ]
+                return np.concatenate(rows, 0)
+            case "range":
+                first, step, last = (self._constant(one) for one in node[1:])
+                if first is None or step is None or last is None:
+                    raise self._error("a range that is not known beforehand")
+                count = max(0, int(np.floor((last - first) / step + 1e-9)) + 1)
+                return np.array([repr(first + step * k) for k in range(count)], dtype=object)
+            case "comprehension":
+                (name, over), *rest = node[2]
+                found = []
+                for one in self._value(over):
+                    self._loops[name] = str(one)
+                    found.append(self._value(("comprehension", node[1], rest) if rest else node[1]))
+                    del self._loops[name]
+                return np.array(found, dtype=object)
+            case "call":
+                return self._calls(node, end)[0]
+        raise self._error(f"an expression of the kind {node[0]}")
+
+    def _choice(self, node: Node, end: int | None) -> Value:
+        condition = self._scalar(node[1])
+        kept, parts = self._lines, []
+        for branch in node[2:]:
+            self._lines = []
+            parts.append((self._value(branch, end), self._lines))
+        self._lines = kept
+        (a, before_a), (b, before_b) = parts
+        if not before_a and not before_b:
+            return _map(lambda x, y: f"({condition} ? {x} : {y})", a, b)
+        # What a branch computes beforehand only it may compute: it may call this function itself.
+        number = next(self._temporary)
+        shape = np.broadcast_shapes(a.shape, b.shape)
+        self._lines.append(f"double c{number}[{max(1, int(np.prod(shape, dtype=int)))}];")
+        for head, lines, value in ((f"if ({condition}) {{", before_a, a), ("} else {", before_b, b)):
+            self._lines += [head, *lines]
+            flat = np.broadcast_to(value, shape).ravel()
+            self._lines += [f"c{number}[{k}] = {one};" for k, one in enumerate(flat)]
+        self._lines.append("}")
+        found = [f"c{number}[{k}]" for k in range(int(np.prod(shape, dtype=int)))]
+        return np.array(found, dtype=object).reshape(shape)
+
+    def _named(self, name: str, subscripts: Sequence[Node | None]) -> Value:
+        if name in self._loops:
+            return _as_value(self._loops[name])
+        if name in self._shapes:
+            return self._places(name, subscripts)
+        if (value := _named_constant(name)) is not None:
+            return _as_value(repr(float(value)))
+        raise self._error(f"the name {name}")
+
+    def _operation(self, word: str, a: Value, b: Value) -> Value:
+        plain = word.lstrip(".")
+        if plain == "^":
+            return _map(lambda x, y: f"pow({x}, {y})", a, b)
+        if word == "*" and a.ndim and b.ndim:
+            if a.ndim == b.ndim == 1:
+                return _as_value(f"({' + '.join(f'{x} * {y}' for x, y in zip(a, b, strict=True)) or '0'})")
+            if a.ndim == 2:
+                columns = b if b.ndim == 2 else b[:, None]
+                rows = [[self._operation("*", row, column).item() for column in columns.T] for row in a]
+                found = np.array(rows, dtype=object)
+                return found if b.ndim == 2 else found[:, 0]
+            raise self._error("a product of a vector and a matrix")
+        sign = {"and": "&&", "or": "||", **_RELATIONS}.get(plain, plain)
+        return _map(lambda x, y: f"({x} {sign} {y})", a, b)
+
+    def _calls(self, node: Node, end: int | None = None) -> list[Value]:
+        name, named = node[1], node[3]
+        short = name.rpartition(".")[2]
+        if name == "size":
+            shape = self._value(node[2][0]).shape
+            if len(node[2]) == 1:
+                return [np.array([str(one) for one in shape], dtype=object)]
+            axis = self._constant(node[2][1])
+            if axis is None:
+                raise self._error("size() of an axis that is not known beforehand")
+            return [_as_value(str(shape[int(axis) - 1]))]
+        source = None if name in _BUILT_IN or name in _MATHS else self._resolved(name)
+        if source is None:
+            arguments = [self._value(one, end) for one in node[2]]
+            if short in _MATHS:
+                return [_map(lambda *x: f"{short}({', '.join(x)})", *arguments)]
+            if name in _BUILT_IN:
+                return [_BUILT_IN[name](arguments)]
+            raise self._error(f"the function {name}()")
+        variables, _ = _Parser(source).function()
+        inputs = [one for one in variables if one.role == "input"]
+        nodes = [*node[2]]
+        for one in inputs[len(nodes) :]:
+            if one.name in named:
+                nodes.append(named[one.name])
+            elif one.binding is not None:
+                break
+            else:
+                raise self._error(f"a call of {name}() without {one.name}")
+        arguments = [self._value(one, end) for one in nodes]
+        made = _made(source, self._known, [one.shape for one in arguments])
+        flat = [str(one) for argument in arguments for one in argument.ravel()]
+        number = next(self._temporary)
+        size = sum(int(np.prod(one, dtype=int)) for one in made.outputs)
+        self._lines.append(f"const double g{number}[] = {{{', '.join(flat) or '0'}}};")
+        self._lines.append(f"double r{number}[{max(size, 1)}]; function_{made.number}(g{number}, r{number});")
+        found, place = [], 0
+        for shape in made.outputs:
+            count = int(np.prod(shape, dtype=int))
+            texts = [f"r{number}[{place + k}]" for k in range(count)]
+            found.append(np.array(texts, dtype=object).reshape(shape))
+            place += count
+        return found
+
+    def _resolved(self, name: str) -> FunctionSource | None:
+        scope = self._name
+        while True:
+            if found := self._known(f"{scope}.{name}" if scope else name):
+                return found
+            if not scope:
+                return None
+            scope = scope.rpartition(".")[0]
+
+
+def _as_value(text: str) -> Value:
+    found = np.empty((), dtype=object)
+    found[()] = text
+    return found
+
+
+def _map(make: Callable[..., str], *values: Value) -> Value:
+    spread = np.broadcast_arrays(*values)
+    found = np.empty(spread[0].shape, dtype=object)
+    for index in np.ndindex(*found.shape):
+        found[index] = make(*(one[index] for one in spread))
+    return found
+
+
+def _named_constant(name: str) -> float | None:
+    head, _, last = name.rpartition(".")
+    if head.rpartition(".")[2] in ("Constants", "Machine"):
+        return _CONSTANTS.get(last)
+    return None
+
+
+def _folded(name: str) -> Callable[[Sequence[Value]], Value]:
+    def made(values: Sequence[Value]) -> Value:
+        if len(values) > 1:
+            return _map(lambda a, b: f"{name}({a}, {b})", *values)
+        flat = [str(one) for one in values[0].ravel()]
+        text = flat[0]
+        for one in flat[1:]:
+            text = f"{name}({text}, {one})"
+        return _as_value(text)
+
+    return made
+
+
+def _sized(
+    fill: Callable[[Sequence[Value]], tuple[Value, Sequence[Value]]],
+) -> Callable[[Sequence[Value]], Value]:
+    def made(values: Sequence[Value]) -> Value:
+        value, sizes = fill(values)
+        return np.full([int(float(one.item())) for one in sizes], value.item(), dtype=object)
+
+    return made
+
+
+_BUILT_IN: dict[str, Callable[[Sequence[Value]], Value]] = {
+    "abs": lambda v: _map(lambda a: f"fabs({a})", v[0]),
+    "sign": lambda v: _map(lambda a: f"sign_of({a})", v[0]),
+    "floor": lambda v: _map(lambda a: f"floor({a})", v[0]),
+    "integer": lambda v: _map(lambda a: f"floor({a})", v[0]),
+    "ceil": lambda v: _map(lambda a: f"ceil({a})", v[0]),
+    "Integer": lambda v: v[0],
+    "noEvent": lambda v: v[0],
+    "smooth": lambda v: v[1],
+    "div": lambda v: _map(lambda a, b: f"trunc({a} / {b})", *v),
+    "mod": lambda v: _map(lambda a, b: f"({a} - floor({a} / {b}) * {b})", *v),
+    "rem": lambda v: _map(lambda a, b: f"fmod({a}, {b})", *v),
+    "min": _folded("fmin"),
+    "max": _folded("fmax"),
+    "sum": lambda v: _as_value(f"({' + '.join(map(str, v[0].ravel())) or '0'})"),
+    "product": lambda v: _as_value(f"({' * '.join(map(str, v[0].ravel())) or '1'})"),
+    "zeros": _sized(lambda v: (_as_value("0.0"), v)),
+    "ones": _sized(lambda v: (_as_value("1.0"), v)),
+    "fill": _sized(lambda v: (v[0], v[1:])),
+    "transpose": lambda v: v[0].T,
+}  # fmt: skip
+
+
+def _made(source: FunctionSource, known: Source, shapes: Sequence[tuple[int, ...]]) -> _Function:
+    key = (source, tuple(shapes))
+    if key not in _MADE:
+        made = _MADE[key] = _Function(next(_numbers), source.name)
+        try:
+            _declared_outputs(source, made, shapes, known)
+            _Writer(source, known, shapes, made)
+        except BaseException:
+            del _MADE[key]
+            raise
+    return _MADE[key]
+
+
+def _declared_outputs(
+    source: FunctionSource, made: _Function, shapes: Sequence[tuple[int, ...]], known: Source
+) -> None:
+    """Sizes of the outputs as a function that calls itself needs them: of scalars."""
+    variables, _ = _Parser(source).function()
+    made.outputs = [() for one in variables if one.role == "output"]
+
+
+def call(source: FunctionSource, known: Source, arguments: Sequence[Any]) -> list[Any]:
+    """The outputs of a function for arguments of expressions.
+
+    Args:
+        known: text of a function by its qualified name.
+        arguments: arrays of expressions, or one.
+    Returns: an array of expressions for each output.
+    Raises: BuildError for what has no form in C.
+    """
+    arrays = [np.asarray(one, dtype=object) for one in arguments]
+    made = _made(source, known, [one.shape for one in arrays])
+    flat = [one for array in arrays for one in array.ravel()]
+    found, place = [], 0
+    for shape in made.outputs:
+        values = np.empty(shape, dtype=object)
+        for index in np.ndindex(*shape):
+            values[index] = ex.make(f"call:{made.number}:{place}", *flat)
+            place += 1
+        found.append(values)
+    return found
+
+
+def _no_derivative(one: Expr, _: Sequence[Expr]) -> Expr:
+    number = int(one.op.split(":")[1])
+    name = next(made.name for made in _MADE.values() if made.number == number)
+    raise ex.NoDerivative(f"the function {name}() has no derivative that can be written")
+
+
+def _written(one: Expr, args: Sequence[str]) -> str:
+    _, number, place = one.op.split(":")
+    return f"call_{number}({place}, (const double[]){{{', '.join(args) or '0'}}})"
+
+
+ex.OTHERS["call"] = ex.Other(_no_derivative, _written)
+
+
+def function_code(used: Iterable[Expr]) -> list[str]:
+    """C of the functions in expressions, and of those that they call."""
+    by_number = {made.number: made for made in _MADE.values()}
+    wanted = {int(one.op.split(":")[1]) for one in used if one.op.startswith("call:")}
+    ahead, needed = list(wanted), set()
+    while ahead:
+        number = ahead.pop()
+        if number in needed:
+            continue
+        needed.add(number)
+        text = "\n".join(by_number[number].lines)
+        ahead += [one for one in by_number if f"function_{one}(" in text]
+    if not needed:
+        return []
+    lines = [_AT, *(f"static void function_{one}(const double *in, double *out);" for one in sorted(needed))]
+    for number in sorted(needed):
+        made = by_number[number]
+        size = sum(int(np.prod(one, dtype=int)) for one in made.outputs)
+        body = "\n    ".join(made.lines)
+        lines.append(f"""
+static void function_{number}(const double *in, double *out) /* {made.name} */
+{{
+    int bad = 0;
+    (void)in;
+    {body}
+}}
+""")
+        if number in wanted:
+            lines.append(f"""static double call_{number}(int place, const double *in)
+{{
+    double out[{max(size, 1)}];
+    function_{number}(in, out);
+    return out[place];
+}}
+""")
+    return lines
+
+
+_AT = """/* Place of a subscript in an array of n elements. */
+static inline int at_(double i, int n, int *bad)
+{
+    if (i >= 1 && i <= n) return (int)i - 1;
+    *bad = 1;
+    return 0;
+}
+"""

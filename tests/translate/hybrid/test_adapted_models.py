@@ -1,0 +1,451 @@
+"""FMUs of models that the compiler takes after a rewrite, against exact solutions and scipy."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import Akima1DInterpolator, RegularGridInterpolator
+
+pytest.importorskip("rumoca", reason="needs the extra build")
+
+from orchestrator.base.errors import BuildError
+from orchestrator.translate.build import build
+from orchestrator.translate.hybrid.adapted import adapted, external_objects
+from orchestrator.translate.hybrid.tables import read_table
+from orchestrator.translate.package import this_platform
+from tests.translate.hybrid.test_hybrid_models import made, run
+
+
+def test_functions_with_while_break_and_return(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  function root "Newton's method"
+    input Real a;
+    input Integer n = 2;
+    output Real x;
+    output Integer turns;
+  protected
+    Real before;
+  algorithm
+    x := a;
+    turns := 0;
+    while true loop
+      before := x;
+      x := x - (x^n - a)/(n*x^(n - 1));
+      turns := turns + 1;
+      if abs(x - before) <= 1e-15*abs(x) then
+        break;
+      end if;
+    end while;
+  end root;
+  function first
+    input Real v[:];
+    input Real least;
+    output Integer place;
+  algorithm
+    place := 0;
+    for i in 1:size(v, 1) loop
+      if v[i] >= least then
+        place := i;
+        return;
+      end if;
+    end for;
+  end first;
+  function factorial
+    input Integer n;
+    output Real y;
+  algorithm
+    if n < 2 then
+      y := 1;
+      return;
+    end if;
+    y := n*factorial(n - 1);
+  end factorial;
+  function running "Partial sums"
+    input Real v[:];
+    output Real s[size(v, 1)];
+  protected
+    Integer k = 1;
+  algorithm
+    s := v;
+    while k < size(v, 1) loop
+      k := k + 1;
+      s[k] := s[k - 1] + v[k];
+    end while;
+  end running;
+  parameter Real big = 5;
+  Real x(start=1, fixed=true);
+  Real y;
+  Real z;
+  Integer n;
+  Integer k;
+  Real f;
+  Real s[3];
+equation
+  der(x) = 1;
+  (y, n) = root(x, 3);
+  z^3 + root(z + x) = 20;
+  k = first({0, time, 2*time + 0.1}, 1);
+  f = factorial(integer(big));
+  s = running({x, x^2, 1});
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.0, 0.25, "x", "y", "z", "k", "f", "s[1]", "s[2]", "s[3]", start_values={"big": 6.0})
+    time, x = found["time"], found["time"] + 1
+    assert found["y"] == pytest.approx(np.cbrt(x), abs=1e-14)
+    assert found["z"] ** 3 + np.sqrt(found["z"] + x) == pytest.approx(20, abs=1e-9)
+    assert (found["k"] == np.where(2 * time + 0.1 < 1, 0, np.where(time < 1, 3, 2))).all()
+    assert (found["f"] == 720).all()
+    assert found["s[2]"] == pytest.approx(x + x**2) and found["s[3]"] == pytest.approx(x + x**2 + 1)
+
+
+def test_an_assertion_in_a_function_ends_the_run(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  function f
+    input Real u;
+    output Real y;
+  algorithm
+    assert(u < 0.5, "u is too large");
+    y := u;
+    while y > 1 loop
+      y := y/2;
+    end while;
+  end f;
+  Real x(start=0, fixed=true);
+equation
+  der(x) = 1 + 1e-9*f(x);
+end M;
+""")  # fmt: skip
+    with pytest.raises(Exception, match="fmi2DoStep failed"):
+        run(fmu, 1.0, 0.1, "x")
+
+
+def test_derivatives_of_expressions_add_no_state(tmp_path):
+    """A tank whose contents are written as m = rho*A*h; the second derivative is that of a difference."""
+    fmu = made(tmp_path, """
+model M
+  parameter Real area = 2;
+  Real h(start=3);
+  Real a(start=1, fixed=true);
+  Real b(start=0, fixed=true);
+  Real d;
+equation
+  der(area*h^2) = -2*h;
+  der(a) = -b;
+  der(b) = a;
+  d = der(a - b*sin(time));
+end M;
+""")  # fmt: skip
+    found = run(fmu, 1.0, 0.05, "h", "d")
+    time = found["time"]
+    assert found["h"] == pytest.approx(3 - time / 2, abs=1e-9)
+    exact = -np.sin(time) - (np.cos(time) * np.sin(time) + np.sin(time) * np.cos(time))
+    assert found["d"] == pytest.approx(exact, abs=1e-8)
+
+
+def test_the_derivative_of_an_expression_of_an_input_is_refused(tmp_path):
+    with pytest.raises(BuildError, match="the input u would have to be differentiated"):
+        made(tmp_path, "model M\ninput Real u;\nReal y;\nequation\ny = der(2*u);\nend M;\n")
+
+
+def test_a_component_is_redeclared_by_one_of_equal_parts(tmp_path):
+    """The two classes have no common ancestor; Modelica compares their parts only."""
+    source = tmp_path / "P.mo"
+    source.write_text("""
+package P
+  partial model Source
+    output Real y;
+  end Source;
+  model Ramp
+    parameter Real k = 1;
+    output Real y;
+  equation
+    y = k*time;
+  end Ramp;
+  partial model System
+    replaceable Source source;
+    Real x(start=0, fixed=true);
+  equation
+    der(x) = source.y;
+  end System;
+  model M
+    extends System(redeclare Ramp source(k=3));
+  end M;
+end P;
+""")
+    fmu = tmp_path / "M.fmu"
+    build(source, fmu, model="P.M", platforms=(this_platform(),))
+    found = run(fmu, 1.0, 0.1, "x")
+    assert found["x"] == pytest.approx(1.5 * found["time"] ** 2, abs=1e-9)
+
+
+# The external functions of the Modelica Standard Library, as a library of another name declares them.
+TABLES = """
+  type Smoothness = enumeration(Linear, Akima, Constant, FritschButland, Steffen, ModifiedAkima);
+  type Extrapolation = enumeration(Hold, LastTwoPoints, Periodic, None);
+  type TimeEvents = enumeration(Always, AtDiscontinuities, None);
+  class Table1D
+    extends ExternalObject;
+    function constructor
+      input String tableName;
+      input String fileName;
+      input Real table[:, :];
+      input Integer columns[:];
+      input M.Smoothness smoothness;
+      input M.Extrapolation extrapolation;
+      output Table1D id;
+      external "C" id = ModelicaStandardTables_CombiTable1D_init3(fileName, tableName, table, columns);
+    end constructor;
+    function destructor
+      input Table1D id;
+      external "C" ModelicaStandardTables_CombiTable1D_close(id);
+    end destructor;
+  end Table1D;
+  class Table2D
+    extends ExternalObject;
+    function constructor
+      input Real table[:, :];
+      input M.Smoothness smoothness;
+      input M.Extrapolation extrapolation;
+      output Table2D id;
+      external "C" id = ModelicaStandardTables_CombiTable2D_init3(table);
+    end constructor;
+    function destructor
+      input Table2D id;
+      external "C" ModelicaStandardTables_CombiTable2D_close(id);
+    end destructor;
+  end Table2D;
+  class TimeTable
+    extends ExternalObject;
+    function constructor
+      input Real table[:, :];
+      input Real startTime;
+      input Integer columns[:];
+      input M.Smoothness smoothness;
+      input M.Extrapolation extrapolation;
+      input Real shiftTime;
+      input M.TimeEvents timeEvents;
+      output TimeTable id;
+      external "C" id = ModelicaStandardTables_CombiTimeTable_init3(table);
+    end constructor;
+    function destructor
+      input TimeTable id;
+      external "C" ModelicaStandardTables_CombiTimeTable_close(id);
+    end destructor;
+  end TimeTable;
+  pure function value
+    input Table1D id;
+    input Integer column;
+    input Real u;
+    output Real y;
+    external "C" y = ModelicaStandardTables_CombiTable1D_getValue(id, column, u);
+  end value;
+  pure function surface
+    input Table2D id;
+    input Real a;
+    input Real b;
+    output Real y;
+    external "C" y = ModelicaStandardTables_CombiTable2D_getValue(id, a, b);
+  end surface;
+  pure function timed
+    input TimeTable id;
+    input Integer column;
+    input Real t;
+    input Real event;
+    input Real before;
+    output Real y;
+    external "C" y = ModelicaStandardTables_CombiTimeTable_getValue(id, column, t, event, before);
+  end timed;
+  pure function nextEvent
+    input TimeTable id;
+    input Real t;
+    output Real event;
+    external "C" event = ModelicaStandardTables_CombiTimeTable_nextTimeEvent(id, t);
+  end nextEvent;
+"""
+POINTS = np.array([[0, 0, 5], [0.5, 1, 4], [1, 4, 4], [1.5, 3, 1], [2.5, 3, 0], [3, -1, 2]])
+MATRIX = "[" + "; ".join(", ".join(map(str, row)) for row in POINTS) + "]"
+
+
+@pytest.mark.parametrize(
+    ("smoothness", "expected"),
+    [
+        ("Linear", lambda x, y: lambda u: np.interp(u, x, y)),
+        ("Constant", lambda x, y: lambda u: y[np.searchsorted(x, u, side="right") - 1]),
+        ("Akima", lambda x, y: Akima1DInterpolator(x, y)),
+        ("ModifiedAkima", lambda x, y: Akima1DInterpolator(x, y, method="makima")),
+    ],
+)
+def test_a_table_interpolates(tmp_path, smoothness, expected):
+    fmu = made(tmp_path, f"""
+model M
+{TABLES}
+  parameter Real k = 1;
+  final parameter Table1D id = Table1D("none", "none", {MATRIX}, {{3, 2}}, Smoothness.{smoothness},
+    Extrapolation.Hold);
+  Real y;
+  Real z;
+  Real w;
+equation
+  y = value(id, 2, time);
+  z = value(id, 1, k*time);
+  w = value(id, 1, 5 + time) + 10*value(id, 1, -time - 0.01);
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.99, 0.0997, "y", "z", "w")
+    x, first, second = POINTS.T
+    if smoothness == "Akima":  # the end slopes of the library differ where two slopes are equal
+        first = first.copy()
+    assert found["y"] == pytest.approx(expected(x, first)(found["time"]), abs=1e-12)
+    assert found["z"] == pytest.approx(expected(x, second)(found["time"]), abs=1e-12)
+    assert found["w"] == pytest.approx(2 + 50)
+
+
+def test_a_table_of_two_variables_interpolates(tmp_path):
+    a, b = np.array([0.0, 1.0, 3.0]), np.array([-1.0, 0.0, 2.0, 5.0])
+    z = np.array([[1.0, 2, 4, 3], [0, 5, 1, 2], [7, 1, 1, 8]])
+    rows = [[0, *b], *([x, *row] for x, row in zip(a, z, strict=True))]
+    matrix = "[" + "; ".join(", ".join(map(str, row)) for row in rows) + "]"
+    fmu = made(tmp_path, f"""
+model M
+{TABLES}
+  final parameter Table2D id = Table2D({matrix}, Smoothness.Linear, Extrapolation.LastTwoPoints);
+  Real x(start=0, fixed=true);
+  Real y;
+  Real d;
+equation
+  der(x) = 1;
+  y = surface(id, x, 2*x - 1);
+  d = der(y);
+end M;
+""")  # fmt: skip
+    found = run(fmu, 3.4, 0.0999, "y", "d")
+    time = found["time"]
+    expected = RegularGridInterpolator((a, b), z, bounds_error=False, fill_value=None)
+    assert found["y"] == pytest.approx(expected(np.column_stack([time, 2 * time - 1])), abs=1e-6)
+    rise = expected(np.column_stack([time + 1e-6, 2 * (time + 1e-6) - 1])) - found["y"]
+    assert found["d"] == pytest.approx(rise / 1e-6, abs=1e-4)
+
+
+@pytest.mark.parametrize("extrapolation", ["LastTwoPoints", "Periodic"])
+def test_a_time_table_jumps_when_it_must(tmp_path, extrapolation):
+    """Its integral tells the instants of the jumps; it begins at 0.25 s and is shifted by 0.25 s."""
+    fmu = made(tmp_path, f"""
+model M
+{TABLES}
+  parameter TimeTable id = TimeTable([0, 0; 0.5, 1; 0.5, 3; 1, 3; 1, 0; 1.2, 0.4], 0.25, {{2}},
+    Smoothness.Linear, Extrapolation.{extrapolation}, 0.25, TimeEvents.AtDiscontinuities);
+  discrete Real event(start=0, fixed=true);
+  Real y;
+  Real integral(start=0, fixed=true);
+equation
+  when {{time >= pre(event), initial()}} then
+    event = nextEvent(id, time);
+  end when;
+  y = timed(id, 1, time, event, pre(event));
+  der(integral) = y;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 3.0, 0.0501, "y", "integral")
+
+    def rate(u: float) -> float:
+        if u < 0:
+            return 0
+        if extrapolation == "Periodic":
+            u = u % 1.2
+        return 2 * u if u < 0.5 else 3 if u < 1 else 2 * (u - 1)
+
+    for time, value, total in zip(found["time"], found["y"], found["integral"], strict=True):
+        assert value == pytest.approx(rate(time - 0.25), abs=1e-9)
+        edges = [k * 1.2 + at + 0.25 for k in range(3) for at in (0, 0.5, 1)]
+        begin = [0.0, *(one for one in edges if one < time), time]
+        # Linear between the edges.
+        exact = sum((b - a) * rate((a + b) / 2 - 0.25) for a, b in pairwise(begin))
+        assert total == pytest.approx(exact, abs=1e-8)
+
+
+def test_tables_are_read_from_files(tmp_path):
+    (tmp_path / "a.txt").write_text(
+        "#1\n# a comment\ndouble one(2,2)\n0 1\n2 3\nfloat two(2, 3)\n1 2 3 # end\n4,5,6\n"
+    )
+    assert (read_table(tmp_path / "a.txt", "two") == [[1, 2, 3], [4, 5, 6]]).all()
+    (tmp_path / "b.csv").write_text("time,value\n0,1\n1,2.5\n")
+    assert (read_table(tmp_path / "b.csv", "any") == [[0, 1], [1, 2.5]]).all()
+    with pytest.raises(BuildError, match="no table three"):
+        read_table(tmp_path / "a.txt", "three")
+
+
+def test_a_table_comes_from_a_file_beside_the_model(tmp_path):
+    (tmp_path / "t.txt").write_text("#1\ndouble tab(3,2)\n0 1\n1 3\n2 2\n")
+    fmu = made(tmp_path, f"""
+model M
+{TABLES}
+  parameter Boolean tableOnFile = true;
+  parameter String tableName = "tab";
+  parameter String fileName = "t.txt";
+  final parameter Table1D id = Table1D(tableName, fileName, fill(0.0, 0, 2), {{2}}, Smoothness.Linear,
+    Extrapolation.LastTwoPoints);
+  Real y;
+equation
+  y = value(id, 1, time);
+end M;
+""")  # fmt: skip
+    found = run(fmu, 3.0, 0.1, "y")
+    time = found["time"]
+    assert found["y"] == pytest.approx(np.where(time < 1, 1 + 2 * time, 4 - time), abs=1e-12)
+
+
+def test_a_brake_sticks_and_slides(tmp_path):
+    """Coulomb friction as a state machine, in the manner of the Modelica Standard Library; force sin(t)."""
+    fmu = made(tmp_path, """
+model M
+  Real v(start=0, fixed=true);
+  Real a;
+  Real sa;
+  Real f;
+  Boolean startForward(start=false, fixed=true);
+  Boolean startBackward(start=false, fixed=true);
+  Boolean locked(start=false);
+  Integer mode(start=3, fixed=true);
+  constant Real slide = 0.5;
+  constant Real stick = 0.6;
+equation
+  der(v) = a;
+  a = sin(time) - f;
+  startForward = pre(mode) == 0 and (sa > stick or pre(startForward) and sa > slide) or initial() and v > 0;
+  startBackward = pre(mode) == 0 and (sa < -stick or pre(startBackward) and sa < -slide)
+    or initial() and v < 0;
+  locked = not (pre(mode) == 1 or startForward or pre(mode) == -1 or startBackward);
+  a = if locked then 0 else if startForward then sa - stick else if startBackward then sa + stick
+    else if pre(mode) == 1 then sa - stick else sa + stick;
+  f = if locked then sa else if startForward then slide else if startBackward then -slide
+    else if pre(mode) == 1 then slide else -slide;
+  mode = if (pre(mode) == 1 or startForward) and v > 0 then 1
+    else if (pre(mode) == -1 or startBackward) and v < 0 then -1 else 0;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 6.0, 0.05, "v", "locked")
+    begin = math.asin(0.6)
+    slide = lambda t, z: [math.sin(t) - 0.5]  # noqa: E731
+    stop = lambda t, z: z[0] + (t < begin + 0.01)  # noqa: E731
+    stop.terminal = True
+    ahead = solve_ivp(slide, (begin, 6), [0.0], events=stop, rtol=1e-12, atol=1e-13, dense_output=True)
+    still = ahead.t[-1]
+    moving = (found["time"] > begin) & (found["time"] < still)
+    assert found["v"][moving] == pytest.approx(ahead.sol(found["time"][moving])[0], abs=1e-7)
+    rest = (found["time"] < begin) | ((found["time"] > still) & (found["time"] < math.pi + begin))
+    assert found["v"][rest] == pytest.approx(0, abs=1e-9)
+    assert (found["locked"][rest & (found["time"] > 0)] == 1).all()
+
+
+def test_rewrites_keep_the_lines_and_what_they_do_not_concern():
+    text = "model A\n  Real x;\nequation\n  der(x) = 1;\nend A;\n"
+    assert adapted(text, "A.mo") == text
+    longer = "model A\n  Real x;\nequation\n  der(2*\n  x) = 1;\nend A;\n"
+    assert adapted(longer, "A.mo").splitlines()[3].startswith("  der(")
+    assert external_objects([TABLES])["Table2D"][0] == ("table", "Real", "[:, :]")
