@@ -181,14 +181,14 @@ _LACKS = re.compile(
 )
 
 
-def other_route(refusal: BuildError, libraries: bool) -> bool:
+def other_route(refusal: BuildError, differs: bool) -> bool:
     """Whether the hybrid route may take what the explicit one refuses.
 
     Args:
         differs: whether the compiler reads something else there: libraries, or sources adapted for it.
     """
     if isinstance(refusal, CompilerRefusal):
-        return libraries
+        return differs
     return all(_LACKS.search(line) for line in str(refusal).splitlines() if not line.startswith(" "))
 
 

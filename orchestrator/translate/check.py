@@ -195,7 +195,7 @@ class _Checker:
         from .complaints import UNBALANCED, CompilerRefusal
         from .flat_units import unit_faults
         from .hybrid.build import counted, read, understood
-        from .hybrid.front_end import flat_form, library_paths
+        from .hybrid.front_end import adapts, flat_form, library_paths
         from .hybrid.structure import solve_order
 
         folders = library_paths(self._libraries)
@@ -223,7 +223,7 @@ class _Checker:
                 explicit_program(tree, name)
                 return
         except BuildError as refusal:
-            if not other_route(refusal, bool(folders)):
+            if not other_route(refusal, bool(folders) or adapts(tree)):
                 yield "model", str(refusal)
                 return
         try:

@@ -3,10 +3,10 @@
     python -m tests.benchmarks.modelica_models PACKAGE.mo [--library DIR] [--models FILE] [--match TEXT]
     python -m tests.benchmarks.modelica_models LIBRARY_FOLDER --models FILE [--references DIR]
 
-Without --models all models of the package that are not partial are tried; of a library's folder those that the
-file names. Each is built for this machine, run over its experiment (1 s without one) by fmpy, and compared at
-100 points: with the CSV file of the library's reference results, where DIR has one, else with rumoca's simulator.
-The package and the library stay where they are; nothing of them is written.
+Without --models all models of the package that are not partial are tried; of a library's folder those
+that the file names. Each is built for this machine, run over its experiment (1 s without one) by fmpy, and
+compared at 100 points: with the CSV file of the library's reference results, where DIR has one, else with
+rumoca's simulator. The package and the library stay where they are; nothing of them is written.
 """
 
 from __future__ import annotations
@@ -60,15 +60,10 @@ def wrapped(library: Path, names: list[str], folder: Path) -> Path:
 def referenced(found: Any, csv: Path) -> dict[str, Any]:
     """As `compared`, with a CSV file."""
 
-    class Reference:
-        table = np.genfromtxt(csv, delimiter=",", names=None, skip_header=1)
-        names = [one.strip().strip('"') for one in re.findall(r'"[^"]*"|[^,]+', csv.open().readline())]
-        time = table[:, 0]
-
-        def to_numpy(self, names: list[str]) -> list[np.ndarray]:
-            return [self.table[:, self.names.index(one)] for one in names]
-
-    return compared(found, Reference()) | {"by": "reference"}
+    with csv.open() as file:
+        names = [one.strip().strip('"') for one in re.findall(r'"[^"]*"|[^,]+', file.readline())]
+        table = np.loadtxt(file, delimiter=",", ndmin=2)
+    return compared(found, names, table) | {"by": "reference"}
 
 
 def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
@@ -86,7 +81,7 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
 
     tree = load_sources(path)
     with tree.marked_copy(renamed=False) as folder, tempfile.TemporaryDirectory() as scratch:
-        roots = prepared(folder, libraries)
+        roots, _ = prepared(folder, libraries)
         session = rumoca.Session(roots=[str(folder), *map(str, roots)])
         for line in sys.stdin:
             name, stage = line.strip(), "compiler"
@@ -109,7 +104,7 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
                 found = fmpy.simulate_fmu(
                     str(fmu), stop_time=stop, output_interval=stop / 100, step_size=stop / 100,
                     output=[one.name for one in fmpy.read_model_description(str(fmu)).modelVariables][1:],
-                    logger=lambda *said: messages.append(said[-1].decode()),
+                    logger=lambda *said, into=messages: into.append(said[-1].decode()),
                 )  # fmt: skip
                 stage = "comparison"
                 csvs = (
@@ -125,7 +120,10 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
                     print("@" + json.dumps({"stage": stage, **answer}), flush=True)
                     continue
                 config = rumoca.SimConfig(rtol=1e-8, atol=1e-9, dt=stop / 100, max_wall_seconds=20.0)
-                answer = compared(found, model.simulate(stop, config=config)) | {"states": counts["states"]}
+                other = model.simulate(stop, config=config)
+                columns = [other.time, *(other.to_numpy([one])[0] for one in other.names)]
+                table = np.column_stack([np.asarray(one, dtype=float) for one in columns])
+                answer = compared(found, ["time", *other.names], table) | {"states": counts["states"]}
             except BuildError as error:
                 answer = {"what": str(error)}
             except Exception as error:
@@ -134,15 +132,19 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
             print("@" + json.dumps({"stage": stage, **answer}), flush=True)
 
 
-def compared(ours: Any, theirs: Any) -> dict[str, Any]:
-    """The largest difference of a signal, in shares of its range."""
+def compared(ours: Any, names: list[str], table: np.ndarray) -> dict[str, Any]:
+    """The largest difference of a signal, in shares of its range.
+
+    Args:
+        names: of the columns of the table, of which the first is the time.
+    """
     worst, where = 0.0, ""
-    times = np.asarray(theirs.time, dtype=float)
+    times = table[:, 0]
     count = 0
     for name in ours.dtype.names[1:]:
-        if name not in theirs.names:
+        if name not in names:
             continue
-        other = np.asarray(theirs.to_numpy([name])[0], dtype=float)
+        other = table[:, names.index(name)]
         own = ours[name].astype(float)
         at = np.interp(ours["time"], times, other)
         count += 1

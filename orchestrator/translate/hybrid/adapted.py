@@ -286,7 +286,10 @@ def _lines_kept(old: str, new: str) -> str:
 
 def _functions(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterator[_Edit]:
     """A function with while, break or return becomes an external one; see `functions`."""
+    within = -1
     for one in _all(classes):
+        if one.start < within:  # of a function that is external as a whole
+            continue
         own = list(_own(one)) if one.kind == "function" else []
         words = [tokens[place].text for place in own]
         if "algorithm" not in words or not {"while", "break", "return"} & set(
@@ -313,7 +316,10 @@ def _functions(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Ite
             elif tokens[begin].text in _KINDS or place not in own:
                 place = next(inner.end + 2 for inner in one.inner if inner.end > begin)
             place += 1
+        within = one.end
         inputs, outputs = ", ".join(kept["input"]), kept["output"]
+        if not outputs:
+            continue
         single = len(outputs) == 1 and not re.search(
             rf"\b{outputs[0]}\s*\[|\]\s*{outputs[0]}\b", " ".join(lines)
         )

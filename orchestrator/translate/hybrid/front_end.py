@@ -74,7 +74,7 @@ def flat_form(
 
     Without libraries the compiler runs in this process, which takes less time.
     """
-    if not _used(tree, libraries) and not partial:
+    if not _used(tree, libraries) and not partial and not adapts(tree):
         flat, paths = flatten(tree, model)
         return flat, Spans(tree, {number: (path, tree.texts.get(path, "")) for number, path in paths.items()})
     forms, spans = _forms(tree, model, libraries, _TIME_LIMIT, partial, ("dae", "flat"))

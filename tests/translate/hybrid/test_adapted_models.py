@@ -328,7 +328,8 @@ end M;
     time = found["time"]
     expected = RegularGridInterpolator((a, b), z, bounds_error=False, fill_value=None)
     assert found["y"] == pytest.approx(expected(np.column_stack([time, 2 * time - 1])), abs=1e-6)
-    rise = expected(np.column_stack([time + 1e-6, 2 * (time + 1e-6) - 1])) - found["y"]
+    at = [expected(np.column_stack([one, 2 * one - 1])) for one in (time, time + 1e-6)]
+    rise = at[1] - at[0]
     assert found["d"] == pytest.approx(rise / 1e-6, abs=1e-4)
 
 
