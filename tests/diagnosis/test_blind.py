@@ -196,3 +196,15 @@ def test_wrong_commands_are_refused(
 ) -> None:
     assert main(["challenge", *words, "--out", str(tmp_path)]) == 2
     assert "orchestrator: " in capsys.readouterr().err
+
+
+def test_a_lag_and_a_play_begin_at_their_signal() -> None:
+    plant = oscillator()
+    drive = Drive(np.full((50, 1), 5.0), False, 0.01)
+    steady = np.array([5.0 / 80.0, 0.0])
+    for name, numbers in (("lag", [0.05]), ("delay", [0.03])):
+        index = plant.inputs.index("motor.voltage")
+        law = named(plant, name, "motor.voltage", "input", "motor.voltage", numbers)
+        assert law is not None and law.index == index
+        found = simulate(plant, drive, plant.nominal, steady, [law], np.array([0.01, 0.1]))
+        assert np.abs(found[:, 0] - steady[0]).max() < 1e-6

@@ -317,7 +317,7 @@ def _acting(
         name, law.family, place, kind, index, signal, (reads,), numbers,
         lambda t, s, z: sign * law.value(t, s[0], z, n), int(rate is not None),
         None if rate is None else (lambda t, s, z: (rate(s[0], z, n),)),
-        abs(n[0]) if name == "delay" else 0.0,
+        abs(n[0]) if name == "delay" else 0.0, follows=name in ("lag", "backlash"),
     )  # fmt: skip
 
 

@@ -37,7 +37,7 @@ class Acting:
         index: among inputs, states or outputs. signal, reads: name and index among [x, u, y].
         numbers: by name. value: w of (t, s, z), s being all signals that it reads. states: of its own, with
             their derivatives `rate`. delay: in place of `value` [s].
-        outside: whether no law of a library can hold it.
+        outside: whether no law of a library can hold it. follows: whether its state begins at its signal.
     """
 
     name: str
@@ -53,6 +53,7 @@ class Acting:
     rate: Callable[[float, Sequence[float], Sequence[float]], Sequence[float]] | None = None
     delay: float = 0.0
     outside: bool = False
+    follows: bool = False
 
 
 @dataclass(frozen=True)
@@ -264,7 +265,9 @@ def simulate(
         jumps = np.flatnonzero(np.any(np.diff(drive.values, axis=0) != 0.0, axis=1)) + 1
         ends |= {float(k * h + one) for k in jumps for one in {*late, 0.0} if k * h + one < times[-1]}
     bounds = sorted(ends)
-    now = np.r_[start, np.zeros(hidden)]
+    rest = plant.evaluate(0.0, start.tolist(), driven(0.0), p, [], [])[2]
+    begun = [rest[law.reads[0]] if law.follows else 0.0 for law in laws for _ in range(law.states)]
+    now = np.r_[start, begun]
     found = np.full((count, len(now)), np.nan)
     found[0] = now
     tolerance = np.r_[_RELATIVE * size, np.full(hidden, 1e-8)]

@@ -54,17 +54,18 @@ def check(order: Order, jobs: int, progress: Callable[[str], None] = lambda _: N
 
         given(order.system).close()
     done: list[dict[str, Any]] = []
+    found = summary(done)
     work = Work(_one, payload=order, threads=1)
     for outcome in pool_of(None, min(jobs, len(order.seeds))).outcomes(work, list(order.seeds)):
         if outcome.failure is None:
             done.append(outcome.value)
         else:
             done.append({"seed": outcome.task, "error": outcome.failure.message})
+        done.sort(key=lambda one: one["seed"])
+        found = summary(done)
+        (order.folder / "summary.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        (order.folder / "summary.md").write_text(summary_text(found), encoding="utf-8")
         progress(f"seed {outcome.task}")
-    done.sort(key=lambda one: one["seed"])
-    found = summary(done)
-    (order.folder / "summary.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    (order.folder / "summary.md").write_text(summary_text(found), encoding="utf-8")
     return found
 
 
