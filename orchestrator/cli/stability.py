@@ -58,6 +58,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="co-simulate a small change, and compare its decay and frequency with the dominant root",
     )
     parser.add_argument(
+        "--limit-cycles",
+        action="store_true",
+        help="amplitude and frequency that play, dead band, saturation and rounding on connections predict",
+    )
+    parser.add_argument(
         "--points",
         type=int,
         help="values of --over (default: 25; of a chart 200 a side, 50 with the communication step)",
@@ -143,6 +148,12 @@ def _analysed(prepared: Prepared, args: argparse.Namespace) -> _Analysis:
         report["chart"] = chart_data(chart)
         words = f"{words}\n{chart_text(chart)}"
 
+    if args.limit_cycles:
+        from ..frequency.describing import limit_cycles, limit_cycles_text
+
+        cycles = limit_cycles(prepared, linear)
+        report["limit_cycles"] = [vars(one) for one in cycles]
+        words = f"{words}\n{limit_cycles_text(cycles)}"
     if args.verify:
         from ..frequency.verify import verified, verify_text
 

@@ -5,6 +5,7 @@ Imports `exchange` and the packages below it.
 
 from .chart import Chart, chart_figure, chart_of, config_chart
 from .delay_system import DelaySystem, Link, Mode, Modes
+from .describing import LimitCycle, describing_function, limit_cycles
 from .disk import DiskMargin, disk_margin
 from .excite import sweep_system
 from .from_system import Law, Linearised, LinearPoint, linearise
@@ -22,6 +23,7 @@ __all__ = [
     "DelaySystem",
     "DiskMargin",
     "Law",
+    "LimitCycle",
     "LinearPoint",
     "Linearised",
     "Link",
@@ -35,8 +37,10 @@ __all__ = [
     "chart_figure",
     "chart_of",
     "config_chart",
+    "describing_function",
     "direct_gains",
     "disk_margin",
+    "limit_cycles",
     "linearise",
     "parameter_range",
     "sampled_system",

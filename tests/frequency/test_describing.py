@@ -1,0 +1,105 @@
+"""Limit cycles by describing functions against closed forms and against runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import orchestrator as orc
+from orchestrator.cli.main import main
+from orchestrator.effects.backlash import Backlash
+from orchestrator.effects.dead_band import DeadBand
+from orchestrator.effects.saturate import Saturate
+from orchestrator.frequency import limit_cycles, linearise
+from orchestrator.frequency.describing import describing_function
+from orchestrator.simulation.run import prepare
+
+
+def clipped(ratio):
+    """Describing function of a saturation at this share of the amplitude."""
+    return 2.0 / np.pi * (np.arcsin(ratio) + ratio * np.sqrt(1.0 - ratio**2))
+
+
+@pytest.mark.parametrize("amplitude", [1.2, 2.5, 30.0])
+def test_describing_functions_are_those_of_the_books(amplitude):
+    ratio = 1.0 / amplitude
+    assert describing_function(Saturate(low=-1, high=1), amplitude) == pytest.approx(clipped(ratio), abs=1e-5)
+    found = describing_function(DeadBand(threshold=1.0), amplitude)
+    assert found == pytest.approx(1.0 - clipped(ratio), abs=1e-5)
+    left = 1.0 - 2.0 * ratio
+    real = (0.5 * np.pi + np.arcsin(left) + left * np.sqrt(1.0 - left**2)) / np.pi
+    expected = complex(real, -4.0 * ratio / np.pi * (1.0 - ratio))
+    assert describing_function(Backlash(width=2.0), amplitude) == pytest.approx(expected, abs=1e-4)
+
+
+def servo(*effects, start="1 um"):
+    """A late robot that is commanded by its own position, against its sense."""
+    system = orc.System(step_size="0.05 ms", stop_time="3 s")
+    system.add("robot", "RobotResponse", omega_n="75 Hz", xi_n=0.8, tau_m="3.33 ms", position=start)
+    return system.connect("robot.position", "robot.command", *effects)
+
+
+def oscillation(time, signal):
+    """Frequency and amplitude of the second half of a signal."""
+    kept = time > 0.5 * time[-1]
+    time, signal = time[kept], signal[kept] - np.mean(signal[kept])
+    up = np.flatnonzero((signal[:-1] < 0.0) & (signal[1:] >= 0.0))
+    period = np.mean(np.diff(time[up]))
+    turn = np.exp(-2j * np.pi * time / period)
+    whole = slice(up[0], up[-1])
+    return 1.0 / period, 2.0 * abs(np.mean((signal * turn)[whole]))
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        [{"gain": -3.0}, {"saturate": {"low": "-1 mm", "high": "1 mm"}}],
+        [{"gain": -8.0}, {"saturate": {"low": "-1 mm", "high": "1 mm"}}],
+        [{"saturate": {"low": "-1 mm", "high": "1 mm"}}, {"gain": -3.0}],
+    ],
+)
+def test_a_saturated_servo_oscillates_as_predicted(effects):
+    system = servo(*effects)
+    prepared = prepare(system.data)
+    (cycle,) = limit_cycles(prepared, linearise(prepared))
+    assert cycle.stable and cycle.effect == "saturate"
+    result = orc.run(system, halving=False)
+    frequency, amplitude = oscillation(result.time, result["robot.position"].values)
+    gain = abs(effects[0]["gain"]) if "gain" in effects[0] else 1.0
+    assert frequency == pytest.approx(cycle.frequency, rel=0.02)
+    assert gain * amplitude == pytest.approx(cycle.amplitude, rel=0.05)
+
+
+def test_an_unstable_limit_cycle_parts_growth_from_decay():
+    """A dead band: below the cycle the loop rests, above it runs away."""
+    effects = [{"dead-band": "1 mm"}, {"gain": -3.0}]
+    prepared = prepare(servo(*effects).data)
+    (cycle,) = limit_cycles(prepared, linearise(prepared))
+    assert not cycle.stable
+    for factor, grows in ((0.7, False), (1.5, True)):
+        system = servo(*effects, start=f"{factor * cycle.amplitude} m")
+        found = orc.run(system, set={"run.stop_time": "0.5 s"}, halving=False)["robot.position"].values
+        assert (abs(found[-100:]).max() > factor * cycle.amplitude) == grows
+
+
+def test_play_makes_a_stable_drive_oscillate(capsys):
+    changes = {"connections[3].through": [{"delay": "4 ms"}, {"backlash": "0.5 V"}]}
+    assert main(["stability", "emps", "--set", "connections[3].through=[{delay: 4 ms}, {backlash: 0.5 V}]",
+                 "--limit-cycles"]) == 0  # fmt: skip
+    printed = capsys.readouterr().out
+    assert "backlash on controller.voltage" in printed and "20.82 Hz, amplitude 1.66" in printed
+    times = {
+        "path.stroke": "0 m",
+        "drive.velocity": "10 mm/s",
+        "run.step_size": "0.2 ms",
+        "run.stop_time": "4 s",
+    }
+    result = orc.run("emps", set={**changes, **times}, halving=False)
+    frequency, amplitude = oscillation(result.time, result["controller.voltage"].values)
+    assert frequency == pytest.approx(20.82, rel=0.02)
+    assert amplitude == pytest.approx(1.66, rel=0.1)
+
+
+def test_a_linear_loop_predicts_none(capsys):
+    assert main(["stability", "emps", "--limit-cycles"]) == 0
+    assert "no effect predicts a limit cycle" in capsys.readouterr().out
