@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from ...base.errors import ConfigError
 from ...config import Places
 from ...config.text import compose
@@ -113,6 +115,14 @@ class PortStudy:
     def interval(self) -> float:
         """What samples of the logs are apart [s]."""
         return float(self.prepared.grid.step_size * self.parts)
+
+    def every(self, count: int) -> PortStudy:
+        """The study with each `count`-th sample of its logs."""
+        thin = tuple(
+            replace(run, logs={port: np.ascontiguousarray(log[::count]) for port, log in run.logs.items()})
+            for run in self.runs
+        )
+        return replace(self, runs=thin, parts=self.parts * count, settled=-(-self.settled // count))
 
     @property
     def held(self) -> frozenset[Port]:

@@ -56,6 +56,9 @@ def likely(runs: Runs, laws: Sequence[Inserted], constants: Array) -> list[Array
     tiny = np.diag((1e-9 * np.abs(constants) + 1e-15) ** 2)
     replays, found = Replays(runs, laws), []
     for index, (*_, start) in enumerate(runs.data):
+        if not runs.model.filters:
+            found.append(start.copy())
+            continue
         one = runs.passes(laws, priors, constants=(constants, tiny), smooth=True, only=[index])[0]
         tried = [start]
         if np.isfinite(one.loglik) and np.isfinite(one.path[0]).all():

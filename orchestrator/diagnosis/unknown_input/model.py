@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,6 +163,9 @@ class StateModel:
             inputs and of outputs, order of evaluation.
     Raises: ConfigError if a component gives no access to its states, or a connection has memory.
     """
+
+    # Whether filters and smoothers can follow the logs, which takes access to the states.
+    filters: ClassVar[bool] = True
 
     study: PortStudy
     states: list[Port] = field(default_factory=list)
@@ -353,11 +356,12 @@ class StateModel:
         """Fed signals of a run, shape (samples, fed), and which are held between samples."""
         ports = self.study.held
         count = len(run)
-        columns = [
-            run.logs.get(port, np.full(count, self.study.prepared.system.start(port))) for port in self.fed
-        ]
+        columns = [run.logs.get(port, np.full(count, self._unlogged(port))) for port in self.fed]
         held = np.array([port in ports for port in self.fed], np.bool_)
         return np.ascontiguousarray(np.array(columns, np.float64).reshape(len(self.fed), count).T), held
+
+    def _unlogged(self, port: Port) -> float:
+        return float(self.study.prepared.system.start(port))
 
     def logged(self, run: PortRun) -> Array:
         """Compared signals of a run, shape (samples, compared); NaN where it lacks one."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..ports.study import PortRun
 from .model import Inserted, Place, StateModel
+from .played import PlayedModel
 from .smoother import Smoothed, filtered, signals_along, simulated, substeps
 
 __all__ = ["Ranked", "Runs", "rank", "smoothed_at"]
@@ -56,12 +57,12 @@ class Runs:
         self.model, self.runs = model, tuple(runs)
         self.data = [(*model.external(run), model.logged(run), model.started(run)) for run in runs]
         self.sub = 1
-        rough = np.maximum(np.abs(model.start), 1e-3)
-        self.sub = substeps(model, rough)
+        if model.filters:
+            self.sub = substeps(model, np.maximum(np.abs(model.start), 1e-3))
         found = []
         for ext, held, _, start in self.data:
             z = np.concatenate([start, model.nominal])
-            found.append(simulated(model, ext, held, z, self.sub)[1])
+            found.append(self.simulated(ext, held, z, signals=True)[1])
         every = np.vstack(found)
         every = every[np.isfinite(every).all(axis=1)]
         spread = every.std(axis=0) if len(every) else np.ones(every.shape[1])
@@ -77,6 +78,14 @@ class Runs:
         self.spread = np.where(spread > 0.0, spread, 1e-6 * np.maximum(1.0, np.abs(every).max(initial=0.0)))
         self.scale = np.concatenate([self.spread[:count], np.maximum(model.tolerance, 1e-12)])
         self.length = np.mean([len(run) for run in runs]) * model.study.interval
+
+    def simulated(
+        self, ext: Array, held: Any, z: Array, laws: Sequence[Inserted] = (), signals: bool = False
+    ) -> tuple[Array, Array]:
+        """Compared outputs of an open run from z, and its signals [states, inputs, outputs] if asked for."""
+        if isinstance(self.model, PlayedModel):
+            return self.model.simulated(ext, z, laws, signals)
+        return simulated(self.model, ext, held, z, self.sub_of(laws), laws)
 
     def sub_of(self, laws: Sequence[Inserted]) -> int:
         """Steps of RK4 a sample; more with laws that have states, whose time may be as short as a sample."""

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from .model import Inserted
 from .places import Runs
-from .smoother import simulated
+from .smoother import sensitive
 
 __all__ = ["Polished", "Replays", "polished"]
 
@@ -62,14 +62,14 @@ class Replays:
         self.data = [(ext[:end], held, logged[:end]) for ext, held, logged, _ in runs.data]
         self.masks = [~np.isnan(logged[self.settled :]) for *_, logged in self.data]
         self.starts = [one[3] for one in runs.data] if starts is None else list(starts)
-        self.hidden, self.sub = sum(one.states for one in laws), runs.sub_of(laws)
+        self.hidden = sum(one.states for one in laws)
         self.scale = runs.scale[: len(self.model.states)]
 
     def found(self, index: int, start: Array, constants: Array) -> Array:
         """Compared signals of one run as simulated, shape (samples, compared)."""
         ext, held, _ = self.data[index]
         z = np.concatenate([start, np.zeros(self.hidden), constants])
-        return simulated(self.model, ext, held, z, self.sub, self.laws)[0]
+        return self.runs.simulated(ext, held, z, self.laws)[0]
 
     def left(self, index: int, start: Array, constants: Array) -> Array:
         """The residual of one run over the noise, shape (compared values,)."""
@@ -99,6 +99,8 @@ class Replays:
         begin = self.starts if starts is None else list(starts)
         sizes = self.sizes(constants) if sizes is None else sizes
         nx, nc = len(self.scale), 0 if fixed else len(constants)
+        if self.model.filters:
+            return self._along(constants, begin, sizes, nc)
         base = [self.left(k, begin[k], constants) for k in range(len(begin))]
         ends = np.cumsum([0, *map(len, base)])
         found = np.zeros((ends[-1], nc + nx * len(begin)))
@@ -114,6 +116,21 @@ class Replays:
                 at = j if j < nc else nc + k * nx + j - nc
                 found[ends[k] : ends[k + 1], at] = (self.left(k, begin[k] + shift, moved) - base[k]) / step
         return found
+
+    def _along(self, constants: Array, begin: Sequence[Array], sizes: Array, nc: int) -> Array:
+        """The same by the system's Jacobians along the runs."""
+        nx, first = len(self.scale), len(self.scale) + self.hidden
+        tiny = np.concatenate([self.scale, np.full(self.hidden, 1e-9), sizes])
+        parts = []
+        for k, (ext, held, _) in enumerate(self.data):
+            z = np.concatenate([begin[k], np.zeros(self.hidden), constants])
+            made = sensitive(self.model, ext, held, z, tiny, self.runs.sub_of(self.laws), self.laws)
+            made = (made / self.model.noise[:, None])[self.settled :][self.masks[k]]
+            part = np.zeros((len(made), nc + nx * len(begin)))
+            part[:, :nc] = made[:, first : first + nc] * sizes[:nc]
+            part[:, nc + k * nx : nc + (k + 1) * nx] = made[:, :nx] * self.scale
+            parts.append(part)
+        return np.nan_to_num(np.vstack(parts), posinf=0.0, neginf=0.0)
 
 
 def polished(

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.errors import ConfigError
 from ..ports.study import PortStudy, Role
 from .judge import closed, likely, replayed
 from .law_fit import Candidate, Fitted, fit, screened
 from .model import StateModel
 from .places import Ranked, Runs, rank, smoothed_at
-from .polish import Polished, polished
+from .played import PlayedModel
+from .polish import Polished, Replays, polished
 from .score import SAMPLES, Scores, scored
 
 __all__ = ["Answer", "answer"]
@@ -36,6 +38,8 @@ _LOST, _CLOSED = 0.25, 0.9
 # Tolerances by which a parameter may change before an answer needs a reason for it.
 _FAR = 3.0
 _NEAR, _PLACES = 0.5, 8
+# Samples that are enough for a search, and noises by which simulations with fewer may differ.
+_ENOUGH, _SAME_SIMULATION = 3000, 0.1
 
 
 @dataclass(frozen=True)
@@ -214,9 +218,10 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
     Raises: ConfigError if a component gives no access to its states.
     """
     begin = perf_counter()
-    with StateModel(study) as model:
+    with _model(study) as model:
         progress("calibration")
-        search = _Search(Runs(model, study.of(Role.TRAIN, Role.VALIDATION)), progress)
+        model.study = _thinned(model)
+        search = _Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)
         nothing = Fitted((), np.zeros(0), np.zeros(0), 0.0, (search.base.constants, search.base.covariance))
         every = [(nothing, search.base)]
         if search.base.remains > 1.0:
@@ -231,12 +236,64 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
                     if not search.explained(every):
                         more = search.scores(one[0].laws, one[1]).candidates
                         every += search.tried([[two] for two in more if two.law.states == 0][:_BESIDE], one)
-            if search.base.remains > _LOST * _spread(search.runs) and not search.explained(every, _CLOSED):
+            if (
+                model.filters
+                and search.base.remains > _LOST * _spread(search.runs)
+                and not search.explained(every, _CLOSED)
+            ):
                 every += search.filtered()
         weighed = search.weighed(every)
         chosen = _simplest(search, weighed)
         progress("judgement")
+        model.study = study
         return replace(_judged(study, model, search, weighed, chosen), seconds=perf_counter() - begin)
+
+
+def _model(study: PortStudy) -> StateModel:
+    """The system in state form, or as its master simulates it, where components give no access to states."""
+    try:
+        return StateModel(study)
+    except ConfigError:
+        return PlayedModel(study)
+
+
+def _thinned(model: StateModel) -> PortStudy:
+    """The study with as few samples as simulate the same, but no fewer than `_ENOUGH`.
+
+    Logs are often sampled much faster than the system moves.
+    """
+    study = model.study
+    if not model.filters:
+        return study
+    count = sum(map(len, study.of(Role.TRAIN, Role.VALIDATION)))
+    whole = _simulated(model)
+    missed = _size(
+        [
+            one - model.logged(run)
+            for one, run in zip(whole, model.study.of(Role.TRAIN, Role.VALIDATION), strict=True)
+        ],
+        model,
+    )
+    for stride in (32, 16, 8, 4, 2):
+        if count < stride * _ENOUGH:
+            continue
+        model.study = study.every(stride)
+        differ = [one - two[::stride] for one, two in zip(_simulated(model), whole, strict=True)]
+        if _size(differ, model) < max(_SAME_SIMULATION, 0.03 * missed):
+            return model.study
+    model.study = study
+    return study
+
+
+def _size(differ: Sequence[Array], model: StateModel) -> float:
+    """Root mean square of differences of compared signals, over the noise."""
+    return float(np.sqrt(np.nanmean(np.square(np.concatenate(differ) / model.noise))))
+
+
+def _simulated(model: StateModel) -> list[Array]:
+    """Compared signals of the runs as configured."""
+    replays = Replays(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), ())
+    return [replays.found(k, start, model.nominal) for k, start in enumerate(replays.starts)]
 
 
 def _families(singles: Sequence[tuple[Fitted, Polished]]) -> list[tuple[Fitted, Polished]]:
@@ -324,7 +381,7 @@ def _judged(
         if one is not best and one.laws
     ]
     twins = [two for one in best.laws for two in search.twins.get(one.name, [])]
-    places, estimate = _estimate(search) if verdict == "outside" else ([], None)
+    places, estimate = _estimate(search) if verdict == "outside" and model.filters else ([], None)
     remains = judged.remains if verdict == "law" else calibrated.remains
     return Answer(
         verdict, best if best.laws else None, probability, rivals, twins, parameters, places, estimate,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...base.compiled_functions import njit
 from .model import Inserted, Place, StateModel, acts_of, evaluate
 
-__all__ = ["Smoothed", "filtered", "signals_along", "simulated", "substeps"]
+__all__ = ["Smoothed", "filtered", "sensitive", "signals_along", "simulated", "substeps"]
 
 Array = NDArray[np.float64]
 
@@ -205,6 +205,38 @@ def _simulate(rows, wiring, z, n, ext, held, h, sub, acts, signals, nu, ny, meas
 
 
 @njit()
+def _sensitive(rows, wiring, z, n, ext, held, h, sub, acts, signals, delta, nu, ny, measured):
+    """Derivatives of the compared outputs by z at the start, shape (samples, compared, len(z)).
+
+    The transition over a sample is that of the mean of the Jacobians at both ends.
+    """
+    u, y = np.zeros(nu), np.zeros(ny)
+    count, nz = len(ext), len(z)
+    found = np.zeros((count, len(measured), nz))
+    along, eye = np.eye(nz), np.eye(nz)
+    before = np.zeros((nz, nz))
+    for k in range(count):
+        if k > 0:
+            e0 = ext[k - 1]
+            z = _step(
+                rows, wiring, z, n, e0, np.where(held, e0, ext[k]), (k - 1) * h, h, acts, signals, u, y, sub
+            )
+        if not np.all(np.isfinite(z)):
+            break
+        a, c, _ = _jacobians(rows, wiring, z, n, ext[k], k * h, acts, signals, u, y, delta, measured, 1e-7)
+        if k > 0:
+            g = (a + before) * (0.5 * h / sub)
+            one = eye + g @ (eye + g @ (eye / 2.0 + g @ (eye / 6.0 + g / 24.0)))
+            for _ in range(sub):
+                along = one @ along
+        if not np.all(np.isfinite(along)):
+            break
+        before = a
+        found[k] = c @ along
+    return found
+
+
+@njit()
 def _signals(rows, wiring, path, n, ext, h, acts, signals, nu, ny):
     u, y = np.zeros(nu), np.zeros(ny)
     count, nx = len(path), n[0]
@@ -248,6 +280,23 @@ def simulated(
     n, acts, signals = _where(model, laws, None, 0)
     return _simulate(
         model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals,
+        len(model.inputs), len(model.outputs), model.measured,
+    )  # fmt: skip
+
+
+def sensitive(
+    model: StateModel, ext: Array, held: Any, z: Array, scale: Array, sub: int,
+    laws: Sequence[Inserted] = (),
+) -> Array:  # fmt: skip
+    """Derivatives of the compared outputs of an open run by each entry of z at its start.
+
+    Args:
+        scale: size of each entry, for differences.
+    Returns: shape (samples, compared, len(z)); zeros after a run that is not finite.
+    """
+    n, acts, signals = _where(model, laws, None, 0)
+    return _sensitive(
+        model.rows, model.wiring, z, n, ext, held, model.study.interval, sub, acts, signals, 1e-5 * scale,
         len(model.inputs), len(model.outputs), model.measured,
     )  # fmt: skip
 
