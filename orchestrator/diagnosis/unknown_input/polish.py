@@ -93,13 +93,17 @@ class Replays:
 
     def sensitivity(
         self, constants: Array, starts: Sequence[Array] | None = None, sizes: Array | None = None,
-        fixed: bool = False,
+        fixed: bool = False, exact: bool = False,
     ) -> Array:  # fmt: skip
-        """Derivatives of the residual, shape (values, constants + runs * states), per size of each."""
+        """Derivatives of the residual, shape (values, constants + runs * states), per size of each.
+
+        Args:
+            exact: by differences of simulations, which see every corner of a law, not by Jacobians.
+        """
         begin = self.starts if starts is None else list(starts)
         sizes = self.sizes(constants) if sizes is None else sizes
         nx, nc = len(self.scale), 0 if fixed else len(constants)
-        if self.model.filters:
+        if self.model.filters and not exact:
             return self._along(constants, begin, sizes, nc)
         base = [self.left(k, begin[k], constants) for k in range(len(begin))]
         ends = np.cumsum([0, *map(len, base)])
@@ -135,14 +139,14 @@ class Replays:
 
 def polished(
     runs: Runs, laws: Sequence[Inserted], constants: Array, starts: Sequence[Array] | None = None, *,
-    trials: int = 12, fixed: bool = False, samples: int | None = None,
+    trials: int = 12, fixed: bool = False, samples: int | None = None, exact: bool = False,
 ) -> Polished:  # fmt: skip
     """Fit parameters, the laws' numbers and the start states of all runs to the logs.
 
     Args:
         constants: where the fit begins: parameters, then numbers. starts: start states of each run.
         trials: steps of the fit. fixed: whether the constants stay, and start states alone are fitted.
-        samples: of each run, from its begin, that the fit looks at; None: all.
+        samples: of each run, from its begin, that the fit looks at; None: all. exact: see `Replays.sensitivity`.
     """
     replays = Replays(runs, laws, samples, starts)
     model, size = runs.model, replays.sizes(constants)
@@ -171,20 +175,28 @@ def polished(
         def jacobian(theta: Array, weight: float = weight) -> Array:
             bounds = np.zeros((len(free), len(theta)))
             bounds[np.arange(len(free)), free] = 1.0
-            return np.vstack([weight * replays.sensitivity(*apart(theta), size, fixed), bounds])
+            return np.vstack([weight * replays.sensitivity(*apart(theta), size, fixed, exact), bounds])
 
         best = least_squares(function, begin, jacobian, max_nfev=trials, xtol=1e-5, ftol=1e-4, x_scale="jac")
         now, begin = best.fun[: len(now)] / weight, best.x
         if fixed or power <= 1.5:
             break
-    with np.errstate(over="ignore", invalid="ignore"):
-        unit = np.linalg.pinv(best.jac.T @ best.jac, rcond=1e-14)
-        covariance = np.nan_to_num(unit[:nc, :nc] * np.outer(size, size)[:nc, :nc])
+    covariance = _covariance(best.jac, size[:nc])
     found, own = apart(best.x)
     if samples is not None:
         now = Replays(runs, laws, starts=own).residual(found)
     strain = float((((found[:np_] - model.nominal) / np.maximum(model.tolerance, 1e-300)) ** 2).sum())
     return Polished(found, covariance, own, float(np.sqrt(np.mean(now**2))), len(now), _length(now), strain)
+
+
+def _covariance(jacobian: Array, size: Array) -> Array:
+    """Of the first numbers, in units of their size; infinite where the derivatives are beyond all bounds."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        try:
+            unit = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)[: len(size), : len(size)]
+        except np.linalg.LinAlgError:
+            unit = np.diag(np.full(len(size), np.inf))
+        return np.nan_to_num(unit * np.outer(size, size))
 
 
 def _length(left: Array) -> float:

@@ -101,11 +101,13 @@ class _Search:
         starts: Sequence[Array],
         steps: int = _STEPS,
         samples: int | None = SAMPLES,
+        exact: bool = False,
     ) -> tuple[Fitted, Polished]:
         """Laws with numbers that simulate the runs best."""
         found = polished(
-            self.runs, [one.inserted for one in laws], constants, starts, trials=steps, samples=samples
-        )
+            self.runs, [one.inserted for one in laws], constants, starts, trials=steps, samples=samples,
+            exact=exact,
+        )  # fmt: skip
         count = len(self.model.nominal)
         positive = [number.positive for one in laws for number in one.law.numbers]
         numbers = found.constants[count:]
@@ -146,16 +148,19 @@ class _Search:
             if since > _RIVALS:
                 break
         found.sort(key=lambda each: each[1].remains)
-        ended = [
-            self.fitted(a.laws, b.constants, b.starts, 12, None)
-            for a, b in found[:_KEPT]
-            if np.isfinite(b.remains)
-        ]
+        ended = [self.to_the_end(one) for one in found[:_KEPT] if np.isfinite(one[1].remains)]
         # A fit to the end is no worse than the one that it begins with.
         ended = [
             min((one, two), key=lambda each: each[1].remains) for one, two in zip(ended, found, strict=False)
         ]
         return sorted([*ended, *found[len(ended) :]], key=lambda each: each[1].remains)
+
+    def to_the_end(self, one: tuple[Fitted, Polished]) -> tuple[Fitted, Polished]:
+        """A fit carried on with all samples; by exact derivatives if something is left."""
+        made = self.fitted(one[0].laws, one[1].constants, one[1].starts, 12, None)
+        if made[1].remains < _EXPLAINED or not np.isfinite(made[1].remains):
+            return made
+        return self.fitted(made[0].laws, made[1].constants, made[1].starts, 6, None, exact=True)
 
     def filtered(self) -> list[tuple[Fitted, Polished]]:
         """Laws read off an unknown input and fitted in the filter, for systems that open simulations lose.
