@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .base.errors import ConfigError, FmuError, OrchestratorError, StepError
     from .campaign.sweep import Swept
     from .diagnosis.diagnosed import Diagnosed
+    from .diagnosis.unknown_input.diagnose import DiagnosedSystem
     from .frequency.from_system import Linearised
     from .report.system_view import System
     from .results.signal import Signal
@@ -236,21 +237,26 @@ def build(
     return build_model(file, made, model=model, fmi_version=fmi_version, platforms=chosen, libraries=folders)
 
 
-def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed:
+def diagnose(study: Path | str, out: Path | str | None = None) -> Diagnosed | DiagnosedSystem:
     """Find from logs why a machine differs from its model.
 
     Args:
         study: a study file, or a folder that holds one.
         out: folder to write the page and diagnosis.json to.
-    Returns: the diagnosis and its findings.
+    Returns: the diagnosis and its findings. For a docking rig, `.diagnosis` holds the content of
+        diagnosis.json; for any other system, `.data` does, `.answer` the laws, and `print` shows it.
     Raises: ConfigError with all problems of the study.
     """
     from .base.errors import extras_named
 
     with extras_named():
-        from .diagnosis.diagnose import diagnose as diagnose_study
+        from pathlib import Path
 
-        return diagnose_study(study, out)
+        from .diagnosis.diagnose import diagnose as diagnose_study
+        from .diagnosis.ports.study import is_port_study
+        from .diagnosis.unknown_input.diagnose import diagnose_system
+
+        return (diagnose_system if is_port_study(Path(study)) else diagnose_study)(study, out)
 
 
 def read_results(path: Path | str) -> RunResult:

@@ -10,7 +10,6 @@ from typing import Any
 
 from ..base.errors import ConfigError, Interrupted, OrchestratorError, Problem, listed
 from ..results.progress import Share
-from .arguments import one_matrix_thread
 
 __all__ = ["add_arguments", "main"]
 
@@ -50,10 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="processes that weigh simulated cases; as many as cores by default",
     )
     parser.add_argument(
-        "--unknown-input",
+        "--effects",
         action="store_true",
-        help="for studies of ports: estimate the missing input and read its law, in seconds, in place of the "
-        "search of effects; writes unknown-input.json, report.html, corrected.yaml",
+        help="for studies of ports: weigh a list of effects at ports, in minutes, in place of the search of "
+        "laws by simulation; --practice does so, too",
     )
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
@@ -68,26 +67,15 @@ def main(args: argparse.Namespace) -> int:
     Raises: ConfigError if the command is wrong, or the only case could not be read.
     """
     folders = _folders(args.cases, args.out)
-    if args.unknown_input:
-        return _unknown_input(args, folders)
     # Imported after the command is known to make sense: machine code takes a second to load.
-    from ..diagnosis.diagnose import STAGES, diagnose
-    from ..diagnosis.report_text import text
+    from ..diagnosis.diagnose import STAGES
 
     refused = failed = 0
     bar = _Bar(len(args.cases) * len(STAGES), shown=not args.quiet)
     for case, folder in zip(args.cases, folders, strict=True):
         bar.begin(case.name or str(case))
         try:
-            made = diagnose(
-                case,
-                folder,
-                report=not args.no_report,
-                progress=bar.stage,
-                practice=args.practice,
-                seed=args.seed,
-                jobs=args.jobs,
-            )
+            data, told = _diagnosed(args, case, folder, bar)
         except Interrupted:
             bar.close()
             raise
@@ -109,54 +97,37 @@ def main(args: argparse.Namespace) -> int:
         finally:
             bar.end(len(STAGES))
         if args.json:
-            bar.write(json.dumps(made.diagnosis.data_of(), allow_nan=False, ensure_ascii=False), sys.stdout)
+            bar.write(json.dumps(data, allow_nan=False, ensure_ascii=False), sys.stdout)
         elif not args.quiet:
-            bar.write(text(made), sys.stdout)
+            bar.write(told, sys.stdout)
     bar.close()
     if refused == len(args.cases):
         return 2
     return 1 if failed else 0
 
 
-def _unknown_input(args: argparse.Namespace, folders: list[Path | None]) -> int:
-    """Diagnose studies of ports by the input that they lack. Raises: ConfigError."""
-    one_matrix_thread()
-    from ..base.atomic_files import write_text
-    from ..diagnosis.ports.reader import load_port_study
+def _diagnosed(args: argparse.Namespace, case: Path, folder: Path | None, bar: _Bar) -> tuple[Any, str]:
+    """Diagnose one case. Returns: the content of diagnosis.json, and what a terminal shows."""
     from ..diagnosis.ports.study import is_port_study
-    from ..diagnosis.unknown_input.corrected import write_corrected
-    from ..diagnosis.unknown_input.page import page
-    from ..diagnosis.unknown_input.report import data_of, text_of
-    from ..diagnosis.unknown_input.search import answer
 
-    others = [case for case in args.cases if not is_port_study(case)]
-    if others:
-        what = f"{listed(map(str, others))} is no study of ports, which --unknown-input needs"
-        raise ConfigError([Problem("--unknown-input", what, remedy="Leave the option out.")])
-    for case, folder in zip(args.cases, folders, strict=True):
-        name, study = _name(case.resolve()), load_port_study(case)
-        found = answer(study, lambda stage, name=name: _stage(f"{name}: {stage}", args.quiet))
-        _stage("", args.quiet)
-        if folder is not None:
-            folder.mkdir(parents=True, exist_ok=True)
-            found.remarks.extend(write_corrected(study, found, folder))
-            if not args.no_report:
-                write_text(folder / "report.html", page(name, found))
-        data = json.dumps(data_of(found), allow_nan=False, ensure_ascii=False)
-        if folder is not None:
-            write_text(folder / "unknown-input.json", data + "\n")
-        if args.json:
-            sys.stdout.write(data + "\n")
-        elif not args.quiet:
-            sys.stdout.write(text_of(name, found) + "\n")
-    return 0
+    if is_port_study(case) and not args.effects and not args.practice:
+        from ..diagnosis.unknown_input.diagnose import diagnose_system
 
+        found = diagnose_system(case, folder, report=not args.no_report, progress=bar.stage)
+        return found.data, str(found)
+    from ..diagnosis.diagnose import diagnose
+    from ..diagnosis.report_text import text
 
-def _stage(text: str, quiet: bool) -> None:
-    """Show on a terminal what is being done."""
-    if not quiet and sys.stderr.isatty():
-        sys.stderr.write(f"\r\x1b[K{text}")
-        sys.stderr.flush()
+    made = diagnose(
+        case,
+        folder,
+        report=not args.no_report,
+        progress=bar.stage,
+        practice=args.practice,
+        seed=args.seed,
+        jobs=args.jobs,
+    )
+    return made.diagnosis.data_of(), text(made)
 
 
 def _folders(cases: list[Path], out: Path | None) -> list[Path | None]:

@@ -214,7 +214,8 @@ def test_the_command(tmp_path, capsys):
     (tmp_path / "out").mkdir()
     for name in ("report.html", "notes.txt"):
         (tmp_path / "out" / name).write_text("old")
-    assert main(["diagnose", str(path / "study.yaml"), "--out", str(tmp_path / "out"), "--no-report"]) == 0
+    told = ["diagnose", str(path / "study.yaml"), "--effects", "--no-report"]
+    assert main([*told, "--out", str(tmp_path / "out")]) == 0
     assert "No unmodelled effect is needed" in capsys.readouterr().out
     names = sorted(one.name for one in (tmp_path / "out").iterdir())
     # The page of an earlier diagnosis would not be this one's; what is not ours stays.

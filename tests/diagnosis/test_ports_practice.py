@@ -171,7 +171,7 @@ def test_practice_on_the_command_line(tmp_path, capsys):
     assert practice["coverage"]["as learned, on unseen cases"]["cases"] == 10
     assert set(practice["effects"]) == set(few["only"])
     first = json.loads((out / "diagnosis.json").read_text())
-    assert main(["diagnose", str(path), "--out", str(tmp_path / "again"), "--quiet"]) == 0
+    assert main(["diagnose", str(path), "--effects", "--out", str(tmp_path / "again"), "--quiet"]) == 0
     again = json.loads((tmp_path / "again" / "diagnosis.json").read_text())
     assert again["which"] == first["which"]
     assert "were calibrated on 10 simulated cases" in (tmp_path / "again" / "report.html").read_text()
@@ -179,7 +179,7 @@ def test_practice_on_the_command_line(tmp_path, capsys):
     data["set"].append("drive.mass=60 kg")
     (path / "study.yaml").write_text(yaml.safe_dump(data))
     capsys.readouterr()
-    assert main(["diagnose", str(path), "--out", str(tmp_path / "other"), "--quiet"]) == 2
+    assert main(["diagnose", str(path), "--effects", "--out", str(tmp_path / "other"), "--quiet"]) == 2
     assert "on another system, which differs in: config, calibrated\n" in capsys.readouterr().err
 
 

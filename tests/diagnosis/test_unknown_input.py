@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import ports_bench
 import pytest
 import yaml
 from scipy.integrate import solve_ivp
@@ -17,9 +18,11 @@ import orchestrator as orc
 from orchestrator.diagnosis.ports.reader import load_port_study
 from orchestrator.diagnosis.ports.study import Role
 from orchestrator.diagnosis.unknown_input.corrected import write_corrected
+from orchestrator.diagnosis.unknown_input.diagnose import DiagnosedSystem
 from orchestrator.diagnosis.unknown_input.laws import library
 from orchestrator.diagnosis.unknown_input.model import StateModel
 from orchestrator.diagnosis.unknown_input.places import Runs, rank
+from orchestrator.diagnosis.unknown_input.played import LawEffect
 from orchestrator.diagnosis.unknown_input.search import answer
 
 pytest.importorskip("rumoca")
@@ -151,9 +154,9 @@ def test_another_start_is_no_law(fmus: Path, start: float) -> None:
 def test_a_gain_that_drifts_is_read(fmus: Path, tmp_path: Path) -> None:
     # The command writes the answer; the force's gain falls by 3 % a second.
     study = logged(fmus, lambda x, v: 0.0, gain=lambda t: 1.0 - 0.03 * t)
-    command = [sys.executable, "-m", "orchestrator", "diagnose", str(study), "--unknown-input"]
+    command = [sys.executable, "-m", "orchestrator", "diagnose", str(study)]
     done = subprocess.run([*command, "--out", str(tmp_path)], check=True, capture_output=True, text=True)
-    data = json.loads((tmp_path / "unknown-input.json").read_text(encoding="utf-8"))
+    data = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
     assert data["verdict"] == "law" and [one["family"] for one in data["laws"]] == ["drift"]
     assert data["laws"][0]["numbers"]["change per time"]["value"] == pytest.approx(-0.03, rel=0.1)
     assert data["held_out"]["closed"] > 0.9
@@ -166,9 +169,9 @@ def test_what_the_library_lacks_is_outside_and_drawn(fmus: Path, tmp_path: Path)
         return 12.0 if t % 1.7 < 0.2 else 0.0
 
     study = logged(fmus, lambda x, v: 0.0, push=knocks, seconds=3.0)
-    command = [sys.executable, "-m", "orchestrator", "diagnose", str(study), "--unknown-input"]
+    command = [sys.executable, "-m", "orchestrator", "diagnose", str(study)]
     subprocess.run([*command, "--out", str(tmp_path)], check=True, capture_output=True)
-    data = json.loads((tmp_path / "unknown-input.json").read_text(encoding="utf-8"))
+    data = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
     assert data["verdict"] == "outside" and not data["laws"] and data["probability"] <= 0.6
     assert data["places"] and "position" not in data["places"][0]["place"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -214,8 +217,40 @@ def test_equations_of_laws_are_what_the_search_fits() -> None:
     assert compared >= 20
 
 
-def test_a_case_that_is_no_study_of_ports_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "case.yaml").write_text("format: gap-case/1\n", encoding="utf-8")
-    command = [sys.executable, "-m", "orchestrator", "diagnose", str(tmp_path), "--unknown-input"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 2 and "no study of ports" in done.stderr
+def test_components_without_states_are_replayed_by_the_master(tmp_path: Path) -> None:
+    # A connection with a delay has no state form; friction is hidden in the drive.
+    late = {"from": ["controller.voltage"], "to": "drive.voltage", "through": [{"delay": "4 ms"}]}
+    study = ports_bench.study(tmp_path, [ports_bench.COULOMB, late])
+    config = ports_bench.system(0.2, [late])
+    (tmp_path / "late.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
+    data = yaml.safe_load((study / "study.yaml").read_text(encoding="utf-8"))
+    data |= {"system": "late.yaml", "runs": data["runs"]}
+    (study / "study.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    made = orc.diagnose(study, tmp_path / "out")
+    assert isinstance(made, DiagnosedSystem) and "corrected.yaml" in made.files
+    (law,) = made.data["laws"]
+    assert (law["law"], law["place"], law["signal"]) == ("coulomb", "drive.load", "drive.velocity")
+    assert law["numbers"]["level"]["value"] == pytest.approx(-12.0, rel=0.02)
+    assert made.data["held_out"]["closed"] > 0.98 and "coulomb" in str(made)
+
+
+@pytest.mark.parametrize("name", ["delay", "lag", "dead zone", "saturation"])
+def test_laws_as_effects_do_what_they_do_in_state_form(name: str) -> None:
+    law = next(one for one in library() if one.name == name)
+    times = np.arange(400) * 2e-3
+    signal = np.sin(2.0 * np.pi * 3.0 * times)
+    effect = LawEffect(address=float(law.address), own=True, states=law.states, values=(0.02,))
+    memory = np.zeros(effect.room(None))
+    found = [
+        effect.kernel(t, [x], effect.numbers(), memory, True) for t, x in zip(times, signal, strict=True)
+    ]
+    at = slice(100, None)  # settled
+    shifted = np.sin(2.0 * np.pi * 3.0 * (times - 0.02))
+    w = 2.0 * np.pi * 3.0 * 0.02
+    expected = {
+        "delay": shifted,
+        "lag": np.sin(2.0 * np.pi * 3.0 * times - np.arctan(w)) / np.hypot(1.0, w),
+        "dead zone": signal - np.clip(signal, -0.02, 0.02),
+        "saturation": np.clip(signal, -0.02, 0.02),
+    }[name]
+    np.testing.assert_allclose(np.array(found)[at], expected[at], atol=2e-4)

@@ -30,7 +30,7 @@ COUNT, SEED = int(os.environ.get("FUZZ", "30")), int(os.environ.get("FUZZ_SEED",
 # Of processor time, for one command [s], and of memory that it adds [B].
 MOST_SECONDS, MOST_MEMORY = 30.0, 2 * 2**30
 # Stage of a diagnosis before which it is stopped: checks of the data take seconds.
-STOP = "weigh" if COUNT > 30 else "check"
+STOP = "calibration" if COUNT > 30 else "check"
 ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="limits of memory and time are POSIX")

@@ -7,7 +7,7 @@ Laws act at inputs and outputs, at communication points.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ class LawEffect(Effect):
 
     @staticmethod
     def kernel(time: float, x: Numbers, options: Numbers, memory: Memory, commit: bool) -> float:
-        """See Effect.kernel. Memory: whether there is an instant before, its time, signal and law's states."""
+        """See Effect.kernel. Memory: whether there was an instant before, its time, signal and states."""
         values, states, out = np.zeros(_MOST), np.zeros(_MOST), np.zeros(1 + _MOST)
         for k in range(_MOST):
             values[k] = options[3 + k]
@@ -158,7 +158,7 @@ class PlayedModel(StateModel):
     def simulated(
         self, ext: Array, z: Array, laws: Sequence[Inserted] = (), signals: bool = False
     ) -> tuple[Array, Array]:
-        """Compared outputs of an open run, and all signals [states, inputs, outputs] where they are asked for.
+        """Compared outputs of an open run, and all signals [states, inputs, outputs] on request.
 
         Args: see `smoother.simulated`.
         """

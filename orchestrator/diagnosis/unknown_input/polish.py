@@ -146,7 +146,8 @@ def polished(
     Args:
         constants: where the fit begins: parameters, then numbers. starts: start states of each run.
         trials: steps of the fit. fixed: whether the constants stay, and start states alone are fitted.
-        samples: of each run, from its begin, that the fit looks at; None: all. exact: see `Replays.sensitivity`.
+        samples: of each run, from its begin, that the fit looks at; None: all.
+        exact: see `Replays.sensitivity`.
     """
     replays = Replays(runs, laws, samples, starts)
     model, size = runs.model, replays.sizes(constants)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from ...base.errors import ConfigError
 from ..ports.study import PortStudy, Role
@@ -220,10 +221,10 @@ def answer(study: PortStudy, progress: Callable[[str], None] = lambda _: None) -
 
     Args:
         progress: takes the name of each stage.
-    Raises: ConfigError if a component gives no access to its states.
     """
     begin = perf_counter()
-    with _model(study) as model:
+    # With many small matrices, threads of BLAS wait for one another.
+    with threadpool_limits(1), _model(study) as model:
         progress("calibration")
         model.study = _thinned(model)
         search = _Search(Runs(model, model.study.of(Role.TRAIN, Role.VALIDATION)), progress)

@@ -1,0 +1,94 @@
+"""From a study of a system's ports to the files that a diagnosis writes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...base.atomic_files import write_text
+from ...base.errors import ConfigError
+from ...simulation.run_folder import folder_at
+from ..ports.given import check_logs
+from ..ports.native import in_native_form
+from ..ports.reader import load_port_study
+from ..ports.study import PortStudy, study_file
+from .corrected import write_corrected
+from .report import data_of, text_of
+from .search import Answer, answer
+
+__all__ = ["DiagnosedSystem", "diagnose_system"]
+
+
+@dataclass(frozen=True)
+class DiagnosedSystem:
+    """The diagnosis of a system of FMUs.
+
+    Attributes:
+        name: of the study. study: as read. answer: see `Answer`.
+        folder, files: where it was written and the files' names; None and none if it was not.
+    """
+
+    name: str
+    study: PortStudy
+    answer: Answer
+    folder: Path | None = None
+    files: tuple[str, ...] = ()
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The content of diagnosis.json."""
+        return data_of(self.answer)
+
+    def __str__(self) -> str:
+        text = text_of(self.name, self.answer)
+        return text if self.folder is None else f"{text}\n  written to {self.folder}: {', '.join(self.files)}"
+
+
+def diagnose_system(
+    path: Path | str,
+    out: Path | str | None = None,
+    *,
+    report: bool = True,
+    progress: Callable[[str], None] = lambda stage: None,
+) -> DiagnosedSystem:
+    """Find the law that a system of FMUs lacks.
+
+    Args:
+        path: a study.yaml, or the folder that holds one. out: folder to write to; None: nothing is written.
+        report: whether to write the page, too. progress: takes the name of each stage.
+    Raises: ConfigError with all problems of the study and its logs.
+    """
+    file = study_file(Path(path)).resolve()
+    name = file.parent.name if file.name == "study.yaml" else file.stem
+    progress("read")
+    study = load_port_study(Path(path))
+    progress("check")
+    study, slow = in_native_form(study)
+    refused, warned = check_logs(study)
+    if refused:
+        raise ConfigError(refused)
+    found = answer(study, progress)
+    found.remarks.extend(f"{one.place}: {one.what}. {one.remedy}" for one in (*warned, *slow))
+    if study.only or study.without or study.practice:
+        found.remarks.append("`candidates` and `practice` of the study count for `--effects` only.")
+    if out is None:
+        return DiagnosedSystem(name, study, found)
+    folder = Path(out)
+    folder_at(folder)
+    earlier = ("diagnosis.json", "report.html", "corrected.yaml", *(p.name for p in folder.glob("law_*.*")))
+    for one in earlier:
+        (folder / one).unlink(missing_ok=True)
+    found.remarks.extend(write_corrected(study, found, folder))
+    if report:
+        # matplotlib takes a third of a second to import.
+        from .page import page
+
+        write_text(folder / "report.html", page(name, found))
+    data = json.dumps(data_of(found), allow_nan=False, ensure_ascii=False, indent=1)
+    write_text(folder / "diagnosis.json", data + "\n")
+    kept = {*earlier, *(p.name for p in folder.glob("law_*.*"))}
+    written = tuple(sorted(p.name for p in folder.iterdir() if p.name in kept))
+    return DiagnosedSystem(name, study, found, folder, written)
