@@ -61,6 +61,7 @@ _RETURNED = (
     "orchestrator.frequency.margins:Margins",
     "orchestrator.translate.build_report:BuildReport",
     "orchestrator.diagnosis.diagnosed:Diagnosed",
+    "orchestrator.diagnosis.unknown_input.diagnose:DiagnosedSystem",
     "orchestrator.report.system_view:InstanceView",
     "orchestrator.report.system_view:ParameterView",
     "orchestrator.report.system_view:SystemGraph",

@@ -81,5 +81,5 @@ def test_the_tutorial_on_diagnosis(tmp_path, monkeypatch, capsys):
     assert verdict.strip() in printed["diagnose study.yaml"]
     exec(reading, names)
     diagnosis = names["diagnosis"]
-    assert diagnosis["which"][0]["parameters"]["drive.coulomb.level"] == pytest.approx(12.0, rel=0.01)
-    assert diagnosis["how_far"]["closure"] > 0.99
+    assert diagnosis["laws"][0]["numbers"]["level"]["value"] == pytest.approx(-12.0, rel=0.01)
+    assert diagnosis["held_out"]["closed"] > 0.99

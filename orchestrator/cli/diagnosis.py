@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for studies of ports: weigh a list of effects at ports, in minutes, in place of the search of "
         "laws by simulation; --practice does so, too",
     )
+    parser.add_argument("--unknown-input", action="store_true", help=argparse.SUPPRESS)  # the default by now
     parser.add_argument("--no-report", action="store_true", help="write no report.html")
     parser.add_argument("--quiet", action="store_true", help="print errors only")
 

@@ -232,6 +232,8 @@ def test_components_without_states_are_replayed_by_the_master(tmp_path: Path) ->
     assert (law["law"], law["place"], law["signal"]) == ("coulomb", "drive.load", "drive.velocity")
     assert law["numbers"]["level"]["value"] == pytest.approx(-12.0, rel=0.02)
     assert made.data["held_out"]["closed"] > 0.98 and "coulomb" in str(made)
+    # The drive's load has a start value, which the law now replaces.
+    assert orc.load(tmp_path / "out" / "corrected.yaml").check() is not None
 
 
 @pytest.mark.parametrize("name", ["delay", "lag", "dead zone", "saturation"])

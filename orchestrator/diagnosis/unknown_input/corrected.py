@@ -67,15 +67,23 @@ def _put(
         read = long_form(f"{law.signal} -> {name}.u")
     data["instances"][name] = {"fmu": f"{name}.fmu"}
     if law.place.kind is Kinds.INPUT:
+        port = Port.of(place)
+        constant = float(study.prepared.system.start(port))
+        data["instances"][port.instance]["start"].pop(port.variable, None)
         feeding = next((one for one in connections if one["to"] == place), None)
         if series:
             if feeding is not None:
                 connections.append({**feeding, "to": f"{name}.u"})
                 connections.remove(feeding)
+            else:
+                data["instances"][name]["start"] = {"u": with_unit(constant, study.unit(port))}
             connections.append(long_form(f"{name}.y -> {place}"))
             return ""
         if feeding is None:
-            connections.append(long_form(f"{name}.y -> {place}"))
+            added = long_form(f"{name}.y -> {place}")
+            if constant:
+                added["through"] = [{"offset": with_unit(constant, study.unit(port))}]
+            connections.append(added)
         else:
             feeding["from"] = [*feeding["from"], {"port": f"{name}.y"}]
     else:
