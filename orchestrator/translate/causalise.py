@@ -8,8 +8,6 @@ from graphlib import CycleError, TopologicalSorter
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from orchestrator.base.errors import BuildError, listed
 
@@ -157,6 +155,9 @@ def _check_count(model: SymbolicModel, names: list[str]) -> None:
 
 def _match(model: SymbolicModel, names: list[str], incidence: list[list[int]]) -> np.ndarray:
     """For each equation, the number of the unknown it is solved for."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+
     if not names:
         return np.zeros(0, dtype=int)
     rows = [row for row, columns in enumerate(incidence) for _ in columns]
@@ -178,6 +179,9 @@ def _match(model: SymbolicModel, names: list[str], incidence: list[list[int]]) -
 
 def _blocks(incidence: list[list[int]], matched: np.ndarray) -> list[list[int]]:
     """Strongly connected sets of equations, each after those it needs."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
     owner = {int(column): row for row, column in enumerate(matched)}
     edges = [(row, owner[column]) for row, columns in enumerate(incidence) for column in columns]
     count = len(incidence)

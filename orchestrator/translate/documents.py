@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 from .classes import ModelicaClass
 from .flat import render
-from .generate import TableEntry
 from .presentation import Section
-from .program import Program
+
+if TYPE_CHECKING:
+    from .generate import TableEntry
+    from .program import Program
 
 __all__ = ["model_sections", "sources_used"]
 

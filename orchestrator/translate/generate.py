@@ -11,7 +11,7 @@ import casadi as ca
 
 from .flat import TIME, Assertion, Literal, Role, Type, Variable
 from .interpreter import derivative_key, evaluate
-from .package import TOKEN_MARK
+from .package import TOKEN_MARK, c_string
 from .program import Program
 
 
@@ -261,20 +261,6 @@ def _entry(entry: TableEntry) -> str:
 def _message(assertion: Assertion) -> str:
     # Without folders: the text has to be the same wherever the sources lie.
     return f"{assertion.message} ({PurePosixPath(assertion.location.file).name}:{assertion.location.line})"
-
-
-def c_string(text: str) -> str:
-    """A text as a literal of C."""
-    escaped = "".join(_escape(byte) for byte in text.encode())
-    return f'"{escaped}"'
-
-
-def _escape(byte: int) -> str:
-    character = chr(byte)
-    if character in '"\\?':
-        return "\\" + character
-    # Octal, three digits: a hexadecimal escape would swallow the characters behind it.
-    return character if 32 <= byte < 127 else f"\\{byte:03o}"
 
 
 def trimmed(text: str, names: list[str]) -> str:

@@ -67,6 +67,20 @@ PLATFORMS: Mapping[str, Platform] = {
 }
 
 
+def c_string(text: str) -> str:
+    """A text as a literal of C."""
+    escaped = "".join(_escape(byte) for byte in text.encode())
+    return f'"{escaped}"'
+
+
+def _escape(byte: int) -> str:
+    character = chr(byte)
+    if character in '"\\?':
+        return "\\" + character
+    # Octal, three digits: a hexadecimal escape would swallow the characters behind it.
+    return character if 32 <= byte < 127 else f"\\{byte:03o}"
+
+
 def named_platforms(names: Sequence[str]) -> tuple[str, ...]:
     """Keys of `PLATFORMS` for names of platforms.
 

@@ -9,7 +9,8 @@ import casadi as ca
 from orchestrator.base.errors import BuildError
 
 from .component import ComponentProgram, StepVariable
-from .generate import TOKEN_MARK, c_string, trimmed, work_array
+from .generate import trimmed, work_array
+from .package import TOKEN_MARK, c_string
 
 __all__ = ["generate_step_c"]
 

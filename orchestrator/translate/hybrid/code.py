@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ..generate import TOKEN_MARK, c_string
+from ..package import TOKEN_MARK, c_string
 from . import expression as ex
 from .dae import Scalar
 from .expression import Expr
