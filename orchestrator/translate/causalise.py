@@ -67,11 +67,23 @@ def solve(model: SymbolicModel) -> SolvedModel:
     _check_count(model, names)
     matched = _match(model, names, where)
     solution: dict[str, ca.SX] = {}
+    discrete = {one.name for one in model.flat.variables if one.type is not Type.REAL}
+    named = {symbol.element_hash(): name for name, symbol in unknowns.items()}
+    place: dict[str, int] = {}
     for block in _blocks(where, matched):
         targets = [names[matched[row]] for row in block]
-        known = [unknowns[name] for name in solution]
-        residuals = ca.substitute([model.residuals[row] for row in block], known, list(solution.values()))
-        values = _solve_block(model, [equations[row] for row in block], targets, residuals, solution)
+        residuals = [model.residuals[row] for row in block]
+        # Only what the equations hold: with all that is solved, the effort would grow with its square.
+        held = {named.get(one.element_hash(), "") for one in ca.symvar(ca.vertcat(*residuals))}
+        known = sorted(held & solution.keys(), key=place.__getitem__)
+        if known:
+            residuals = ca.substitute(
+                residuals, [unknowns[name] for name in known], [solution[name] for name in known]
+            )
+        values = _solve_block(
+            unknowns, discrete, [equations[row] for row in block], targets, residuals, solution
+        )
+        place.update((target, len(place) + number) for number, target in enumerate(targets))
         solution.update(zip(targets, values, strict=True))
 
     symbols, values = [unknowns[name] for name in solution], list(solution.values())
@@ -201,13 +213,13 @@ def _blocks(incidence: list[list[int]], matched: np.ndarray) -> list[list[int]]:
 
 
 def _solve_block(
-    model: SymbolicModel,
+    unknowns: dict[str, ca.SX],
+    discrete: set[str],
     equations: Sequence[Equation],
     targets: list[str],
     residuals: list[ca.SX],
     solution: dict[str, ca.SX],
 ) -> list[ca.SX]:
-    unknowns = model.unknowns()
     symbols = [unknowns[name] for name in targets]
     chosen = set(targets)
     if len(targets) == 1:
@@ -219,8 +231,7 @@ def _solve_block(
     for equation in equations:
         if max(_degree(equation.left, chosen, True), _degree(equation.right, chosen, True)) > _LINEAR:
             raise BuildError(_nonlinear(equations, targets))
-    types = {variable.name: variable.type for variable in model.flat.variables}
-    if any(types.get(name, Type.REAL) is not Type.REAL for name in targets):
+    if not chosen.isdisjoint(discrete):
         raise BuildError(
             f"{', '.join(str(equation.location) for equation in equations)}: cannot solve for "
             f"{listed(targets)}; "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 from orchestrator.base.errors import BuildError
 
@@ -45,6 +46,7 @@ class Token:
     line: int
 
 
+@lru_cache(maxsize=64)
 def tokenise(text: str, file: str) -> tuple[Token, ...]:
     """Return the tokens of a Modelica file, without blanks and comments.
 

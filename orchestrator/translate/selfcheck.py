@@ -57,22 +57,21 @@ def check(program: Program, seed: int = 1) -> CheckReport:
     source = random.Random(seed)
     points = 0
     largest = 0.0
-    worst: tuple[Location, str] | None = None
+    worst: tuple[Location, Node, Node] | None = None
     for attempt in range(_ATTEMPTS):
         if points == POINTS:
             break
         try:
             values, delays, claims = _point(program, flat, source, attempt)
             residuals = [
-                (_relative(left, right, values, delays), where, f"{render(left)} = {render(right)}")
-                for left, right, where in claims
+                (_relative(left, right, values, delays), where, left, right) for left, right, where in claims
             ]
         except (_Unusable, ArithmeticError, ValueError):
             continue
         points += 1
-        for residual, where, text in residuals:
+        for residual, *claim in residuals:
             if residual > largest:
-                largest, worst = residual, (where, text)
+                largest, worst = residual, (claim[0], claim[1], claim[2])
     if points < _LEAST:
         raise BuildError(
             f"{flat.name}: the solution could be checked at {points} of {_ATTEMPTS} random points only: "
@@ -82,7 +81,8 @@ def check(program: Program, seed: int = 1) -> CheckReport:
         )
     if worst is not None and largest > TOLERANCE:
         raise BuildError(
-            f"{worst[0]}: self-check: the solution does not satisfy {worst[1]}: relative residual "
+            f"{worst[0]}: self-check: the solution does not satisfy {render(worst[1])} = "
+            f"{render(worst[2])}: relative residual "
             f"{largest:.3g}, "
             f"allowed {TOLERANCE:g}; this is an error of the translator"
         )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
+from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -50,8 +51,22 @@ class Location:
 
 def location(file: str, text: str, start: int) -> Location:
     """The place of a character of a file's text."""
-    before = text[:start]
-    return Location(file, before.count("\n") + 1, start - before.rfind("\n"))
+    begins = _line_begins(text)
+    line = bisect_right(begins, start)
+    return Location(file, line, start - begins[line - 1] + 1)
+
+
+@lru_cache(maxsize=64)
+def _line_begins(text: str) -> list[int]:
+    """Offset of the first character of each line."""
+    return [0, *(found.end() for found in re.finditer("\n", text))]
+
+
+@lru_cache(maxsize=64)
+def _bytes_of(text: str) -> bytes | None:
+    """The text in UTF-8; None where every character is one byte, so that offsets agree."""
+    encoded = text.encode()
+    return encoded if len(encoded) > len(text) else None
 
 
 @dataclass(frozen=True)
@@ -169,7 +184,9 @@ class SourceTree:
     def place(self, path: str, offset: int) -> Location:
         """The place at a byte offset of a file."""
         text = self.texts[path]
-        return location(self.shown(path), text, len(text.encode()[:offset].decode(errors="ignore")))
+        encoded = _bytes_of(text)
+        at = offset if encoded is None else len(encoded[:offset].decode(errors="ignore"))
+        return location(self.shown(path), text, at)
 
     def at(self, path: str, token: Token) -> Location:
         """The place of a token of a file."""
