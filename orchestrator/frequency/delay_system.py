@@ -101,8 +101,10 @@ class Modes:
 
     @property
     def unstable(self) -> int:
-        """How many roots have a positive real part."""
-        return sum((2 if one.root.imag > 0.0 else 1) for one in self.modes if one.root.real > 0.0)
+        """How many roots have a positive real part; those at 0, to rounding, do not."""
+        size = max((abs(one.root) for one in self.modes), default=0.0)
+        growing = [one.root for one in self.modes if one.root.real > 0.0 and abs(one.root) > 1e-12 * size]
+        return sum(2 if one.imag > 0.0 else 1 for one in growing)
 
     @property
     def stable(self) -> bool:
@@ -425,9 +427,11 @@ class DelaySystem:
         found = []
         for s in roots:
             others = [other for one in roots for other in (one, one.conjugate()) if other != s]
-            radius = min([1e-3 * max(abs(s), 1e-6), *(0.3 * abs(other - s) for other in others)])
+            size = max(abs(s), 1e-3 * max(map(abs, roots)), 1e-6)
+            radius = min([1e-3 * size, *(0.3 * abs(other - s) for other in others)])
             sign = self._signs(s + radius * np.exp(2j * np.pi * np.linspace(0.0, 1.0, 129)))
-            found.append(max(1, round(float(np.sum(np.angle(sign[1:] / sign[:-1]))) / (2.0 * np.pi))))
+            turns = np.sum(np.angle(sign[1:] / sign[:-1])) if sign.all() else 0.0
+            found.append(max(1, round(float(turns) / (2.0 * np.pi))))
         return found
 
     def root_near(self, s: complex) -> complex | None:

@@ -213,7 +213,7 @@ def step_text(report: dict[str, Any], machine_stable: bool) -> str:
 
 
 def _time(value: float) -> str:
-    return f"{1e3 * value:.4g} ms"
+    return f"{value:.4g} s" if value >= 1.0 else f"{1e3 * value:.4g} ms"
 
 
 def _root(root: Sequence[float]) -> str:

@@ -155,13 +155,18 @@ def system_text(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def _seconds(value: float) -> str:
+    """A time in ms, or in s from one second on."""
+    return f"{value:.6g} s" if value >= 1.0 else f"{1e3 * value:.6g} ms"
+
+
 def _in_words(one: dict[str, Any]) -> str:
     low, high = one["gain_margin"]
     parts = []
     if one["phase_margin"] is not None:
         parts.append(f"phase {one['phase_margin']:.4g} deg")
     if one["delay_margin"] is not None:
-        parts.append(f"delay {1e3 * one['delay_margin']:.6g} ms")
+        parts.append(f"delay {_seconds(one['delay_margin'])}")
     bounds = ([f"down to {low:.4g}"] if low else []) + ([f"up to {high:.4g}"] if high else [])
     if bounds:
         parts.append(f"gain times {' or '.join(bounds)}")

@@ -45,6 +45,10 @@ LIBRARY: tuple[LibraryFmu, ...] = tuple(
         ("SmoothMotion", "Drives/SmoothMotion.mo"),
         ("CascadeControl", "Drives/CascadeControl.mo"),
         ("LinearDrive", "Drives/LinearDrive.mo"),
+        ("CompliantDrive", "Drives/CompliantDrive.mo"),
+        ("TankPair", "Processes/TankPair.mo"),
+        ("LevelControl", "Processes/LevelControl.mo"),
+        ("Area", "Power/Area.mo"),
         ("CoulombDamper", "Drives/CoulombDamper.mo"),
         ("FrictionForce", "Drives/FrictionForce.mo"),
     )

@@ -377,3 +377,26 @@ def test_signs_of_stability_of_150_random_systems():
     assert 30 < np.sum(roots.real > 0.0) < 120
     assert np.array_equal(np.sign(growth[judged]), np.sign(roots.real[judged]))
     assert np.median(abs(growth - roots.real)) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("gain", "published"),
+    [(0.05, 30.915), (0.1, 15.201), (0.15, 9.960), (0.2, 7.335), (0.4, 3.382), (0.6, 2.042), (1.0, 0.923)],
+)
+def test_delay_margins_of_load_frequency_control(gain, published):
+    """Integral control of one area, Sonmez, Ayasun, Nwankpa, IEEE Trans. Power Systems 31 (2016)."""
+    system = orc.System(step_size="20 ms", stop_time="10 s")
+    system.add("area", "Area", tie=0.0, integral_gain=gain)
+    system.connect("area.command", "area.setpoint")
+    (margin,) = linearise(system.data).margins().values()
+    assert margin.delay_margin == pytest.approx(published, abs=6e-4)
+
+
+@pytest.mark.parametrize("name", ["servo-compliant", "tank-level", "load-frequency"])
+def test_bundled_examples_with_a_delay_become_unstable_at_their_delay_margin(name):
+    linear = linearise(name)
+    late = {key: one.delay_margin for key, one in linear.margins().items() if " delay " in key}
+    connection, margin = next((key, one) for key, one in late.items() if np.isfinite(one))
+    for factor, unstable in ((0.999, 0), (1.001, 2)):
+        later = linear.system.later(connection, factor * margin)
+        assert later.modes().unstable == unstable

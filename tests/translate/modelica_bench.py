@@ -129,6 +129,19 @@ UNITS = {
     "reference": "m",
     "voltage": "V",
     "load": "N",
+    "motor_position": "m",
+    "motor_velocity": "m/s",
+    "load_position": "m",
+    "load_velocity": "m/s",
+    "upper": "m",
+    "lower": "m",
+    "level": "m",
+    "integral": "V",
+}
+# Where a name has another unit than elsewhere.
+OWN_UNITS = {
+    "Area": dict.fromkeys(("setpoint", "load", "deviation", "command", "exchange"), "1")
+    | dict.fromkeys(("angle", "other_angle"), "rad")
 }
 
 
@@ -162,6 +175,10 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "SmoothMotion": (),
     "CascadeControl": ("reference", "position", "velocity"),
     "LinearDrive": ("voltage", "load"),
+    "CompliantDrive": ("voltage", "load"),
+    "TankPair": ("voltage",),
+    "LevelControl": ("reference", "level"),
+    "Area": ("setpoint", "load", "other_angle"),
     "CoulombDamper": ("velocity",),
     "FrictionForce": ("velocity",),
 }
@@ -189,6 +206,10 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "SmoothMotion": ("position", "velocity"),
     "CascadeControl": ("voltage",),
     "LinearDrive": ("position", "velocity"),
+    "CompliantDrive": ("motor_position", "motor_velocity", "load_position", "load_velocity"),
+    "TankPair": ("upper", "lower"),
+    "LevelControl": ("voltage", "integral"),
+    "Area": ("angle", "deviation", "command", "exchange"),
     "CoulombDamper": ("force",),
     "FrictionForce": ("force",),
 }
@@ -258,6 +279,10 @@ START: dict[str, dict[str, float]] = {
     "UncompensatedDocking": {"robot.tau_m": 6e-3},
     "SmoothMotion": {"stroke": 0.25, "frequency": 0.7},
     "CascadeControl": {"position_gain": 160.0, "velocity_gain": 240.0},
+    "CompliantDrive": {"damping": 500.0, "load_velocity": 0.02},
+    "TankPair": {"upper": 0.15},
+    "LevelControl": {"gain": 30.0},
+    "Area": {"tie": 0.2, "integral_gain": 0.5},
     "LinearDrive": {"mass": 95.0, "viscous_friction": 200.0, "force_per_voltage": 35.0, "velocity": 0.02},
     "CoulombDamper": {"level": 9000.0, "width": 2e-3},
     "FrictionForce": {
@@ -290,6 +315,10 @@ STEPS = {
     "SmoothMotion": 1e-3,
     "CascadeControl": 1e-3,
     "LinearDrive": 1e-3,
+    "CompliantDrive": 1e-3,
+    "TankPair": 1.0,
+    "LevelControl": 1.0,
+    "Area": 0.05,
     "CoulombDamper": 1e-3,
     "FrictionForce": 1e-3,
 }
@@ -372,7 +401,21 @@ def inputs(name: str) -> list[dict[str, float]]:
             }
             for a in angles
         ]
-    if name == "LinearDrive":
+    if name == "TankPair":
+        return [{"voltage": 12.0 if i <= 100 else 6.0} for i in range(301)]
+    if name == "LevelControl":
+        return [{"reference": 0.25, "level": 0.2 if i <= 100 else 0.28} for i in range(201)]
+    if name == "Area":
+        # A load from 1 s on, the control's command 2 s later, and an angle of the other area.
+        return [
+            {
+                "setpoint": 0.05 if i > 60 else 0.0,
+                "load": 0.1 if i > 20 else 0.0,
+                "other_angle": 0.2 if i > 100 else 0.0,
+            }
+            for i in range(201)
+        ]
+    if name in ("LinearDrive", "CompliantDrive"):
         # 2 V until 0.1 s, then none; a load from 50 ms on.
         return [{"voltage": 2.0 if i <= 100 else 0.0, "load": -12.0 if i > 50 else 0.0} for i in range(301)]
     if name in ("CoulombDamper", "FrictionForce"):
@@ -447,7 +490,8 @@ def write(name: str, rows: Sequence[Mapping[str, float]]) -> None:
     """Write a reference."""
     with (FMUS / name / "reference.csv").open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        units = {signal: UNITS.get(signal, UNITS.get(signal.split("[")[0])) for signal in rows[0]}
+        own = UNITS | OWN_UNITS.get(name, {})
+        units = {signal: own.get(signal, own.get(signal.split("[")[0])) for signal in rows[0]}
         writer.writerow(f"{signal} [{unit}]" for signal, unit in units.items())
         writer.writerows([repr(value) for value in row.values()] for row in rows)
 

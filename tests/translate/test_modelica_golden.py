@@ -19,6 +19,17 @@ REPLAY = {
     "stored_energy": 1e-12,
     "measured_torque": 1e-9,
     "voltage": 1e-12,
+    "motor_position": 1e-13,
+    "motor_velocity": 1e-11,
+    "load_position": 1e-13,
+    "load_velocity": 1e-11,
+    "upper": 1e-12,
+    "lower": 1e-12,
+    "integral": 1e-12,
+    "angle": 1e-11,
+    "deviation": 1e-12,
+    "command": 1e-12,
+    "exchange": 1e-11,
 }
 REPLAY |= {
     name: 1e-11 if "velocity" in name else 1e-13
@@ -256,6 +267,62 @@ def test_cascade_control_is_its_law():
     voltage = start["velocity_gain"] * (asked - reference["velocity"])
     np.testing.assert_allclose(reference["voltage"], voltage, rtol=1e-13, atol=1e-11)
     assert voltage.min() < -50 and voltage.max() > 50
+
+
+def compliant_drive(x, u):
+    position, velocity, load, load_velocity = x
+    force = 400e3 * (position - load) + 500.0 * (velocity - load_velocity)
+    return [velocity, (35.0 * u[0] - 200.0 * velocity - force) / 40.0, load_velocity, (force + u[1]) / 60.0]
+
+
+def tank_pair(x, u):
+    upper, lower = (5e-5 * np.sqrt(2 * 9.80665 * max(level, 1e-6)) for level in x)
+    return [(1e-5 * u[0] - upper) / 0.01, (upper - lower) / 0.01]
+
+
+def level_control(x, u):
+    return [30.0 / 60.0 * (u[0] - u[1])]
+
+
+def area(x, u):
+    angle, deviation, _, mechanical, valve = x
+    exchange = 0.2 * (angle - u[2])
+    return [
+        2 * np.pi * 50 * deviation,
+        (mechanical - u[1] - deviation - exchange) / 10.0,
+        -0.5 * (21.0 * deviation + exchange),
+        (valve - mechanical) / 0.3,
+        (u[0] - deviation / 0.05 - valve) / 0.1,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "rates", "begin", "outputs"),
+    [
+        ("CompliantDrive", compliant_drive, [0.0, 0.0, 0.0, 0.02], lambda x, u: x),
+        ("TankPair", tank_pair, [0.15, 0.2], lambda x, u: x),
+        (
+            "LevelControl",
+            level_control,
+            [9.90285],
+            lambda x, u: [30.0 * (u[0] - u[1]) + x[0], x[0]],
+        ),
+        ("Area", area, [0.0] * 5, lambda x, u: [x[0], x[1], x[2], 0.2 * (x[0] - u[2])]),
+    ],
+)
+def test_components_of_drives_processes_and_grids_are_their_equations(name, rates, begin, outputs):
+    """The equations of the README, integrated by another solver from step to step."""
+    reference = bench.read(name)
+    x, step = np.array(begin), bench.STEPS[name]
+    inputs = np.array([reference[one] for one in bench.INPUTS[name]]).T
+    for row in range(1, len(inputs)):
+        u = inputs[row]
+        found = solve_ivp(
+            lambda t, x, u=u: rates(x, u), (0.0, step), x, method="DOP853", rtol=1e-11, atol=1e-14
+        )
+        x = found.y[:, -1]
+        for signal, value in zip(bench.OUTPUTS[name], outputs(x, u), strict=True):
+            assert reference[signal][row] == pytest.approx(value, rel=1e-6, abs=1e-9), (signal, row)
 
 
 def test_linear_drive_is_the_closed_form():
