@@ -2,14 +2,16 @@
 
     python tests/benchmarks/blind_calibration.py FOLDER [FOLDER of other seeds]
 
-With the evidence e_i of each answer over the first [nats], p = (1 - q) / sum(exp(e_i / T)). T and q have the
-largest likelihood on the first folder. Calibration errors before and after are those of each folder.
+With the evidence e_i of each answer over the first [nats], p = (1 - q) / sum(exp(e_i / T)). The share q of laws
+that are wrong although no rival is near has two values: where the answer leaves little but noise on held-out
+runs, and where it leaves more. T and both q are the likeliest on the first folder.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,48 +21,63 @@ from scipy.optimize import minimize
 from orchestrator.diagnosis.blind.score import calibration_error
 
 Array = NDArray[np.float64]
+# Residual over the noise, above which an answer leaves more than noise.
+LEAVES = 1.5
 
 
-def cases(folder: Path) -> list[tuple[float, Array, bool]]:
-    """Of each law: stated probability, evidence of rivals over the answer [nats], whether it is right."""
+@dataclass(frozen=True)
+class Law:
+    """A verdict: stated probability, evidence of rivals over it [nats], what it leaves over the noise."""
+
+    stated: float
+    odds: Array
+    leaves: bool
+    right: bool
+
+
+def laws(folder: Path) -> list[Law]:
+    """Verdicts of a folder that name a law."""
     found = []
     for path in sorted(folder.glob("case-*/score.json")):
         score = json.loads(path.read_text(encoding="utf-8"))
         if score.get("verdict") == "law" and score["clear"]:
             verdict = json.loads((path.parent / "verdict.json").read_text(encoding="utf-8"))
             odds = np.array(verdict["odds"], float)
-            found.append((float(score["probability"]), odds[odds > -600.0], bool(score["right"])))
+            leaves = score["remains"] > LEAVES
+            found.append(Law(float(score["probability"]), odds[odds > -600.0], leaves, bool(score["right"])))
     return found
 
 
-def tempered(odds: Array, temperature: float, miss: float) -> float:
+def tempered(one: Law, temperature: float, explained: float, left: float) -> float:
     """Probability of an answer."""
-    return float((1.0 - miss) / (1.0 + np.exp(np.minimum(odds / temperature, 50.0)).sum()))
+    rivals = float(np.exp(np.minimum(one.odds / temperature, 50.0)).sum())
+    return (1.0 - (left if one.leaves else explained)) / (1.0 + rivals)
+
+
+def _numbers(theta: Array) -> tuple[float, float, float]:
+    first, second = (float(1.0 / (1.0 + np.exp(-one))) for one in theta[1:])
+    return float(np.exp(theta[0])), first, second
 
 
 def main(folders: list[str]) -> None:
-    """Print T, q and calibration errors."""
-    first, *others = [cases(Path(one)) for one in folders]
+    """Print T, both q and the calibration errors."""
+    every = [laws(Path(one)) for one in folders]
+    hit = np.array([one.right for one in every[0]], bool)
+    # Weak priors about T = 3, q = 0.1 and 0.4, since there may be few cases.
+    middle = np.array([1.1, -2.2, -0.4])
 
     def cost(theta: Array) -> float:
-        temperature, miss = float(np.exp(theta[0])), float(1.0 / (1.0 + np.exp(-theta[1])))
-        p = np.clip([tempered(odds, temperature, miss) for _, odds, _ in first], 1e-6, 1.0 - 1e-6)
-        hit = np.array([right for *_, right in first], bool)
-        # A prior of T about 3 and q about 0.1, worth two cases, since there may be few.
-        prior = 0.5 * ((theta[0] - 1.0) / 1.5) ** 2 + 0.5 * ((theta[1] + 2.2) / 1.5) ** 2
-        return float(-np.log(np.where(hit, p, 1.0 - p)).sum() + prior)
+        p = np.clip([tempered(one, *_numbers(theta)) for one in every[0]], 1e-6, 1.0 - 1e-6)
+        return float(0.25 * ((theta - middle) ** 2).sum() - np.log(np.where(hit, p, 1.0 - p)).sum())
 
-    best = min(
-        (minimize(cost, [a, b], method="Nelder-Mead") for a in (0.0, 2.0, 4.0) for b in (-3.0, -1.0)),
-        key=lambda one: float(one.fun),
-    )
-    temperature, miss = float(np.exp(best.x[0])), float(1.0 / (1.0 + np.exp(-best.x[1])))
-    print(f"T = {temperature:.3g} nats, q = {miss:.3g}, from {len(first)} laws")
-    for name, some in zip(folders, (first, *others), strict=True):
-        hit = [right for *_, right in some]
-        before = calibration_error([p for p, *_ in some], hit)
-        after = calibration_error([tempered(odds, temperature, miss) for _, odds, _ in some], hit)
-        print(f"{name}: {len(some)} laws, {sum(hit)} right; error {before:.3f} before, {after:.3f} after")
+    best = minimize(cost, middle, method="Nelder-Mead", options={"maxiter": 2000})
+    found = _numbers(best.x)
+    print(f"T = {found[0]:.3g} nats, q = {found[1]:.3g} and {found[2]:.3g}, from {len(hit)} laws")
+    for name, some in zip(folders, every, strict=True):
+        right = [one.right for one in some]
+        before = calibration_error([one.stated for one in some], right)
+        after = calibration_error([tempered(one, *found) for one in some], right)
+        print(f"{name}: {sum(right)} of {len(some)} laws right; error {before:.3f} before, {after:.3f} after")
 
 
 if __name__ == "__main__":
