@@ -35,7 +35,7 @@ class Scored:
         expected: the verdict that would be right.
         place, law, family: whether those of every hidden law are named; None where no law is hidden that the
             library holds. first: whether one law at least is named at its place.
-        spurious: laws of another family than any hidden one, at the same places or others.
+        spurious: laws more than the hidden ones, by family and place.
         right: whether the verdict as a whole is right. probability: as stated.
         closed: share of the gap closed on held-out runs, by the search. remains: there, over the noise.
         seconds, processor: taken, by the clock and of the processor.
@@ -119,8 +119,9 @@ def scored(truth: Mapping[str, Any], verdict: Mapping[str, Any], case: Case | Ca
     placed = [bool(one) for one in places]
     family = [bool(set(a) & set(b)) for a, b in zip(families, places, strict=True)]
     law = [any(_alike(laws[k], each) for k in some) for each, some in zip(hidden, places, strict=True)]
-    known = {k for some in families for k in some}
-    spurious = sum(k not in known for k in range(len(laws)))
+    # A law beside those that are matched is spurious, unless it stands for a hidden one that is not.
+    known = {k for a, b in zip(families, places, strict=True) for k in a if k in b}
+    spurious = max(0, len(laws) - len(known) - family.count(False))
     found = verdict["verdict"]
     named = bool(hidden) and all(law) and not spurious
     right = named if expected == "law" else found == expected
