@@ -3,8 +3,8 @@
     python tests/benchmarks/blind_calibration.py FOLDER [FOLDER of other seeds]
 
 With the evidence e_i of each answer over the first [nats], p = (1 - q) / sum(exp(e_i / T)). The share q of
-laws that are wrong although no rival is near has two values: where the answer leaves little but noise on held-out
-runs, and where it leaves more. T and both q are the likeliest on the first folder.
+laws that are wrong although no rival is near has two values: where the answer leaves little but noise on
+held-out runs, and where it leaves more. T and both q are the likeliest on the first folder.
 """
 
 from __future__ import annotations
