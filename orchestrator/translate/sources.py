@@ -269,11 +269,11 @@ class Spans:
         if path == self.inserted[0] and start > self.inserted[1]:
             start -= self.inserted[2]
         if self.tree is not None and path in self.adapted:
-            line = text.encode()[: span["start"]].count(b"\n")
-            lines = self.tree.texts[path].encode().split(b"\n")
-            if line < len(lines):
-                blank = len(lines[line]) - len(lines[line].lstrip())
-                return self.tree.place(path, sum(len(one) + 1 for one in lines[:line]) + blank)
+            seen = location(path, text, len(text.encode()[: span["start"]].decode(errors="ignore")))
+            lines = self.tree.texts[path].split("\n")
+            if seen.line <= len(lines):
+                column = _same_word(lines[seen.line - 1], text.split("\n")[seen.line - 1], seen.column)
+                return Location(self.tree.shown(path), seen.line, column)
         if self.tree is not None and path in self.tree.texts:
             return self.tree.place(path, self.tree.restore_offset(path, start) if self.renamed else start)
         return location(path, text, len(text.encode()[:start].decode(errors="ignore")))
@@ -287,6 +287,15 @@ class Spans:
         if text.encode()[:end].endswith(last.encode()):
             return self({**span, "start": end - len(last.encode())})
         return self(span)
+
+
+def _same_word(line: str, seen: str, column: int) -> int:
+    """The column in a line of what stands at a column of the line as it was rewritten; else its first."""
+    word = re.match(r"\w+|\S", seen[column - 1 :])
+    places = (
+        [one.start() + 1 for one in re.finditer(rf"(?<!\w){re.escape(word[0])}(?!\w)", line)] if word else []
+    )
+    return min(places, key=lambda one: abs(one - column), default=len(line) - len(line.lstrip()) + 1)
 
 
 def load_sources(model_file: Path) -> SourceTree:

@@ -163,3 +163,17 @@ def test_a_renamed_variable_does_not_move_the_caret(tmp_path):
     with pytest.raises(BuildError) as caught:
         translate(path)
     assert str(caught.value).splitlines()[0].startswith(f"{path}:4:1: arrays of the sizes [2] and [3]")
+
+
+def test_places_hold_where_the_compiler_sees_a_rewritten_line(tmp_path):
+    """der() of an expression is rewritten before the compiler; what comes after it keeps line and column."""
+    text = "model Model\nReal x(start=1, fixed=true), y; Real z;\nReal w;\nequation\nder(x) = -x; "
+    text += "y = der(x*x); z = x + missing;\nend Model;\n"
+    path = bench.model_file(tmp_path, text)
+    for name in ("w", "z"):
+        with pytest.raises(BuildError) as caught:
+            translate(bench.model_file(tmp_path, text.replace("missing", "0") if name == "w" else text))
+        place = faults_of(str(caught.value))[0].places[0]
+        line = 3 if name == "w" else 5
+        source = text.splitlines()[line - 1]
+        assert place == (str(path), line, source.index("missing" if name == "z" else "w") + 1)

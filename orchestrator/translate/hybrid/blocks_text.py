@@ -163,7 +163,8 @@ class _Text:
                 return f"({text})" if level > 0 else text
             case "fn:pow":
                 return f"{inner(args[0], 9)}^{inner(args[1], 9)}"
-        name = op.partition(":")[2]
+        kind, _, name = op.partition(":")
+        name = name if kind == "fn" else kind  # such as table
         return f"{_NAMES.get(name, name)}({', '.join(inner(arg) for arg in args if isinstance(arg, Expr))})"
 
     def _symbol(self, one: Expr, level: int) -> str:
