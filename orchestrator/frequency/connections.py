@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.errors import ConfigError, Problem
 from ..effects import Effect
 from ..effects.backlash import Backlash
 from ..effects.choose import BUILT_IN, built_in
@@ -158,23 +157,16 @@ class Feed:
 
     def __init__(
         self,
-        place: str,
-        effects: Sequence[tuple[str, Effect]],
+        effects: Sequence[Effect],
         step: float,
-        instant: int | None = None,
+        instant: int,
     ) -> None:
-        """Args: instant: number of the point that `advance` leads to, since the first sample of holds.
-
-        Raises: ConfigError without `instant` for an effect whose instants are not those of the steps.
-        """
+        """Args: instant: number of the point that `advance` leads to, since the first sample of holds."""
         laws: list[_Law] = []
-        for name, effect in effects:
+        for effect in effects:
             if isinstance(effect, SampleAndHold) and effect.period:
-                if instant is not None:
-                    laws.append(_Held(effect.period, effect.phase, step, instant))
-                    continue
-                what = f"{name} samples at instants of its own"
-                raise ConfigError([Problem(place, what, "the sampled loop knows those of the steps alone")])
+                laws.append(_Held(effect.period, effect.phase, step, instant))
+                continue
             numbers = effect.numbers()
             if isinstance(effect, Gain):
                 laws.append(_Factor(effect.factor))
@@ -201,9 +193,3 @@ class Feed:
             kept[low:high] = law.advance(memory[low:high], x)
             x = law.value(kept[low:high], x)
         return kept, x
-
-    def value(self, memory: Array, x: Array) -> Array:
-        """The signal at the instant that the memory ends with, where the sum of the sources is x."""
-        for law, low, high in zip(self._laws, self._rows[:-1], self._rows[1:], strict=True):
-            x = law.value(memory[low:high], x)
-        return x

@@ -369,15 +369,7 @@ class _Steps:
         self.values = slice(size, size + layout.size)
         size += layout.size
         self.feeds = [
-            [
-                Feed(
-                    str(one.connection),
-                    [(type(effect).__name__, effect) for effect, _ in one.links],
-                    self.step_size,
-                    number + 1,
-                )
-                for one in layout.wired
-            ]
+            [Feed([effect for effect, _ in one.links], self.step_size, number + 1) for one in layout.wired]
             for number in range(self.count)
         ]
         self.memories = []

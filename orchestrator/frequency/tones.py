@@ -9,7 +9,7 @@ the coherence: a nonlinear or a ringing system shows there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -39,10 +39,6 @@ class Measured:
     response: NDArray[np.complex128]
     coherence: Array
     step_effect: NDArray[np.complex128] | None = None
-
-    def __neg__(self) -> Measured:
-        """The same with the other sign: a loop's force comes back as -L times the one that is given."""
-        return replace(self, response=-self.response)
 
     def frequency_response(self) -> Any:
         """As python-control's FrequencyResponseData."""
