@@ -136,13 +136,14 @@ def translate(
     Raises: BuildError for what is not supported, naming file and line.
     """
     need_casadi()
-    tree = load_sources(model_file)
+    with illustrating(None):
+        tree = load_sources(model_file)
     with illustrating(tree):
         return _translated(tree, model, fmi_version, libraries)
 
 
 @contextmanager
-def illustrating(tree: SourceTree) -> Iterator[None]:
+def illustrating(tree: SourceTree | None) -> Iterator[None]:
     """Errors within show the lines that they name. Raises: BuildError."""
     try:
         yield

@@ -60,7 +60,7 @@ class ModelCheck:
                 for file, line, column in one.fault.places
             )
             message = "\n".join([f"{head}: {one.fault.what}" if head else one.fault.what, *one.fault.details])
-            shown.append(illustrated(message, self.tree) if self.tree else message)
+            shown.append(illustrated(message, self.tree))
         return "\n".join(shown)
 
 

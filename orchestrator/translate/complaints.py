@@ -72,6 +72,14 @@ class _Sources:
         hint = nearest(name, sorted(others - {name}))
         return f" {hint}" if hint else ""
 
+    def after(self, word: str, name: str) -> Location:
+        """The place of a dotted name behind a word, or that of the word."""
+        parts = tuple(re.findall(r"\w+|\.", name))
+        for item, index in self.all(*parts):
+            if any(one.text == word for one in item.tokens[max(0, index - 12) : index]):
+                return self.tree.at(item.file, item.tokens[index])
+        return self.find(word)
+
     def declared_as(self, name: str, kind: str) -> bool:
         """Whether a component is declared of a type whose name ends so."""
         return any(True for _ in self.all(kind.rpartition(".")[2], name))
@@ -225,6 +233,56 @@ _RULES: tuple[Rule, ...] = (
         ),
     ),
     (
+        r"base class not found: `([^`]+)`|unresolved extends base class: '([^']+)'",
+        lambda s, m: (
+            s.find("extends", *re.findall(r"\w+|\.", m[1] or m[2])),
+            f"no class `{m[1] or m[2]}` to extend; define it, or name the folder of its library by --library",
+        ),
+    ),
+    (
+        r"unresolved import: '([^']+)'",
+        lambda s, m: (
+            s.find("import"),
+            f"nothing to import at `{m[1]}`. {_NO_LIBRARY}"
+            if m[1].startswith("Modelica.")
+            else f"nothing to import at `{m[1]}`; correct the name, or name the folder of its library by "
+            "--library",
+        ),
+    ),
+    (
+        r"invalid call of function `([^`]+)`: (\d+) positional argument\(s\) for (\d+) input",
+        lambda s, m: (
+            s.find(m[1], "("),
+            f"the function {m[1]}() takes {m[3]} inputs, here are {m[2]}; give as many, or some by name",
+        ),
+    ),
+    (
+        r"invalid call of function `([^`]+)`: named argument `([^`]+)` does not match",
+        lambda s, m: (s.find(m[2], "="), f"the function {m[1]}() has no input `{m[2]}`; correct its name"),
+    ),
+    (
+        r"connect argument '([^']+)' must be a connector",
+        lambda s, m: (
+            s.after("connect", m[1]),
+            f"connect() takes connectors, `{m[1]}` is none; write an equation, or declare a connector",
+        ),
+    ),
+    (
+        r"reinit\(\) can only be used inside when-equations",
+        lambda s, m: (s.find("reinit"), "reinit() stands in no when-clause; put it into one"),
+    ),
+    (
+        r"when-equations cannot be nested",
+        lambda s, m: (s.find("when"), "a when within a when is not allowed; join the conditions by `and`"),
+    ),
+    (
+        r"`pre expression`: pre\(`([^`]+)`\)",
+        lambda s, m: (
+            s.find("pre", "(", *re.findall(r"\w+|\.", m[1])),
+            f"pre({m[1]}) of a continuous variable has a meaning in when-clauses only; drop pre()",
+        ),
+    ),
+    (
         r"sequential read",
         lambda s, m: (
             s.find("algorithm"),
@@ -251,6 +309,18 @@ _TYPED = (
     (
         r"array dimension mismatch: expected `(\[.*?\])`, found `(\[.*?\])`",
         r"arrays of the sizes \1 and \2 do not fit together here; correct a declaration or a side",
+    ),
+    (
+        r"operator `([^`]+)` expects Real or Integer operand\(s\), found `(\w+)`",
+        r"`\1` takes numbers, this is a \2; convert it, as by if b then 1 else 0 or String(x)",
+    ),
+    (
+        r"(\w+)\(\) expects (\d+) argument\(s\), found (\d+)",
+        r"\1() takes \2 arguments, here are \3; correct the call",
+    ),
+    (
+        r"when-equation condition must be Boolean, found `(\w+)`",
+        r"the condition of a when is a Boolean, this is a \1; write a relation, as x > 0",
     ),
     (
         r"unknown modifier `(\w+)` for component `([^`]+)` of type `([^`]+)`",
@@ -304,6 +374,7 @@ def _of_line(sources: _Sources, line: str) -> list[str]:
                 what, count = re.subn(pattern + r"(?: \(MLS [^)]*\))?", instead, what)
                 if count:
                     break
+            what = _plain(what)
             found.append(f"{_restored(sources, spot)}: {what}")
         return found
     for pattern, meaning in _RULES:
@@ -312,7 +383,12 @@ def _of_line(sources: _Sources, line: str) -> list[str]:
             return [f"{place}: {what}"]
     if re.match(r".*\.mo:\d+", line):
         return [line]
-    return [f"{sources.start()}: the Modelica compiler refuses {sources.model}: {line}"]
+    return [f"{sources.start()}: the Modelica compiler refuses {sources.model}: {_plain(line)}"]
+
+
+def _plain(line: str) -> str:
+    """A message without references to sections of the language specification."""
+    return re.sub(r" \(MLS §[^)]*\)|; MLS §.*", "", line)
 
 
 def _restored(sources: _Sources, spot: re.Match[str]) -> Location:

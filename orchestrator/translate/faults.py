@@ -61,9 +61,9 @@ def faults_of(text: str) -> list[Fault]:
     return found
 
 
-def illustrated(text: str, tree: SourceTree) -> str:
+def illustrated(text: str, tree: SourceTree | None = None) -> str:
     """A message with the line of each place in it, and a caret under the construct."""
-    texts = {tree.shown(path): content for path, content in tree.texts.items()}
+    texts = {tree.shown(path): content for path, content in tree.texts.items()} if tree else {}
     lines = []
     for fault in faults_of(text):
         shown = ", ".join(str(Location(*place)) for place in fault.places)

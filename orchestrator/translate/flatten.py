@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from orchestrator.base.errors import BuildError
 
 from .complaints import CompilerRefusal, explained
 from .expressions import Json
-from .lexer import tokenise
+from .lexer import Token, tokenise
 from .sizes import refuse_large_sizes
 from .sources import DELAY, SourceTree
 
@@ -165,6 +166,10 @@ def syntax_faults(texts: Mapping[str, str], shown: Callable[[str], str]) -> list
                 if named := _keywords_as_names(text, shown(path)):
                     found += named
                     continue
+                line, column = map(int, where[1].split(":"))
+                if told := _meant(text, line, column, first[0]):
+                    found.append(f"{shown(path)}:{where[1]}: {told}")
+                    continue
                 if twice := re.match(r"parse error: Duplicate declaration of '(\w+)'", what[1].strip()):
                     found.append(
                         f"{shown(path)}:{where[1]}: `{twice[1]}` is declared a second time; give it "
@@ -174,6 +179,40 @@ def syntax_faults(texts: Mapping[str, str], shown: Callable[[str], str]) -> list
                 missing = "; is a ; missing before it?" if " ;," in first[0] else ""
                 found.append(f"{shown(path)}:{where[1]}: {what[1].strip()}{missing}")
     return found
+
+
+def _meant(text: str, line: int, column: int, message: str) -> str:
+    """What frequent mistakes of syntax mean; "" for others."""
+    tokens = tokenise(text, "")
+    start = sum(len(one) + 1 for one in text.split("\n")[: line - 1]) + column - 1
+    at = next((n for n, one in enumerate(tokens) if one.start >= start), len(tokens) - 1)
+    here, then = tokens[at].text, tokens[at + 1].text if at + 1 < len(tokens) else ""
+    if then == ":=" or here == ":=":
+        return "`:=` assigns in algorithms and functions; write = in an equation"
+    if "Modelica only allows functional call statement" in message and "Eq {" in message:
+        return "`==` compares; write = in an equation"
+    if re.search(r"expected one of: else, elseif\s*$", message.partition("EP001")[0].strip()):
+        return "an if-expression needs a value for all other cases; add else"
+    if here == "end" and then not in _STATEMENTS and (left := _open_statement(tokens[:at])):
+        return f"the `{left.text}` of line {left.line} is not closed; put `end {left.text};` behind it"
+    if here in ("elsewhen", "else", "elseif") and "reserved keyword" in message:
+        return f"`{here}` stands in no if or when; put one before it"
+    return ""
+
+
+_STATEMENTS = ("if", "for", "when", "while")
+
+
+def _open_statement(tokens: Sequence[Token]) -> Token | None:
+    """The last if, for, when or while that begins a statement and has no end yet."""
+    left: list[Token] = []
+    for before, token in pairwise(tokens):
+        begins = before.text in (";", "equation", "algorithm", "loop")
+        if token.text in _STATEMENTS and before.text == "end":
+            del left[-1:]
+        elif token.text in _STATEMENTS and begins:
+            left.append(token)
+    return left[-1] if left else None
 
 
 def _keywords_as_names(text: str, shown: str) -> list[str]:

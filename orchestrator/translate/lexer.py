@@ -58,6 +58,16 @@ def tokenise(text: str, file: str) -> tuple[Token, ...]:
     return tuple(_tokens(text, file))
 
 
+def _unreadable(character: str) -> str:
+    if character in "\"'":
+        return f"what begins with this {character} is not closed by another one; put it behind the text"
+    if character.isalpha():
+        return (
+            f"{character!r} stands in texts and comments only; names hold letters from a to z, digits and _"
+        )
+    return f"{character!r} has no meaning in Modelica; drop it, or put it into a text or comment"
+
+
 def _tokens(text: str, file: str) -> Iterator[Token]:
     position, line = 0, 1
     if text.startswith("\ufeff"):
@@ -65,9 +75,8 @@ def _tokens(text: str, file: str) -> Iterator[Token]:
     while position < len(text):
         match = _TOKEN.match(text, position)
         if match is None:
-            raise BuildError(
-                f"{file}:{line}: cannot read Modelica from {text[position : position + 20]!r} on"
-            )
+            column = position - text.rfind("\n", 0, position)
+            raise BuildError(f"{file}:{line}:{column}: {_unreadable(text[position])}")
         kind = match.lastgroup
         if kind == "word":
             yield Token("keyword" if match[0] in KEYWORDS else "name", match[0], position, line)

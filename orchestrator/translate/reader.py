@@ -32,6 +32,7 @@ from .flat import (
     walk,
 )
 from .flatten import RUMOCA_VERSION, flatten
+from .sizes import refuse_other_sizes
 from .sources import Location, SourceTree
 from .unit_arrays import keep_unit_arrays
 
@@ -79,6 +80,7 @@ def read_model(tree: SourceTree, model: str) -> FlatModel:
     """
     used = audit_sources(tree, model)
     flat, files = flatten(tree, model)
+    refuse_other_sizes(tree, {name: body.get("dims") or [] for name, body in flat["variables"].items()})
     keep_unit_arrays(tree, flat, files)
     reader = _FlatReader(tree, flat, files)
     result = reader.model(model, experiment(tree.classes[model]))

@@ -35,7 +35,8 @@ def show_model(
     from .hybrid.front_end import flat_form, library_paths
 
     need_casadi()
-    tree = load_sources(Path(model_file))
+    with illustrating(None):
+        tree = load_sources(Path(model_file))
     with illustrating(tree):
         name = tree.model_name(model)
         folders = library_paths(libraries)

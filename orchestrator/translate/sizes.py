@@ -17,7 +17,7 @@ from orchestrator.base.errors import BuildError
 from .lexer import Token, tokenise
 from .sources import SourceTree
 
-__all__ = ["refuse_large_sizes"]
+__all__ = ["refuse_large_sizes", "refuse_other_sizes"]
 
 # Models of some thousand elements take minutes to build.
 _LARGEST_SIZE, _MOST_ELEMENTS, _LARGEST_BOUND = 100_000, 10_000_000, 1_000_000
@@ -49,6 +49,44 @@ def refuse_large_sizes(tree: SourceTree) -> None:
                     f"{tree.shown(path)}:{token.line}: {what} {size:,.0f} is too large; "
                     f"at most {most:,} is taken"
                 )
+
+
+def refuse_other_sizes(tree: SourceTree, sizes: Mapping[str, Sequence[int]]) -> None:
+    """Refuse an array whose equations use another size than its declaration has: the compiler takes theirs.
+
+    Args:
+        sizes: of the flat model's variables, by name.
+    Raises: BuildError.
+    """
+    declared: dict[str, list[tuple[str, Token, list[int] | None]]] = {}
+    for path, text in tree.texts.items():
+        tokens = tokenise(text, tree.shown(path))
+        for place, (before, name, bracket) in enumerate(zip(tokens, tokens[1:], tokens[2:], strict=False), 3):
+            # Declared: behind a type or a comma of a list; anything else gives no size to go by.
+            if name.kind != "name" or not (before.kind == "name" or before.text == ","):
+                continue
+            inside = tokens[place : place + _LONGEST] if bracket.text == "[" else ()
+            end = next((n for n, one in enumerate(inside) if one.text == "]"), 0)
+            numbers = [one for one in inside[:end] if one.text != ","]
+            literal = bool(numbers) and all(one.kind == "number" and one.text.isdigit() for one in numbers)
+            declared.setdefault(name.text, []).append(
+                (path, name, [int(one.text) for one in numbers] if literal else None)
+            )
+    for name, size in sizes.items():
+        found = declared.get(name.rpartition(".")[2].partition("[")[0], [])
+        if not found or any(own is None for _, _, own in found):
+            continue
+        if not any(_within(own or [], list(size)) for _, _, own in found):
+            path, token, own = found[0]
+            raise BuildError(
+                f"{tree.at(path, token)}: {name} is declared with the size {own}, its equations use "
+                f"{list(size)}; correct the declaration or the subscripts"
+            )
+
+
+def _within(own: list[int], size: list[int]) -> bool:
+    """Whether a declared size is part of a variable's: components and types may be arrays as well."""
+    return any(size[n : n + len(own)] == own for n in range(len(size) - len(own) + 1))
 
 
 def _judged(tokens: Sequence[Token], place: int, values: _Values) -> tuple[float, int, str]:

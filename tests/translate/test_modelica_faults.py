@@ -117,6 +117,69 @@ FAULTS = {
         "Real x = «f»(time);\nend Model;",
         ["the external function"],
     ),
+    "assignment": ("Real x;\nequation\n«x» := 1;\nend Model;", ["write = in an equation"]),
+    "comparison": ("Real x;\nequation\n«x» == 1;\nend Model;", ["`==` compares; write ="]),
+    "no else": ("Real x;\nequation\nx = if time > 1 then 2«;»\nend Model;", ["add else"]),
+    "no end if": (
+        "Real x;\nequation\nif time > 1 then\nx = 1;\nelse\nx = 2;\n«end» Model;",
+        ["the `if` of line 4 is not closed; put `end if;`"],
+    ),
+    "elsewhen alone": (
+        "Real x(start=1, fixed=true);\nequation\nder(x) = -x;\n«elsewhen» x < 1 then\n"
+        "reinit(x, 2);\nend when;\n"
+        "end Model;",
+        ["`elsewhen` stands in no if or when"],
+    ),
+    "open text": ('Real x «"»of it = 1;\nend Model;', ["is not closed by another one"]),
+    "letters": ("Real gr«ö»sse = 1;\nend Model;", ["names hold letters from a to z"]),
+    "number of inputs": (
+        "function f\ninput Real u;\noutput Real y;\nalgorithm\ny := u;\nend f;\n"
+        "Real x = «f»(1, 2);\nend Model;",
+        ["the function f() takes 1 inputs, here are 2"],
+    ),
+    "name of an input": (
+        "function f\ninput Real u;\noutput Real y;\nalgorithm\ny := u;\nend f;\nReal x = f(«w»=1);\n"
+        "end Model;",
+        ["the function f() has no input `w`"],
+    ),
+    "number of arguments": ("Real x = «sin»(1, 2);\nend Model;", ["sin() takes 1 arguments, here are 2"]),
+    "Boolean in a sum": (
+        "Boolean b = time > 1;\nReal x = «b» + 1;\nend Model;",
+        ["`+` takes numbers, this is a Boolean"],
+    ),
+    "condition": (
+        "Real x(start=1, fixed=true);\nequation\nder(x) = 1;\nwhen «x» then\nreinit(x, 0);\n"
+        "end when;\nend Model;",
+        ["the condition of a when is a Boolean, this is a Real"],
+    ),
+    "no connectors": (
+        "Real a = 1;\nReal b;\nequation\nconnect(«a», «b»);\nend Model;",
+        ["connect() takes connectors, `a` is none"],
+    ),
+    "no base class": ("«extends» Basis;\nReal x = 1;\nend Model;", ["no class `Basis` to extend"]),
+    "pre of a state": (
+        "Real x(start=1, fixed=true);\nequation\nder(x) = -«pre»(x);\nend Model;",
+        ["has a meaning in when-clauses only"],
+    ),
+    "reinit outside": (
+        "Real x(start=1, fixed=true);\nequation\nder(x) = -x;\n«reinit»(x, 1);\nend Model;",
+        ["reinit() stands in no when-clause"],
+    ),
+    "when in when": (
+        "Integer n(start=0);\nequation\n«when» time > 1 then\nwhen time > 2 then\nn = 1;\n"
+        "end when;\nend when;\n"
+        "end Model;",
+        ["a when within a when"],
+    ),
+    "size": (
+        "Real «x»[3];\nequation\nfor i in 1:4 loop\nx[i] = i;\nend for;\nend Model;",
+        ["x is declared with the size [3], its equations use [4]"],
+    ),
+    "size beside events": (
+        "Real «x»[3];\nInteger n(start=0);\nequation\nfor i in 1:4 loop\nx[i] = i;\nend for;\n"
+        "when time > 1 then\nn = 1;\nend when;\nend Model;",
+        ["x is declared with the size [3], its equations use [4]"],
+    ),
     "endless recursion": (
         "function f\ninput Real n;\noutput Real y;\nalgorithm\ny := if n < 1 then 1 else n*«f»(n - 1);\n"
         "end f;\nReal x = f(time);\nend Model;",

@@ -15,6 +15,7 @@ from ..complaints import UNBALANCED, CompilerRefusal
 from ..documents import sources_used
 from ..package import FmiVersion, hybrid_sources, source_members
 from ..presentation import dress, sources_of
+from ..sizes import refuse_other_sizes
 from ..sources import SourceTree
 from .code import generate_hybrid_c, layout_of
 from .dae import DaeModel, read_dae
@@ -33,6 +34,10 @@ def solved(tree: SourceTree, name: str, libraries: Sequence[Path] = ()) -> Syste
         document = dae_form(tree, name, libraries)
     except CompilerRefusal as refusal:
         raise counted(tree, name, libraries, refusal) from None
+    if not libraries:  # of a library's variables only the names of the model's own would be found
+        types = document["storage"]["value_types"]
+        variables = document["storage"]["variables"]
+        refuse_other_sizes(tree, {one["name"]: types[one["value_type"]]["dimensions"] for one in variables})
     with understood(name):
         return solve_order(read_dae(document, name, *_beside(tree, libraries)))
 

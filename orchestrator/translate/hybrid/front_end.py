@@ -18,7 +18,7 @@ from orchestrator.base.errors import BuildError
 from orchestrator.base.temporary_folders import cache_folder
 
 from ..complaints import CompilerRefusal, explained
-from ..flatten import called_partial, flatten, message_of
+from ..flatten import called_partial, flatten, message_of, syntax_faults
 from ..sources import SourceTree, Spans
 from . import adapted as rules
 from .adapted import ANY, ANY_MODEL, Objects, adapted, class_texts, external_objects
@@ -125,6 +125,8 @@ def _forms(
                 f"for {model}"
             ) from None
         if done.returncode:
+            if wrong := syntax_faults(tree.texts, tree.shown):
+                raise BuildError("\n".join(wrong))
             text = restored(done.stderr.strip() or "it ended without a message")
             text = _short(text.replace(f"{folder}/", tree.label))
             again = None if libraries else lambda other: message_of(other, model, partial)

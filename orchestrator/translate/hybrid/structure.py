@@ -159,6 +159,8 @@ def unbalanced(model: DaeModel, states: Sequence[Expr], algebraics: Sequence[Exp
             what += f" for {names}"
         elif known := sorted(by_state[one] for one in model.equations[number].free if one in by_state):
             what += f": the derivative of {listed(known, 5)} determines it already"
+        else:
+            what += ": it holds parameters and constants only"
         what += f", which {listed(others, 3)} determine already" if others else ""
         told.append(str(model.refusal(f"{what}; drop one of them", origins[number])))
     for one in sorted(unknowns - owner.keys(), key=lambda one: one.args[1:]):
