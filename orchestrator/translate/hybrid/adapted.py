@@ -335,6 +335,18 @@ def _functions(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Ite
         yield _Edit(tokens[one.body].start, _end_of(tokens[one.end - 1]), _lines_kept(old, content))
 
 
+def _jumps(words: Sequence[str]) -> bool:
+    """Whether statements hold while or break, or return within a loop."""
+    if "while" in words or "break" in words:
+        return True
+    loops = 0
+    for before, word in pairwise(words):
+        loops += (word == "for") - 2 * (before == "end" and word == "for")
+        if word == "return" and loops:
+            return True
+    return False
+
+
 def _names(tokens: Sequence[Token], begin: int, end: int) -> list[str]:
     """The names that a declaration declares."""
     place = begin + 2

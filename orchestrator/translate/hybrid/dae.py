@@ -211,7 +211,6 @@ _INSTEAD = {
     "terminal()": "use a condition of time",
     "reinit of an array": "reinit its elements one by one",
     "calls itself": "write it as a for-loop",
-    "subscript of a matrix": "use a vector, or an if-expression over the rows",
     "range": "give its bounds as numbers or constants",
     "depend on each other at an event": "write a when-equation for each variable",
 }
@@ -577,6 +576,8 @@ class _Reader:
                 return self._indexed(
                     self._at(base, self._unbound(base, bound)), self._subscripts[number], bound
                 )
+            case "array_update":
+                return self._updated(number, content, bound)
             case "record":
                 return tuple(at(one) for one in operands)
             case "field":
@@ -697,23 +698,49 @@ class _Reader:
             ((sort, number),) = kind.items()
             chosen = np.asarray(self._at(number, bound), dtype=object)
             if any(value.op != "num" for value in chosen.ravel()):
-                return self._selected(np.asarray(base, dtype=object), chosen, len(subscripts))
+                if chosen.ndim:
+                    raise _refuse(self._name, "a vector of subscripts that changes while the model runs")
+                places.append(chosen.item())
+                continue
             numbers = np.vectorize(lambda value: int(value.args[0]) - 1, otypes=[int])(chosen)
             places.append(int(numbers) if sort == "index" and not numbers.shape else numbers.ravel())
         base = np.asarray(base, dtype=object)
         result = base
         for axis in range(len(places) - 1, -1, -1):
             place = places[axis]
-            result = result[(slice(None),) * axis + (place,)]
+            result = (
+                self._selected(result, axis, place)
+                if isinstance(place, Expr)
+                else result[(slice(None),) * axis + (place,)]
+            )
         return result
 
-    def _selected(self, base: np.ndarray, chosen: np.ndarray, count: int) -> Expr:
-        """An element whose subscript is known while the model runs."""
-        if base.ndim != 1 or count != 1 or chosen.ndim:
-            raise _refuse(self._name, "a subscript of a matrix that changes while the model runs")
-        found = base[-1]
-        for place in range(len(base) - 2, -1, -1):
-            found = ex.conditional(ex.logical("eq", chosen.item(), ex.number(place + 1)), base[place], found)
+    def _updated(self, number: int, content: Json, bound: Mapping[Any, Any]) -> Any:
+        """An array in which the elements of some subscripts have a new value."""
+        base = np.array(self._at(content["base"], bound), dtype=object)
+        places: list[Any] = []
+        for one in self._subscripts[number]:
+            kind = one["kind"]
+            if not isinstance(kind, dict):
+                places.append(slice(None))
+                continue
+            chosen = np.asarray(self._at(next(iter(kind.values())), bound), dtype=object)
+            if any(value.op != "num" for value in chosen.ravel()):
+                raise _refuse(self._name, "an assignment to an element whose subscript changes")
+            places.append(int(chosen.item().args[0]) - 1 if not chosen.ndim else None)
+        if None in places:
+            raise _refuse(self._name, "an assignment to a vector of subscripts")
+        base[tuple(places)] = self._at(content["value"], bound)
+        return base
+
+    @staticmethod
+    def _selected(base: np.ndarray, axis: int, chosen: Expr) -> Any:
+        """The part of an array at a subscript that is known while the model runs."""
+        parts = list(np.moveaxis(base, axis, 0))
+        found = parts[-1]
+        for place in range(len(parts) - 2, -1, -1):
+            here = ex.logical("eq", chosen, ex.number(place + 1))
+            found = _each(partial(ex.conditional, here), parts[place], found)
         return found
 
     def _range(self, content: Json, bound: Mapping[Any, Any]) -> Any:

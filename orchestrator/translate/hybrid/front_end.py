@@ -238,7 +238,17 @@ class FunctionTexts:
                 for file in (place.with_suffix(".mo"), place / "package.mo"):
                     if file.is_file() and (text := self._of(str(file), file.read_text()).get(name)):
                         return FunctionSource(name, text)
-        return None
+        return None if "." in name else self._within_models(name)
+
+    def _within_models(self, name: str) -> FunctionSource | None:
+        """A function that a model of a library holds, by its own name, if that is the only one."""
+        found: dict[str, str] = {}
+        for file in (one for library in self._libraries for one in library.rglob("*.mo")):
+            text = file.read_text()
+            if re.search(rf"\bfunction\s+{re.escape(name)}\b", text):
+                functions = self._of(str(file), text).items()
+                found |= {one: body for one, body in functions if one.endswith(f".{name}")}
+        return FunctionSource(*next(iter(found.items()))) if len(found) == 1 else None
 
     def _of(self, file: str, text: str) -> dict[str, str]:
         if file not in self._found:
