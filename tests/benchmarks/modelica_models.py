@@ -81,7 +81,7 @@ def tried(path: Path, libraries: list[Path], references: Path | None) -> None:
 
     tree = load_sources(path)
     with tree.marked_copy(renamed=False) as folder, tempfile.TemporaryDirectory() as scratch:
-        roots, _ = prepared(folder, libraries)
+        roots, _ = prepared(tree, folder, libraries)
         session = rumoca.Session(roots=[str(folder), *map(str, roots)])
         for line in sys.stdin:
             name, stage = line.strip(), "compiler"

@@ -28,6 +28,7 @@ _OBJECT = re.compile(
     r"\b(?:class|type|model)\s+(\w+)(?:\s*\"(?:[^\"\\]|\\.)*\")*\s*extends\s+ExternalObject\s*;"
 )
 
+_IMPORT = re.compile(r"\bimport\s+(?:\w+\s*=\s*)?([\w.]+)\s*;")
 _INPUT = re.compile(r"\binput\s+([\w.]+)\s+(\w+)\s*(\[[^\]]*\])?")
 
 
@@ -62,13 +63,20 @@ def external_objects(texts: Iterable[str]) -> dict[str, list[tuple[str, str, str
     return found
 
 
-def adapted(text: str, file: str, objects: Objects | None = None, common: bool = False) -> str:
+def adapted(
+    text: str,
+    file: str,
+    objects: Objects | None = None,
+    common: bool = False,
+    models: frozenset[str] = frozenset(),
+) -> str:
     """A file as the compiler takes it.
 
     Args:
         file: its name, for messages.
         objects: what `external_objects` found.
         common: whether its models extend `ANY`.
+        models: qualified names of models, which imports must not go through.
     """
     rewrites: list[tuple[bool, Callable[[str, Sequence[Token], list[_Class]], Iterator[_Edit]]]] = [
         (bool(re.search(r"\bder\s*\(\s*(?![\w.\[\]]*\s*\))", text)), _derivatives),
@@ -76,6 +84,15 @@ def adapted(text: str, file: str, objects: Objects | None = None, common: bool =
         (bool(re.search(r"\bderivative\s*[=(]", text)), _annotated),
         (bool(re.search(r"\b(while|break|return)\b", text)) and "function" in text, _functions),
         (bool(re.search(r"\bencapsulated\s+partial\s+model\b", text)), _lifted),
+        (
+            any(
+                one.rpartition(".")[0] in models or one.rpartition(".")[0].rpartition(".")[0] in models
+                for one in _IMPORT.findall(text)
+            )
+            if models
+            else False,
+            lambda *all_of: _imports(*all_of, models),
+        ),
         (common, _related),
     ]
     for wanted, rewrite in rewrites:
@@ -413,6 +430,33 @@ def _lifted(text: str, tokens: Sequence[Token], classes: list[_Class]) -> Iterat
             for one, after in pairwise(words):
                 if one.text == "extends" and after.text == inner.name:
                     yield _Edit(after.start, _end_of(after), name)
+
+
+# Imports
+
+
+def _imports(
+    text: str, tokens: Sequence[Token], classes: list[_Class], models: frozenset[str]
+) -> Iterator[_Edit]:
+    """What is imported from within a model gets its full name where it is used."""
+    for one in _all(classes):
+        for place in list(_own(one)):
+            if tokens[place].text != "import":
+                continue
+            end = place
+            while tokens[end].text != ";":
+                end += 1
+            words = [token.text for token in tokens[place + 1 : end]]
+            path = "".join(words[2:] if "=" in words else words)
+            parts = path.split(".")
+            if not any(".".join(parts[:depth]) in models for depth in range(1, len(parts))):
+                continue
+            yield _Edit(tokens[place].start, _end_of(tokens[end]), "")
+            alias = words[0] if "=" in words else parts[-1]
+            for at in range(one.body, one.end):
+                here = tokens[at].text == alias and not place <= at <= end
+                if here and tokens[at - 1].text != "." and tokens[at + 1].text != "=":
+                    yield _Edit(tokens[at].start, _end_of(tokens[at]), path)
 
 
 # Common ancestors

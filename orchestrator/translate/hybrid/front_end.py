@@ -103,7 +103,7 @@ def _forms(
     # Names of a library cannot be changed, so those of the model stay as well.
     with tree.marked_copy(renamed=not libraries) as folder:
         restored = tree.restored if not libraries else str
-        roots, changed = prepared(folder, libraries)
+        roots, changed = prepared(tree, folder, libraries)
         inserted = called_partial(tree, model, folder) if partial else ("", 0, 0)
         asked = {
             "roots": [str(folder), *map(str, roots)],
@@ -157,7 +157,7 @@ def _used(tree: SourceTree, libraries: Sequence[Path]) -> list[Path]:
     return found
 
 
-def prepared(folder: Path, libraries: Sequence[Path]) -> tuple[list[Path], frozenset[str]]:
+def prepared(tree: SourceTree, folder: Path, libraries: Sequence[Path]) -> tuple[list[Path], frozenset[str]]:
     """Rewrite the copy of a model's sources as the compiler takes them.
 
     Returns: the folders of libraries as it takes them; files of the model that differ from before.
@@ -172,9 +172,9 @@ def prepared(folder: Path, libraries: Sequence[Path]) -> tuple[list[Path], froze
         modernised(folder)
     texts = {path: path.read_bytes().decode() for path in before}
     objects |= external_objects(texts.values())
-    common = any("redeclare" in text for text in texts.values())
+    common, models = _of_all(tree)
     for path, text in texts.items():
-        if (new := adapted(text, path.name, objects, common)) != text:
+        if (new := adapted(text, path.name, objects, common, models)) != text:
             path.write_bytes(new.encode())
     if common:
         (folder / f"{ANY}.mo").write_text(ANY_MODEL)
@@ -185,8 +185,14 @@ def prepared(folder: Path, libraries: Sequence[Path]) -> tuple[list[Path], froze
 def adapts(tree: SourceTree) -> bool:
     """Whether the compiler does not see a model's sources as they are."""
     objects = external_objects(tree.texts.values())
+    common, models = _of_all(tree)
+    return any(adapted(text, file, objects, common, models) != text for file, text in tree.texts.items())
+
+
+def _of_all(tree: SourceTree) -> tuple[bool, frozenset[str]]:
+    """Whether anything is redeclared, and the names of all models."""
     common = any("redeclare" in text for text in tree.texts.values())
-    return any(adapted(text, file, objects, common) != text for file, text in tree.texts.items())
+    return common, frozenset(one.name for one in tree.classes.values() if one.kind in ("model", "block"))
 
 
 def _adapted_library(library: Path) -> tuple[Path, Objects]:
