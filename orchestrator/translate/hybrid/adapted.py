@@ -119,7 +119,8 @@ def class_texts(text: str, file: str, kind: str) -> dict[str, str]:
         for one in classes:
             name = f"{prefix}.{one.name}" if prefix else one.name
             if one.kind == kind:
-                found[name] = _slice(text, tokens, one.start, one.end + 2)
+                first = one.start - (tokens[one.start - 1].text in ("pure", "impure") and one.start > 0)
+                found[name] = _slice(text, tokens, first, one.end + 2)
             add(one.inner, name)
 
     add(_classes(tokens), within_clause(tokens))

@@ -22,6 +22,7 @@ from ..sources import DELAY, Location, Spans
 from . import expression as ex
 from .adapted import CALL, MARK
 from .expression import Expr
+from .external import external_call
 from .functions import Source, call
 from .tables import Table, read_table
 
@@ -849,7 +850,7 @@ class _Reader:
                 self._events = before
             return found if found.shape else found.item()
         if not symbol.startswith("ModelicaStandardTables_Combi"):
-            raise _refuse(self._name, f"the external function {function['name']}()")
+            return self._native(function, operands, bound)
         values = [self._at(one, bound) for one in operands]
         kind, _, what = symbol.removeprefix("ModelicaStandardTables_Combi").partition("_")
         table = self._table(values[0], kind == "Table2D")
@@ -868,6 +869,34 @@ class _Reader:
             case "maximumAbscissa" | "maximumTime" if kind != "Table2D":
                 return ex.number(first[-1])
         raise _refuse(self._name, f"the function {function['name']}() of a table")
+
+    def _native(self, function: Json, operands: list[int], bound: Mapping[Any, Any]) -> Any:
+        """A C function with its source beside the model."""
+        source = self._functions(function["name"])
+        if source is None or source.text.startswith("impure"):
+            raise _refuse(self._name, f"the impure external function {function['name']}()")
+        arrays = [np.asarray(self._at(one, bound), dtype=object) for one in operands]
+        inside = {("parameter", place): one for place, one in enumerate(arrays)}
+        kinds = [self._s["value_types"][one["value_type"]]["scalar"] for one in function["parameters"]]
+        handles = {
+            one.name.rpartition(f"{MARK}")[0] + one.name.rpartition(MARK)[2].rpartition("_")[0]
+            for one in self._scalars
+            if MARK in one.name
+        }
+        if any(
+            one.op == "sym" and one.args[0] == "p" and self._scalars[one.args[1]].name in handles
+            for array in arrays
+            for one in array.ravel()
+        ):
+            raise _refuse(self._name, f"the external object of the function {function['name']}()")
+
+        def argument(number: int) -> int | float:
+            _, content, _ = self._nodes[number]
+            if isinstance(content, dict) and "function_parameter" in content:
+                return int(content["function_parameter"]["ordinal"])
+            return float(self._one(number, inside).args[0])
+
+        return external_call(function, arrays, kinds, argument, self._path_of)
 
     def _table(self, handle: Expr, surface: bool) -> Table:
         """The table that a variable stands for; see `adapted`."""

@@ -19,7 +19,7 @@ from . import expression as ex
 from .adapted import function_body
 from .expression import Expr
 
-__all__ = ["FunctionSource", "call", "function_code"]
+__all__ = ["FunctionSource", "as_call", "call", "function_code", "native"]
 
 Node = tuple[Any, ...]
 Source = Callable[[str], "FunctionSource | None"]
@@ -374,6 +374,7 @@ class _Function:
     outputs: list[tuple[int, ...]] = field(default_factory=list)
     lines: list[str] = field(default_factory=list)
     inputs: int = 0
+    includes: str = ""
 
 
 _MADE: dict[Any, _Function] = {}
@@ -848,7 +849,11 @@ def call(source: FunctionSource, known: Source, arguments: Sequence[Any]) -> lis
     Raises: BuildError for what has no form in C.
     """
     arrays = [np.asarray(one, dtype=object) for one in arguments]
-    made = _made(source, known, [one.shape for one in arrays])
+    return as_call(_made(source, known, [one.shape for one in arrays]), arrays)
+
+
+def as_call(made: _Function, arrays: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The outputs of a function for arrays of expressions."""
     flat = [one for array in arrays for one in array.ravel()]
     found, place = [], 0
     for shape in made.outputs:
@@ -858,6 +863,14 @@ def call(source: FunctionSource, known: Source, arguments: Sequence[Any]) -> lis
             place += 1
         found.append(values)
     return found
+
+
+def native(name: str, includes: str, lines: Sequence[str]) -> _Function:
+    """A function of one result with the statements `lines` in C, after the text `includes`."""
+    key = (name, includes, tuple(lines))
+    if key not in _MADE:
+        _MADE[key] = _Function(next(_numbers), name, [()], list(lines), includes=includes)
+    return _MADE[key]
 
 
 def _no_derivative(one: Expr, _: Sequence[Expr]) -> Expr:
@@ -888,7 +901,12 @@ def function_code(used: Iterable[Expr]) -> list[str]:
         ahead += [one for one in by_number if f"function_{one}(" in text]
     if not needed:
         return []
-    lines = [_AT, *(f"static void function_{one}(const double *in, double *out);" for one in sorted(needed))]
+    includes = dict.fromkeys(by_number[one].includes for one in sorted(needed) if by_number[one].includes)
+    lines = [
+        *includes,
+        _AT,
+        *(f"static void function_{one}(const double *in, double *out);" for one in sorted(needed)),
+    ]
     for number in sorted(needed):
         made = by_number[number]
         size = sum(int(np.prod(one, dtype=int)) for one in made.outputs)

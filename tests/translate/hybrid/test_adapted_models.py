@@ -450,3 +450,106 @@ def test_rewrites_keep_the_lines_and_what_they_do_not_concern():
     longer = "model A\n  Real x;\nequation\n  der(2*\n  x) = 1;\nend A;\n"
     assert adapted(longer, "A.mo").splitlines()[3].startswith("  der(")
     assert external_objects([TABLES])["Table2D"][0] == ("table", "Real", "[:, :]")
+
+
+C_MODEL = """
+model M
+  {purity} function scaled
+    input Real u;
+    input Integer n;
+    input Real v[:];
+    output Real y;
+    external "C" y = scaled_sum(u, n, v, size(v, 1)) annotation(Include="#include \\"{file}\\"");
+  end scaled;
+  Real x(start=0, fixed=true);
+  Real y;
+equation
+  der(x) = 1;
+  y = scaled(x, 3, {{1, x, 2}});
+end M;
+"""
+
+
+def test_a_c_function_beside_the_model_is_compiled_into_the_fmu(tmp_path):
+    (tmp_path / "scaled.c").write_text("""#include <stddef.h>
+static double scaled_sum(double u, int n, const double *v, size_t size)
+{
+    double s = 0;
+    for (size_t k = 0; k < size; k++) s += v[k];
+    return u * n * s;
+}
+""")
+    found = run(made(tmp_path, C_MODEL.format(purity="", file="scaled.c")), 2.0, 0.25, "x", "y")
+    assert found["y"] == pytest.approx(3 * found["x"] * (3 + found["x"]), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("purity", "told"), [("", "lost.c: no such file"), ("impure", "impure function")]
+)
+def test_a_c_function_without_source_or_with_memory_is_refused(tmp_path, purity, told):
+    with pytest.raises(BuildError) as caught:
+        made(tmp_path, C_MODEL.format(purity=purity, file="lost.c"))
+    assert told in str(caught.value)
+
+
+def test_what_is_imported_from_within_a_model_is_found(tmp_path):
+    source = tmp_path / "P.mo"
+    source.write_text("""
+package P
+  model Tank
+    type Start = enumeration(full, empty);
+    parameter Start start = Start.full;
+    Real level;
+  initial equation
+    level = if start == Start.full then 2 else 0;
+  equation
+    der(level) = -level;
+  end Tank;
+  model M
+    import P.Tank.Start.empty;
+    import Begin = P.Tank.Start;
+    Tank a(start=empty);
+    Tank b(start=Begin.full);
+  end M;
+end P;
+""")
+    fmu = tmp_path / "M.fmu"
+    build(source, fmu, model="P.M", platforms=(this_platform(),))
+    found = run(fmu, 1.0, 0.1, "a.level", "b.level")
+    assert found["b.level"] == pytest.approx(2 * np.exp(-found["time"]), abs=1e-8)
+    assert (found["a.level"] == 0).all()
+
+
+def test_elements_of_a_matrix_are_chosen_while_the_model_runs(tmp_path):
+    fmu = made(tmp_path, """
+model M
+  function stamped
+    input Integer n;
+    output Real m[n, 2];
+  algorithm
+    m := zeros(n, 2);
+    for i in 1:n loop
+      m[i, 1] := i;
+      m[i, 2] := 10*i;
+    end for;
+  end stamped;
+  parameter Real table[3, 2] = stamped(3);
+  Integer row(start=1, fixed=true);
+  Integer column;
+  Real y;
+  Real z[2];
+equation
+  when sample(0.25, 0.5) then
+    row = mod(pre(row), 3) + 1;
+  end when;
+  column = if time < 1 then 1 else 2;
+  y = table[row, column];
+  z = table[row, :];
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.0, 0.1, "row", "y", "z[1]", "z[2]")
+    time = found["time"]
+    row = (np.floor((time - 0.25) / 0.5 + 1e-9) + 1) % 3 + 1
+    assert (found["row"] == row).all() and (found["z[2]"] == 10 * row).all()
+    inside = np.abs(time - 1) > 1e-6
+    assert (found["y"] == np.where(time < 1, row, 10 * row))[inside].all()
