@@ -17,7 +17,7 @@ from orchestrator.translate.build import build
 from orchestrator.translate.hybrid.adapted import adapted, external_objects
 from orchestrator.translate.hybrid.tables import read_table
 from orchestrator.translate.package import this_platform
-from tests.translate.hybrid.test_hybrid_models import made, run
+from tests.translate.hybrid.test_hybrid_models import bounced, made, run
 
 
 def test_functions_with_while_break_and_return(tmp_path):
@@ -483,9 +483,7 @@ static double scaled_sum(double u, int n, const double *v, size_t size)
     assert found["y"] == pytest.approx(3 * found["x"] * (3 + found["x"]), abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("purity", "told"), [("", "lost.c: no such file"), ("impure", "impure function")]
-)
+@pytest.mark.parametrize(("purity", "told"), [("", "lost.c: no such file"), ("impure", "impure function")])
 def test_a_c_function_without_source_or_with_memory_is_refused(tmp_path, purity, told):
     with pytest.raises(BuildError) as caught:
         made(tmp_path, C_MODEL.format(purity=purity, file="lost.c"))
@@ -553,3 +551,29 @@ end M;
     assert (found["row"] == row).all() and (found["z[2]"] == 10 * row).all()
     inside = np.abs(time - 1) > 1e-6
     assert (found["y"] == np.where(time < 1, row, 10 * row))[inside].all()
+
+
+def test_reinit_of_a_state_that_others_are_bound_to_moves_those(tmp_path):
+    """Two bodies in rigid contact bounce as one, whichever velocity is set."""
+    fmu = made(tmp_path, """
+model M
+  Real h(start=1, fixed=true);
+  Real k;
+  Real v(start=0, fixed=true);
+  Real w;
+  Real f;
+equation
+  der(h) = v;
+  der(k) = w;
+  k = h + 0.2;
+  2*der(v) = -2*9.81 + f;
+  3*der(w) = -3*9.81 - f;
+  when h <= 0 then
+    reinit(v, -0.8*pre(v));
+  end when;
+end M;
+""")  # fmt: skip
+    found = run(fmu, 2.0, 0.01, "h", "v", "w")
+    heights, _ = bounced(found["time"])
+    assert found["h"] == pytest.approx(heights, abs=1e-8)
+    assert found["w"] == pytest.approx(found["v"], abs=1e-9)

@@ -31,6 +31,7 @@ typedef struct {
     double *x, *xn, *f, *fx, *ft, *k[6], *dense[2], *a, *b, *spare; /* of the integration */
     double *j, *lu, *y, *r;                                         /* of blocks */
     double *keep, *g; /* g: [MOST_LOOKS + 1][margins] */
+    double *held;     /* [states] 1: reinit has set it, and a projection leaves it */
     int *pivot, *pivot_a;
 } Work;
 
@@ -71,6 +72,7 @@ static size_t lay_out(Work *w, double *block)
     w->a = part(block, &used, s * s);
     w->b = part(block, &used, s);
     w->spare = part(block, &used, s);
+    w->held = part(block, &used, s);
     w->y = part(block, &used, n);
     w->r = part(block, &used, 2 * n);
     w->j = part(block, &used, n * n);
@@ -351,6 +353,27 @@ static double next_tick(const Work *w, int k)
     return hybrid_info.phases[k] + w->h.z[hybrid_info.clock_slot + k] * hybrid_info.periods[k];
 }
 
+static int project(Work *w, double t, double *x);
+
+/* Set states by reinit; those that constraints bind to them follow. */
+static int reinitialise(Work *w, int *set)
+{
+    const HybridInfo *i = &hybrid_info;
+    double *z = w->h.z, *x = w->dense[1];
+    int status;
+    for (int k = 0; k < i->n_states; k++) x[k] = z[i->state_slots[k]];
+    *set = hybrid_reinits(&w->h);
+    if (!*set || !i->n_constraints) return 0;
+    for (int k = 0; k < i->n_states; k++) {
+        w->held[k] = differ(x[k], z[i->state_slots[k]]);
+        x[k] = z[i->state_slots[k]];
+    }
+    status = project(w, w->h.t, x);
+    memset(w->held, 0, (size_t)i->n_states * sizeof(double));
+    for (int k = 0; k < i->n_states; k++) z[i->state_slots[k]] = x[k];
+    return status;
+}
+
 /* Repeat an event until nothing changes. */
 static int settle(Work *w)
 {
@@ -365,7 +388,7 @@ static int settle(Work *w)
     for (int round = 0; round < MOST_ROUNDS; round++) {
         int again = 0, status = round_of_event(w, i->blocks, i->n_blocks);
         if (status) return status;
-        again = hybrid_reinits(&w->h);
+        if ((status = reinitialise(w, &again))) return status;
         for (int k = 0; k < i->n_pre_discrete; k++) again |= differ(z[i->pre_slots[k]], z[i->pre_of[k]]);
         remember(w);
         memset(w->tick, 0, (size_t)i->n_clocks * sizeof(double));
@@ -612,7 +635,7 @@ static int project(Work *w, double t, double *x)
             hybrid_constraints(&w->h, w->k[1]);
             x[k] = kept;
             if (status) return status;
-            for (int r = 0; r < m; r++) g[r * n + k] = (w->k[1][r] - c[r]) / by;
+            for (int r = 0; r < m; r++) g[r * n + k] = w->held[k] != 0 ? 0 : (w->k[1][r] - c[r]) / by;
         }
         for (int r = 0; r < m; r++)
             for (int s = 0; s < m; s++) {
