@@ -320,16 +320,23 @@ static int round_of_event(Work *w, const HybridBlock *blocks, int n)
 {
     const HybridInfo *i = &hybrid_info;
     double *z = w->h.z;
-    int mode = -1, status;
+    int mode = -1, turn = -1, status;
     for (int round = 0; round < MOST_ROUNDS; round++) {
         int moved = 0;
         if ((status = solve_all(w, blocks, n))) return status;
         if ((mode = changed_mode(w)) >= 0) {
-            /* Modes that flip together may do so for ever: later on one of them at a time. */
-            if (round < 20)
+            /* Modes that flip together may do so for ever: later on one of them at a time, each in its turn. */
+            if (round < 20) {
                 take_modes(w);
-            else
+            } else {
+                for (int k = 1; k <= i->n_modes; k++) {
+                    int next = (turn + k) % i->n_modes;
+                    if (!differ(w->m[next], z[i->mode_slot + next])) continue;
+                    mode = turn = next;
+                    break;
+                }
                 z[i->mode_slot + mode] = w->m[mode];
+            }
             moved = 1;
         }
         conditions(w);
