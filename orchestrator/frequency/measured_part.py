@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 # Height of a step, relative to the input's value or its nominal one.
 _HEIGHT = 1e-3
 _SAMPLES = 48
+# Steps before the input's; the check by half its height takes twice as many, to see what depends on time.
+_SETTLE = 16
 # Singular values below this share of the largest are no states; the model has to fit this well.
 _RANK = 1e-7
 _FIT = 1e-2
@@ -42,13 +44,15 @@ def answer(
     steps: int,
     moves: int,
     share: float = 1.0,
+    settle: int = 0,
 ) -> Array:
-    """By how much variables of two runs of one FMU differ that differ in a step of an input at the start.
+    """By how much variables of two runs of one FMU differ that differ in a step of an input.
 
     Args:
         name: the input; values: of all connected inputs at the operating point, FMU's units.
         steps: most steps; moves: how many are taken after the first difference.
         share: of the usual height of the step.
+        settle: steps before it, which the result leaves out.
     Returns: shape (steps + 1, watched), relative to the height.
     Raises: StepError if the FMU refuses to run on its own.
     """
@@ -62,7 +66,8 @@ def answer(
             instances.append(instance)
             instance.bind([name], u, [], np.zeros(0))
             # On its own it may run longer than the system.
-            instance.enter_initialisation(begin, {**one.start, **values}, begin + (steps + 1) * step)
+            stop = begin + (settle + steps + 1) * step
+            instance.enter_initialisation(begin, {**one.start, **values}, stop)
             instance.exit_initialisation()
 
         def difference() -> Array:
@@ -74,15 +79,20 @@ def answer(
             # What rounding makes is no answer.
             return np.where(abs(moved) > _ROUNDING * abs(still), moved, 0.0) / height
 
-        inputs[1] += height
-        found, moved = [difference()], 0
-        for index in range(steps):
+        found: list[Array] = []
+        moved = 0
+        for index in range(settle + steps):
+            if index == settle:
+                found.append(difference())
+                inputs[1] += height
             status = StepStatus.OK
             for instance in instances:
                 instance.write_inputs()
                 status = max(status, instance.do_step(Point(index, begin + index * step, step)))
             if status > StepStatus.WARNING:
                 break
+            if index < settle:
+                continue
             found.append(difference())
             moved += bool(np.max(abs(found[-1]), initial=0.0) > 0.0)
             if moved > moves:
@@ -90,7 +100,7 @@ def answer(
     finally:
         for instance in instances:
             instance.free()
-    made = np.array(found)
+    made = np.array(found or [np.zeros(len(watched))])
     size = np.max(abs(made), axis=0)
     made[:, size < 1e-12 * np.max(size, initial=0.0)] = 0.0
     return made
@@ -137,7 +147,8 @@ def measured_part(
 ) -> tuple[StateSpace, dict[str, float], float] | str:
     """The state space of an FMU from its step responses, sampled at the communication step.
 
-    A delay is found in whole steps. Nonlinear FMUs answer half the step differently: that is in the error.
+    A delay is found in whole steps. FMUs that are not linear or depend on time answer half the step, given
+    later, differently: that is in the error.
 
     Args: inputs, outputs: connected ones; values: of the inputs at the operating point, FMU's units.
     Returns: the state space, delay of inputs by name [s], and the relative error of its step responses; or
@@ -146,8 +157,10 @@ def measured_part(
     """
     step = float(prepared.grid.step_size)
     try:
-        steps = [answer(one, name, values, outputs, prepared, _SAMPLES, _SAMPLES) for name in inputs]
-        halves = [answer(one, name, values, outputs, prepared, _SAMPLES, _SAMPLES, 0.5) for name in inputs]
+        # What initialises itself at the first step would take the input's step for its start value.
+        common = (values, outputs, prepared, _SAMPLES, _SAMPLES)
+        steps = [answer(one, name, *common, settle=_SETTLE) for name in inputs]
+        halves = [answer(one, name, *common, 0.5, 2 * _SETTLE) for name in inputs]
     except OrchestratorError as error:
         return f"it cannot be run on its own to measure its response: {str(error).splitlines()[0]}"
     length = min((len(found) for found in (*steps, *halves)), default=_SAMPLES + 1)
