@@ -39,6 +39,7 @@ class _Printer:
     def __init__(self, flat: Json, spans: Spans) -> None:
         self._flat = flat
         self._spans = spans
+        self._in_function = False  # where a dot is that of a record
         self._enumerations: dict[str, list[str]] = {}
         for literal in flat.get("enum_literal_ordinals", {}):
             owner, _, member = literal.rpartition(".")
@@ -57,7 +58,9 @@ class _Printer:
         for function in flat.get("functions", {}).values():
             if function["name"] == DELAY:
                 continue
+            self._in_function = True
             yield from self._function(function)
+            self._in_function = False
         for one, body in flat["variables"].items():
             yield f"  {self._declaration(one, body)}"
         yield from self._section("initial equation", flat["initial_equations"], [])
@@ -128,7 +131,9 @@ class _Printer:
         yield head
         loops: dict[int, Json | None] = {}
         for family in families:
-            if not (family.get("template") or {}).get("body"):
+            template = family.get("template") or {}
+            # An equation of arrays stands for itself.
+            if not template.get("body") or template.get("scalar_view") == "RowMajorProjection":
                 continue
             binders = family["domain"]["binders"]
             points = len(list(product(*(_values(one) for one in binders))))
@@ -175,7 +180,13 @@ class _Printer:
         return self._source(body)
 
     def _function(self, function: Json) -> Iterator[str]:
-        name = _quoted(function["name"])
+        name = function["name"].rpartition(".")[2]
+        if function.get("is_constructor"):
+            yield f"  record {name}"
+            for one in function["inputs"]:
+                yield f"    {one['type_name'].rpartition('.')[2]} {one['name']};"
+            yield f"  end {name};"
+            return
         yield f"  function {name}"
         for word, key in (("input ", "inputs"), ("output ", "outputs"), ("", "locals")):
             if word == "" and function[key]:
@@ -184,7 +195,7 @@ class _Printer:
                 default = f" = {self._text(one['default'])}" if one.get("default") else ""
                 sizes = one["effective_type"]["dimensions"]
                 size = f"[{', '.join(str(n) if isinstance(n, int) else ':' for n in sizes)}]" if sizes else ""
-                yield f"    {word}{one['type_name']} {one['name']}{size}{default};"
+                yield f"    {word}{one['type_name'].rpartition('.')[2]} {one['name']}{size}{default};"
         if function.get("external"):
             yield f"  external; // {self._source(function['external'])}"
         else:
@@ -194,17 +205,46 @@ class _Printer:
         yield f"  end {name};"
 
     def _statement(self, json: Json, indent: str) -> Iterator[str]:
+        if not isinstance(json, dict):
+            yield f"{indent}{str(json).lower()};"  # return and break
+            return
         ((kind, body),) = json.items()
-        if kind == "Assignment":
-            parts = []
-            for part in body["comp"]["parts"]:
-                subs = [self._subscript(one) for one in part["subs"]]
-                parts.append(part["ident"] + (f"[{', '.join(subs)}]" if subs else ""))
-            name = ".".join(parts)
-            yield f"{indent}{name if '[' in name else _quoted(name)} := {self._text(body['value'])};"
-        else:
-            for line in self._source(body).splitlines():
-                yield f"{indent}{line.strip()}"
+        match kind:
+            case "Assignment":
+                parts = []
+                for part in body["comp"]["parts"]:
+                    subs = [self._subscript(one) for one in part["subs"]]
+                    parts.append(part["ident"] + (f"[{', '.join(subs)}]" if subs else ""))
+                name = ".".join(parts)
+                plain = "[" in name or self._in_function
+                yield f"{indent}{name if plain else _quoted(name)} := {self._text(body['value'])};"
+            case "For" if "equations" in body:
+                binders = [f"{one['ident']} in {self._text(one['range'])}" for one in body["indices"]]
+                yield f"{indent}for {', '.join(binders)} loop"
+                yield from self._nested(body["equations"], indent)
+                yield f"{indent}end for;"
+            case "If" | "When" if "cond_blocks" in body or "blocks" in body:
+                word = kind.lower()
+                for number, one in enumerate(body.get("cond_blocks") or body["blocks"]):
+                    yield f"{indent}{'else' if number else ''}{word} {self._text(one['cond'])} then"
+                    yield from self._nested(one["stmts"], indent)
+                if body.get("else_block"):
+                    yield f"{indent}else"
+                    yield from self._nested(body["else_block"], indent)
+                yield f"{indent}end {word};"
+            case "While" if {"cond", "stmts"} <= body.keys():
+                yield f"{indent}while {self._text(body['cond'])} loop"
+                yield from self._nested(body["stmts"], indent)
+                yield f"{indent}end while;"
+            case "Assert":
+                yield f"{indent}assert({self._text(body['condition'])}, {self._text(body['message'])});"
+            case _:
+                for line in self._source(body).splitlines():
+                    yield f"{indent}// {kind.lower()}: {line.strip()}"
+
+    def _nested(self, statements: list[Json], indent: str) -> Iterator[str]:
+        for one in statements:
+            yield from self._statement(one, f"{indent}  ")
 
     def _source(self, body: Any) -> str:
         """What the source has at a span."""
@@ -239,6 +279,14 @@ class _Printer:
                     for n, (c, v) in enumerate(body["branches"])
                 ]
                 return _within(f"{' '.join(branches)} else {self._text(body['else_branch'])}", 0, level)
+            case "Array" if body.get("kind") == "Vertical":
+                rows = [one["Array"]["elements"] if "Array" in one else [one] for one in body["elements"]]
+                return f"[{'; '.join(', '.join(map(self._text, row)) for row in rows)}]"
+            case "Array" if body.get("kind") == "Horizontal":
+                return f"[{', '.join(map(self._text, body['elements']))}]"
+            case "Index" if {"base", "subscripts"} <= body.keys():
+                subs = ", ".join(map(self._subscript, body["subscripts"]))
+                return f"{self._text(body['base'], _LAST)}[{subs}]"
             case "Array" if "elements" in body:
                 return f"{{{', '.join(map(self._text, body['elements']))}}}"
             case "Tuple" if "elements" in body:
@@ -251,7 +299,7 @@ class _Printer:
                 arguments = [self._text(one) for one in body["args"]]
                 if name == "delay" and arguments[2:] == ["-1"]:
                     arguments.pop()  # put in for the compiler
-                return f"{_quoted(name)}({', '.join(arguments)})"
+                return f"{name.rpartition('.')[2]}({', '.join(arguments)})"
             case "StringConversion":
                 return f"String({self._text(body['value'])})"
             case "Range" if {"start", "end"} <= body.keys():
@@ -264,7 +312,7 @@ class _Printer:
         kind = owner.rpartition(".")[2]
         if kind in ("StateSelect", "AssertionLevel") or member in self._enumerations.get(kind, ()):
             return f"{kind}.{member}"
-        return _quoted(name)
+        return name if self._in_function else _quoted(name)
 
     def _subscript(self, json: Json) -> str:
         if "Index" in json:

@@ -103,6 +103,46 @@ def test_the_flat_model_translates_to_the_same_equations(tmp_path):
     assert runs[0]["mode"][-1] == 2 and runs[0]["held"][-1] > 3
 
 
+STATEMENTS = """model Model
+  function f
+    input Real u[3];
+    output Real y;
+    output Integer k = 1;
+  protected
+    Real t = 0;
+  algorithm
+    for i in 1:3 loop
+      t := t + u[i];
+    end for;
+    if t > 1 then
+      y := t;
+    elseif t < -1 then
+      y := -t;
+    else
+      y := 0;
+    end if;
+  end f;
+  Real a[2](start = {1, 2}, each fixed = true);
+  Real b[3, 2];
+  Real z;
+  Integer k;
+  Integer n(start = 0);
+equation
+  der(a) = -a;
+  b = [transpose([a]); 1, 2; 3, 4];
+  (z, k) = f({a[1], a[2], 1});
+algorithm
+  when z > 1 then
+    n := pre(n) + 1;
+  end when;
+end Model;
+"""
+
+
+def test_statements_and_matrices_are_shown_as_written(tmp_path):
+    assert show_model(bench.model_file(tmp_path, STATEMENTS), "flat") == STATEMENTS
+
+
 PENDULUM = """model Model
   parameter Real L = 1, g = 9.81, m = 1;
   Real x(start=0.6, fixed=true), y(start=-0.8), vx(start=0, fixed=true), vy, lam, twin = x;
