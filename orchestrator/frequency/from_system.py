@@ -193,76 +193,40 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
         for one, running in zip(system.instances, instances.running, strict=True):
             inputs = tuple(name for name, _ in real_ports(one.fmu) if f"{one.name}.{name}" in fed)
             outputs = tuple(name for name, is_output in real_ports(one.fmu) if is_output)
+            read = tuple(name for name in outputs if f"{one.name}.{name}" in seen)
             if one.name in laws:
-                parts[one.name] = laws[one.name].space
-                names = [name for name in parts[one.name].states if name in one.fmu.description.variables]
-                values = running.get_values([*names, *inputs])
-                point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
+                part = laws[one.name].space
                 notes += [f"{one.name}: {note}" for note in laws[one.name].notes]
-                continue
-            if refusal(one) is not None:
-                read = tuple(name for name in outputs if f"{one.name}.{name}" in seen)
-                values = running.get_values(inputs)
-                point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
-                told = measured_part(one, inputs, read, values, prepared)
-                if isinstance(told, str):
-                    problems.append(
-                        Problem(one.name, f"it offers no directional derivatives, and {told}", "", _REMEDY)
-                    )
-                    continue
-                part, delays, error = told
-                parts[one.name] = part
-                hidden |= {
-                    f"{one.name}.{name}": LateInput(
-                        delay, part.b[:, inputs.index(name)].copy(), part.d[:, inputs.index(name)].copy()
-                    )
-                    for name, delay in delays.items()
-                }
-                for name in delays:
-                    part.b[:, inputs.index(name)], part.d[:, inputs.index(name)] = 0.0, 0.0
-                within = (
-                    f", after delays of {listed(f'{delay:.6g} s' for delay in delays.values())}"
-                    if delays
-                    else ""
-                )
-                count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
-                if not inputs:
-                    notes.append(
-                        f"{one.name} offers no directional derivatives and has no connected input: "
-                        "its own motion is left out"
-                    )
-                elif read:
-                    notes.append(
-                        f"{one.name} offers no directional derivatives; its step response was measured: "
-                        f"{count}{within}, error {100 * error:.2g} %"
-                    )
-                continue
-            part = linearised(one.fmu, running, inputs, outputs)
-            values = running.get_values([*part.states, *inputs])
+            elif refusal(one) is None:
+                part = linearised(one.fmu, running, inputs, outputs)
+            else:
+                part = StateSpace(*(np.zeros((0, 0)) for _ in range(4)), (), (), ())
+            names = [name for name in part.states if name in one.fmu.description.variables]
+            values = running.get_values([*names, *inputs])
             point |= {f"{one.name}.{name}": float(value) for name, value in values.items()}
-            for index, name in enumerate(inputs):
-                if part.b[:, index].any() or part.d[:, index].any():
-                    continue
-                found = _measured(one, part, name, values, prepared)
-                if found == "idle":
-                    notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
-                    continue
-                if found is None:
-                    problems.append(
-                        Problem(
-                            one.name,
-                            f"input {name} acts on no state's derivative and no output at once",
-                            "no pure delay was measured between them: a sample, hidden states or an inactive "
-                            "part of the model",
-                            "Measure the loop with orchestrator.frequency.sweep_system.",
-                        )
-                    )
-                    continue
-                hidden[f"{one.name}.{name}"] = found
-                notes.append(
-                    f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)"
-                )
             parts[one.name] = part
+            if one.name in laws:
+                continue
+            why = "offers no directional derivatives" if refusal(one) is not None else ""
+            if (
+                not why
+                and not part.states
+                and inputs
+                and any(not part.d[outputs.index(key)].any() for key in read)
+            ):
+                why = "names no states"
+            if why:
+                found = _by_steps(one, inputs, read, values, prepared, why)
+                if isinstance(found, str) and refusal(one) is not None:
+                    problems.append(Problem(one.name, f"it {why}, and {found}", "", _REMEDY))
+                    continue
+                if not isinstance(found, str) and (refusal(one) is not None or found[0].states):
+                    parts[one.name], late, more = found
+                    hidden |= late
+                    notes += more
+                    continue
+            for name in inputs:
+                _behind(one, part, name, values, prepared, hidden, notes, problems)
     chains, wrong = chains_of(system.connections, notes)
     if problems or wrong:
         raise ConfigError([*problems, *wrong])
@@ -274,6 +238,64 @@ def _linearised(prepared: Prepared, at_time: float | None, laws: Mapping[str, La
     ]
     closed = _closed([part.named(name) for name, part in parts.items()], chains, hidden)
     return Linearised(closed, point, tuple(dict.fromkeys(notes)), parts, hidden, laws)
+
+
+def _by_steps(
+    one: Instance,
+    inputs: tuple[str, ...],
+    read: tuple[str, ...],
+    values: Mapping[str, Any],
+    prepared: Prepared,
+    why: str,
+) -> tuple[StateSpace, dict[str, LateInput], list[str]] | str:
+    """The state space of an instance by its step responses, inputs behind a delay, and notes."""
+    told = measured_part(one, inputs, read, {name: values[name] for name in inputs}, prepared)
+    if isinstance(told, str):
+        return told
+    part, delays, error = told
+    late = {}
+    for name, delay in delays.items():
+        column = inputs.index(name)
+        late[f"{one.name}.{name}"] = LateInput(delay, part.b[:, column].copy(), part.d[:, column].copy())
+        part.b[:, column], part.d[:, column] = 0.0, 0.0
+    if not inputs:
+        return part, late, [f"{one.name} {why} and has no connected input: its own motion is left out"]
+    within = f", after delays of {listed(f'{delay:.6g} s' for delay in delays.values())}" if delays else ""
+    count = f"{len(part.states)} state{'' if len(part.states) == 1 else 's'}"
+    text = f"{one.name} {why}; its step response was measured: {count}{within}, error {100 * error:.2g} %"
+    return part, late, [text] if read else []
+
+
+def _behind(
+    one: Instance,
+    part: StateSpace,
+    name: str,
+    values: Mapping[str, Any],
+    prepared: Prepared,
+    hidden: dict[str, LateInput],
+    notes: list[str],
+    problems: list[Problem],
+) -> None:
+    """An input that acts on nothing at once: the delay that it stands behind, or why there is none."""
+    column = part.inputs.index(name)
+    if part.b[:, column].any() or part.d[:, column].any():
+        return
+    found = _measured(one, part, name, values, prepared)
+    if found == "idle":
+        notes.append(f"{one.name}.{name} acts on nothing at the start; it is left open")
+    elif found is None:
+        problems.append(
+            Problem(
+                one.name,
+                f"input {name} acts on no state's derivative and no output at once",
+                "no pure delay was measured between them: a sample, hidden states or an inactive part of the "
+                "model",
+                "Measure the loop with orchestrator.frequency.sweep_system.",
+            )
+        )
+    else:
+        hidden[f"{one.name}.{name}"] = found
+        notes.append(f"{one.name}.{name} acts after a delay of {found.delay:.9g} s within the FMU (measured)")
 
 
 def _sources(connection: Connection) -> list[Any]:
@@ -413,6 +435,7 @@ def _measured(
     """
     step = float(prepared.grid.step_size)
     watched = [*part.states, *(key for key in part.outputs if key not in part.states)]
+    values = {key: values[key] for key in part.inputs}
     try:
         found = answer(one, name, values, watched, prepared, _MOST_STEPS, 4 * _SAMPLES)
     except OrchestratorError:  # it refuses to run on its own
