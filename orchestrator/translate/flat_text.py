@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+import textwrap
+from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Any
 
@@ -24,20 +25,22 @@ _SPELT = {"NoEvent": "noEvent", "Ndims": "ndims", "InStream": "inStream", "Actua
 _ATTRIBUTES = ("start", "fixed", "unit", "displayUnit", "min", "max", "nominal")
 
 
-def flat_modelica(flat: Json, name: str, spans: Spans) -> str:
+def flat_modelica(flat: Json, name: str, spans: Spans, function_text: Callable[[str], str]) -> str:
     """The text of a flat model; names of components are quoted identifiers, as 'motor.phi'.
 
     Args:
         flat: the representation.
         name: of the model.
         spans: places, for what is shown as its source has it.
+        function_text: of a function by its name, for those that the compiler does not see as they are.
     """
-    return "\n".join(_Printer(flat, spans).lines(name.rpartition(".")[2])) + "\n"
+    return "\n".join(_Printer(flat, spans, function_text).lines(name.rpartition(".")[2])) + "\n"
 
 
 class _Printer:
-    def __init__(self, flat: Json, spans: Spans) -> None:
+    def __init__(self, flat: Json, spans: Spans, function_text: Callable[[str], str]) -> None:
         self._flat = flat
+        self._function_text = function_text
         self._spans = spans
         self._in_function = False  # where a dot is that of a record
         self._enumerations: dict[str, list[str]] = {}
@@ -187,14 +190,17 @@ class _Printer:
                 yield f"    {one['type_name'].rpartition('.')[2]} {one['name']};"
             yield f"  end {name};"
             return
+        if function.get("external") and (text := self._function_text(function["name"])):
+            yield from (f"  {line}" for line in textwrap.dedent(f"  {text.strip()}").splitlines())
+            return
         yield f"  function {name}"
         for word, key in (("input ", "inputs"), ("output ", "outputs"), ("", "locals")):
             if word == "" and function[key]:
                 yield "  protected"
             for one in function[key]:
                 default = f" = {self._text(one['default'])}" if one.get("default") else ""
-                sizes = one["effective_type"]["dimensions"]
-                size = f"[{', '.join(str(n) if isinstance(n, int) else ':' for n in sizes)}]" if sizes else ""
+                sizes = [self._subscript(each) for each in one["shape_expr"]]
+                size = f"[{', '.join(sizes)}]" if sizes else ""
                 yield f"    {word}{one['type_name'].rpartition('.')[2]} {one['name']}{size}{default};"
         if function.get("external"):
             yield f"  external; // {self._source(function['external'])}"

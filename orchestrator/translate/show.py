@@ -32,7 +32,7 @@ def show_model(
     from .flat_text import flat_modelica
     from .hybrid.blocks_text import blocks_text
     from .hybrid.build import solved
-    from .hybrid.front_end import flat_form, library_paths
+    from .hybrid.front_end import FunctionTexts, flat_form, library_paths
 
     need_casadi()
     with illustrating(None):
@@ -42,7 +42,10 @@ def show_model(
         folders = library_paths(libraries)
         if stage == "flat":
             flat, spans = flat_form(tree, name, folders)
-            return flat_modelica(flat, name, spans)
+            functions = FunctionTexts(tree, folders)
+            return flat_modelica(
+                flat, name, spans, lambda one: found.text if (found := functions(one)) is not None else ""
+            )
         try:
             return blocks_text(solved(tree, name, folders))
         except BuildError as error:
