@@ -277,3 +277,30 @@ def test_calls_of_the_other_kind_are_refused(tmp_path):
     one.setContinuousStates((fmpy.fmi3.fmi3Float64 * 2)(1.0, 0.0), 2)
     one.terminate()
     one.freeInstance()
+
+
+def test_a_discrete_variable_that_no_relation_changes_asks_for_an_event(tmp_path):
+    """Functions raise no events: the end of an integrator's step is where their Integer results change."""
+    fmu = made(tmp_path, """
+model M
+  function level
+    input Real u;
+    output Integer k;
+  algorithm
+    k := if u < 0.25 then 0 elseif u < 0.6 then 1 else 2;
+  end level;
+  output Integer k;
+  Real x(start=0, fixed=true);
+  Integer n(start=0, fixed=true);
+equation
+  k = level(time);
+  der(x) = 1;
+  when x > 2 then
+    n = pre(n) + 1;
+  end when;
+end M;
+""")  # fmt: skip
+    found = exchanged(fmu, 1.0, 0.05, "k")
+    time = found["time"]
+    away = (np.abs(time - 0.25) > 1e-6) & (np.abs(time - 0.6) > 1e-6)
+    assert (found["k"] == np.where(time < 0.25, 0, np.where(time < 0.6, 1, 2)))[away].all()

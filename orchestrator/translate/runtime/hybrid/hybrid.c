@@ -978,12 +978,27 @@ static int drifted(Work *w)
     return 0;
 }
 
+/* Whether a discrete variable is another one now though no mode has changed, as by a function of time. */
+static int stepped(Work *w)
+{
+    const HybridInfo *i = &hybrid_info;
+    int moved = 0;
+    conditions(w);
+    for (int k = 0; k < i->n_discretes; k++) w->keep[k] = w->h.z[i->discrete_slots[k]];
+    hybrid_discretes(&w->h);
+    for (int k = 0; k < i->n_discretes; k++) {
+        moved |= differ(w->keep[k], w->h.z[i->discrete_slots[k]]);
+        w->h.z[i->discrete_slots[k]] = w->keep[k];
+    }
+    return moved;
+}
+
 static int complete_step(Work *w, void *argument)
 {
     ExchangeEvent *event = argument;
     int status = evaluate_here(w);
     if (status) return status;
-    event->wanted = changed_mode(w) >= 0 || drifted(w);
+    event->wanted = changed_mode(w) >= 0 || stepped(w) || drifted(w);
     if ((status = evaluate_here(w))) return status;
     status = report(w, 1);
     event->terminate = status && step_status(status) == RT_DISCARD;
